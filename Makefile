@@ -1,0 +1,48 @@
+# `make demo` and `make test` need nothing but Python >= 3.11, git and make.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test lint check-lock lock bench-failover clean
+
+help:
+	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
+	@echo "make test            checks and tests, as CI runs them"
+	@echo "make lint            ruff, mypy, import-linter"
+	@echo "make bench-failover  time from a kill or a freeze until the replacement has started"
+	@echo "make lock            write requirements.lock again from pyproject.toml"
+	@echo "make clean           remove .venv and caches"
+
+setup: $(READY)
+
+$(READY): requirements.lock pyproject.toml deploy/make-venv
+	PYTHON=$(PYTHON) sh deploy/make-venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $(READY)
+
+demo: $(READY)
+	$(BIN)/mrbt up examples/vehicle_repair/mission.yaml
+
+lint: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+test: lint
+	$(BIN)/pytest
+
+bench-failover: $(READY)
+	$(BIN)/python benchmarks/failover.py
+
+lock:
+	$(BIN)/python -m pip install --quiet uv
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
+		--no-header --no-emit-index-url --upgrade --extra dev pyproject.toml -o requirements.lock
+
+clean:
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

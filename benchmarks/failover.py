@@ -1,0 +1,225 @@
+"""Time from a fault until the replacement has started, on real processes.
+
+    python benchmarks/failover.py [--kills 20] [--freezes 5] [--json FILE]
+
+For each trial a team of the vehicle repair is started, and the robot that has just begun its
+longest task is killed (SIGKILL) or frozen (SIGSTOP) while a capable robot is free. The time
+runs from the signal to the replacement's own start line in events.jsonl. Afterwards the same
+team is left at rest with 6 and with 24 processes, and memory and CPU share are read.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+ROOT = Path(__file__).resolve().parents[1]
+MISSION = ROOT / "examples" / "vehicle_repair" / "mission.yaml"
+WAIT_S = 60.0
+DETECTION_S = 1.0
+REST_S = 10.0
+
+REST_MISSION = """\
+mission: at_rest
+program: {program}
+local_tasks: {{wait: {{work: 1}}}}
+conditions: {{wanted: {{default: false}}}}
+robot_types: {{R: {{capabilities: {{wait: 1}}}}}}
+robots: {{{robots}}}
+global_tasks: {{work: {{needs: {{wait: {{min: 1}}}}}}}}
+tree:
+  KeepRunningUntilFailure:
+    Fallback:
+      - Inverter: {{Condition: wanted}}
+      - work
+"""
+
+
+class Run:
+    """One team in a folder of its own."""
+
+    def __init__(self, folder: Path, mission: Path, *options: str) -> None:
+        self.folder = folder / "run"
+        environment = os.environ | {"MRBT_STATE_DIR": str(folder)}
+        command = [sys.executable, "-m", "mrbt_mesh", "up", str(mission)]
+        command += ["--run-dir", str(self.folder), "--json", *options]
+        self.process = subprocess.Popen(
+            command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, cwd=ROOT
+        )
+
+    def events(self) -> list[dict[str, Any]]:
+        """All physical events so far."""
+        try:
+            lines = (self.folder / "events.jsonl").read_text().splitlines()
+        except OSError:
+            return []
+        return [json.loads(line) for line in lines]
+
+    def robots(self) -> dict[str, int]:
+        """Robot -> pid."""
+        found = {}
+        for path in self.folder.glob("*.process"):
+            found[path.stem] = json.loads(path.read_text())["pid"]
+        return found
+
+    def wait_for(self, local_task: str, event: str, **more: Any) -> dict[str, Any]:
+        """Wait for a physical event; raises TimeoutError."""
+        deadline = time.monotonic() + WAIT_S
+        while time.monotonic() < deadline:
+            for line in self.events():
+                wanted = {"local_task": local_task, "event": event, **more}
+                if all(line[key] == value for key, value in wanted.items()):
+                    return line
+            time.sleep(0.005)
+        raise TimeoutError(f"no {event} of {local_task} in {self.folder}")
+
+    def stop(self) -> None:
+        """End the team."""
+        for pid in self.robots().values():
+            try:
+                os.kill(pid, signal.SIGKILL)
+            except ProcessLookupError:
+                continue
+        self.process.terminate()
+        self.process.wait(timeout=30)
+
+
+@contextmanager
+def team(mission: Path, *options: str) -> Iterator[Run]:
+    """A running team."""
+    with tempfile.TemporaryDirectory(prefix="mrbt-bench-") as folder:
+        run = Run(Path(folder), mission, *options)
+        try:
+            yield run
+        finally:
+            run.stop()
+
+
+def failover_s(number: signal.Signals) -> float:
+    """Seconds from the signal to the replacement's start.
+
+    The victim is the robot that replaces the hardware of part 2; both B robots are free then
+    and can do it.
+    """
+    with team(MISSION, "--speed", "4", "--detection", str(DETECTION_S)) as run:
+        begun = run.wait_for("replace_hw", "start", args=["2"])
+        pid = run.robots()[begun["robot"]]
+        # In the middle of the action, so that the fault is not mixed up with the start.
+        time.sleep(0.1)
+        fault_s = time.time()
+        os.kill(pid, number)
+        deadline = time.monotonic() + WAIT_S
+        while time.monotonic() < deadline:
+            for line in run.events():
+                taken = line["activation"] == begun["activation"] and line["event"] == "start"
+                if taken and line["robot"] != begun["robot"]:
+                    return float(line["t"]) - fault_s
+            time.sleep(0.005)
+    raise TimeoutError("nobody took over")
+
+
+def at_rest(count: int) -> dict[str, float]:
+    """Resident memory (MB) and CPU share (%) of one process, of `count` at rest."""
+    robots = ", ".join(f"R{i:02d}: R" for i in range(count))
+    with tempfile.TemporaryDirectory(prefix="mrbt-bench-") as folder:
+        mission = Path(folder) / "mission.yaml"
+        program = Path(folder) / "robot.py"
+        program.write_text(
+            "from mrbt_mesh import RobotProgram\n"
+            "robot = RobotProgram()\n"
+            "@robot.local_task('wait')\n"
+            "async def wait(task):\n"
+            "    pass\n"
+        )
+        mission.write_text(REST_MISSION.format(program=program.name, robots=robots))
+        with team(mission) as run:
+            deadline = time.monotonic() + WAIT_S
+            while len(run.robots()) < count and time.monotonic() < deadline:
+                time.sleep(0.1)
+            time.sleep(5.0)
+            processes = [psutil.Process(pid) for pid in run.robots().values()]
+            before = [sum(p.cpu_times()[:2]) for p in processes]
+            time.sleep(REST_S)
+            after = [sum(p.cpu_times()[:2]) for p in processes]
+            shares = [100 * (b - a) / REST_S for a, b in zip(before, after, strict=True)]
+            memory = [p.memory_info().rss / 1e6 for p in processes]
+            unique = [p.memory_full_info().uss / 1e6 for p in processes]
+    return {
+        "processes": count,
+        "rss_mb": round(statistics.median(memory), 1),
+        "uss_mb": round(statistics.median(unique), 1),
+        "cpu_percent": round(statistics.median(shares), 2),
+    }
+
+
+def spread(times_s: list[float]) -> dict[str, float]:
+    """Median, 90th percentile and extremes, in ms."""
+    ordered = sorted(times_s)
+    p90 = ordered[min(len(ordered) - 1, round(0.9 * len(ordered)))]
+    return {
+        "trials": len(ordered),
+        "median_ms": round(1e3 * statistics.median(ordered), 1),
+        "p90_ms": round(1e3 * p90, 1),
+        "min_ms": round(1e3 * ordered[0], 1),
+        "max_ms": round(1e3 * ordered[-1], 1),
+    }
+
+
+def say(text: str) -> None:
+    """A line for people."""
+    sys.stderr.write(text + "\n")
+    sys.stderr.flush()
+
+
+def trials(number: signal.Signals, count: int, name: str) -> dict[str, float]:
+    """Several failovers, with progress."""
+    times_s = []
+    for index in range(count):
+        times_s.append(failover_s(number))
+        say(f"{name} {index + 1}/{count}: {1e3 * times_s[-1]:.1f} ms")
+    return spread(times_s)
+
+
+def main() -> None:
+    """Run the benchmark."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("--kills", type=int, default=20)
+    parser.add_argument("--freezes", type=int, default=5)
+    parser.add_argument("--json", type=Path, help="also write the result here")
+    options = parser.parse_args()
+    result: dict[str, Any] = {
+        "machine": f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()} "
+        f"{platform.release()}, Python {platform.python_version()}",
+        "load_before": os.getloadavg()[0],
+        "detection_s": DETECTION_S,
+    }
+    if options.kills:
+        result["kill"] = trials(signal.SIGKILL, options.kills, "kill")
+    if options.freezes:
+        result["freeze"] = trials(signal.SIGSTOP, options.freezes, "freeze")
+    result["at_rest"] = []
+    for count in (6, 24):
+        say(f"{count} processes at rest ...")
+        result["at_rest"].append(at_rest(count))
+    text = json.dumps(result, indent=2)
+    sys.stdout.write(text + "\n")
+    if options.json:
+        options.json.write_text(text + "\n")
+
+
+if __name__ == "__main__":
+    main()

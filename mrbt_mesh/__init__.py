@@ -1,0 +1,7 @@
+"""mrbt-mesh: fault-tolerant teams of robots on behavior trees, with no coordinator."""
+
+from mrbt_mesh.runtime.program import ProgramError, RobotProgram, TaskContext, TaskFailedError
+
+__all__ = ["ProgramError", "RobotProgram", "TaskContext", "TaskFailedError", "__version__"]
+
+__version__ = "0.1.0"

@@ -1,0 +1,204 @@
+"""`mrbt sim`: a mission in virtual time, with a network and robots that fail on schedule."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mrbt_mesh.cli.common import (
+    EXIT_OF_RESULT,
+    FAILURE,
+    InputError,
+    JsonOption,
+    MissionArgument,
+    chosen_robots,
+    console,
+    errors,
+    fail,
+    input_errors,
+    print_json,
+    read_mission,
+)
+from mrbt_mesh.cli.summary import render_summary
+from mrbt_mesh.core.mission import Mission, performance, type_name
+from mrbt_mesh.runtime.program_loader import load_program
+from mrbt_mesh.sim import faults
+from mrbt_mesh.sim.network import LinkKnobs, NetworkKnobs
+from mrbt_mesh.sim.run import SimulationError, SimulationResult, simulate
+
+_WHEN = re.compile(r"(?P<what>[^@]+)@(?P<at_s>\d+(?:\.\d+)?)")
+_TIMES = "robot@seconds; repeat it or separate with commas"
+
+
+def sim(
+    mission: MissionArgument,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same run.")] = 0,
+    robots: Annotated[
+        str | None, typer.Option(metavar="A1,B1,...", help="Robots of the team. Default: all.")
+    ] = None,
+    program: Annotated[
+        str | None, typer.Option(metavar="FILE[:NAME]", help="Default: the mission's program.")
+    ] = None,
+    kill: Annotated[
+        list[str] | None, typer.Option(metavar="A1@12.5,...", help=f"SIGKILL: {_TIMES}.")
+    ] = None,
+    restart: Annotated[
+        list[str] | None, typer.Option(metavar="A1@14,...", help="Start it, perhaps again.")
+    ] = None,
+    freeze: Annotated[list[str] | None, typer.Option(metavar="A1@3,...", help="SIGSTOP.")] = None,
+    thaw: Annotated[list[str] | None, typer.Option(metavar="A1@8,...", help="SIGCONT.")] = None,
+    leave: Annotated[
+        list[str] | None, typer.Option(metavar="B1@6,...", help="Leave on purpose.")
+    ] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(metavar="A1:LOCAL_TASK@4,...", help="Lose a capability, or all of them."),
+    ] = None,
+    restore: Annotated[
+        list[str] | None,
+        typer.Option(metavar="A1[:LOCAL_TASK]@6,...", help="Have it again."),
+    ] = None,
+    loss: Annotated[float, typer.Option(help="Messages lost, 0 to 1.")] = 0.0,
+    duplicate: Annotated[float, typer.Option(help="Messages doubled, 0 to 1.")] = 0.0,
+    reorder: Annotated[float, typer.Option(help="Messages overtaken by others, 0 to 1.")] = 0.0,
+    delay_ms: Annotated[float, typer.Option(help="Time that a message takes.")] = 1.0,
+    jitter_ms: Annotated[float, typer.Option(help="Up to this much more.")] = 1.0,
+    timeout: Annotated[float, typer.Option(help="Virtual seconds until it is given up.")] = 600.0,
+    speed: Annotated[float, typer.Option(help="Robots work this many times faster.")] = 1.0,
+    events: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write what the robots did, as JSON lines.")
+    ] = None,
+    log: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write every effect of every agent.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Run a mission in virtual time: seconds of work in milliseconds, the same for the same seed.
+
+    Times count from the launch of the team. Exit status: 0 the mission succeeded, 1 it failed,
+    2 bad input, 3 not finished in time or blocked at the end.
+
+    Example: mrbt sim examples/vehicle_repair/mission.yaml --seed 7 --kill A1@12.5
+    --freeze B1@3 --thaw B1@8 --loss 0.1
+    """
+    model = read_mission(mission)
+    with input_errors():
+        schedule = _schedule(
+            model,
+            (kill, faults.Kill),
+            (restart, faults.Restart),
+            (freeze, faults.Freeze),
+            (thaw, faults.Thaw),
+            (leave, faults.Leave),
+        )
+        schedule += _minor_faults(model, fault or (), faults.Lose)
+        schedule += _minor_faults(model, restore or (), faults.Restore)
+        network = _network(loss, duplicate, reorder, delay_ms, jitter_ms)
+        team = chosen_robots(robots, model)
+        if not timeout > 0 or not speed > 0:
+            raise InputError("--timeout and --speed are above 0")
+        reference = program or model.program
+        if reference is None:
+            raise InputError(f"{mission} names no program; give one with --program FILE")
+        code = load_program(reference)
+    try:
+        result = simulate(
+            model,
+            code,
+            seed=seed,
+            robots=team,
+            schedule=schedule,
+            network=network,
+            timeout_us=round(timeout * 1e6),
+            speed=speed,
+            keep_log=log is not None,
+        )
+    except SimulationError as error:
+        fail(str(error), FAILURE)
+    _write_files(result, events, log)
+    _show(result, as_json)
+
+
+def _show(result: SimulationResult, as_json: bool) -> None:
+    if as_json:
+        extra = {"effect_log_digest": result.effect_log_digest, "seed": result.seed}
+        print_json({**result.summary, **extra, "violations": result.violations})
+    else:
+        console.print(render_summary(result.summary))
+        console.print(f"[dim] seed {result.seed}, effect log {result.effect_log_digest}[/]")
+    for violation in result.violations:
+        errors.print(f"[bold red]invariant violated:[/] seed {result.seed}: {violation}")
+    raise typer.Exit(FAILURE if result.violations else EXIT_OF_RESULT[result.result])
+
+
+def _write_files(result: SimulationResult, events: Path | None, log: Path | None) -> None:
+    try:
+        if events is not None:
+            result.write_events(events)
+        if log is not None:
+            log.write_text("".join(f"{line}\n" for line in result.effect_log), encoding="utf-8")
+    except OSError as error:
+        fail(f"{error.filename}: cannot be written: {error.strerror}")
+
+
+def _network(
+    loss: float, duplicate: float, reorder: float, delay_ms: float, jitter_ms: float
+) -> NetworkKnobs:
+    for name, chance in (("loss", loss), ("duplicate", duplicate), ("reorder", reorder)):
+        if not 0 <= chance <= 1:
+            raise InputError(f"--{name} {chance:g}: a chance is from 0 to 1")
+    if not (0 <= delay_ms < 1e6 and 0 <= jitter_ms < 1e6):
+        raise InputError("--delay-ms and --jitter-ms are 0 or more, and below 1000000")
+    return NetworkKnobs(
+        LinkKnobs(
+            delay_us=round(delay_ms * 1_000),
+            jitter_us=round(jitter_ms * 1_000),
+            loss_permille=round(loss * 1_000),
+            duplicate_permille=round(duplicate * 1_000),
+            reorder_permille=round(reorder * 1_000),
+        )
+    )
+
+
+def _times(mission: Mission, texts: Iterable[str]) -> Iterable[tuple[int, str, str]]:
+    """(at_us, robot, local task or nothing) for each `ROBOT[:LOCAL_TASK]@SECONDS`."""
+    for part in (part.strip() for text in texts for part in re.split(r",(?![^(]*\))", text)):
+        match = _WHEN.fullmatch(part)
+        if match is None:
+            raise InputError(f"{part!r}: expected ROBOT@SECONDS, e.g. A1@12.5")
+        robot, _, local_task = match["what"].partition(":")
+        if robot not in mission.robots:
+            raise InputError(f"{part!r}: no robot {robot!r} ({', '.join(sorted(mission.robots))})")
+        yield round(float(match["at_s"]) * 1e6), robot, local_task
+
+
+def _schedule(
+    mission: Mission, *options: tuple[list[str] | None, Callable[[str], faults.Fault]]
+) -> list[tuple[int, faults.Fault]]:
+    schedule = []
+    for texts, make in options:
+        for at_us, robot, local_task in _times(mission, texts or ()):
+            if local_task:
+                raise InputError(f"{robot}:{local_task}: only --fault and --restore name a task")
+            schedule.append((at_us, make(robot)))
+    return schedule
+
+
+def _minor_faults(
+    mission: Mission, texts: Iterable[str], make: Callable[[str, str], faults.Fault]
+) -> list[tuple[int, faults.Fault]]:
+    schedule = []
+    for at_us, robot, local_task in _times(mission, texts):
+        if not local_task and make is faults.Lose:
+            raise InputError(f"--fault {robot}: which local task? e.g. {robot}:all@4")
+        own = mission.robots[robot].capabilities
+        known = {type_name(name) for name in own}
+        able = performance(own, local_task) is not None or type_name(local_task) in known
+        if local_task and local_task != "all" and not able:
+            raise InputError(f"{robot} has no local task {local_task!r} ({', '.join(sorted(own))})")
+        schedule.append((at_us, make(robot, local_task or "all")))
+    return schedule

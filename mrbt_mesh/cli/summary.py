@@ -1,0 +1,140 @@
+"""The end of a run for people: result, robots, global tasks, faults and what was blocked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+RESULTS = {
+    "success": ("✔", "bold green", "mission succeeded"),
+    "failure": ("✘", "bold red", "mission failed"),
+    "timeout": ("⧗", "bold yellow", "mission not finished in time"),
+    "blocked": ("■", "bold yellow", "mission blocked"),
+}
+PLAIN = "not bold"
+STATES = {"alive": "green", "suspect": "yellow", "dead": "red", "left": "dim"}
+STATUSES = {"success": "green", "failure": "red", "running": "yellow", "idle": "dim"}
+
+
+def render_summary(summary: Mapping[str, Any]) -> RenderableType:
+    """A rich renderable of the summary that `mrbt up --json` prints."""
+    parts: list[RenderableType] = [_headline(summary), Text(), _robots(summary), Text()]
+    parts.append(_global_tasks(summary))
+    story = _story(summary)
+    if story:
+        table = _table("at", "what happened")
+        table.columns[0].justify = "right"
+        for at_s, line in story:
+            table.add_row(_seconds(at_s), line)
+        parts += [Text(), table]
+    return Group(*parts)
+
+
+def _headline(summary: Mapping[str, Any]) -> Text:
+    result = str(summary.get("result"))
+    mark, style, words = RESULTS.get(result, ("?", "bold", result))
+    line = Text.assemble((f"{mark} {words}", style))
+    if summary.get("mission"):
+        line.append(f"  {summary['mission']}", "bold")
+    line.append(f"  {_seconds(summary.get('duration_s'))}")
+    robots = summary.get("robots", {})
+    line.append(f"  {_count(len(robots), 'robot')}", "dim")
+    faults = len(summary.get("faults", ()))
+    line.append(f", {_count(faults, 'fault')}" if faults else ", no faults", "dim")
+    return line
+
+
+def _robots(summary: Mapping[str, Any]) -> Table:
+    table = _table("robot", "type", "state", "lost", "took part in")
+    for robot, known in summary.get("robots", {}).items():
+        state = known.get("state") or "?"
+        tasks = [
+            name
+            for name, task in summary.get("global_tasks", {}).items()
+            if robot in task.get("robots", ())
+        ]
+        table.add_row(
+            Text(robot, "bold"),
+            Text(known.get("type") or ""),
+            Text(state, STATES.get(state, "")),
+            Text(", ".join(known.get("lost", ())), "red"),
+            Text(", ".join(tasks)),
+        )
+    return table
+
+
+def _global_tasks(summary: Mapping[str, Any]) -> RenderableType:
+    """Global tasks that came up, and the number of those that did not."""
+    table = _table("global task", "status", "robots")
+    idle = 0
+    for name, task in summary.get("global_tasks", {}).items():
+        status = str(task.get("status"))
+        if status == "idle" and not task.get("robots"):
+            idle += 1
+            continue
+        table.add_row(
+            Text(name), Text(status, STATUSES.get(status, "")), Text(", ".join(task["robots"]))
+        )
+    if not idle:
+        return table
+    return Group(table, Text(f" and {_count(idle, 'global task')} that never came up", "dim"))
+
+
+def _story(summary: Mapping[str, Any]) -> list[tuple[float, Text]]:
+    """Faults and blocked episodes as (seconds, text), in the order of time."""
+    takeovers = {(t["robot"], t.get("at_s")): t for t in summary.get("takeovers", ())}
+    story = []
+    for fault in summary.get("faults", ()):
+        line, until_s = Text(fault["robot"], "bold"), fault.get("until_s")
+        if fault.get("kind") == "minor":
+            line.append(f" lost {', '.join(fault.get('local_tasks', ()))}", "not bold yellow")
+            end = "had it again"
+        else:
+            line.append(" died", "not bold red")
+            _takeover(line, takeovers.get((fault["robot"], fault.get("at_s"))))
+            end = "was back"
+        if until_s is not None:
+            line.append(f"; {end} at {_seconds(until_s)}", "not bold green")
+        story.append((fault.get("at_s") or 0.0, line))
+    for episode in summary.get("blocked", ()):
+        line = Text(episode["request"], "bold")
+        line.append(f" {episode['reason']}", "not bold yellow")
+        to_s = episode.get("to")
+        line.append(", to the end" if to_s is None else f", until {_seconds(to_s)}", PLAIN)
+        story.append((episode.get("from") or 0.0, line))
+    return sorted(story, key=lambda item: item[0])
+
+
+def _takeover(line: Text, takeover: Mapping[str, Any] | None) -> None:
+    if takeover is None:
+        return
+    if takeover.get("detected_s") is not None:
+        line.append(f", noticed after {_milliseconds(takeover['detected_s'])}", PLAIN)
+    if takeover.get("held"):
+        line.append(f", while on {takeover['held']}", PLAIN)
+    if takeover.get("replacement"):
+        after = _milliseconds(takeover.get("reassigned_s"))
+        line.append(f", replaced by {takeover['replacement']} after {after}", PLAIN)
+
+
+def _table(*headings: str) -> Table:
+    table = Table(box=None, pad_edge=True, header_style="dim")
+    for index, heading in enumerate(headings):
+        table.add_column(heading, no_wrap=index == 0, overflow="fold")
+    return table
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
+def _seconds(value: float | None) -> str:
+    return "?" if value is None else f"{value:.2f} s"
+
+
+def _milliseconds(value: float | None) -> str:
+    return "?" if value is None else f"{value * 1_000:.0f} ms"

@@ -1,0 +1,53 @@
+"""Trees as people read them: status marks, and what has ended folded to one line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from rich.text import Text
+from rich.tree import Tree as RichTree
+
+from mrbt_mesh.core.tree import LEAVES, Kind, Node, Status, Tree
+
+MARKS = {
+    Status.IDLE: ("·", "dim"),
+    Status.RUNNING: ("▶", "bold cyan"),
+    Status.SUCCESS: ("✔", "green"),
+    Status.FAILURE: ("✘", "red"),
+}
+
+
+def mark(status: Status, text: str = "") -> Text:
+    """A status mark with a text in the status's colour."""
+    sign, style = MARKS[status]
+    return Text.assemble((sign, style), " ", (text, "dim" if status is Status.IDLE else ""))
+
+
+def render_tree(
+    tree: Tree,
+    statuses: Sequence[Status],
+    notes: Mapping[int, Text],
+    *,
+    fold: bool = True,
+) -> RichTree:
+    """The tree with a mark per node; `notes` adds a text behind a node's label.
+
+    With `fold`, children are shown only below nodes that run.
+    """
+
+    def add(node: Node, parent: RichTree | None) -> RichTree:
+        label = mark(statuses[node.index], node.label)
+        if node.index in notes:
+            label.append("  ")
+            label.append_text(notes[node.index])
+        branch = RichTree(label, guide_style="dim") if parent is None else parent.add(label)
+        open_below = statuses[node.index] is Status.RUNNING or not fold
+        if fold and node.kind is Kind.SUBTREE:
+            # Its one child has the same status; the subtree's name says more.
+            node = tree.nodes[node.children[0]]
+        if node.kind not in LEAVES and open_below:
+            for child in node.children:
+                add(tree.nodes[child], branch)
+        return branch
+
+    return add(tree.nodes[0], None)

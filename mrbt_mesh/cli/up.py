@@ -1,0 +1,337 @@
+"""`mrbt up` and `mrbt watch`: start a team, watch it, tell how it went.
+
+The observer decides nothing: with `--detach` the team runs without it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import secrets
+import signal
+import time
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any
+
+import anyio
+import psutil
+import typer
+from rich.live import Live
+
+from mrbt_mesh.cli.common import (
+    BAD_INPUT,
+    EXIT_OF_RESULT,
+    SUCCESS,
+    InputError,
+    JsonOption,
+    MissionArgument,
+    RunDirOption,
+    chosen_robots,
+    console,
+    end_process,
+    errors,
+    fail,
+    input_errors,
+    print_json,
+    read_mission,
+)
+from mrbt_mesh.cli.live_view import render_live
+from mrbt_mesh.cli.summary import render_summary
+from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.core.timing import SECOND_US, Timing
+from mrbt_mesh.core.tree import Status
+from mrbt_mesh.formats.mission_file import compile_mission, load_mission
+from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.launcher import (
+    agent_command,
+    free_endpoints,
+    lower_dials,
+    start_robot,
+    wait_for_exit,
+)
+from mrbt_mesh.runtime.program_loader import check_program, load_program
+from mrbt_mesh.runtime.run_dir import SUMMARY_FILE, RunDir, RunInfo, state_dir, write_atomically
+from mrbt_mesh.runtime.watcher import Watcher, watching
+from mrbt_mesh.runtime.zenoh_transport import TransportConfig, TransportError
+
+FRAME_S = 0.1
+END_TIMEOUT_S = 3.0
+STOPPED = "stopped by the operator"
+
+RobotsOption = Annotated[
+    str | None, typer.Option("--robots", help="Only these robots, A1,A2. Default: all.")
+]
+SpeedOption = Annotated[
+    float,
+    typer.Option("--speed", min=0.01, max=1000, help="Simulated robots work this much faster."),
+]
+TimeoutOption = Annotated[
+    float | None, typer.Option("--timeout", min=0, help="End the run after this many seconds.")
+]
+
+
+@dataclass
+class _Team:
+    """A running team as its launcher sees it."""
+
+    run_dir: RunDir
+    info: RunInfo
+    mission: Mission
+    processes: dict[str, anyio.abc.Process]
+
+    def living(self) -> list[psutil.Process]:
+        """Processes of this run, whoever started them."""
+        found = (self.run_dir.process(robot) for robot in self.run_dir.robots())
+        return [process for process in found if process is not None]
+
+
+def up(
+    mission: MissionArgument,
+    robots: RobotsOption = None,
+    run_dir: Annotated[
+        Path | None, typer.Option("--run-dir", help="Folder for logs, events and the summary.")
+    ] = None,
+    headless: Annotated[
+        bool, typer.Option("--headless", help="Lines as things happen, no live view.")
+    ] = False,
+    as_json: JsonOption = False,
+    timeout_s: TimeoutOption = None,
+    speed: SpeedOption = 1.0,
+    detach: Annotated[
+        bool, typer.Option("--detach", help="Start the team and leave it running.")
+    ] = False,
+    program: Annotated[
+        str | None, typer.Option("--program", help="Robot program FILE.py[:NAME].")
+    ] = None,
+    beat_s: Annotated[float, typer.Option("--beat", help="Heartbeat period in s.")] = 0.2,
+    detection_s: Annotated[
+        float, typer.Option("--detection", help="Silence until a robot is dead, in s.")
+    ] = 1.0,
+) -> None:
+    """Start one process per robot and watch the mission.
+
+    Exit status: 0 success, 1 failure, 2 bad input, 3 not finished in time or blocked.
+
+    Example: mrbt up examples/vehicle_repair/mission.yaml --speed 2
+    """
+    loaded = read_mission(mission)
+    with input_errors():
+        names = chosen_robots(robots, loaded)
+        reference = _checked_program(loaded, names, program)
+        try:
+            Timing(round(beat_s * SECOND_US), round(detection_s * SECOND_US))
+        except ValueError as error:
+            raise InputError(str(error)) from error
+        info = RunInfo(
+            mission_path=str(mission.resolve()),
+            mission_name=loaded.name,
+            team=f"{loaded.name}-{secrets.token_hex(3)}",
+            run=secrets.token_hex(4),
+            program=reference,
+            endpoints=dict(zip(names, free_endpoints(len(names)), strict=True)),
+            dials=lower_dials(names),
+            beat_s=beat_s,
+            detection_s=detection_s,
+            speed=speed,
+            started_unix_s=time.time(),
+            robots=tuple(names),
+        )
+        stamp = datetime.now().strftime("%Y%m%d-%H%M%S-%f")
+        folder = run_dir or state_dir() / "runs" / f"{loaded.name}-{stamp}"
+        created = RunDir.create(folder.resolve(), info, compile_mission(loaded))
+    show = "json" if as_json else "lines" if headless or not console.is_terminal else "live"
+    code = anyio.run(_run, created, loaded, detach, show, timeout_s)
+    end_process(code)
+
+
+def watch(run_dir: RunDirOption = None, timeout_s: TimeoutOption = None) -> None:
+    """Watch a team that runs already; ending the view leaves the team alone.
+
+    Example: mrbt up MISSION --detach; mrbt watch
+    """
+    with input_errors():
+        found = RunDir.find(run_dir)
+        info = found.info()
+        loaded = load_mission(found.mission_path)
+    show = "live" if console.is_terminal else "lines"
+    end_process(anyio.run(_watch, _Team(found, info, loaded, {}), show, timeout_s))
+
+
+def _checked_program(mission: Mission, robots: list[str], program: str | None) -> str:
+    reference = program or mission.program
+    if reference is None:
+        raise InputError(f"mission {mission.name} names no program: give one with --program")
+    loaded = load_program(reference)
+    for robot in robots:
+        lacking = check_program(loaded, mission, mission.robots[robot].capabilities)
+        if lacking:
+            raise InputError(f"{reference}: robot {robot} needs local task {', '.join(lacking)}")
+    return reference
+
+
+async def _run(
+    run_dir: RunDir, mission: Mission, detach: bool, show: str, timeout_s: float | None
+) -> int:
+    info = run_dir.info()
+    team = _Team(run_dir, info, mission, {})
+    for robot in info.robots:
+        command = agent_command(run_dir, info, robot)
+        team.processes[robot] = await start_robot(run_dir, robot, command)
+    if detach:
+        console.print(f"{mission.name}: {len(info.robots)} robots run; [bold]mrbt status[/]")
+        console.print(f"run directory: {run_dir.path}", highlight=False, soft_wrap=True)
+        return SUCCESS
+    try:
+        return await _watch(team, show, timeout_s)
+    finally:
+        with anyio.CancelScope(shield=True):
+            await _end(team)
+
+
+async def _watch(team: _Team, show: str, timeout_s: float | None) -> int:
+    """Watch until the mission is over, time is up, nobody is left, or the operator stops it."""
+    timing = Timing(round(team.info.beat_s * SECOND_US), round(team.info.detection_s * SECOND_US))
+    transport = TransportConfig(team.info.team, "", (), tuple(team.info.endpoints.values()))
+    try:
+        async with watching(team.mission, team.info.run, timing, transport) as watcher:
+            async with anyio.create_task_group() as group:
+                group.start_soon(_note_exits, team, watcher)
+                why = await _until_over(team, watcher, show, timeout_s)
+                group.cancel_scope.cancel()
+            return _report(team, watcher, show, why)
+    except TransportError as error:
+        fail(str(error))
+
+
+async def _note_exits(team: _Team, watcher: Watcher) -> None:
+    """Tell the record exactly when processes end, whoever started them."""
+    watched: set[int] = set()
+
+    async def note(robot: str, pid: int) -> None:
+        at_us = await anyio.to_thread.run_sync(wait_for_exit, pid, abandon_on_cancel=True)
+        watcher.observer.record.exited(robot, at_us)
+        watcher.changed.set()
+
+    async with anyio.create_task_group() as group:
+        while True:
+            for robot in team.run_dir.robots():
+                process = team.run_dir.process(robot)
+                if process is not None and process.pid not in watched:
+                    watched.add(process.pid)
+                    group.start_soon(note, robot, process.pid)
+            await anyio.sleep(team.info.beat_s)
+
+
+@contextlib.asynccontextmanager
+async def _display(watcher: Watcher, show: str) -> AsyncIterator[Any]:
+    """A function that shows the present state: the live view, new lines, or nothing."""
+    observer = watcher.observer
+    if show == "live":
+        with Live(console=console, screen=True, auto_refresh=False) as live:
+            yield lambda: live.update(
+                render_live(observer, boottime_us(), console.height), refresh=True
+            )
+        return
+    printed = 0
+
+    def lines() -> None:
+        nonlocal printed
+        for at_us, text in observer.record.timeline[printed:]:
+            seconds = observer.record.seconds(at_us) or 0.0
+            console.print(f"{seconds:8.2f}  {text}", highlight=False, soft_wrap=True)
+        printed = len(observer.record.timeline)
+
+    yield lines if show == "lines" else lambda: None
+
+
+async def _until_over(
+    team: _Team, watcher: Watcher, show: str, timeout_s: float | None
+) -> str | None:
+    """Why watching ended before the mission did, or None if the mission is over."""
+    deadline = anyio.current_time() + timeout_s if timeout_s is not None else float("inf")
+    checked = anyio.current_time()
+    stop = anyio.Event()
+
+    async def wait_for_signal() -> None:
+        with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
+            async for _ in signals:
+                stop.set()
+                watcher.changed.set()
+
+    async with anyio.create_task_group() as group, _display(watcher, show) as refresh:
+        group.start_soon(wait_for_signal)
+        why: str | None = None
+        while watcher.observer.record.result is None and why is None:
+            await watcher.wait_for_change(FRAME_S)
+            refresh()
+            now = anyio.current_time()
+            if now >= deadline:
+                why = "time is up"
+            elif stop.is_set():
+                why = STOPPED
+            elif now > checked + 1:
+                checked = now
+                if not team.living() and all(
+                    p.returncode is not None for p in team.processes.values()
+                ):
+                    why = "no robot is left"
+        refresh()
+        group.cancel_scope.cancel()
+    return why
+
+
+def _report(team: _Team, watcher: Watcher, show: str, why: str | None) -> int:
+    """Print the summary and write summary.json; returns the exit status."""
+    refused = _refusals(team)
+    observer = watcher.observer
+    if observer.record.started_us is None and refused:
+        for text in refused:
+            errors.print(text, soft_wrap=True, markup=False)
+        return BAD_INPUT
+    result = {Status.SUCCESS: "success", Status.FAILURE: "failure"}.get(
+        observer.record.result or Status.IDLE
+    )
+    if result is None:
+        waiting = observer.plan.waiting if observer.plan else ()
+        blocked = any(w.shortages for w in waiting) or not observer.membership.alive()
+        result = "blocked" if blocked else "timeout"
+    summary = observer.record.summary(result, boottime_us())
+    summary["run_dir"] = str(team.run_dir.path)
+    if why is not None:
+        summary["ended_because"] = why
+    write_atomically(team.run_dir.path / SUMMARY_FILE, json.dumps(summary, indent=2) + "\n")
+    if show == "json":
+        print_json(summary)
+    else:
+        console.print(render_summary(summary))
+    for text in refused:
+        errors.print(text, soft_wrap=True, markup=False)
+    return EXIT_OF_RESULT[result]
+
+
+def _refusals(team: _Team) -> list[str]:
+    """What robots printed that ended with exit status 2."""
+    found = []
+    for robot, process in team.processes.items():
+        if process.returncode == BAD_INPUT:
+            with contextlib.suppress(OSError):
+                found.append((team.run_dir.path / f"{robot}.out").read_text().strip())
+    return found
+
+
+async def _end(team: _Team) -> None:
+    """Wait for the robots to stop by themselves; then ask, then insist."""
+    for step in ("wait", "terminate", "kill"):
+        for process in team.living():
+            with contextlib.suppress(psutil.Error):
+                if step == "terminate":
+                    process.terminate()
+                elif step == "kill":
+                    process.kill()
+        with anyio.move_on_after(END_TIMEOUT_S if step != "wait" else team.info.beat_s * 4):
+            while team.living():
+                await anyio.sleep(0.02)
+            return

@@ -1,0 +1,593 @@
+"""The agent: one robot of the team as a pure object. Inputs and time in, effects out.
+
+`Agent.handle(input, now_us) -> list[Effect]` and `Agent.next_deadline_us(now_us)` are all
+there is; a runtime drives it with Zenoh and a real clock, the simulator with a faulty network
+and a virtual one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from mrbt_mesh.core import records
+from mrbt_mesh.core.agreement import Gossip
+from mrbt_mesh.core.assignment import Solver
+from mrbt_mesh.core.commands import answer_body, carry_out
+from mrbt_mesh.core.effects import (
+    ActionFinished,
+    ActionStopped,
+    AnswerReceived,
+    Ask,
+    CapabilityChanged,
+    ConditionSet,
+    DeclareToken,
+    Effect,
+    Input,
+    LeaveRequested,
+    Log,
+    MessageReceived,
+    ProgressReported,
+    Publish,
+    QueryReceived,
+    Reply,
+    Stop,
+    TokenChanged,
+)
+from mrbt_mesh.core.evaluate import Evaluator
+from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.joining import Joining
+from mrbt_mesh.core.membership import Membership, State
+from mrbt_mesh.core.mission import Mission, type_name
+from mrbt_mesh.core.plan import Plan, make_plan
+from mrbt_mesh.core.records import Member
+from mrbt_mesh.core.replica import Replica
+from mrbt_mesh.core.robot_tree import RobotTree
+from mrbt_mesh.core.team import TeamFacts
+from mrbt_mesh.core.timing import Timing
+from mrbt_mesh.core.tree import Status
+from mrbt_mesh.core.watches import Watches
+from mrbt_mesh.core.wire import (
+    Beat,
+    Header,
+    IncompatibleError,
+    MessageKind,
+    WireError,
+    beat_body,
+    decode,
+    encode,
+    parse_beat,
+)
+from mrbt_mesh.core.work import Work
+
+CONDITIONS_PER_OUTCOME = 1_000
+
+
+@dataclass(frozen=True)
+class AgentConfig:
+    """Who this robot is. `expected` are the robots of the team that should be heard at the start.
+
+    `takeover` replaces a live robot of the same id; `exit_when_done` stops the agent once the
+    whole team has the mission's result (otherwise it stays to serve latecomers).
+    """
+
+    robot: str
+    type: str
+    capabilities: dict[str, int]
+    run: str
+    nonce: str
+    solver: Solver
+    timing: Timing = field(default_factory=Timing)
+    expected: frozenset[str] = frozenset()
+    takeover: bool = False
+    exit_when_done: bool = False
+    software: str = ""
+    host: str = ""
+    pid: int = 0
+
+
+class Agent:
+    """One robot. Not thread-safe; every call takes the time from one monotonic clock."""
+
+    def __init__(self, mission: Mission, config: AgentConfig, now_us: int) -> None:
+        self.mission = mission
+        self.config = config
+        self.me = config.robot
+        header = Header(mission.digest[:16], mission.name, config.run, config.robot)
+        self.facts = TeamFacts(mission, config.run)
+        self.replica = Replica(self.facts, header, config.timing, config.nonce)
+        self.membership = Membership(self.me, config.timing)
+        self.evaluator = Evaluator(mission.tree)
+        self.gossip = Gossip(config.timing, now_us)
+        self.joining: Joining | None = Joining(config.timing, config.expected - {self.me}, now_us)
+        self.watches = Watches()
+        self.work = Work()
+        self.tree = RobotTree({type_name(name) for name in config.capabilities})
+        self.plan: Plan | None = None
+        self.lost: tuple[str, ...] = ()
+        self.leaving = False
+        self.refusals: dict[str, int] = {}
+        self._effects: list[Effect] = []
+        self._planned: tuple[int, ...] = ()
+        self._reached = 0
+        self._deadline_us = now_us
+        self._done_us: int | None = None
+        self._trigger: tuple[int, tuple[str, ...]] = (0, ())
+        self._stopped = False
+
+    # -- the two calls ------------------------------------------------------------------------
+
+    def handle(self, event: Input, now_us: int) -> list[Effect]:
+        """Take in one input; returns what is to be done, in order."""
+        if self._stopped:
+            return []
+        self._check_own_silence(now_us)
+        if isinstance(event, MessageReceived | TokenChanged | QueryReceived | AnswerReceived):
+            self._from_outside(event, now_us)
+        else:
+            self._from_robot(event, now_us)
+        if not self._stopped:
+            self._settle(now_us)
+        effects, self._effects = self._effects, []
+        return effects
+
+    def next_deadline_us(self, now_us: int) -> int:
+        """When to call `handle(TimerFired())` at the latest, if nothing else happens."""
+        deadlines = [
+            self.gossip.next_beat_us,
+            self.membership.next_deadline_us(now_us),
+            self.replica.next_deadline_us(),
+            self.watches.next_deadline_us(),
+        ]
+        if self.joining is not None:
+            deadlines.append(self.joining.deadline_us)
+        if self.work.is_waiting:
+            deadlines.append(self.work.line_since_us + self.config.timing.grace_us)
+        if self._done_us is not None:
+            deadlines.append(self._done_us + self.config.timing.beat_us)
+        later = [d for d in deadlines if d is not None and d > now_us]
+        self._deadline_us = min([*later, now_us + self.config.timing.beat_us])
+        return self._deadline_us
+
+    # -- inputs -------------------------------------------------------------------------------
+
+    def _from_outside(
+        self, event: MessageReceived | TokenChanged | QueryReceived | AnswerReceived, now_us: int
+    ) -> None:
+        match event:
+            case MessageReceived(kind, source, data):
+                self._message(kind, source, data, now_us)
+            case TokenChanged(robot, incarnation, held):
+                self.membership.token(robot, incarnation, held)
+            case QueryReceived(query, kind, data):
+                self._query(query, kind, data, now_us)
+            case AnswerReceived(peer, data):
+                self._answer(peer, data, now_us)
+
+    def _from_robot(self, event: Input, now_us: int) -> None:
+        match event:
+            case ActionFinished():
+                self._finished(event, now_us)
+            case ActionStopped(ticket):
+                self.work.stopped(ticket)
+            case ProgressReported(ticket, percent):
+                if self.work.action is not None and self.work.action.number == ticket:
+                    self.work.progress = max(0, min(100, percent))
+            case ConditionSet(name, value):
+                self._write(self._condition_writes([(name, value)]), now_us)
+            case CapabilityChanged(local_task, lost):
+                self.change_capability(local_task, lost, now_us)
+            case LeaveRequested():
+                self.leave(now_us)
+            case _:
+                pass  # TimerFired: what is due follows below
+
+    def _message(self, kind: MessageKind, source: str, data: bytes, now_us: int) -> None:
+        try:
+            if kind is MessageKind.BEAT:
+                sender, body = decode(data, self.replica.header, kind)
+                if sender != source:
+                    raise WireError(f"sender {sender} published under the key of {source}")
+                self._beat(source, parse_beat(body), now_us)
+            elif source != self.me:
+                received = self.replica.receive(source, data, now_us)
+                if received.refused:
+                    self._refuse(source, received.reason)
+        except WireError as error:
+            self._refuse(source, str(error), isinstance(error, IncompatibleError))
+
+    def _beat(self, source: str, beat: Beat, now_us: int) -> None:
+        if source == self.me:
+            self._own_id(beat)
+            return
+        known = self.membership.peers.get(source)
+        if self.membership.beat(source, beat, now_us):
+            if known is None or known.incarnation != beat.incarnation:
+                self._log("info", "robot_heard", robot=source, incarnation=str(beat.incarnation))
+            self.replica.compare(source, beat.fact_digest, now_us)
+        if self.joining is not None:
+            self.joining.heard(source)
+        self._own_id_relayed(source, beat, now_us)
+
+    def _own_id_relayed(self, source: str, beat: Beat, now_us: int) -> None:
+        """Others may hear a robot of this id that this one does not hear itself."""
+        relay = next((heard for heard in beat.heard if heard.robot == self.me), None)
+        if relay is not None and relay.incarnation.nonce == self.config.nonce:
+            relay = None
+        if self.joining is not None and self.joining.first:
+            number = relay.number if relay is not None else None
+            if self.joining.relayed(source, number, now_us) and not self.config.takeover:
+                self._refuse_own_id()
+        elif relay is not None and relay.joined:
+            self._yield_to(relay.incarnation)
+
+    def _own_id(self, beat: Beat) -> None:
+        """Somebody else beats under this robot's id."""
+        if beat.incarnation.nonce == self.config.nonce or beat.leaving:
+            return
+        mine = self.replica.incarnation
+        if self.joining is not None and self.joining.first:
+            self.joining.rival = max(self.joining.rival, beat.incarnation.counter)
+            may_replace = self.config.takeover and mine.counter == 0
+            if not may_replace and (beat.joined or beat.incarnation > mine):
+                self._refuse_own_id()
+        elif beat.joined:
+            self._yield_to(beat.incarnation)
+
+    def _yield_to(self, incarnation: Incarnation) -> None:
+        """A higher incarnation that this process did not take: stop, never outbid it."""
+        if incarnation > self.replica.incarnation:
+            self._stop(
+                2,
+                f"another process has taken over the id {self.me} "
+                f"(incarnation {incarnation}, ours was {self.replica.incarnation})",
+            )
+
+    def _refuse_own_id(self) -> None:
+        member = self.facts.members.get(self.me)
+        where = f" (pid {member[0].pid} on {member[0].host})" if member else ""
+        self._stop(
+            2,
+            f"robot {self.me} is already running{where}: choose another id, stop it first, "
+            "or start with --takeover to replace it",
+        )
+
+    def _query(self, query: int, kind: MessageKind, data: bytes, now_us: int) -> None:
+        header = self.replica.header
+        try:
+            if kind is MessageKind.PULL:
+                self._effects.append(Reply(query, self.replica.answer(data)))
+            else:
+                _, body = decode(data, header, MessageKind.COMMAND)
+                good, text = carry_out(self, body, now_us)
+                answer = encode(header, MessageKind.ANSWER, answer_body(good, text))
+                self._effects.append(Reply(query, answer))
+        except WireError as error:
+            answer = encode(header, MessageKind.ANSWER, answer_body(False, str(error)))
+            self._effects.append(Reply(query, answer))
+            self._refuse("a query", str(error), isinstance(error, IncompatibleError))
+
+    def _answer(self, peer: str, data: bytes | None, now_us: int) -> None:
+        if data is None:
+            self.replica.unanswered(peer, now_us)
+            return
+        try:
+            received = self.replica.receive_state(data, now_us)
+        except WireError as error:
+            self._refuse(peer, str(error), isinstance(error, IncompatibleError))
+            return
+        if received.refused:
+            self._refuse(peer, received.reason)
+        self.replica.answered(peer)
+        if self.joining is not None:
+            self.joining.exchanged(peer)
+
+    def _finished(self, event: ActionFinished, now_us: int) -> None:
+        claimed = self.work.claim
+        action = self.work.finish(event.ticket)
+        if action is None:
+            return
+        name = f"{records.OUTCOME}/{action.activation}/{action.local_task}"
+        writes: list[tuple[str, Any]] = [(name, [event.success, event.data])]
+        problem = self.replica.problem(*writes[0])
+        if problem is not None:
+            local_task = action.local_task
+            self._log("error", "result_data_refused", local_task=local_task, reason=problem)
+            writes = [(name, [event.success, None])]
+        writes += self._condition_writes(event.conditions)
+        if self.work.claim is None and claimed is not None:
+            writes.append((records.CLAIM, None))
+        self._log(
+            "info" if event.success else "warning",
+            "local_task_finished",
+            global_task=action.global_task,
+            local_task=action.local_task,
+            outcome="success" if event.success else "failure",
+            error=event.error,
+        )
+        self._write(writes, now_us)
+
+    def _condition_writes(
+        self, conditions: Iterable[tuple[str, bool]]
+    ) -> list[tuple[str, list[Any]]]:
+        """The entries that make conditions true or false; none where they are so already."""
+        writes: dict[str, list[Any]] = {}
+        stamp = self.replica.stamp()
+        for name, value in list(conditions)[:CONDITIONS_PER_OUTCOME]:
+            if not self.mission.knows_condition(name):
+                self._log("error", "condition_not_declared", condition=name)
+            elif self.facts.condition(name) != value:
+                revision = self.facts.revision(name) + 1
+                writes[f"{records.CONDITION}/{name}"] = [value, revision, stamp]
+            else:
+                writes.pop(f"{records.CONDITION}/{name}", None)
+        return list(writes.items())
+
+    def change_capability(self, local_task: str, lost: bool, now_us: int) -> str | None:
+        """Declare a minor fault or its end; returns what is wrong with it, or None."""
+        own = self.config.capabilities
+        names = set(own) if local_task == "all" else {local_task}
+        known = {type_name(name) for name in own} | set(own)
+        for name in sorted(names):
+            if name not in known and type_name(name) not in known:
+                return f"{self.me} has no local task {name!r}; it has {', '.join(sorted(own))}"
+        remaining = {name for name in self.lost if name not in names and local_task != "all"}
+        self.lost = tuple(sorted(remaining | names if lost else remaining))
+        self._log("warning", "capabilities_changed", lost=list(self.lost))
+        if self.joining is None:
+            self._write([(records.MEMBER, self._member().to_value())], now_us)
+        return None
+
+    def _member(self) -> Member:
+        config = self.config
+        return Member(
+            config.type,
+            config.capabilities,
+            self.lost,
+            self.leaving,
+            config.software,
+            config.host,
+            config.pid,
+        )
+
+    def leave(self, now_us: int) -> None:
+        """Hand the work over and stop once nothing runs here any more."""
+        if self.leaving:
+            return
+        self.leaving = True
+        self._log("info", "leaving")
+        self._effects += self.work.drop()
+        if self.joining is None:
+            member = self._member().to_value()
+            self._write([(records.MEMBER, member), (records.CLAIM, None)], now_us)
+        self.gossip.urge(now_us)
+
+    # -- what follows from it -----------------------------------------------------------------
+
+    def _check_own_silence(self, now_us: int) -> None:
+        """Self-fencing, and patience with others after this robot itself was slow."""
+        lag_us = now_us - self._deadline_us
+        if lag_us > self.config.timing.beat_us // 2:
+            self.membership.slowed(lag_us, now_us)
+        self._deadline_us = max(self._deadline_us, now_us)
+        silent_us = now_us - self.gossip.last_beat_us
+        if self.joining is None and silent_us > self.config.timing.detection_us:
+            self._log("warning", "fenced", silent_s=silent_us / 1e6)
+            heard = self.replica.next_incarnation(0)
+            self._effects.append(DeclareToken(heard))
+            self._join_again(frozenset(self.membership.alive()), False, now_us)
+
+    def _check_own_past(self, now_us: int) -> None:
+        """Find a later life of this robot in the facts: it started again without knowing of it.
+
+        Others ignore its beats, so it joins once more, above that life. If that life still
+        goes on, it is heard meanwhile, and this process stops: it listens for as long as it
+        takes, because it expects itself, whom it never hears.
+        """
+        known = self.facts.members.get(self.me)
+        if self.joining is None and known is not None and known[1] > self.replica.incarnation:
+            self._log("warning", "later_life_found", incarnation=str(known[1]))
+            self._join_again(frozenset({self.me}), True, now_us)
+
+    def _join_again(self, expected: frozenset[str], first: bool, now_us: int) -> None:
+        self._effects += self.work.drop()
+        self.joining = Joining(self.config.timing, expected, now_us, first)
+        self._planned = ()
+
+    def _settle(self, now_us: int) -> None:
+        """Bring everything that follows from facts and time up to date."""
+        self._judge(now_us)
+        self._check_own_past(now_us)
+        if self.joining is not None and not self.leaving:
+            self._try_to_join(now_us)
+        if self.joining is None:
+            self._replan(now_us)
+            self._work(now_us)
+        for peer in self.replica.due(now_us):
+            self._ask(peer, now_us)
+        self._finish_mission(now_us)
+        if self.leaving and self.work.is_idle:
+            self._beat_now(now_us)
+            self._stop(0, "left")
+        elif self.gossip.is_due(self._urgent(), now_us):
+            self._beat_now(now_us)
+
+    def _judge(self, now_us: int) -> None:
+        for robot, before, after in self.membership.judge(now_us):
+            level = "warning" if after in (State.DEAD, State.SUSPECT) else "info"
+            self._log(level, f"robot_{after}", robot=robot, before=str(before))
+            if after in (State.DEAD, State.LEFT):
+                self.replica.forget(robot)
+
+    def _try_to_join(self, now_us: int) -> None:
+        assert self.joining is not None
+        for robot, state in self.membership.states().items():
+            waits = self.joining.wants(robot, state)
+            if waits and not self.replica.is_asking(robot, now_us):
+                self._ask(robot, now_us)
+        if not self.joining.is_done(self.membership.states(), now_us):
+            return
+        if self.joining.first:
+            if self.joining.foreign and not self.membership.peers:
+                self._stop(2, f"the team runs something else: {self.joining.foreign}")
+                return
+            incarnation = self.replica.next_incarnation(self.joining.rival)
+            self._effects.append(DeclareToken(incarnation))
+        self.joining = None
+        self._log("info", "joined", incarnation=str(self.replica.incarnation))
+        member = (records.MEMBER, self._member().to_value())
+        self._write([member, (records.CLAIM, None)], now_us)
+        self.gossip.urge(now_us)
+
+    def _replan(self, now_us: int) -> None:
+        """Plan again if facts or the alive set have changed, until nothing more follows."""
+        while True:
+            if self._reached != self.facts.reach_changes:
+                self._reached = self.facts.reach_changes
+                self.facts.prune(self.evaluator)
+            state = (self.facts.changes, self.membership.changes)
+            latched: list[tuple[str, Any]] = []
+            if self._planned != state:
+                self._planned = state
+                alive = self.membership.alive() | {self.me: self.replica.incarnation}
+                self.plan = make_plan(self.evaluator, self.facts, alive, self.config.solver)
+                latched = self._latches(self.plan)
+                self._tick_assignment(self.plan)
+            assert self.plan is not None
+            latched += self.watches.expired(self.plan, self.facts, now_us)
+            if not latched:
+                return
+            self._write(latched, now_us)
+
+    def _latches(self, plan: Plan) -> list[tuple[str, Any]]:
+        evaluation = plan.evaluation
+        latched: list[tuple[str, Any]] = [
+            (f"{records.ATTEMPT}/{scope}", number) for scope, number in evaluation.attempts
+        ]
+        for activation in evaluation.failures:
+            if not self.facts.has_verdict(activation):
+                latched.append((f"{records.VERDICT}/{activation}", True))
+        return latched
+
+    def _tick_assignment(self, plan: Plan) -> None:
+        requested = tuple(request.activation for request in plan.evaluation.requests)
+        finished = self.facts.outcome_changes
+        trigger = (finished != self._trigger[0], requested != self._trigger[1])
+        self.tree.tick_assignment(*trigger, plan.feasible)
+        self._trigger = (finished, requested)
+
+    def _work(self, now_us: int) -> None:
+        """Follow this robot's line of the plan; start once the team agrees, or after the grace."""
+        assert self.plan is not None
+        before = self.work.claim
+        line = None if self.leaving else self.plan.lines.get(self.me)
+        changed, effects = self.work.follow(line, self.replica.stamp(), now_us)
+        self._effects += effects
+        cleared = None
+        if self.work.claim is not None and (not self.work.is_waiting or self._may_start(now_us)):
+            cleared = type_name(self.work.claim.local_task)
+        wanted = self.tree.tick(self.plan.result, cleared)
+        if wanted is not None and self.work.is_waiting:
+            start = self.work.start(self.plan.partners(self.me), self.replica.incarnation)
+            self._effects.append(start)
+            self._log(
+                "info",
+                "local_task_started",
+                global_task=start.global_task,
+                local_task=start.local_task,
+                activation=start.activation,
+            )
+            changed = True
+        if changed and self.work.claim != before:
+            claim = self.work.claim
+            self._write([(records.CLAIM, claim.to_value() if claim else None)], now_us)
+
+    def _may_start(self, now_us: int) -> bool:
+        assert self.plan is not None
+        if self.membership.agrees(self.plan.digest):
+            return True
+        return now_us >= self.work.line_since_us + self.config.timing.grace_us
+
+    def _finish_mission(self, now_us: int) -> None:
+        """Stop once every living robot has come to the same result, and has heard so."""
+        plan = self.plan
+        over = (Status.SUCCESS, Status.FAILURE)
+        if self.joining is not None or plan is None or plan.result not in over:
+            self._done_us = None
+            return
+        if not self.membership.all_report(int(plan.result)) or not self.work.is_idle:
+            self._done_us = None
+        elif self._done_us is None:
+            self._done_us = now_us
+            self._log("info", "mission_over", result=plan.result.name.lower())
+        elif self.config.exit_when_done and now_us >= self._done_us + self.config.timing.beat_us:
+            self._beat_now(now_us)
+            code = 0 if plan.result is Status.SUCCESS else 1
+            self._stop(code, f"mission {plan.result.name.lower()}")
+
+    # -- sending ------------------------------------------------------------------------------
+
+    def _urgent(self) -> tuple[Any, ...]:
+        """What the others must hear at once when it changes."""
+        digest = self.plan.digest if self.plan else b""
+        result = self.plan.result if self.plan else Status.RUNNING
+        return digest, result, self.membership.accusations(), self.joining is None, self.leaving
+
+    def _beat_now(self, now_us: int) -> None:
+        plan = self.plan
+        beat = Beat(
+            self.replica.incarnation,
+            self.gossip.sent(self._urgent(), now_us),
+            self.joining is None,
+            self.leaving,
+            plan.digest if plan else bytes(8),
+            self.facts.map.digest(),
+            tuple(int(status) for status in self.tree.statuses),
+            int(plan.result) if plan else int(Status.RUNNING),
+            self.work.progress,
+            self.membership.accusations(),
+            self.membership.heard(),
+        )
+        data = encode(self.replica.header, MessageKind.BEAT, beat_body(beat))
+        self._effects.append(Publish(MessageKind.BEAT, data))
+
+    def _write(self, values: Iterable[tuple[str, Any]], now_us: int) -> None:
+        batch = list(values)
+        if batch:
+            data = self.replica.write(batch, now_us)
+            self._effects.append(Publish(MessageKind.FACT, data))
+
+    def order(self, kind: records.OrderKind, now_us: int) -> None:
+        """Take in the operator's word and tell the team."""
+        self._log("warning", "order", order=str(kind))
+        self._write([(records.ORDER, [str(kind), self.replica.stamp()])], now_us)
+
+    def _ask(self, peer: str, now_us: int) -> None:
+        self.replica.asked(peer, now_us)
+        self._effects.append(Ask(peer, self.replica.pull()))
+
+    def _refuse(self, source: str, reason: str, incompatible: bool = False) -> None:
+        """Count what is refused; log it once per source and reason."""
+        key = f"{source}: {reason}"
+        if len(self.refusals) < 1_000 or key in self.refusals:
+            self.refusals[key] = self.refusals.get(key, 0) + 1
+        if self.refusals.get(key) == 1:
+            event = "robot_refused" if incompatible else "input_refused"
+            self._log("error" if incompatible else "warning", event, source=source, reason=reason)
+        if incompatible and self.joining is not None:
+            self.joining.foreign = f"{source}: {reason}"
+
+    def _log(self, level: str, event: str, **fields: Any) -> None:
+        self._effects.append(Log(level, event, fields))
+
+    def _stop(self, code: int, reason: str) -> None:
+        if not self._stopped:
+            self._stopped = True
+            self._effects += self.work.drop()
+            self._effects.append(Stop(code, reason))
+
+    @property
+    def incarnation(self) -> Incarnation:
+        """This robot's incarnation; counter 0 while it has never joined."""
+        return self.replica.incarnation

@@ -1,0 +1,278 @@
+"""Demands: what the requests of T_G ask of the team, and which of them can be met together.
+
+Source: paper, section IV, T_A: the bounds a_j and b_j, and *Check Consistency*.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from mrbt_mesh.core.evaluate import Request
+from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.mission import GlobalTask
+from mrbt_mesh.core.records import Member, Phase
+from mrbt_mesh.core.team import TeamFacts, capability
+
+
+@dataclass(frozen=True, slots=True)
+class Worker:
+    """A robot that the plan may use: alive, joined, not leaving."""
+
+    id: str
+    member: Member
+
+
+@dataclass(frozen=True, slots=True)
+class Demand:
+    """One local task of one request.
+
+    `lower` and `upper` are a_j and b_j, shrunk by the outcomes so far. `pinned` robots are
+    already running it and count towards both. `candidates` map robot to performance for all
+    workers that could be put on it: capable and without an outcome for it.
+    """
+
+    request: Request
+    local_task: str
+    needed: int
+    lower: int
+    upper: int
+    pinned: tuple[str, ...]
+    candidates: Mapping[str, int]
+
+
+def workers(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> dict[str, Worker]:
+    """The robots that a plan may use, sorted by id."""
+    found = {}
+    for robot in sorted(alive):
+        known = facts.members.get(robot)
+        if known is not None and known[1] == alive[robot] and not known[0].leaving:
+            found[robot] = Worker(robot, known[0])
+    return found
+
+
+def demands_of(
+    facts: TeamFacts, requests: Sequence[Request], team: Mapping[str, Worker]
+) -> list[list[Demand]]:
+    """The demands of each request, in tree order and the task's order of needs.
+
+    lower = nu - successes, upper = mu - successes - failures (never below lower). Once
+    successes reach nu, nobody new is assigned. At most mu running claims are pinned, in the
+    canonical order of claims: (since, robot).
+    """
+    running: dict[tuple[str, str], list[tuple[int, str]]] = {}
+    for robot in team:
+        claim = facts.valid_claim(robot)
+        if claim is not None and claim.phase is Phase.RUNNING:
+            key = (claim.activation, claim.local_task)
+            running.setdefault(key, []).append((claim.since, robot))
+    result = []
+    for request in requests:
+        task = facts.mission.global_tasks[request.subject]
+        indices = range(len(task.needs))
+        result.append([_demand(facts, request, task, i, team, running) for i in indices])
+    return result
+
+
+def _demand(
+    facts: TeamFacts,
+    request: Request,
+    task: GlobalTask,
+    index: int,
+    team: Mapping[str, Worker],
+    running: Mapping[tuple[str, str], list[tuple[int, str]]],
+) -> Demand:
+    need = task.needs[index]
+    results = facts.results(request.activation, need.local_task)
+    successes = sum(results.values())
+    lower = max(0, need.min_robots - successes)
+    upper = max(lower, need.max_robots - len(results), 0)
+    candidates = {}
+    for robot, worker in team.items():
+        value = capability(worker.member, need.local_task)
+        if value is not None and robot not in results:
+            candidates[robot] = value
+    claims = sorted(running.get((request.activation, need.local_task), ()))
+    pinned = tuple(robot for _, robot in claims if robot in candidates)[:upper]
+    if not lower:
+        upper = len(pinned)
+    return Demand(request, need.local_task, need.min_robots, lower, upper, pinned, candidates)
+
+
+Slot: TypeAlias = tuple[int, int]
+
+
+class Consistency:
+    """*Check Consistency*: keeps requests one after the other while all stay feasible together.
+
+    Feasible means that every lower bound can be met by different robots. It is a matching of
+    slots (one per robot that a lower bound still needs) to free robots, grown by augmenting
+    paths; a request whose slots do not all fit is taken back whole.
+    """
+
+    def __init__(self, free: Iterable[str]) -> None:
+        self._free = sorted(free)
+        self._owner: dict[str, Slot] = {}
+        self._seat: dict[Slot, str] = {}
+        self._candidates: dict[Slot, list[str]] = {}
+
+    def keep(self, key: int, demands: Sequence[Demand], pinned: Mapping[str, int]) -> bool:
+        """Try to add request `key`; `pinned` maps robots to the request that they run."""
+        before = dict(self._owner), dict(self._seat)
+        slots = 0
+        for demand in demands:
+            own = sum(1 for robot in demand.pinned if pinned.get(robot) == key)
+            able = [robot for robot in self._free if robot in demand.candidates]
+            for _ in range(demand.lower - own):
+                slot = (key, slots)
+                slots += 1
+                self._candidates[slot] = able
+                if not self._augment(slot, pinned):
+                    self._owner, self._seat = before
+                    return False
+        return True
+
+    def fits(self, key: int, demands: Sequence[Demand], pinned: Mapping[str, int]) -> bool:
+        """Whether `keep` would succeed."""
+        before = dict(self._owner), dict(self._seat)
+        kept = self.keep(key, demands, pinned)
+        self._owner, self._seat = before
+        return kept
+
+    def _augment(self, slot: Slot, pinned: Mapping[str, int]) -> bool:
+        """Give `slot` a robot; others change seats where that frees one."""
+        wanted_by: dict[str, Slot] = {}
+        queue = [slot]
+        for seeker in queue:
+            for robot in self._candidates[seeker]:
+                if robot in wanted_by or robot in pinned:
+                    continue
+                wanted_by[robot] = seeker
+                if robot in self._owner:
+                    queue.append(self._owner[robot])
+                else:
+                    self._hand_over(robot, wanted_by)
+                    return True
+        return False
+
+    def _hand_over(self, robot: str, wanted_by: Mapping[str, Slot]) -> None:
+        """Seat the free `robot`, its new owner's robot one further, and so on."""
+        free: str | None = robot
+        while free is not None:
+            slot = wanted_by[free]
+            previous = self._seat.get(slot)
+            self._owner[free], self._seat[slot] = slot, free
+            free = previous
+
+
+def kept_requests(
+    facts: TeamFacts, demands: Sequence[Sequence[Demand]], team: Mapping[str, Worker]
+) -> tuple[list[int], dict[str, int]]:
+    """(indices of the requests that are kept, robot -> request for the pins that hold).
+
+    A pin whose own request cannot be kept yields, if some other request then can; of two
+    sets of requests the one that is first in tree order is better. A preemptive request may
+    take running robots from requests further right.
+    """
+    pinned = {
+        robot: index
+        for index, group in enumerate(demands)
+        for demand in group
+        for robot in demand.pinned
+    }
+    kept, pinned = _keep(facts, demands, team, pinned)
+    holding = {robot: index for robot, index in pinned.items() if index in kept}
+    vain = {robot: index for robot, index in pinned.items() if robot not in holding}
+    kept_after, pinned_after = _keep(facts, demands, team, holding) if vain else (kept, pinned)
+    count = range(len(demands))
+    if [i in kept_after for i in count] <= [i in kept for i in count]:
+        return kept, pinned
+    for robot in sorted(vain):  # who helps nobody goes on
+        kept_now, pinned_now = _keep(facts, demands, team, holding | {robot: vain[robot]})
+        if kept_now == kept_after:
+            holding[robot] = vain[robot]
+            pinned_after = pinned_now
+    return kept_after, pinned_after
+
+
+def _keep(
+    facts: TeamFacts,
+    demands: Sequence[Sequence[Demand]],
+    team: Mapping[str, Worker],
+    pinned: dict[str, int],
+) -> tuple[list[int], dict[str, int]]:
+    kept: list[int] = []
+    pinned = dict(pinned)
+    check = Consistency(team)
+    for index, group in enumerate(demands):
+        if check.keep(index, group, pinned):
+            kept.append(index)
+        elif facts.mission.global_tasks[group[0].request.subject].preemptive:
+            freed = _preempt(check, index, group, pinned)
+            if freed is not None:
+                pinned = freed
+                kept.append(index)
+    return kept, pinned
+
+
+def _preempt(
+    check: Consistency, index: int, group: Sequence[Demand], pinned: Mapping[str, int]
+) -> dict[str, int] | None:
+    """Free robots of requests further right, rightmost first, until `index` can be kept.
+
+    Those that turn out not to be needed go on.
+    """
+    left = dict(pinned)
+    freed: list[str] = []
+    for robot in sorted(pinned, key=lambda robot: (-pinned[robot], robot)):
+        if pinned[robot] > index:
+            del left[robot]
+            freed.append(robot)
+            if check.fits(index, group, left):
+                break
+    else:
+        return None
+    for robot in reversed(freed[:-1]):
+        if check.fits(index, group, left | {robot: pinned[robot]}):
+            left[robot] = pinned[robot]
+    check.keep(index, group, left)
+    return left
+
+
+@dataclass(frozen=True, slots=True)
+class Shortage:
+    """A local task that lacks robots: nu, living capable robots, outcomes so far."""
+
+    local_task: str
+    needed: int
+    alive: int
+    done: int
+    failed: int
+
+    def __str__(self) -> str:
+        text = f"{self.local_task} needs {self.needed}, {self.alive} alive"
+        counts = ((self.done, "done"), (self.failed, "failed"))
+        return text + "".join(f", {count} {what}" for count, what in counts if count)
+
+
+def shortages(
+    facts: TeamFacts, group: Sequence[Demand], team: Mapping[str, Worker]
+) -> tuple[Shortage, ...]:
+    """What makes a request *blocked*: no set of living robots could serve it, busy or not.
+
+    Empty if it is not blocked. Where each local task alone could be met but not all together,
+    every one of them is listed.
+    """
+    if Consistency(team).keep(0, group, {}):
+        return ()
+
+    def shortage(demand: Demand) -> Shortage:
+        results = facts.results(demand.request.activation, demand.local_task)
+        able = [w for w in team.values() if capability(w.member, demand.local_task) is not None]
+        done = sum(results.values())
+        failed = len(results) - done
+        return Shortage(demand.local_task, demand.needed, len(able), done, failed)
+
+    short = [demand for demand in group if len(demand.candidates) < demand.lower]
+    return tuple(shortage(demand) for demand in short or group)

@@ -1,0 +1,186 @@
+"""What goes into an agent and what comes out of it: plain data, no behaviour."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.wire import MessageKind
+
+
+@dataclass(frozen=True, slots=True)
+class MessageReceived:
+    """A beat or a batch of facts, published under the key of `source`."""
+
+    kind: MessageKind
+    source: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class TokenChanged:
+    """A robot's liveliness token appeared (`held`) or disappeared."""
+
+    robot: str
+    incarnation: Incarnation
+    held: bool
+
+
+@dataclass(frozen=True, slots=True)
+class QueryReceived:
+    """A question (PULL or COMMAND); answer it with `Reply(query, ...)`."""
+
+    query: int
+    kind: MessageKind
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerReceived:
+    """A peer's answer to `Ask`, or None where it did not answer in time."""
+
+    peer: str
+    data: bytes | None
+
+
+@dataclass(frozen=True, slots=True)
+class ActionFinished:
+    """The action under `ticket` ended by itself.
+
+    `conditions` are those that it set, to be told together with the outcome.
+    """
+
+    ticket: int
+    success: bool
+    data: Any = None
+    conditions: tuple[tuple[str, bool], ...] = ()
+    error: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ActionStopped:
+    """The action under `ticket` has been cancelled, and nothing of it runs any more."""
+
+    ticket: int
+
+
+@dataclass(frozen=True, slots=True)
+class ProgressReported:
+    """How far the action is, in percent."""
+
+    ticket: int
+    percent: int
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionSet:
+    """The robot's own code has set a condition, outside any outcome."""
+
+    name: str
+    value: bool
+
+
+@dataclass(frozen=True, slots=True)
+class CapabilityChanged:
+    """A minor fault (`lost`) or its end; `local_task` is a type, a ground name, or `all`."""
+
+    local_task: str
+    lost: bool
+
+
+@dataclass(frozen=True, slots=True)
+class LeaveRequested:
+    """Leave on purpose: hand the work over and stop."""
+
+
+@dataclass(frozen=True, slots=True)
+class TimerFired:
+    """`next_deadline_us` has come."""
+
+
+Input: TypeAlias = (
+    MessageReceived
+    | TokenChanged
+    | QueryReceived
+    | AnswerReceived
+    | ActionFinished
+    | ActionStopped
+    | ProgressReported
+    | ConditionSet
+    | CapabilityChanged
+    | LeaveRequested
+    | TimerFired
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Publish:
+    """Send to everybody, under this robot's key."""
+
+    kind: MessageKind
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Ask:
+    """Send a PULL to one peer; its answer comes back as AnswerReceived."""
+
+    peer: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """Answer a query."""
+
+    query: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class StartAction:
+    """Run a local task; ends with ActionFinished or, after CancelAction, ActionStopped."""
+
+    ticket: int
+    activation: str
+    global_task: str
+    local_task: str
+    partners: tuple[str, ...]
+    performance: int
+    incarnation: Incarnation
+
+
+@dataclass(frozen=True, slots=True)
+class CancelAction:
+    """Stop the action; answered by ActionStopped, or ActionFinished if it was quicker."""
+
+    ticket: int
+
+
+@dataclass(frozen=True, slots=True)
+class DeclareToken:
+    """Show the liveliness token of this incarnation, in place of an earlier one."""
+
+    incarnation: Incarnation
+
+
+@dataclass(frozen=True, slots=True)
+class Log:
+    """One line for the robot's log."""
+
+    level: str
+    event: str
+    fields: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """The agent is done: 0 mission succeeded or left on purpose, 1 failed, 2 refused."""
+
+    code: int
+    reason: str
+
+
+Effect: TypeAlias = Publish | Ask | Reply | StartAction | CancelAction | DeclareToken | Log | Stop

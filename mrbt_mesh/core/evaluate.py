@@ -1,0 +1,323 @@
+"""Evaluating a tree: a pure function from facts to statuses and an ordered list of requests.
+
+No node remembers anything. What a memoryless tree would forget or repeat is decided by the
+name of an *activation*: it is made of the leaf, the attempt numbers of the enclosing
+Retry/Repeat nodes, and how often the leaf's guards have turned against it. Same facts, same
+name, on every robot; a guard that flipped and flipped back gives a new name, so the work is
+done again. Statuses are those of the paper, section III.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from mrbt_mesh.core.tree import ATTEMPT_KINDS, Kind, Status, Tree, parallel_status
+
+
+class EvaluationFacts(Protocol):
+    """What a tree may read. The team's facts and a robot's own facts both provide it."""
+
+    @property
+    def run(self) -> str: ...
+    def condition(self, name: str) -> bool: ...
+    def turns(self, name: str, value: bool) -> int:
+        """How often the condition has turned to `value`; it never falls."""
+        ...
+
+    def task_status(self, subject: str, activation: str) -> Status:
+        """RUNNING until the activation has a result."""
+        ...
+
+    def attempt(self, scope: str) -> int: ...
+    def expired(self, scope: str) -> bool: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A running action leaf: what it asks for, under which activation."""
+
+    node: int
+    subject: str
+    activation: str
+
+
+@dataclass(frozen=True, slots=True)
+class RunningTimeout:
+    """A Timeout whose child runs; whoever sees `timeout_us` pass records that it expired."""
+
+    node: int
+    scope: str
+    timeout_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """The outcome of one tick: a status per node, requests in tree order, facts to record.
+
+    `attempts` are (scope, attempt number) pairs that have become true by this evaluation;
+    `failures` are the activations of the actions that were ticked and have failed, used-up
+    attempts left out.
+    """
+
+    statuses: tuple[Status, ...]
+    requests: tuple[Request, ...]
+    timeouts: tuple[RunningTimeout, ...]
+    attempts: tuple[tuple[str, int], ...]
+    failures: tuple[str, ...]
+
+    @property
+    def status(self) -> Status:
+        """The root's status."""
+        return self.statuses[0]
+
+
+@dataclass(frozen=True, slots=True)
+class ScopeName:
+    """The parts of an activation's or attempt counter's name, for comparison."""
+
+    run: str
+    node: int
+    subject: str
+    attempts: tuple[int, ...]
+    turns: int
+
+    def __str__(self) -> str:
+        attempts = ".".join(map(str, self.attempts))
+        return f"{self.run}:{self.node}:{self.subject}:{attempts}:{self.turns}"
+
+
+def parse_scope(text: str) -> ScopeName:
+    """The inverse of `str(ScopeName)`; raises ValueError if it is none."""
+    run, node, subject, attempts, turns = text.split(":")
+    numbers = tuple(int(part) for part in attempts.split(".")) if attempts else ()
+    return ScopeName(run, int(node), subject, numbers, int(turns))
+
+
+Guard = tuple[str, bool]
+
+
+def _against(tree: Tree, index: int, wanted: Status) -> tuple[Guard, ...]:
+    """Conditions that every evaluation reads below `index`, with the value that turns against it.
+
+    `wanted` is the status that the node must keep for its right siblings to be reached. A
+    composite of the same kind as its parent counts as written out in the parent.
+    """
+    node = tree.nodes[index]
+    succeed = wanted is Status.SUCCESS
+    match node.kind:
+        case Kind.CONDITION:
+            return ((node.subject, not succeed),)
+        case Kind.INVERTER:
+            return _against(tree, node.children[0], Status.FAILURE if succeed else Status.SUCCESS)
+        case Kind.FORCE_SUCCESS | Kind.FORCE_FAILURE | Kind.ACTION:
+            return ()
+        case Kind.SEQUENCE:
+            children = node.children if succeed else node.children[:1]
+        case Kind.FALLBACK:
+            children = node.children[:1] if succeed else node.children
+        case _:
+            children = node.children
+    return tuple(guard for child in children for guard in _against(tree, child, wanted))
+
+
+class Evaluator:
+    """Evaluates one tree; what it keeps is derived from the tree alone, never from facts."""
+
+    def __init__(self, tree: Tree) -> None:
+        self.tree = tree
+        count = len(tree.nodes)
+        self._guards: list[tuple[Guard, ...]] = [()] * count
+        self._attempt_nodes: list[tuple[int, ...]] = [()] * count
+        self._ends = [0] * count
+        self._derive()
+
+    def _derive(self) -> None:
+        for node in self.tree.nodes:
+            guards = self._guards[node.index]
+            attempts = self._attempt_nodes[node.index]
+            if node.kind in ATTEMPT_KINDS:
+                attempts = (*attempts, node.index)
+            wanted = {Kind.SEQUENCE: Status.SUCCESS, Kind.FALLBACK: Status.FAILURE}.get(node.kind)
+            for child in node.children:
+                self._guards[child] = guards
+                self._attempt_nodes[child] = attempts
+                if wanted is not None:
+                    fresh = _against(self.tree, child, wanted)
+                    guards = (*guards, *(guard for guard in fresh if guard not in guards))
+        for node in reversed(self.tree.nodes):
+            self._ends[node.index] = self._ends[node.children[-1]] if node.children else node.index
+
+    def scope(self, node: int, attempts: Sequence[int], facts: EvaluationFacts) -> ScopeName:
+        """The name of what happens at `node` under these facts and attempt numbers."""
+        turns = sum(facts.turns(name, value) for name, value in self._guards[node])
+        subject = self.tree.nodes[node].subject
+        return ScopeName(facts.run, node, subject, tuple(attempts), turns)
+
+    def current_scope(self, node: int, facts: EvaluationFacts) -> ScopeName:
+        """The name under the attempt numbers that are facts now, whether or not it is reached."""
+        attempts: list[int] = []
+        for outer in self._attempt_nodes[node]:
+            recorded = facts.attempt(str(self.scope(outer, attempts, facts)))
+            attempts.append(self.used_attempts(outer, recorded))
+        return self.scope(node, attempts, facts)
+
+    def used_attempts(self, node: int, recorded: int) -> int:
+        """The attempt that is on, given the recorded number: never beyond the last one."""
+        limit = self.limit(node)
+        return recorded if limit < 0 else min(recorded, limit - 1)
+
+    def limit(self, node: int) -> int:
+        """How many attempts or cycles a node of `ATTEMPT_KINDS` has, -1: no limit."""
+        repeats = self.tree.nodes[node]
+        return -1 if repeats.kind is Kind.KEEP_RUNNING_UNTIL_FAILURE else repeats.limit
+
+    def is_obsolete(self, name: ScopeName, facts: EvaluationFacts) -> bool:
+        """Whether no evaluation, now or later, can reach this name any more.
+
+        Turns only grow, and while they stand attempt numbers only grow (they begin again
+        where a guard of the Retry has turned), so every replica comes to the same answer. A
+        name that is ahead of these facts is not obsolete.
+        """
+        if name.run != facts.run or not 0 <= name.node < len(self.tree.nodes):
+            return True
+        current = self.current_scope(name.node, facts)
+        if name.subject != current.subject or len(name.attempts) != len(current.attempts):
+            return True
+        return (name.turns, name.attempts) < (current.turns, current.attempts)
+
+    def evaluate(self, facts: EvaluationFacts) -> Evaluation:
+        """Tick the tree once."""
+        return _Tick(self, facts).run()
+
+    def end(self, node: int) -> int:
+        """The last index of the subtree at `node`."""
+        return self._ends[node]
+
+
+class _Tick:
+    """The working state of one evaluation. `tick` returns (status, whether outcomes decided)."""
+
+    def __init__(self, evaluator: Evaluator, facts: EvaluationFacts) -> None:
+        self.evaluator = evaluator
+        self.nodes = evaluator.tree.nodes
+        self.facts = facts
+        self.statuses = [Status.IDLE] * len(self.nodes)
+        self.requests: list[Request] = []
+        self.timeouts: list[RunningTimeout] = []
+        self.latches: list[tuple[str, int]] = []
+        self.failures: list[str] = []
+        self.attempts: list[int] = []
+
+    def run(self) -> Evaluation:
+        self.tick(0)
+        return Evaluation(
+            tuple(self.statuses),
+            tuple(self.requests),
+            tuple(self.timeouts),
+            tuple(self.latches),
+            tuple(self.failures),
+        )
+
+    def tick(self, index: int) -> tuple[Status, bool]:
+        marks = len(self.requests), len(self.timeouts)
+        status, acted = self._status(index)
+        if status is not Status.RUNNING:
+            # A node that has finished asks for nothing, nor does anything below it.
+            del self.requests[marks[0] :], self.timeouts[marks[1] :]
+        self.statuses[index] = status
+        return status, acted
+
+    def _status(self, index: int) -> tuple[Status, bool]:
+        node = self.nodes[index]
+        match node.kind:
+            case Kind.CONDITION:
+                holds = self.facts.condition(node.subject)
+                return (Status.SUCCESS if holds else Status.FAILURE), False
+            case Kind.ACTION:
+                return self._action(index)
+            case Kind.SEQUENCE:
+                return self._in_order(node.children, Status.SUCCESS)
+            case Kind.FALLBACK:
+                return self._in_order(node.children, Status.FAILURE)
+            case Kind.PARALLEL:
+                results = [self.tick(child) for child in node.children]
+                statuses = [status for status, _ in results]
+                successes, failures = map(statuses.count, (Status.SUCCESS, Status.FAILURE))
+                status = parallel_status(successes, failures, len(results), node.limit)
+                return status, any(acted for _, acted in results)
+            case Kind.TIMEOUT:
+                return self._timeout(index)
+            case Kind.RETRY | Kind.REPEAT | Kind.KEEP_RUNNING_UNTIL_FAILURE:
+                return self._attempts(index)
+        status, acted = self.tick(node.children[0])
+        return _decorated(node.kind, status), acted
+
+    def _action(self, index: int) -> tuple[Status, bool]:
+        subject = self.nodes[index].subject
+        activation = str(self.evaluator.scope(index, self.attempts, self.facts))
+        status = self.facts.task_status(subject, activation)
+        if status is Status.RUNNING:
+            self.requests.append(Request(index, subject, activation))
+        elif status is Status.FAILURE:
+            self.failures.append(activation)
+        return status, status is not Status.RUNNING
+
+    def _in_order(self, children: Sequence[int], passing: Status) -> tuple[Status, bool]:
+        any_acted = False
+        for child in children:
+            status, acted = self.tick(child)
+            any_acted = any_acted or acted
+            if status is not passing:
+                return status, any_acted
+        return passing, any_acted
+
+    def _timeout(self, index: int) -> tuple[Status, bool]:
+        node = self.nodes[index]
+        scope = str(self.evaluator.scope(index, self.attempts, self.facts))
+        status, acted = self.tick(node.children[0])
+        if status is not Status.RUNNING:
+            return status, acted
+        if self.facts.expired(scope):
+            return Status.FAILURE, True
+        self.timeouts.append(RunningTimeout(index, scope, node.timeout_us))
+        return status, acted
+
+    def _attempts(self, index: int) -> tuple[Status, bool]:
+        """Retry and Repeat: an attempt is used up by outcomes, never by a condition alone.
+
+        Where conditions alone decide, all remaining attempts would end the same way at once:
+        a limited node takes that status, one without a limit waits (RUNNING).
+        """
+        node = self.nodes[index]
+        child = node.children[0]
+        again = Status.FAILURE if node.kind is Kind.RETRY else Status.SUCCESS
+        limit = self.evaluator.limit(index)
+        scope = str(self.evaluator.scope(index, self.attempts, self.facts))
+        recorded = self.facts.attempt(scope)
+        attempt = self.evaluator.used_attempts(index, recorded)
+        while True:
+            first, last = child, self.evaluator.end(child)
+            self.statuses[first : last + 1] = [Status.IDLE] * (last + 1 - first)
+            mark = len(self.failures)
+            self.attempts.append(attempt)
+            status, acted = self.tick(child)
+            self.attempts.pop()
+            if status is not again or not acted or attempt + 1 == limit:
+                break
+            attempt += 1
+            del self.failures[mark:]  # the attempt number says it for good
+        if attempt > recorded:
+            self.latches.append((scope, attempt))
+        if status is again and limit < 0:
+            status = Status.RUNNING
+        return status, acted
+
+
+def _decorated(kind: Kind, status: Status) -> Status:
+    if status is Status.RUNNING or kind is Kind.SUBTREE:
+        return status
+    if kind is Kind.INVERTER:
+        return Status.FAILURE if status is Status.SUCCESS else Status.SUCCESS
+    return Status.SUCCESS if kind is Kind.FORCE_SUCCESS else Status.FAILURE

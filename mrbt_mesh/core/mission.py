@@ -1,0 +1,236 @@
+"""The mission: robots, local tasks, global tasks and the team's tree T_G, all ground.
+
+Files with parameters and for-each loops are expanded by `mrbt_mesh.formats`; what arrives
+here has none left. Every robot of a team holds the same mission, and `Mission.digest`
+is how they tell. Source: paper, section IV; symbols in ARCHITECTURE.md's glossary.
+"""
+
+from __future__ import annotations
+
+import enum
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, TypeAlias
+
+from mrbt_mesh.core.tree import Kind, NodeSpec, Tree, build_tree
+
+MICRO = 1_000_000
+MAX_PERFORMANCE = 1_000_000 * MICRO
+MAX_ROBOTS = 1_000
+MAX_GLOBAL_TASKS = 10_000
+MAX_ARGUMENTS = 8
+COMPILED_VERSION = 1
+
+NAME_PATTERN = r"[A-Za-z_][A-Za-z0-9_]{0,63}"
+ARGUMENT_PATTERN = r"[A-Za-z0-9_.+-]{1,64}"
+ROBOT_PATTERN = r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}"
+_CALL = re.compile(rf"({NAME_PATTERN})(?:\(({ARGUMENT_PATTERN}(?:,{ARGUMENT_PATTERN})*)\))?")
+_ROBOT = re.compile(ROBOT_PATTERN)
+
+RobotId: TypeAlias = str
+LocalTaskId: TypeAlias = str
+GlobalTaskId: TypeAlias = str
+
+
+class FailurePolicy(enum.StrEnum):
+    """When a global task fails: by the paper's count, or only once nobody is left to try."""
+
+    PAPER = "paper"
+    RESILIENT = "resilient"
+
+
+@dataclass(frozen=True, slots=True)
+class Need:
+    """One local task of psi(g) with its bounds nu (`min_robots`) and mu (`max_robots`)."""
+
+    local_task: LocalTaskId
+    min_robots: int
+    max_robots: int
+
+
+@dataclass(frozen=True, slots=True)
+class GlobalTask:
+    """A ground global task g: psi(g) and its policies.
+
+    `blocked_fail_after_us`: None waits for robots to return; otherwise the task fails
+    after it has been blocked that long.
+    """
+
+    id: GlobalTaskId
+    needs: tuple[Need, ...]
+    failure: FailurePolicy = FailurePolicy.RESILIENT
+    blocked_fail_after_us: int | None = None
+    preemptive: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class LocalTask:
+    """A local-task type: its parameters, and its nominal work in micro-units.
+
+    A robot with performance p needs work / p seconds for it.
+    """
+
+    name: str
+    parameters: tuple[str, ...] = ()
+    work: int = MICRO
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionType:
+    """A declared condition; a ground condition that nobody has set reads as `default`."""
+
+    name: str
+    parameters: tuple[str, ...] = ()
+    default: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """A robot of the mission file: capabilities L_i with performance p(i, l) in micro-units."""
+
+    id: RobotId
+    type: str
+    capabilities: Mapping[str, int]
+
+
+def split_call(text: str) -> tuple[str, tuple[str, ...]]:
+    """`replace_hw(2)` -> ("replace_hw", ("2",)); raises ValueError if it is not ground."""
+    match = _CALL.fullmatch(text)
+    if match is None:
+        raise ValueError(f"{text!r} is not a name like fix_hw or fix_hw(2)")
+    arguments = tuple(match[2].split(",")) if match[2] else ()
+    if len(arguments) > MAX_ARGUMENTS:
+        raise ValueError(f"{text!r} has more than {MAX_ARGUMENTS} arguments")
+    return match[1], arguments
+
+
+def type_name(ground: str) -> str:
+    """The type of a ground name: `replace_hw(2)` -> `replace_hw`."""
+    return ground.partition("(")[0]
+
+
+def is_robot_id(text: str) -> bool:
+    """Whether `text` may name a robot: 1 to 32 letters, digits, `_`, `-`."""
+    return _ROBOT.fullmatch(text) is not None
+
+
+def performance(capabilities: Mapping[str, int], local_task: LocalTaskId) -> int | None:
+    """p(i, l) in micro-units, None where l is not in L_i (the paper's minus infinity).
+
+    A capability for the ground local task goes before one for its type.
+    """
+    exact = capabilities.get(local_task)
+    return exact if exact is not None else capabilities.get(type_name(local_task))
+
+
+@dataclass(frozen=True)
+class Mission:
+    """Everything that all robots of a team must agree on before they start.
+
+    `parameters` are the file's values, for robots' programs to read; `program` names the
+    default robot program, relative to the mission file, and is no part of the digest.
+    """
+
+    name: str
+    robots: Mapping[RobotId, Robot]
+    robot_types: Mapping[str, Mapping[str, int]]
+    local_tasks: Mapping[str, LocalTask]
+    conditions: Mapping[str, ConditionType]
+    global_tasks: Mapping[GlobalTaskId, GlobalTask]
+    tree: Tree
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    program: str | None = None
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the canonical form, 64 hexadecimal digits."""
+        text = json.dumps(self.to_json() | {"program": None}, sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def condition_default(self, ground: str) -> bool:
+        """What `ground` reads as while nobody has set it; False if it is not declared."""
+        declared = self.conditions.get(type_name(ground))
+        return declared.default if declared else False
+
+    def knows_condition(self, ground: str) -> bool:
+        """Whether `ground` is a declared condition with the right number of arguments."""
+        try:
+            name, arguments = split_call(ground)
+        except ValueError:
+            return False
+        declared = self.conditions.get(name)
+        return declared is not None and len(declared.parameters) == len(arguments)
+
+    def to_json(self) -> dict[str, Any]:
+        """The compiled mission as plain data; `mission_from_json` takes it back."""
+        return {
+            "compiled": COMPILED_VERSION,
+            "name": self.name,
+            "robots": {r.id: [r.type, dict(r.capabilities)] for r in self.robots.values()},
+            "robot_types": {name: dict(c) for name, c in self.robot_types.items()},
+            "local_tasks": {
+                t.name: [list(t.parameters), t.work] for t in self.local_tasks.values()
+            },
+            "conditions": {
+                c.name: [list(c.parameters), c.default] for c in self.conditions.values()
+            },
+            "global_tasks": [
+                [
+                    t.id,
+                    [[n.local_task, n.min_robots, n.max_robots] for n in t.needs],
+                    str(t.failure),
+                    t.blocked_fail_after_us,
+                    t.preemptive,
+                ]
+                for t in self.global_tasks.values()
+            ],
+            "tree": _spec_to_json(self.tree.spec()),
+            "parameters": dict(self.parameters),
+            "program": self.program,
+        }
+
+
+def _spec_to_json(spec: NodeSpec) -> list[Any]:
+    children = [_spec_to_json(child) for child in spec.children]
+    return [str(spec.kind), spec.name, spec.subject, spec.limit, spec.timeout_us, children]
+
+
+def _spec_from_json(data: list[Any]) -> NodeSpec:
+    kind, name, subject, limit, timeout_us, children = data
+    nested = tuple(_spec_from_json(child) for child in children)
+    return NodeSpec(Kind(kind), nested, name, subject, limit, timeout_us)
+
+
+def mission_from_json(data: Mapping[str, Any]) -> Mission:
+    """Load a compiled mission, as `mrbt validate --compile` and `mrbt up` write it.
+
+    Raises ValueError if it was not compiled by this version.
+    """
+    if data.get("compiled") != COMPILED_VERSION:
+        found = data.get("compiled")
+        raise ValueError(f"compiled mission version {COMPILED_VERSION} expected, found {found!r}")
+    try:
+        return Mission(
+            name=data["name"],
+            robots={i: Robot(i, kind, caps) for i, (kind, caps) in sorted(data["robots"].items())},
+            robot_types=data["robot_types"],
+            local_tasks={n: LocalTask(n, tuple(p), w) for n, (p, w) in data["local_tasks"].items()},
+            conditions={
+                n: ConditionType(n, tuple(p), d) for n, (p, d) in data["conditions"].items()
+            },
+            global_tasks={
+                i: GlobalTask(
+                    i, tuple(Need(*need) for need in needs), FailurePolicy(failure), blocked, pre
+                )
+                for i, needs, failure, blocked, pre in data["global_tasks"]
+            },
+            tree=build_tree(_spec_from_json(data["tree"])),
+            parameters=data["parameters"],
+            program=data["program"],
+        )
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"compiled mission is damaged: {error!r}") from error

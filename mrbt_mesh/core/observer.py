@@ -1,0 +1,136 @@
+"""A passive replica: sees what the team sees, says nothing, and keeps the run's record.
+
+`mrbt up`, `mrbt status` and the simulator feed the same class, so they tell the same story.
+It sends no beats, so no robot ever waits for it.
+"""
+
+from __future__ import annotations
+
+from mrbt_mesh.core.assignment import Solver
+from mrbt_mesh.core.evaluate import Evaluator
+from mrbt_mesh.core.facts import Entry, Incarnation
+from mrbt_mesh.core.membership import Membership, State
+from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.core.plan import Plan, make_plan
+from mrbt_mesh.core.record import RunRecord
+from mrbt_mesh.core.records import Claim
+from mrbt_mesh.core.replica import Replica
+from mrbt_mesh.core.team import TeamFacts
+from mrbt_mesh.core.timing import Timing
+from mrbt_mesh.core.tree import Status
+from mrbt_mesh.core.wire import Beat, Header, MessageKind, WireError, decode, parse_beat
+
+
+class Observer:
+    """Feed it messages and tokens with the time of their arrival, then read it.
+
+    `update` brings plan and record up to date; call it after a burst of messages and at least
+    once per beat period.
+    """
+
+    def __init__(self, mission: Mission, run: str, timing: Timing, solver: Solver) -> None:
+        self.mission = mission
+        self.facts = TeamFacts(mission, run)
+        header = Header(mission.digest[:16], mission.name, run, "")
+        self.replica = Replica(self.facts, header, timing, "")
+        self.membership = Membership("", timing)
+        self.evaluator = Evaluator(mission.tree)
+        self.record = RunRecord(mission)
+        self.plan: Plan | None = None
+        self.refused: dict[str, str] = {}
+        self._solver = solver
+        self._planned: tuple[int, int] = (-1, -1)
+
+    def message(self, kind: MessageKind, source: str, data: bytes, now_us: int) -> None:
+        """A published beat or batch; malformed or foreign ones are noted in `refused`."""
+        try:
+            if kind is MessageKind.BEAT:
+                sender, body = decode(data, self.replica.header, kind)
+                if sender == source:
+                    self._beat(source, parse_beat(body), now_us)
+            else:
+                self._facts_changed(self.replica.receive(source, data, now_us).changed, now_us)
+        except WireError as error:
+            self.refused[source] = str(error)
+
+    def state(self, source: str, data: bytes, now_us: int) -> None:
+        """A robot's answer to `replica.pull()`."""
+        try:
+            self._facts_changed(self.replica.receive_state(data, now_us).changed, now_us)
+            self.replica.answered(source)
+        except WireError as error:
+            self.refused[source] = str(error)
+
+    def token(self, robot: str, incarnation: Incarnation, held: bool) -> None:
+        """A liveliness token came or went."""
+        self.membership.token(robot, incarnation, held)
+
+    def _beat(self, source: str, beat: Beat, now_us: int) -> None:
+        if not self.membership.beat(source, beat, now_us):
+            return
+        self.replica.compare(source, beat.fact_digest, now_us)
+        if beat.joined:
+            self.record.robot_seen(source, beat.incarnation, now_us)
+            for accusation in beat.accusations:
+                if accusation.dead:
+                    self.record.verdict(accusation.robot, accusation.incarnation, now_us)
+
+    def _facts_changed(self, changed: list[Entry], now_us: int) -> None:
+        for entry in changed:
+            self.record.fact(entry, now_us)
+
+    def update(self, now_us: int) -> None:
+        """Judge who is alive, plan if anything changed, and record what follows."""
+        for robot, _, after in self.membership.judge(now_us):
+            evidence_us = self.membership.peers[robot].evidence_us
+            self.record.state(robot, after, evidence_us, now_us)
+        changes = (self.facts.changes, self.membership.changes)
+        if changes != self._planned:
+            self._planned = changes
+            alive, peers = self.membership.alive(), self.membership.peers.values()
+            self.plan = make_plan(self.evaluator, self.facts, alive, self._solver)
+            joining = any(p.state is State.ALIVE and not p.joined for p in peers)
+            self.record.plan(self.plan, now_us, bool(alive) and not joining)
+        result = self.team_result
+        if result is not None:
+            self.record.over(result, now_us)
+
+    @property
+    def team_result(self) -> Status | None:
+        """SUCCESS or FAILURE once every robot of the alive set reports it, else None."""
+        alive = self.membership.alive()
+        for result in (Status.SUCCESS, Status.FAILURE):
+            if alive and self.membership.all_report(int(result)):
+                return result
+        return None
+
+    @property
+    def agreement(self) -> bool:
+        """Whether all robots in good standing report the same plan digest."""
+        digests = {
+            peer.plan_digest
+            for peer in self.membership.peers.values()
+            if peer.joined and peer.state is State.ALIVE
+        }
+        return len(digests) <= 1
+
+    def claim(self, robot: str) -> Claim | None:
+        """What a living robot works on."""
+        peer = self.membership.peers.get(robot)
+        held = self.facts.claims.get(robot)
+        if peer is None or held is None or held[1] != peer.incarnation:
+            return None
+        return held[0] if peer.state in (State.ALIVE, State.SUSPECT) else None
+
+    def robot_state(self, robot: str) -> State:
+        """ALIVE, SUSPECT, DEAD or LEFT; a robot known only from facts is dead or has left."""
+        peer = self.membership.peers.get(robot)
+        member = self.facts.members.get(robot)
+        left = member is not None and member[0].leaving
+        if left and member and (peer is None or peer.incarnation == member[1]):
+            return State.LEFT
+        return peer.state if peer is not None else State.DEAD
+
+    def robots(self) -> list[str]:
+        """All robots that are known, sorted."""
+        return sorted(set(self.facts.members) | set(self.membership.peers))

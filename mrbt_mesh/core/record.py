@@ -1,0 +1,320 @@
+"""The record of one run: what happened when, and the summary that `up` and `sim` print."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from mrbt_mesh.core import records
+from mrbt_mesh.core.evaluate import parse_scope
+from mrbt_mesh.core.facts import Entry, Incarnation
+from mrbt_mesh.core.membership import State
+from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.core.plan import Plan
+from mrbt_mesh.core.records import Claim, ConditionValue, Member, NoClaim, Outcome, Phase
+from mrbt_mesh.core.tree import Status
+
+
+@dataclass(slots=True)
+class MajorFault:
+    """A robot's death: when, what it held, when others knew and when somebody took over."""
+
+    robot: str
+    incarnation: Incarnation
+    at_us: int
+    held: Claim | None
+    detected_us: int | None = None
+    reassigned_us: int | None = None
+    replacement: str | None = None
+    until_us: int | None = None
+    exact: bool = False
+
+
+@dataclass(slots=True)
+class MinorFault:
+    """Capabilities that a robot has lost."""
+
+    robot: str
+    local_tasks: tuple[str, ...]
+    at_us: int
+    until_us: int | None = None
+
+
+@dataclass(slots=True)
+class BlockedEpisode:
+    """A time during which a request could not be served by any living robots."""
+
+    request: str
+    reason: str
+    from_us: int
+    to_us: int | None = None
+
+
+@dataclass(slots=True)
+class TaskRecord:
+    """A global task: its status and who took part (ran one of its local tasks)."""
+
+    status: Status = Status.IDLE
+    robots: set[str] = field(default_factory=set)
+
+
+class RunRecord:
+    """Collects the run. Times are on the observer's clock, reported from `started_us` on."""
+
+    def __init__(self, mission: Mission) -> None:
+        self.mission = mission
+        self.started_us: int | None = None
+        self.ended_us: int | None = None
+        self.result: Status | None = None
+        self.robots: dict[str, dict[str, Any]] = {}
+        self.tasks = {task: TaskRecord() for task in mission.global_tasks}
+        self.major: list[MajorFault] = []
+        self.minor: list[MinorFault] = []
+        self.blocked: list[BlockedEpisode] = []
+        self.timeline: list[tuple[int, str]] = []
+        self._claims: dict[str, tuple[Claim, Incarnation]] = {}
+        self._exits: dict[str, int] = {}
+
+    def say(self, now_us: int, text: str) -> None:
+        """Add a line to the timeline."""
+        self.timeline.append((now_us, text))
+
+    # -- what is observed -----------------------------------------------------------------
+
+    def robot_seen(self, robot: str, incarnation: Incarnation, now_us: int) -> None:
+        """A joined robot beats."""
+        if self.started_us is None:
+            self.started_us = now_us
+        known = self.robots.setdefault(robot, {})
+        if known.get("incarnation") == incarnation:
+            return
+        previous = known.get("incarnation")
+        if previous is not None and known.get("state") not in (State.DEAD, State.LEFT):
+            # It is back before anybody missed it; its old life ended all the same.
+            self._died(robot, previous, now_us).detected_us = now_us
+        for fault in self.major:
+            if fault.robot == robot and fault.until_us is None:
+                fault.until_us = now_us
+        known.update(incarnation=incarnation, state=State.ALIVE)
+        self.say(now_us, f"{robot} joined" if previous is None else f"{robot} is back")
+
+    def exited(self, robot: str, at_us: int) -> None:
+        """The launcher saw the robot's process end: a better time than the last beat."""
+        if self.result is not None:
+            return
+        fault = next((f for f in self.major if f.robot == robot and f.until_us is None), None)
+        if fault is not None:
+            fault.at_us, fault.exact = at_us, True
+        else:
+            self._exits[robot] = at_us
+
+    def verdict(self, robot: str, incarnation: Incarnation, now_us: int) -> None:
+        """A robot of the team has declared another one dead."""
+        known = self.robots.get(robot, {})
+        if known.get("incarnation") != incarnation or self.result is not None:
+            return  # after the end robots stop one after the other, which is no fault
+        fault = self._open_fault(robot, incarnation)
+        if fault is None and known.get("state") is not State.LEFT:
+            fault = self._died(robot, incarnation, now_us)
+        if fault is not None and fault.detected_us is None:
+            fault.detected_us = now_us
+            self.say(now_us, f"{robot} is dead")
+
+    def state(self, robot: str, state: State, evidence_us: int, now_us: int) -> None:
+        """This observer's own view of a robot has changed."""
+        known = self.robots.get(robot)
+        if known is None or self.result is not None:
+            return
+        if state is State.DEAD:
+            fault = self._open_fault(robot, known["incarnation"])
+            if fault is None:
+                self._died(robot, known["incarnation"], evidence_us)
+            elif not fault.exact:
+                fault.at_us = min(fault.at_us, evidence_us)
+        elif state is State.ALIVE:
+            fault = self._open_fault(robot, known["incarnation"])
+            if fault is not None:
+                fault.until_us = now_us
+                self.say(now_us, f"{robot} is back")
+        elif state is State.LEFT:
+            self.say(now_us, f"{robot} left")
+        known["state"] = state
+
+    def fact(self, entry: Entry, now_us: int) -> None:
+        """An entry of the fact map has changed."""
+        robot = entry.author
+        match entry.record:
+            case Member() as member:
+                known = self.robots.setdefault(robot, {})
+                self._lost(robot, tuple(known.get("lost", ())), member.lost, now_us)
+                known.update(type=member.type, lost=member.lost, pid=member.pid, host=member.host)
+                if member.leaving and known.get("state") is not State.DEAD:
+                    known["state"] = State.LEFT
+            case Claim() as claim:
+                self._claims[robot] = (claim, entry.version.incarnation)
+                if claim.phase is Phase.RUNNING:
+                    self._running(robot, claim, now_us)
+            case NoClaim():
+                self._claims.pop(robot, None)
+            case Outcome() as outcome:
+                _, activation, local_task = records.split_name(entry.name)
+                self._took_part(robot, activation)
+                how = "done" if outcome.success else "failed"
+                self.say(now_us, f"{robot}: {local_task} {how}")
+            case ConditionValue() as condition:
+                name = records.split_name(entry.name)[1]
+                self.say(now_us, f"{robot}: {name} is {str(condition.value).lower()}")
+            case records.Order() as order:
+                self.say(now_us, f"operator: {order.kind}")
+
+    def plan(self, plan: Plan, now_us: int, settled: bool = True) -> None:
+        """A new plan: statuses of global tasks, and what is blocked.
+
+        While robots are joining (not `settled`), nothing that lacks them counts as blocked.
+        """
+        statuses: dict[str, list[Status]] = {}
+        for node in self.mission.tree.actions():
+            statuses.setdefault(node.subject, []).append(plan.evaluation.statuses[node.index])
+        order = (Status.RUNNING, Status.FAILURE, Status.SUCCESS)
+        for task, found in statuses.items():
+            status = next((s for s in order if s in found), Status.IDLE)
+            if status is not Status.IDLE:
+                self.tasks[task].status = status
+        now_blocked = {w.global_task: w.reason for w in plan.waiting if w.shortages}
+        for episode in self.blocked:
+            if episode.to_us is None and now_blocked.get(episode.request) != episode.reason:
+                episode.to_us = now_us
+                self.say(now_us, f"{episode.request} is no longer blocked")
+        running = {episode.request for episode in self.blocked if episode.to_us is None}
+        for request, reason in now_blocked.items():
+            if settled and request not in running:
+                self.blocked.append(BlockedEpisode(request, reason, now_us))
+                self.say(now_us, f"{request} {reason}")
+
+    def over(self, result: Status, now_us: int) -> None:
+        """The team has come to the mission's result."""
+        if self.result is None:
+            self.result = result
+            self.ended_us = now_us
+            self.say(now_us, f"mission: {result.name.lower()}")
+
+    # -- what follows ---------------------------------------------------------------------
+
+    def _open_fault(self, robot: str, incarnation: Incarnation) -> MajorFault | None:
+        for fault in reversed(self.major):
+            if (fault.robot, fault.incarnation) == (robot, incarnation) and fault.until_us is None:
+                return fault
+        return None
+
+    def _died(self, robot: str, incarnation: Incarnation, at_us: int) -> MajorFault:
+        held = self._claims.get(robot)
+        claim = held[0] if held is not None and held[1] == incarnation else None
+        exact = robot in self._exits
+        at_us = self._exits.pop(robot, at_us)
+        fault = MajorFault(robot, incarnation, at_us, claim, exact=exact)
+        self.major.append(fault)
+        self.robots[robot]["state"] = State.DEAD
+        return fault
+
+    def _lost(
+        self, robot: str, before: tuple[str, ...], after: tuple[str, ...], now_us: int
+    ) -> None:
+        for fault in self.minor:
+            lost = set(fault.local_tasks) & set(after)
+            if fault.robot == robot and fault.until_us is None and not lost:
+                fault.until_us = now_us
+        fresh = tuple(name for name in after if name not in before)
+        if fresh:
+            self.minor.append(MinorFault(robot, fresh, now_us))
+            self.say(now_us, f"{robot} lost {', '.join(fresh)}")
+
+    def _running(self, robot: str, claim: Claim, now_us: int) -> None:
+        self._took_part(robot, claim.activation)
+        self.say(now_us, f"{robot}: {claim.local_task} for {claim.global_task}")
+        for fault in self.major:
+            held = fault.held
+            if held is None or fault.reassigned_us is not None or fault.robot == robot:
+                continue
+            if (held.activation, held.local_task) == (claim.activation, claim.local_task):
+                fault.reassigned_us, fault.replacement = now_us, robot
+
+    def _took_part(self, robot: str, activation: str) -> None:
+        task = self.tasks.get(parse_scope(activation).subject)
+        if task is not None:
+            task.robots.add(robot)
+
+    # -- the summary ----------------------------------------------------------------------
+
+    def seconds(self, at_us: int | None) -> float | None:
+        """A time of this record as seconds from the start."""
+        return None if at_us is None else round((at_us - (self.started_us or 0)) / 1e6, 6)
+
+    def summary(self, result: str, now_us: int) -> dict[str, Any]:
+        """The summary of the run as plain data; `result` is success, failure, timeout, blocked.
+
+        `takeovers`: `detected_s` and `reassigned_s` count from the fault; null: never.
+        """
+
+        def since(fault: MajorFault, at_us: int | None) -> float | None:
+            return None if at_us is None else round(max(0, at_us - fault.at_us) / 1e6, 6)
+
+        faults: list[dict[str, Any]] = [
+            {
+                "kind": "major",
+                "robot": fault.robot,
+                "at_s": self.seconds(fault.at_us),
+                "until_s": self.seconds(fault.until_us),
+            }
+            for fault in self.major
+        ] + [
+            {
+                "kind": "minor",
+                "robot": fault.robot,
+                "local_tasks": list(fault.local_tasks),
+                "at_s": self.seconds(fault.at_us),
+                "until_s": self.seconds(fault.until_us),
+            }
+            for fault in self.minor
+        ]
+        return {
+            "mission": self.mission.name,
+            "result": result,
+            "duration_s": self.seconds(self.ended_us if self.ended_us is not None else now_us),
+            "robots": {name: _robot(self.robots[name]) for name in sorted(self.robots)},
+            "global_tasks": {
+                name: {"status": task.status.name.lower(), "robots": sorted(task.robots)}
+                for name, task in self.tasks.items()
+            },
+            "faults": sorted(faults, key=lambda fault: (fault["at_s"], fault["robot"])),
+            "blocked": [
+                {
+                    "request": episode.request,
+                    "reason": episode.reason,
+                    "from": self.seconds(episode.from_us),
+                    "to": self.seconds(episode.to_us),
+                }
+                for episode in self.blocked
+            ],
+            "takeovers": [
+                {
+                    "robot": fault.robot,
+                    "at_s": self.seconds(fault.at_us),
+                    "detected_s": since(fault, fault.detected_us),
+                    "reassigned_s": since(fault, fault.reassigned_us),
+                    "held": fault.held.local_task if fault.held else None,
+                    "replacement": fault.replacement,
+                }
+                for fault in self.major
+            ],
+        }
+
+
+def _robot(known: Mapping[str, Any]) -> dict[str, Any]:
+    state = known.get("state")
+    return {
+        "type": known.get("type"),
+        "state": str(state) if state else None,
+        "lost": list(known.get("lost", ())),
+        "pid": known.get("pid"),
+    }

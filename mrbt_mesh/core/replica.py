@@ -1,0 +1,194 @@
+"""One robot's replica of the facts: what it writes, what it takes in, when it asks for more."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from mrbt_mesh.core.facts import Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.team import TeamFacts
+from mrbt_mesh.core.timing import Timing
+from mrbt_mesh.core.wire import (
+    Header,
+    MessageKind,
+    WireError,
+    decode,
+    encode,
+    entries_body,
+    parse_entries,
+    parse_summary,
+)
+
+
+@dataclass(slots=True)
+class _Repair:
+    """What is known of one peer's replica: since when it differs, since when it was asked."""
+
+    differs_us: int | None = None
+    asked_us: int | None = None
+
+
+@dataclass(slots=True)
+class Received:
+    """What a message brought: entries that changed something, and refusals to count."""
+
+    changed: list[Entry] = field(default_factory=list)
+    refused: int = 0
+    reason: str = ""
+
+
+class Replica:
+    """The facts with this robot's incarnation and sequence number, and the repair of gaps."""
+
+    def __init__(self, facts: TeamFacts, header: Header, timing: Timing, nonce: str) -> None:
+        self.facts = facts
+        self.header = header
+        self.timing = timing
+        self.incarnation = Incarnation(0, nonce)
+        self._sequence = 0
+        self._repairs: dict[str, _Repair] = {}
+        self.changed_us = 0
+
+    @property
+    def me(self) -> str:
+        return self.header.sender
+
+    def next_incarnation(self, heard: int) -> Incarnation:
+        """Take a new incarnation, above this one, all in the facts, and `heard`."""
+        known = [e.version.incarnation.counter for e in self.facts.map.of_author(self.me)]
+        counter = max([self.incarnation.counter, heard, *known]) + 1
+        self.incarnation = Incarnation(counter, self.incarnation.nonce)
+        self._sequence = 0
+        return self.incarnation
+
+    def write(self, values: Iterable[tuple[str, Any]], now_us: int) -> bytes:
+        """Write one batch of own entries and return it as a message."""
+        self._sequence += 1
+        version = Version(self.incarnation, self._sequence)
+        entries = [make_entry(self.me, name, version, value) for name, value in values]
+        self.facts.map.merge(entries)
+        self.changed_us = now_us
+        return encode(self.header, MessageKind.FACT, entries_body(entries))
+
+    def problem(self, name: str, value: Any) -> str | None:
+        """Why this value cannot be written, or None if it can."""
+        try:
+            make_entry(self.me, name, Version(self.incarnation, self._sequence), value)
+        except ValueError as error:
+            return str(error)
+        return None
+
+    def stamp(self) -> int:
+        """A Lamport stamp above all that this robot has seen."""
+        return self.facts.max_stamp + 1
+
+    def receive(self, source: str, data: bytes, now_us: int) -> Received:
+        """Take in a published batch, which may only hold entries of its source.
+
+        Raises WireError.
+        """
+        sender, body = decode(data, self.header, MessageKind.FACT)
+        if sender != source:
+            raise WireError(f"sender {sender} published under the key of {source}")
+        entries, malformed = parse_entries(body)
+        if any(entry.author != source for entry in entries):
+            raise WireError(f"{source} published entries of another author")
+        return self._merge(entries, malformed, now_us)
+
+    def receive_state(self, data: bytes, now_us: int) -> Received:
+        """Take in a peer's answer to a pull: entries of any author. Raises WireError."""
+        _, body = decode(data, self.header, MessageKind.STATE)
+        entries, malformed = parse_entries(body)
+        return self._merge(entries, malformed, now_us)
+
+    def _merge(self, entries: Iterable[Entry], malformed: int, now_us: int) -> Received:
+        received = Received(refused=malformed, reason="malformed entry" if malformed else "")
+        fitting = []
+        for entry in entries:
+            reason = self.facts.accepts(entry)
+            if reason is None:
+                fitting.append(entry)
+            else:
+                received.refused += 1
+                received.reason = reason
+        received.changed = self.facts.map.merge(fitting)
+        if received.changed:
+            self.changed_us = now_us
+        return received
+
+    def pull(self) -> bytes:
+        """The question for what others have and this replica lacks."""
+        return encode(self.header, MessageKind.PULL, self.facts.map.author_digests())
+
+    def answer(self, data: bytes) -> bytes:
+        """The answer to a pull: all entries of every author where the asker differs.
+
+        Raises WireError.
+        """
+        _, body = decode(data, self.header, MessageKind.PULL)
+        theirs = parse_summary(body)
+        entries: list[Entry] = []
+        for author, digest in self.facts.map.author_digests().items():
+            if theirs.get(author) != digest:
+                entries.extend(self.facts.map.of_author(author))
+        return encode(self.header, MessageKind.STATE, entries_body(entries))
+
+    def compare(self, peer: str, digest: bytes, now_us: int) -> None:
+        """A peer's beat told the digest of its facts."""
+        repair = self._repairs.setdefault(peer, _Repair())
+        if digest == self.facts.map.digest():
+            repair.differs_us = None
+        elif repair.differs_us is None:
+            repair.differs_us = now_us
+
+    def due(self, now_us: int) -> list[str]:
+        """Peers to ask now: their facts have differed for a while, or their answer is overdue."""
+        peers = []
+        for peer in sorted(self._repairs):
+            deadline_us = self._deadline_us(self._repairs[peer])
+            if deadline_us is not None and deadline_us <= now_us:
+                peers.append(peer)
+        return peers
+
+    def asked(self, peer: str, now_us: int) -> None:
+        self._repairs.setdefault(peer, _Repair()).asked_us = now_us
+
+    def is_asking(self, peer: str, now_us: int) -> bool:
+        """Whether an answer of this peer is awaited and not overdue."""
+        repair = self._repairs.get(peer)
+        if repair is None or repair.asked_us is None:
+            return False
+        return now_us < repair.asked_us + self.timing.ask_timeout_us
+
+    def answered(self, peer: str) -> None:
+        repair = self._repairs.get(peer)
+        if repair is not None:
+            repair.asked_us = repair.differs_us = None
+
+    def unanswered(self, peer: str, now_us: int) -> None:
+        """The peer could not be asked: try again soon, it may be only just connecting."""
+        repair = self._repairs.get(peer)
+        if repair is not None and repair.asked_us is not None:
+            retry_us = now_us - self.timing.ask_timeout_us + self.timing.repair_us
+            repair.asked_us = min(repair.asked_us, retry_us)
+
+    def forget(self, peer: str) -> None:
+        """A dead peer answers nothing."""
+        self._repairs.pop(peer, None)
+
+    def _deadline_us(self, repair: _Repair) -> int | None:
+        if repair.differs_us is None:
+            return None
+        # What has just changed here is probably on its way there, and the other way round;
+        # but a team that is never quiet is repaired all the same.
+        wait_us = self.timing.repair_us
+        quiet_us = max(repair.differs_us, self.changed_us) + wait_us
+        quiet_us = min(quiet_us, repair.differs_us + 4 * wait_us)
+        if repair.asked_us is not None:
+            return max(quiet_us, repair.asked_us + self.timing.ask_timeout_us)
+        return quiet_us
+
+    def next_deadline_us(self) -> int | None:
+        deadlines = (self._deadline_us(repair) for repair in self._repairs.values())
+        return min((d for d in deadlines if d is not None), default=None)

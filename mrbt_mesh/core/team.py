@@ -1,0 +1,251 @@
+"""How a team reads its facts: members, claims, outcomes, conditions, the operator's orders.
+
+`TeamFacts` is the fact map of one mission and run with the indices that evaluation and
+planning need; it provides `EvaluationFacts` for T_G.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from mrbt_mesh.core import records
+from mrbt_mesh.core.evaluate import Evaluator, ScopeName, parse_scope
+from mrbt_mesh.core.facts import Entry, FactMap, Incarnation
+from mrbt_mesh.core.mission import FailurePolicy, GlobalTask, Mission, Need, performance, type_name
+from mrbt_mesh.core.records import (
+    Attempt,
+    Claim,
+    ConditionValue,
+    Latch,
+    Member,
+    Order,
+    OrderKind,
+    Outcome,
+)
+from mrbt_mesh.core.tree import ATTEMPT_KINDS, Kind, Status
+
+# Kinds of entry that belong to an activation or scope, and the nodes that may have them.
+_SCOPED = {
+    records.OUTCOME: frozenset({Kind.ACTION}),
+    records.VERDICT: frozenset({Kind.ACTION}),
+    records.ATTEMPT: ATTEMPT_KINDS,
+    records.EXPIRED: frozenset({Kind.TIMEOUT}),
+}
+
+
+def capability(member: Member, local_task: str) -> int | None:
+    """p(i, l) in micro-units of a member, None where it cannot do it or has lost it."""
+    if local_task in member.lost or type_name(local_task) in member.lost:
+        return None
+    return performance(member.capabilities, local_task)
+
+
+class TeamFacts:
+    """The replicated facts of one run of one mission, indexed."""
+
+    def __init__(self, mission: Mission, run: str) -> None:
+        self.mission = mission
+        self.run = run
+        self.map = FactMap(self._changed)
+        self.members: dict[str, tuple[Member, Incarnation]] = {}
+        self.claims: dict[str, tuple[Claim, Incarnation]] = {}
+        self.outcomes: dict[str, dict[str, dict[str, bool]]] = {}
+        self.max_stamp = 0
+        self.changes = 0
+        self.reach_changes = 0
+        self.outcome_changes = 0
+        self._conditions: dict[str, dict[str, ConditionValue]] = {}
+        self._best: dict[str, ConditionValue] = {}
+        self._orders: dict[str, Order] = {}
+        self._latches: dict[str, dict[str, int]] = {}
+
+    # -- EvaluationFacts ------------------------------------------------------------------
+
+    def condition(self, name: str) -> bool:
+        """The value with the greatest (revision, stamp, author), or the declared default."""
+        best = self._best.get(name)
+        return best.value if best is not None else self.mission.condition_default(name)
+
+    def turns(self, name: str, value: bool) -> int:
+        """How often the condition has turned to `value`: a boolean alternates from its default."""
+        revision = self.revision(name)
+        return (
+            revision // 2 if value == self.mission.condition_default(name) else (revision + 1) // 2
+        )
+
+    def task_status(self, subject: str, activation: str) -> Status:
+        """The paper's *Perform Global Task*: success at nu successes of each local task."""
+        task = self.mission.global_tasks[subject]
+        outcomes = self.outcomes.get(activation, {})
+        if all(sum(outcomes.get(n.local_task, {}).values()) >= n.min_robots for n in task.needs):
+            return Status.SUCCESS
+        if self.has_verdict(activation):
+            return Status.FAILURE
+        if any(self._need_failed(task, need, activation) for need in task.needs):
+            return Status.FAILURE
+        return Status.RUNNING
+
+    def attempt(self, scope: str) -> int:
+        """The number of attempts that are used up, over all authors."""
+        return max(self._latches.get(f"{records.ATTEMPT}/{scope}", {}).values(), default=0)
+
+    def expired(self, scope: str) -> bool:
+        """Whether anybody has seen this Timeout's deadline pass."""
+        return f"{records.EXPIRED}/{scope}" in self._latches
+
+    # -- what else planning reads ---------------------------------------------------------
+
+    def has_verdict(self, activation: str) -> bool:
+        """Whether the failure of this activation has been latched."""
+        return f"{records.VERDICT}/{activation}" in self._latches
+
+    def revision(self, name: str) -> int:
+        """How often the condition has changed."""
+        best = self._best.get(name)
+        return best.revision if best is not None else 0
+
+    def order(self) -> OrderKind:
+        """The operator's standing order; RESUME where nothing was said. Abort is absorbing."""
+        kinds = [order.kind for order in self._orders.values()]
+        if OrderKind.ABORT in kinds:
+            return OrderKind.ABORT
+        latest = max(((o.stamp, a, o.kind) for a, o in self._orders.items()), default=None)
+        return latest[2] if latest else OrderKind.RESUME
+
+    def results(self, activation: str, local_task: str) -> Mapping[str, bool]:
+        """Robot -> success, for the outcomes of one local task of one activation."""
+        return self.outcomes.get(activation, {}).get(local_task, {})
+
+    def valid_claim(self, robot: str) -> Claim | None:
+        """The robot's claim if the incarnation that made it is the robot's newest one."""
+        held, member = self.claims.get(robot), self.members.get(robot)
+        return held[0] if held and member and held[1] == member[1] else None
+
+    def _need_failed(self, task: GlobalTask, need: Need, activation: str) -> bool:
+        """Paper, section IV-b, and the two policies of ARCHITECTURE.md.
+
+        Never a function of who is thought alive: lack of living robots is *blocked*.
+        """
+        results = self.results(activation, need.local_task)
+        failures = sum(not success for success in results.values())
+        if not failures:
+            return False
+        if task.failure is FailurePolicy.PAPER:
+            assigned = len(results)
+            for robot in self.claims:
+                claim = self.valid_claim(robot)
+                if claim and robot not in results and claim.activation == activation:
+                    assigned += claim.local_task == need.local_task
+            return failures > assigned - need.min_robots
+        able = len(results) - failures
+        for robot, (member, _) in self.members.items():
+            if robot not in results and performance(member.capabilities, need.local_task):
+                able += 1
+        return able < need.min_robots
+
+    # -- keeping the indices --------------------------------------------------------------
+
+    def prune(self, evaluator: Evaluator) -> int:
+        """Drop what no evaluation can reach any more; every replica drops the same."""
+        obsolete = []
+        for entry in self.map:
+            kind, _, rest = entry.name.partition("/")
+            if kind in _SCOPED:
+                scope = rest.rpartition("/")[0] if kind == records.OUTCOME else rest
+                if evaluator.is_obsolete(parse_scope(scope), self):
+                    obsolete.append(entry)
+        for entry in obsolete:
+            self.map.drop(entry.author, entry.name)
+        return len(obsolete)
+
+    def accepts(self, entry: Entry) -> str | None:
+        """Why this entry has no place in this mission, or None if it has one."""
+        parts = records.split_name(entry.name)
+        if parts[0] == records.CONDITION:
+            if not self.mission.knows_condition(parts[1]):
+                return f"condition {parts[1]!r} is not declared"
+            record = entry.record
+            assert isinstance(record, ConditionValue)
+            default = self.mission.condition_default(parts[1])
+            if record.value != (default ^ bool(record.revision % 2)):
+                return f"condition {parts[1]!r}: value and revision {record.revision} disagree"
+        elif parts[0] in _SCOPED:
+            try:
+                scope = parse_scope(parts[1])
+            except ValueError:
+                return f"{parts[1]!r:.80} names no activation"
+            if scope.run != self.run:
+                return f"{parts[1]!r:.80} belongs to another run"
+            if str(scope) != parts[1] or not self._fits(parts[0], scope):
+                return f"{parts[1]!r:.80} names no node of this mission's tree"
+            if parts[0] == records.OUTCOME:
+                needs = self.mission.global_tasks[scope.subject].needs
+                if all(need.local_task != parts[2] for need in needs):
+                    return f"{scope.subject!r} needs no {parts[2]!r:.80}"
+        return None
+
+    def _fits(self, kind: str, scope: ScopeName) -> bool:
+        """Whether some evaluation could use this name for an entry of this kind."""
+        nodes = self.mission.tree.nodes
+        if not 0 <= scope.node < len(nodes) or min((scope.turns, *scope.attempts)) < 0:
+            return False
+        node = nodes[scope.node]
+        if node.kind not in _SCOPED[kind] or node.subject != scope.subject:
+            return False
+        attempts, outer = 0, node.parent
+        while outer >= 0:
+            attempts += nodes[outer].kind in ATTEMPT_KINDS
+            outer = nodes[outer].parent
+        return len(scope.attempts) == attempts
+
+    def _changed(self, old: Entry | None, new: Entry | None) -> None:
+        self.changes += 1
+        entry = new or old
+        assert entry is not None
+        parts = records.split_name(entry.name)
+        if parts[0] in (records.CONDITION, records.ATTEMPT):
+            self.reach_changes += 1
+        author, record = entry.author, entry.record
+        if new is None:
+            self._forget(parts, author)
+            return
+        match record:
+            case Member():
+                self.members[author] = (record, entry.version.incarnation)
+            case Claim():
+                self.claims[author] = (record, entry.version.incarnation)
+                self.max_stamp = max(self.max_stamp, record.since)
+            case records.NoClaim():
+                self.claims.pop(author, None)
+            case Outcome():
+                self.outcome_changes += 1
+                tasks = self.outcomes.setdefault(parts[1], {})
+                tasks.setdefault(parts[2], {})[author] = record.success
+            case ConditionValue():
+                values = self._conditions.setdefault(parts[1], {})
+                values[author] = record
+                ranked = max((v.revision, v.stamp, a) for a, v in values.items())
+                self._best[parts[1]] = values[ranked[2]]
+                self.max_stamp = max(self.max_stamp, record.stamp)
+            case Order():
+                self._orders[author] = record
+                self.max_stamp = max(self.max_stamp, record.stamp)
+            case Attempt(number):
+                self._latches.setdefault(entry.name, {})[author] = number
+            case Latch():
+                self._latches.setdefault(entry.name, {})[author] = 1
+
+    def _forget(self, parts: list[str], author: str) -> None:
+        """Only scoped entries are ever dropped."""
+        if parts[0] == records.OUTCOME:
+            tasks = self.outcomes[parts[1]]
+            del tasks[parts[2]][author]
+            if not tasks[parts[2]]:
+                del tasks[parts[2]]
+            if not tasks:
+                del self.outcomes[parts[1]]
+            return
+        name = "/".join(parts)
+        del self._latches[name][author]
+        if not self._latches[name]:
+            del self._latches[name]

@@ -1,0 +1,191 @@
+"""Behavior trees as immutable data: node kinds, the tree, and how to build one.
+
+A tree holds no run state. Nodes are numbered in depth-first preorder, so an index
+names the same node on every robot that runs the same mission.
+Source of the node types: paper, section III.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+MAX_DEPTH = 64
+MAX_NODES = 20_000
+
+
+class Kind(enum.StrEnum):
+    """The node types. `SUBTREE` is transparent: it names its one child."""
+
+    SEQUENCE = "Sequence"
+    FALLBACK = "Fallback"
+    PARALLEL = "Parallel"
+    ACTION = "Action"
+    CONDITION = "Condition"
+    INVERTER = "Inverter"
+    FORCE_SUCCESS = "ForceSuccess"
+    FORCE_FAILURE = "ForceFailure"
+    RETRY = "RetryUntilSuccessful"
+    REPEAT = "Repeat"
+    TIMEOUT = "Timeout"
+    KEEP_RUNNING_UNTIL_FAILURE = "KeepRunningUntilFailure"
+    SUBTREE = "SubTree"
+
+
+CONTROLS = frozenset({Kind.SEQUENCE, Kind.FALLBACK, Kind.PARALLEL})
+LEAVES = frozenset({Kind.ACTION, Kind.CONDITION})
+ATTEMPT_KINDS = frozenset({Kind.RETRY, Kind.REPEAT, Kind.KEEP_RUNNING_UNTIL_FAILURE})
+
+
+class Status(enum.IntEnum):
+    """What a node returns; `IDLE` means that it was not ticked."""
+
+    IDLE = 0
+    RUNNING = 1
+    SUCCESS = 2
+    FAILURE = 3
+
+
+class TreeError(ValueError):
+    """A tree that breaks a structural rule; the message names the node's path."""
+
+
+@dataclass(frozen=True, slots=True)
+class NodeSpec:
+    """A node with its children nested: what formats produce and `build_tree` numbers.
+
+    `subject` is the global task, local task or condition of a leaf, else empty.
+    `limit` is M of a Parallel, or the attempts or cycles of a Retry or Repeat (-1: no limit).
+    `timeout_us` is the time limit of a Timeout, in microseconds.
+    """
+
+    kind: Kind
+    children: tuple[NodeSpec, ...] = ()
+    name: str = ""
+    subject: str = ""
+    limit: int = 0
+    timeout_us: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """One numbered node; `children` and `parent` are indices, parent -1 at the root."""
+
+    index: int
+    kind: Kind
+    parent: int
+    children: tuple[int, ...]
+    name: str
+    subject: str
+    limit: int
+    timeout_us: int
+
+    @property
+    def label(self) -> str:
+        """A short text for people: `fix_hw(2)`, `Parallel 5`, `Retry open door`."""
+        if self.kind in LEAVES:
+            return self.subject
+        text = str(self.kind)
+        if self.kind is Kind.PARALLEL:
+            text += f" {self.limit}/{len(self.children)}"
+        elif self.kind in (Kind.RETRY, Kind.REPEAT):
+            text += f" {self.limit}" if self.limit >= 0 else " without limit"
+        elif self.kind is Kind.TIMEOUT:
+            text += f" {self.timeout_us / 1e6:g} s"
+        if self.name:
+            text = self.name if self.kind is Kind.SUBTREE else f"{self.name} ({text})"
+        return text
+
+
+@dataclass(frozen=True, slots=True)
+class Tree:
+    """A whole tree; `nodes[0]` is the child of the paper's root node."""
+
+    nodes: tuple[Node, ...]
+
+    def path(self, index: int) -> str:
+        """The node's path from the root, for messages: `Sequence/Parallel[2]/fix_hw(2)`."""
+        parts: list[str] = []
+        while index >= 0:
+            node = self.nodes[index]
+            part = node.name or node.subject or str(node.kind)
+            if node.parent >= 0:
+                siblings = self.nodes[node.parent].children
+                if len(siblings) > 1 and node.kind not in LEAVES:
+                    part += f"[{siblings.index(index) + 1}]"
+            parts.append(part)
+            index = node.parent
+        return "/".join(reversed(parts))
+
+    def actions(self) -> Iterator[Node]:
+        """Action leaves in tree order."""
+        return (node for node in self.nodes if node.kind is Kind.ACTION)
+
+    def spec(self, index: int = 0) -> NodeSpec:
+        """The nested form of the subtree at `index`; `build_tree` takes it back."""
+        node = self.nodes[index]
+        return NodeSpec(
+            node.kind,
+            tuple(self.spec(child) for child in node.children),
+            node.name,
+            node.subject,
+            node.limit,
+            node.timeout_us,
+        )
+
+
+def _check(spec: NodeSpec, path: str, depth: int) -> None:
+    count = len(spec.children)
+    if depth > MAX_DEPTH:
+        raise TreeError(f"{path}: deeper than {MAX_DEPTH} levels")
+    if spec.kind in LEAVES:
+        if count:
+            raise TreeError(f"{path}: {spec.kind} takes no children, it has {count}")
+        if not spec.subject:
+            raise TreeError(f"{path}: {spec.kind} names nothing to do or to read")
+    elif spec.kind in CONTROLS:
+        if not count:
+            raise TreeError(f"{path}: {spec.kind} needs at least one child")
+    elif count != 1:
+        raise TreeError(f"{path}: {spec.kind} takes exactly one child, it has {count}")
+    if spec.kind is Kind.PARALLEL and not 1 <= spec.limit <= count:
+        raise TreeError(f"{path}: Parallel with M={spec.limit} needs 1 <= M <= {count} children")
+    if spec.kind in (Kind.RETRY, Kind.REPEAT) and (spec.limit == 0 or spec.limit < -1):
+        raise TreeError(f"{path}: {spec.kind} takes a count of 1 or more, or -1 for no limit")
+    if spec.kind is Kind.TIMEOUT and spec.timeout_us <= 0:
+        raise TreeError(f"{path}: Timeout needs a time above 0")
+
+
+def build_tree(spec: NodeSpec) -> Tree:
+    """Number the nodes in depth-first preorder.
+
+    Raises TreeError for a wrong number of children, M out of range, more than
+    `MAX_DEPTH` levels or more than `MAX_NODES` nodes.
+    """
+    nodes: list[Node | None] = []
+
+    def add(node: NodeSpec, parent: int, path: str, depth: int) -> int:
+        here = f"{path}/{node.name or node.subject or node.kind}" if path else str(node.kind)
+        _check(node, here, depth)
+        index = len(nodes)
+        if index >= MAX_NODES:
+            raise TreeError(f"{here}: more than {MAX_NODES} nodes")
+        nodes.append(None)
+        children = tuple(add(child, index, here, depth + 1) for child in node.children)
+        nodes[index] = Node(
+            index, node.kind, parent, children, node.name, node.subject, node.limit, node.timeout_us
+        )
+        return index
+
+    add(spec, -1, "", 1)
+    return Tree(tuple(node for node in nodes if node is not None))
+
+
+def parallel_status(successes: int, failures: int, count: int, needed: int) -> Status:
+    """The paper's Parallel rule: success at M successes, failure once M is out of reach."""
+    if successes >= needed:
+        return Status.SUCCESS
+    if count - failures < needed:
+        return Status.FAILURE
+    return Status.RUNNING

@@ -1,0 +1,262 @@
+"""Messages on the wire: msgpack with a schema version, the mission's digest and size limits.
+
+Whatever arrives is decoded here or refused with a WireError; nothing else escapes.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import msgpack
+
+from mrbt_mesh.core.facts import Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.mission import is_robot_id
+
+SCHEMA = 1
+MAX_MESSAGE_BYTES = 4 << 20
+MAX_ITEMS = 100_000
+MAX_NONCE = 32
+DIGEST_BYTES = 8
+
+
+class WireError(ValueError):
+    """A message that is refused; the text says why."""
+
+
+class IncompatibleError(WireError):
+    """A well-formed message of another mission, run or schema version."""
+
+
+class MessageKind(enum.StrEnum):
+    """BEAT and FACT are published; PULL and COMMAND are queries, STATE and ANSWER their replies."""
+
+    BEAT = "beat"
+    FACT = "fact"
+    PULL = "pull"
+    STATE = "state"
+    COMMAND = "command"
+    ANSWER = "answer"
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """What every message starts with. `mission` is the digest's first 16 hexadecimal digits."""
+
+    mission: str
+    mission_name: str
+    run: str
+    sender: str
+
+
+@dataclass(frozen=True, slots=True)
+class Accusation:
+    """The sender suspects this incarnation; `token_lost`: its liveliness token is gone here.
+
+    `dead`: the sender has given its verdict.
+    """
+
+    robot: str
+    incarnation: Incarnation
+    token_lost: bool
+    dead: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """The newest beat of another robot that the sender knows of: a relay of its word."""
+
+    robot: str
+    incarnation: Incarnation
+    number: int
+    plan_digest: bytes
+    joined: bool
+    result: int
+
+
+@dataclass(frozen=True, slots=True)
+class Beat:
+    """One heartbeat. `statuses` are those of T_i, T_A, T_G and T_Li; `progress` in percent.
+
+    `result` is the mission's status as the sender sees it.
+    """
+
+    incarnation: Incarnation
+    number: int
+    joined: bool
+    leaving: bool
+    plan_digest: bytes
+    fact_digest: bytes
+    statuses: tuple[int, ...]
+    result: int
+    progress: int
+    accusations: tuple[Accusation, ...]
+    heard: tuple[Heard, ...]
+
+
+def encode(header: Header, kind: MessageKind, body: Any) -> bytes:
+    """One message as bytes."""
+    head = [SCHEMA, str(kind), header.mission, header.mission_name, header.run, header.sender]
+    return bytes(msgpack.packb([*head, body]))
+
+
+def decode(data: bytes, mine: Header, kind: MessageKind) -> tuple[str, Any]:
+    """(sender, body) of a message of the expected kind.
+
+    Raises IncompatibleError where schema version, mission or run differ, WireError for
+    anything malformed or too large.
+    """
+    if len(data) > MAX_MESSAGE_BYTES:
+        raise WireError(f"message of {len(data)} bytes, at most {MAX_MESSAGE_BYTES} are read")
+    try:
+        message = msgpack.unpackb(
+            data,
+            max_str_len=1 << 16,
+            max_bin_len=1 << 20,
+            max_array_len=MAX_ITEMS,
+            max_map_len=MAX_ITEMS,
+            max_ext_len=0,
+        )
+    except (ValueError, TypeError, msgpack.UnpackException, RecursionError) as error:
+        raise WireError(f"not msgpack: {error}") from error
+    if not isinstance(message, list) or not message or message[0] != SCHEMA:
+        version = message[0] if isinstance(message, list) and message else None
+        if isinstance(version, int) and len(message) > 5:
+            raise IncompatibleError(f"wire schema {version} (ours is {SCHEMA})")
+        raise WireError("not a message of this protocol")
+    if len(message) != 7 or not all(isinstance(part, str) for part in message[1:6]):
+        raise WireError("header is malformed")
+    _, found, mission, name, run, sender, body = message
+    if not is_robot_id(sender) and sender != "":
+        raise WireError("sender is no robot id")
+    if mission != mine.mission:
+        raise IncompatibleError(
+            f"mission {name[:64]!r} with digest {mission[:16]} (ours is {mine.mission_name!r}, "
+            f"{mine.mission}): all robots of a team need the same mission file"
+        )
+    if run != mine.run:
+        raise IncompatibleError(f"run {run[:64]!r} (ours is {mine.run!r})")
+    if found != kind:
+        raise WireError(f"kind {found[:16]!r} where {kind} is expected")
+    return sender, body
+
+
+def _incarnation(counter: Any, nonce: Any) -> Incarnation:
+    if not isinstance(counter, int) or isinstance(counter, bool) or not 0 <= counter < 1 << 53:
+        raise WireError("incarnation counter is malformed")
+    if not isinstance(nonce, str) or len(nonce) > MAX_NONCE:
+        raise WireError("incarnation nonce is malformed")
+    return Incarnation(counter, nonce)
+
+
+def _robot(value: Any) -> str:
+    if not isinstance(value, str) or not is_robot_id(value):
+        raise WireError("robot id is malformed")
+    return value
+
+
+def _count(value: Any, high: int = (1 << 53) - 1) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= high:
+        raise WireError("number out of range")
+    return value
+
+
+def _digest(value: Any, size: int = DIGEST_BYTES) -> bytes:
+    if not isinstance(value, bytes) or len(value) != size:
+        raise WireError("digest is malformed")
+    return value
+
+
+def _rows(value: Any, width: int) -> list[list[Any]]:
+    if not isinstance(value, list) or any(
+        not isinstance(row, list) or len(row) != width for row in value
+    ):
+        raise WireError("table is malformed")
+    return value
+
+
+def beat_body(beat: Beat) -> list[Any]:
+    """A beat as plain data."""
+    return [
+        *beat.incarnation,
+        beat.number,
+        int(beat.joined) + 2 * int(beat.leaving),
+        beat.plan_digest,
+        beat.fact_digest,
+        list(beat.statuses),
+        beat.result,
+        beat.progress,
+        [[a.robot, *a.incarnation, int(a.token_lost) + 2 * int(a.dead)] for a in beat.accusations],
+        [
+            [h.robot, *h.incarnation, h.number, h.plan_digest, int(h.joined), h.result]
+            for h in beat.heard
+        ],
+    ]
+
+
+def parse_beat(body: Any) -> Beat:
+    """The inverse of `beat_body`; raises WireError."""
+    if not isinstance(body, list) or len(body) != 11:
+        raise WireError("beat is malformed")
+    counter, nonce, number, flags, plan, facts, statuses, result, progress, accused, heard = body
+    flags = _count(flags, 3)
+    if not isinstance(statuses, list) or len(statuses) != 4:
+        raise WireError("beat statuses are malformed")
+    return Beat(
+        _incarnation(counter, nonce),
+        _count(number),
+        bool(flags & 1),
+        bool(flags & 2),
+        _digest(plan),
+        _digest(facts),
+        tuple(_count(status, 3) for status in statuses),
+        _count(result, 3),
+        _count(progress, 100),
+        tuple(
+            Accusation(_robot(r), _incarnation(c, n), bool(_count(f, 3) & 1), bool(f & 2))
+            for r, c, n, f in _rows(accused, 4)
+        ),
+        tuple(
+            Heard(
+                _robot(r),
+                _incarnation(c, n),
+                _count(k),
+                _digest(d),
+                bool(_count(j, 1)),
+                _count(s, 3),
+            )
+            for r, c, n, k, d, j, s in _rows(heard, 7)
+        ),
+    )
+
+
+def entries_body(entries: Iterable[Entry]) -> list[Any]:
+    """Entries as plain data, grouped by author and version, so that a batch travels whole."""
+    groups: dict[tuple[str, Version], list[list[Any]]] = {}
+    for entry in entries:
+        groups.setdefault((entry.author, entry.version), []).append([entry.name, entry.value])
+    return [[a, *v.incarnation, v.sequence, rows] for (a, v), rows in groups.items()]
+
+
+def parse_entries(body: Any) -> tuple[list[Entry], int]:
+    """(well-formed entries, number of malformed ones left out); raises WireError if no table."""
+    entries: list[Entry] = []
+    malformed = 0
+    for author, counter, nonce, sequence, rows in _rows(body, 5):
+        version = Version(_incarnation(counter, nonce), _count(sequence))
+        robot = _robot(author)
+        for name, value in _rows(rows, 2):
+            try:
+                entries.append(make_entry(robot, name, version, value))
+            except (ValueError, TypeError):
+                malformed += 1
+    return entries, malformed
+
+
+def parse_summary(body: Any) -> Mapping[str, bytes]:
+    """A pull's version summary: author -> 16-byte digest; raises WireError."""
+    if not isinstance(body, dict):
+        raise WireError("version summary is malformed")
+    return {_robot(author): _digest(digest, 16) for author, digest in body.items()}

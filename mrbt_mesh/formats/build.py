@@ -1,0 +1,275 @@
+"""From a checked mission file to the core's ground `Mission`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from mrbt_mesh.core.mission import (
+    MAX_GLOBAL_TASKS,
+    ConditionType,
+    FailurePolicy,
+    GlobalTask,
+    LocalTask,
+    Mission,
+    Need,
+    Robot,
+)
+from mrbt_mesh.core.tree import NodeSpec, Tree, TreeError, build_tree
+from mrbt_mesh.formats.expand import (
+    Declared,
+    Expander,
+    Scope,
+    Template,
+    TooManyNodesError,
+    argument_text,
+    call_text,
+    check_call,
+    check_cycles,
+    check_template,
+    micro_or_report,
+    read_template,
+    split_template,
+    substitute,
+)
+from mrbt_mesh.formats.mission_model import (
+    FailAfterModel,
+    GlobalTaskModel,
+    MissionModel,
+    RobotModel,
+    validate,
+)
+from mrbt_mesh.formats.problems import Report, SourcePath, nearest
+from mrbt_mesh.formats.yaml_source import read_yaml
+
+
+def mission_from_yaml(text: str, file: str, folder: Path) -> Mission:
+    """The mission in `text`; `file` is for messages, `program` is relative to `folder`.
+
+    Raises MissionError with all problems that could be found.
+    """
+    data, report = read_yaml(text, file)
+    model = validate(data, report)
+    if model is None:
+        report.raise_if_any()
+        raise AssertionError("a refused mission has problems")
+    return _Builder(model, report).build(folder)
+
+
+def resolve_program(reference: str | None, folder: Path) -> str | None:
+    """`robot.py:name`, relative to `folder`, with an absolute path; None stays None."""
+    if reference is None:
+        return None
+    path, separator, name = reference.rpartition(":")
+    if not separator or not path.endswith(".py"):
+        path, separator, name = reference, "", ""
+    return f"{(folder / path).resolve()}{separator}{name}"
+
+
+class _Builder:
+    def __init__(self, model: MissionModel, report: Report) -> None:
+        self.model = model
+        self.report = report
+        self.local_parameters = {n: list(t.parameters) for n, t in model.local_tasks.items()}
+        self.globals = frozenset(model.parameters)
+
+    def build(self, folder: Path) -> Mission:
+        model = self.model
+        self.check_parameter_lists()
+        types = self.robot_types()
+        robots = self.robots(types)
+        local_tasks = {
+            name: LocalTask(
+                name,
+                tuple(task.parameters),
+                micro_or_report(task.work, ("local_tasks", name, "work"), self.report),
+            )
+            for name, task in sorted(model.local_tasks.items())
+        }
+        conditions = {
+            name: ConditionType(name, tuple(condition.parameters), condition.default)
+            for name, condition in sorted(model.conditions.items())
+        }
+        self.check_global_tasks()
+        template, subtrees = self.templates()
+        # What is wrong so far would come up again for every value.
+        self.report.raise_if_any()
+        expander = Expander(subtrees, model.parameters, self.report)
+        spec = self.expand(expander, template)
+        global_tasks = self.ground_tasks(expander)
+        tree = self.tree(spec)
+        self.report.raise_if_any()
+        assert tree is not None
+        return Mission(
+            name=model.mission,
+            robots=robots,
+            robot_types=types,
+            local_tasks=local_tasks,
+            conditions=conditions,
+            global_tasks=global_tasks,
+            tree=tree,
+            parameters=_sorted_deeply(model.parameters),
+            program=resolve_program(model.program, folder),
+        )
+
+    def check_parameter_lists(self) -> None:
+        sections: dict[str, Mapping[str, Any]] = {
+            "local_tasks": self.model.local_tasks,
+            "conditions": self.model.conditions,
+            "global_tasks": self.model.global_tasks,
+            "subtrees": self.model.subtrees,
+        }
+        for section, entries in sections.items():
+            for name, entry in entries.items():
+                seen: set[str] = set()
+                for i, parameter in enumerate(entry.parameters):
+                    if parameter in seen:
+                        place = (section, name, "parameters", i)
+                        self.report.add(place, f"parameter {parameter!r} is named twice")
+                    seen.add(parameter)
+
+    def robot_types(self) -> dict[str, dict[str, int]]:
+        types = {}
+        for name, entry in sorted(self.model.robot_types.items()):
+            path = ("robot_types", name, "capabilities")
+            types[name] = dict(sorted(self.capabilities(entry.capabilities, path).items()))
+        return types
+
+    def capabilities(self, given: Mapping[str, float | None], path: SourcePath) -> dict[str, int]:
+        """Performance in micro-units by ground or type name; 0 stands for one taken away."""
+        result: dict[str, int] = {}
+        for text, value in given.items():
+            here = (*path, text)
+            name, arguments = split_template(text)
+            ground = call_text(name, arguments)
+            if name not in self.local_parameters:
+                hint = nearest(name, self.local_parameters)
+                message = f"unknown capability {ground!r}: no local task is called {name!r}{hint}"
+                self.report.add(here, message)
+            elif arguments:
+                check_call(
+                    text, "local task", self.local_parameters, frozenset(), here, self.report
+                )
+            if ground in result:
+                self.report.add(here, f"capability {ground!r} stands here twice; keep one")
+            result[ground] = 0 if value is None else micro_or_report(value, here, self.report)
+        return result
+
+    def robots(self, types: Mapping[str, Mapping[str, int]]) -> dict[str, Robot]:
+        robots = {}
+        for robot_id, entry in sorted(self.model.robots.items()):
+            path: SourcePath = ("robots", robot_id)
+            own: dict[str, int] = {}
+            if isinstance(entry, RobotModel):
+                own = self.capabilities(entry.capabilities, (*path, "capabilities"))
+                type_path, type_name = (*path, "type"), entry.type
+            else:
+                type_path, type_name = path, entry
+            if type_name not in types:
+                hint = nearest(type_name, types)
+                self.report.add(type_path, f"unknown robot type {type_name!r}{hint}")
+                continue
+            merged = dict(types[type_name]) | own
+            for ground, value in own.items():
+                if value == 0 and ground not in types[type_name]:
+                    text = f"type {type_name!r} has no capability {ground!r} to take away"
+                    hint = nearest(ground, types[type_name])
+                    self.report.add((*path, "capabilities", ground), text + hint)
+            able = {ground: value for ground, value in sorted(merged.items()) if value}
+            robots[robot_id] = Robot(robot_id, type_name, able)
+        return robots
+
+    def check_global_tasks(self) -> None:
+        for name, task in self.model.global_tasks.items():
+            scope = self.globals | set(task.parameters)
+            for text, need in task.needs.items():
+                path: SourcePath = ("global_tasks", name, "needs", text)
+                check_call(text, "local task", self.local_parameters, scope, path, self.report)
+                if need.max is not None and need.min > need.max:
+                    message = f"min (nu) is {need.min}, but max (mu) is {need.max}"
+                    self.report.add(path, f"{message}; max has to be at least min")
+            if isinstance(task.blocked, FailAfterModel):
+                place = ("global_tasks", name, "blocked", "fail_after_s")
+                micro_or_report(task.blocked.fail_after_s, place, self.report)
+
+    def templates(self) -> tuple[Template, dict[str, tuple[list[str], Template]]]:
+        """The templates of the tree and of all subtrees, checked."""
+        model, report = self.model, self.report
+        declared = Declared(
+            {name: list(task.parameters) for name, task in model.global_tasks.items()},
+            {name: list(entry.parameters) for name, entry in model.conditions.items()},
+            {name: list(entry.parameters) for name, entry in model.subtrees.items()},
+        )
+        subtrees = {}
+        for name, entry in model.subtrees.items():
+            body = read_template(entry.tree, ("subtrees", name, "tree"), report)
+            check_template(body, declared, self.globals | set(entry.parameters), report)
+            subtrees[name] = (list(entry.parameters), body)
+        template = read_template(model.tree, ("tree",), report)
+        check_template(template, declared, self.globals, report)
+        check_cycles({name: body for name, (_, body) in subtrees.items()}, report)
+        return template, subtrees
+
+    def expand(self, expander: Expander, template: Template) -> NodeSpec | None:
+        try:
+            return expander.expand(template, self.model.parameters)
+        except TooManyNodesError:
+            return None
+
+    def ground_tasks(self, expander: Expander) -> dict[str, GlobalTask]:
+        tasks: dict[str, GlobalTask] = {}
+        for ground, (name, arguments, path) in expander.global_calls.items():
+            if len(tasks) >= MAX_GLOBAL_TASKS:
+                self.report.add(path, f"more than {MAX_GLOBAL_TASKS} global tasks once expanded")
+                break
+            model = self.model.global_tasks[name]
+            bound = dict(zip(model.parameters, arguments, strict=True))
+            scope = {**self.model.parameters, **bound}
+            blocked = model.blocked
+            tasks[ground] = GlobalTask(
+                ground,
+                self.needs(ground, name, model, scope),
+                FailurePolicy(model.failure),
+                micro_or_report(blocked.fail_after_s, path, self.report)
+                if isinstance(blocked, FailAfterModel)
+                else None,
+                model.preemptive,
+            )
+        return tasks
+
+    def needs(
+        self, ground: str, name: str, model: GlobalTaskModel, scope: Scope
+    ) -> tuple[Need, ...]:
+        needs: dict[str, Need] = {}
+        for text, need in model.needs.items():
+            path: SourcePath = ("global_tasks", name, "needs", text)
+            task, arguments = split_template(text)
+            try:
+                values = [argument_text(substitute(argument, scope)) for argument in arguments]
+            except ValueError as error:
+                self.report.add(path, f"in {ground}: {error}")
+                continue
+            local = call_text(task, values)
+            if local in needs:
+                self.report.add(path, f"{ground} needs {local} twice; keep one")
+            needs[local] = Need(local, need.min, need.min if need.max is None else need.max)
+        return tuple(needs.values())
+
+    def tree(self, spec: NodeSpec | None) -> Tree | None:
+        if spec is None:
+            return None
+        try:
+            return build_tree(spec)
+        except TreeError as error:
+            self.report.add(("tree",), str(error))
+            return None
+
+
+def _sorted_deeply(value: Any) -> Any:
+    """Mappings in the order of their keys, so that reading and compiling give the same bytes."""
+    if isinstance(value, dict):
+        return {key: _sorted_deeply(value[key]) for key in sorted(value)}
+    if isinstance(value, list):
+        return [_sorted_deeply(item) for item in value]
+    return value

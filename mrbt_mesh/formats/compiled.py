@@ -1,0 +1,115 @@
+"""Compiled missions: canonical JSON that robots load without YAML or pydantic."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from mrbt_mesh.core.mission import (
+    MAX_GLOBAL_TASKS,
+    MAX_PERFORMANCE,
+    MAX_ROBOTS,
+    Mission,
+    is_robot_id,
+    mission_from_json,
+    split_call,
+    type_name,
+)
+from mrbt_mesh.core.tree import Kind
+from mrbt_mesh.formats.problems import MissionError, Problem, whole_file_error
+
+
+def compile_mission(mission: Mission) -> str:
+    """Canonical JSON text with sorted keys; equal missions give equal text.
+
+    Raises ValueError if a parameter is no finite JSON value.
+    """
+    text = json.dumps(mission.to_json(), sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return text + "\n"
+
+
+def mission_from_compiled(text: str, file: str) -> Mission:
+    """The mission in the JSON `text`. Raises MissionError if it was damaged or written by hand."""
+    try:
+        data = json.loads(text)
+        if not isinstance(data, dict) or "compiled" not in data:
+            raise ValueError("not a compiled mission; `mrbt validate --compile` writes one")
+        mission = mission_from_json(data)
+        _check(mission)
+        compile_mission(mission)
+    except json.JSONDecodeError as error:
+        message = f"not valid JSON: {error.msg} (column {error.colno})"
+        raise MissionError([Problem(file, error.lineno, "", message)]) from None
+    except RecursionError:
+        raise whole_file_error(file, "compiled mission is damaged: nested too deep") from None
+    except (ValueError, TypeError, KeyError, AttributeError, IndexError) as error:
+        said = " ".join(str(error).split())
+        raise whole_file_error(file, f"{said}; compile the mission again") from None
+    return mission
+
+
+def _expect(is_right: bool, what: str) -> None:
+    if not is_right:
+        raise ValueError(f"compiled mission is damaged: {what}")
+
+
+def _is_integer(value: Any, least: int, most: int) -> bool:
+    return type(value) is int and least <= value <= most
+
+
+def _check_capabilities(capabilities: Mapping[str, int], owner: str, mission: Mission) -> None:
+    for ground, value in capabilities.items():
+        split_call(ground)
+        _expect(type_name(ground) in mission.local_tasks, f"{owner}: unknown capability {ground!r}")
+        _expect(_is_integer(value, 1, MAX_PERFORMANCE), f"{owner}: performance {value!r}")
+
+
+def _check(mission: Mission) -> None:
+    """Types, ranges and cross-references: what reading the YAML form has checked."""
+    _expect(isinstance(mission.name, str), f"name {mission.name!r}")
+    _expect(mission.program is None or isinstance(mission.program, str), "program")
+    _expect(isinstance(mission.parameters, dict), "parameters")
+    _expect(1 <= len(mission.robots) <= MAX_ROBOTS, f"{len(mission.robots)} robots")
+    _expect(len(mission.global_tasks) <= MAX_GLOBAL_TASKS, "too many global tasks")
+    for robot in mission.robots.values():
+        _expect(is_robot_id(robot.id), f"robot id {robot.id!r}")
+        _expect(robot.type in mission.robot_types, f"robot {robot.id}: type {robot.type!r}")
+        _check_capabilities(robot.capabilities, f"robot {robot.id}", mission)
+    for kind, capabilities in mission.robot_types.items():
+        _check_capabilities(capabilities, f"robot type {kind}", mission)
+    for task in mission.local_tasks.values():
+        _expect(type(task.work) is int and task.work > 0, f"local task {task.name}: work")
+        _expect(all(isinstance(p, str) for p in task.parameters), f"local task {task.name}")
+    for condition in mission.conditions.values():
+        _expect(isinstance(condition.default, bool), f"condition {condition.name}: default")
+    _check_global_tasks(mission)
+    _check_tree(mission)
+
+
+def _check_global_tasks(mission: Mission) -> None:
+    for goal in mission.global_tasks.values():
+        here = f"global task {goal.id}"
+        split_call(goal.id)
+        after = goal.blocked_fail_after_us
+        _expect(after is None or (type(after) is int and after > 0), f"{here}: blocked")
+        _expect(isinstance(goal.preemptive, bool), f"{here}: preemptive")
+        for need in goal.needs:
+            name, arguments = split_call(need.local_task)
+            declared = mission.local_tasks.get(name)
+            fits = declared is not None and len(declared.parameters) == len(arguments)
+            _expect(fits, f"{here}: local task {need.local_task!r}")
+            low, high = need.min_robots, need.max_robots
+            in_order = _is_integer(high, 1, MAX_ROBOTS) and _is_integer(low, 1, high)
+            _expect(in_order, f"{here}: bounds of {need.local_task}")
+
+
+def _check_tree(mission: Mission) -> None:
+    for node in mission.tree.nodes:
+        here = f"tree node {node.index}"
+        _expect(isinstance(node.name, str) and isinstance(node.subject, str), here)
+        _expect(type(node.limit) is int and type(node.timeout_us) is int, here)
+        if node.kind is Kind.ACTION:
+            _expect(node.subject in mission.global_tasks, f"{here}: {node.subject!r}")
+        elif node.kind is Kind.CONDITION:
+            _expect(mission.knows_condition(node.subject), f"{here}: {node.subject!r}")

@@ -1,0 +1,234 @@
+"""Facts from a file, for planning without a network: `mrbt plan --facts FILE`.
+
+conditions: {broken(2): true}
+done: [remove_screws, remove_cover]        # global tasks that have succeeded
+failed: [fix_hw(4)]                        # global tasks that have failed
+outcomes:                                  # single results of local tasks
+  - {robot: A1, global_task: diagnose_part(1), local_task: do_diagnosis(1), success: true}
+running: {A2: diagnose_part(2)}            # what robots work on
+lost: {B1: [use_soldering_iron]}           # minor faults
+order: pause
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from mrbt_mesh.core import records
+from mrbt_mesh.core.evaluate import Evaluator
+from mrbt_mesh.core.facts import Incarnation, Version, make_entry
+from mrbt_mesh.core.mission import Mission, Robot
+from mrbt_mesh.core.plan import Plan, make_plan
+from mrbt_mesh.core.records import Member, OrderKind, Phase
+from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
+from mrbt_mesh.core.team import TeamFacts, capability
+from mrbt_mesh.formats.problems import (
+    MissionError,
+    Report,
+    SourcePath,
+    found,
+    nearest,
+    whole_file_error,
+)
+
+_OUTCOME_KEYS = frozenset({"robot", "global_task", "local_task", "success"})
+_FIRST = Incarnation(1, "file")
+MAX_BYTES = 1 << 20
+
+
+def plan_from_file(mission: Mission, path: Path | None, alive: list[str] | None) -> Plan:
+    """The plan for the facts in `path` (none: at the start), with `alive` robots (None: all).
+
+    Raises MissionError with file and line for whatever is wrong with the facts, and for a
+    robot in `alive` that the mission lacks.
+    """
+    robots = sorted(mission.robots) if alive is None else sorted(set(alive))
+    for robot in robots:
+        if robot not in mission.robots:
+            hint = nearest(robot, mission.robots)
+            raise whole_file_error("--alive", f"the mission has no robot {robot!r}{hint}")
+    builder = _Builder(mission)
+    if path is not None:
+        builder.read(path)
+    facts = builder.facts
+    living = dict.fromkeys(robots, _FIRST)
+    return make_plan(builder.evaluator, facts, living, SOLVERS[DEFAULT_SOLVER])
+
+
+class _Builder:
+    """Writes a file's statements as the entries that robots would have written."""
+
+    def __init__(self, mission: Mission) -> None:
+        self.mission = mission
+        self.facts = TeamFacts(mission, "file")
+        self.evaluator = Evaluator(mission.tree)
+        self._sequence = 0
+        self._report = Report("", {})
+        for robot in mission.robots.values():
+            self._write_member(robot, ())
+
+    def read(self, path: Path) -> None:
+        data = self._load(path)
+        sections: dict[str, Callable[[SourcePath, Any], None]] = {
+            "lost": self._lost,
+            "conditions": self._conditions,
+            "done": lambda path, value: self._ended(path, value, success=True),
+            "failed": lambda path, value: self._ended(path, value, success=False),
+            "outcomes": self._outcomes,
+            "running": self._running,
+            "order": self._order,
+        }
+        for key in data:
+            if key not in sections:
+                self._report.add((key,), f"unknown key{nearest(key, sections)}")
+        # In this order, since conditions decide which activation an outcome belongs to.
+        for key, take in sections.items():
+            if key in data:
+                take((key,), data[key])
+        self._report.raise_if_any()
+
+    def _load(self, path: Path) -> dict[str, Any]:
+        from mrbt_mesh.formats.yaml_source import decode, read_yaml
+
+        try:
+            with path.open("rb") as file:
+                content = file.read(MAX_BYTES + 1)
+        except OSError as error:
+            raise whole_file_error(str(path), f"cannot be read: {error.strerror}") from error
+        if len(content) > MAX_BYTES:
+            raise whole_file_error(str(path), f"larger than {MAX_BYTES} bytes")
+        data, self._report = read_yaml(decode(content, str(path)), str(path))
+        if not isinstance(data, dict):
+            raise whole_file_error(str(path), f"a mapping is expected, found {found(data)}")
+        return data
+
+    # -- sections -------------------------------------------------------------------------
+
+    def _conditions(self, path: SourcePath, value: Any) -> None:
+        for name, holds in self._mapping(path, value):
+            here = (*path, name)
+            if not self.mission.knows_condition(name):
+                self._report.add(here, f"no condition{nearest(name, self.mission.conditions)}")
+            elif not isinstance(holds, bool):
+                self._report.add(here, f"true or false expected, found {found(holds)}")
+            elif self.facts.condition(name) != holds:
+                revision = self.facts.revision(name) + 1
+                self._write(self._first, f"{records.CONDITION}/{name}", [holds, revision, 1])
+
+    def _ended(self, path: SourcePath, value: Any, *, success: bool) -> None:
+        for index, task in self._list(path, value):
+            if not self._is_task((*path, index), task):
+                continue
+            for activation in self._activations(task):
+                if not success:
+                    self._write(self._first, f"{records.VERDICT}/{activation}", True)
+                    continue
+                for need in self.mission.global_tasks[task].needs:
+                    able = self._able(need.local_task)[: need.min_robots]
+                    if len(able) < need.min_robots:
+                        text = f"no {need.min_robots} robots can do {need.local_task}"
+                        self._report.add((*path, index), text)
+                    for robot in able:
+                        self._outcome(robot, activation, need.local_task, True)
+
+    def _outcomes(self, path: SourcePath, value: Any) -> None:
+        for index, row in self._list(path, value):
+            here = (*path, index)
+            if not isinstance(row, dict) or set(row) != _OUTCOME_KEYS:
+                keys = ", ".join(sorted(_OUTCOME_KEYS))
+                self._report.add(here, f"a mapping with {keys} expected")
+                continue
+            task, local_task, success = row["global_task"], row["local_task"], row["success"]
+            if not self._is_robot(here, row["robot"]) or not self._is_task(here, task):
+                continue
+            needs = [need.local_task for need in self.mission.global_tasks[task].needs]
+            if local_task not in needs:
+                self._report.add(here, f"{task} needs no {local_task!r}{nearest('', needs)}")
+            elif not isinstance(success, bool):
+                self._report.add(here, f"success: true or false expected, found {found(success)}")
+            else:
+                for activation in self._activations(task):
+                    self._outcome(row["robot"], activation, local_task, success)
+
+    def _running(self, path: SourcePath, value: Any) -> None:
+        for robot, task in self._mapping(path, value):
+            here = (*path, robot)
+            if not self._is_robot(here, robot) or not self._is_task(here, task):
+                continue
+            member = self.facts.members[robot][0]
+            needs = self.mission.global_tasks[task].needs
+            able = [n.local_task for n in needs if capability(member, n.local_task) is not None]
+            activations = self._activations(task)
+            if not able or not activations:
+                self._report.add(here, f"{robot} can do nothing that {task} needs")
+                continue
+            claim = [activations[0], task, able[0], int(Phase.RUNNING), self._sequence + 1]
+            self._write(robot, records.CLAIM, claim)
+
+    def _lost(self, path: SourcePath, value: Any) -> None:
+        for robot, names in self._mapping(path, value):
+            if self._is_robot((*path, robot), robot):
+                lost = [str(name) for _, name in self._list((*path, robot), names)]
+                self._write_member(self.mission.robots[robot], lost)
+
+    def _order(self, path: SourcePath, value: Any) -> None:
+        kinds = [str(kind) for kind in OrderKind]
+        if value in kinds:
+            self._write(self._first, records.ORDER, [value, 1])
+        else:
+            self._report.add(path, f"one of {', '.join(kinds)} expected, found {found(value)}")
+
+    # -- helpers --------------------------------------------------------------------------
+
+    @property
+    def _first(self) -> str:
+        return min(self.mission.robots)
+
+    def _able(self, local_task: str) -> list[str]:
+        members = self.facts.members
+        return [r for r in sorted(members) if capability(members[r][0], local_task) is not None]
+
+    def _activations(self, task: str) -> list[str]:
+        actions = [node for node in self.mission.tree.actions() if node.subject == task]
+        return [str(self.evaluator.current_scope(node.index, self.facts)) for node in actions]
+
+    def _outcome(self, robot: str, activation: str, local_task: str, success: bool) -> None:
+        self._write(robot, f"{records.OUTCOME}/{activation}/{local_task}", [success, None])
+
+    def _write_member(self, robot: Robot, lost: Iterable[str]) -> None:
+        member = Member(robot.type, robot.capabilities, tuple(sorted(lost)), False, "", "", 0)
+        self._write(robot.id, records.MEMBER, member.to_value())
+
+    def _write(self, robot: str, name: str, value: Any) -> None:
+        self._sequence += 1
+        self.facts.map.merge([make_entry(robot, name, Version(_FIRST, self._sequence), value)])
+
+    def _mapping(self, path: SourcePath, value: Any) -> list[tuple[str, Any]]:
+        if isinstance(value, dict):
+            return [(str(key), item) for key, item in value.items()]
+        self._report.add(path, f"a mapping expected, found {found(value)}")
+        return []
+
+    def _list(self, path: SourcePath, value: Any) -> list[tuple[int, Any]]:
+        if isinstance(value, list):
+            return list(enumerate(value))
+        self._report.add(path, f"a list expected, found {found(value)}")
+        return []
+
+    def _is_robot(self, path: SourcePath, value: Any) -> bool:
+        if value in self.mission.robots:
+            return True
+        self._report.add(path, f"no robot {value!r}{nearest(str(value), self.mission.robots)}")
+        return False
+
+    def _is_task(self, path: SourcePath, value: Any) -> bool:
+        if isinstance(value, str) and value in self.mission.global_tasks:
+            return True
+        hint = nearest(str(value), self.mission.global_tasks)
+        self._report.add(path, f"no global task {value!r} in this mission{hint}")
+        return False
+
+
+__all__ = ["MissionError", "plan_from_file"]

@@ -1,0 +1,97 @@
+"""Load missions: YAML as people write it, or the compiled JSON that robots are given.
+
+Reading YAML needs pydantic and ruamel.yaml, which cost a robot's process tens of megabytes;
+they are imported only when a YAML file is read.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from mrbt_mesh.core.mission import Mission, performance, type_name
+from mrbt_mesh.formats.compiled import compile_mission, mission_from_compiled
+from mrbt_mesh.formats.problems import MissionError, Problem, whole_file_error
+
+__all__ = ["MissionError", "Problem", "compile_mission", "load_mission", "mission_warnings"]
+
+MAX_YAML_BYTES = 1 << 20
+# A small file may unfold into a large tree.
+MAX_COMPILED_BYTES = 16 << 20
+
+
+def load_mission(path: Path) -> Mission:
+    """The mission in a `.yaml`, `.yml` or compiled `.json` file.
+
+    `program` becomes an absolute path, with its `:name` if it has one. Raises MissionError,
+    and nothing else, for whatever may be wrong with the file.
+    """
+    file = str(path)
+    suffix = Path(path).suffix.lower()
+    if suffix not in (".yaml", ".yml", ".json"):
+        raise whole_file_error(file, "a mission file ends in .yaml, .yml or .json")
+    is_compiled = suffix == ".json"
+    content = _read(Path(path), MAX_COMPILED_BYTES if is_compiled else MAX_YAML_BYTES)
+    if is_compiled:
+        return _load_compiled(content, file, Path(path).parent)
+    # Imported here to keep robots' processes small, see above.
+    from mrbt_mesh.formats.build import mission_from_yaml
+    from mrbt_mesh.formats.yaml_source import decode
+
+    return mission_from_yaml(decode(content, file), file, Path(path).parent)
+
+
+def _load_compiled(content: bytes, file: str, folder: Path) -> Mission:
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError:
+        raise whole_file_error(
+            file, "not a text file in UTF-8; compile the mission again"
+        ) from None
+    mission = mission_from_compiled(text, file)
+    if mission.program is None:
+        return mission
+    # An absolute path, which is what compiling writes, stays as it is.
+    return replace(mission, program=str(folder.resolve() / mission.program))
+
+
+def _read(path: Path, limit_bytes: int) -> bytes:
+    file = str(path)
+    try:
+        if not path.exists():
+            raise whole_file_error(file, "there is no such file")
+        # Reading a pipe or a device could block, or never end.
+        if not path.is_file():
+            raise whole_file_error(file, "not a file; give the mission file itself")
+        with path.open("rb") as stream:
+            content = stream.read(limit_bytes + 1)
+    except OSError as error:
+        raise whole_file_error(file, f"cannot be read: {error.strerror or error}") from None
+    except ValueError as error:
+        raise whole_file_error(file, f"cannot be read: {error}") from None
+    if len(content) > limit_bytes:
+        raise whole_file_error(file, f"larger than the limit of {limit_bytes} bytes")
+    return content
+
+
+def mission_warnings(mission: Mission) -> list[str]:
+    """What is allowed but hardly meant: global tasks that this team can never do."""
+    warnings = []
+    for task in mission.global_tasks.values():
+        for need in task.needs:
+            able = [
+                robot.id
+                for robot in mission.robots.values()
+                if performance(robot.capabilities, need.local_task) is not None
+            ]
+            if len(able) < need.min_robots:
+                who = ", ".join(able) or "none"
+                warnings.append(
+                    f"{task.id} needs {need.min_robots} robots that can do {need.local_task}; "
+                    f"this mission has {len(able)} ({who})"
+                )
+    used = {type_name(need.local_task) for t in mission.global_tasks.values() for need in t.needs}
+    for robot in mission.robots.values():
+        if not any(type_name(ground) in used for ground in robot.capabilities):
+            warnings.append(f"robot {robot.id} can do nothing that the tree asks for")
+    return warnings

@@ -1,0 +1,130 @@
+"""What is wrong with a mission file, and where: problems with file, line and path."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+SourcePath: TypeAlias = tuple[str | int, ...]
+
+MAX_PROBLEMS = 100
+MAX_SHOWN_CHARACTERS = 60
+MAX_PATH_CHARACTERS = 160
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One problem. `line` counts from 1; 0 means the file as a whole, e.g. one that is missing.
+
+    `path` leads to the place inside the file, e.g. `tree/Sequence[2]/Parallel`.
+    """
+
+    file: str
+    line: int
+    path: str
+    message: str
+
+    def __str__(self) -> str:
+        place = f"{self.file}:{self.line}" if self.line else self.file
+        return f"{place}: {self.path}: {self.message}" if self.path else f"{place}: {self.message}"
+
+
+class MissionError(Exception):
+    """A mission file that cannot be used; `str()` gives one line per problem."""
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems: list[Problem] = list(problems)
+        super().__init__(self.problems)
+
+    def __str__(self) -> str:
+        return "\n".join(str(problem) for problem in self.problems)
+
+
+def whole_file_error(file: str, message: str) -> MissionError:
+    """A MissionError that is about the file as a whole."""
+    return MissionError([Problem(file, 0, "", message)])
+
+
+@dataclass
+class Report:
+    """Collects the problems of one file; `lines` maps paths inside the file to line numbers."""
+
+    file: str
+    lines: Mapping[SourcePath, int]
+    _found: dict[Problem, None] = field(default_factory=dict)
+
+    def add(self, path: SourcePath, message: str, line: int | None = None) -> None:
+        """Note a problem, on the line of `path` unless another is given.
+
+        The same one, reached over another expansion, is noted once. Once `is_full`, nothing is.
+        """
+        if not self.is_full:
+            line = self.line(path) if line is None else line
+            self._found[Problem(self.file, line, path_text(path), message)] = None
+
+    @property
+    def is_full(self) -> bool:
+        """Whether there are more problems than will be shown."""
+        return len(self._found) > MAX_PROBLEMS
+
+    def line(self, path: SourcePath) -> int:
+        """The line of `path`, or of the nearest thing around it."""
+        while path and path not in self.lines:
+            path = path[:-1]
+        return self.lines.get(path, 1)
+
+    def raise_if_any(self) -> None:
+        """Raise MissionError with the problems in the order of the file, at most 100."""
+        if not self._found:
+            return
+        problems = sorted(list(self._found)[:MAX_PROBLEMS], key=lambda problem: problem.line)
+        if self.is_full:
+            problems.append(Problem(self.file, 0, "", "and more problems"))
+        raise MissionError(problems)
+
+
+def path_text(path: SourcePath) -> str:
+    """`("tree", "Sequence", 1, "Action")` -> `tree/Sequence[2]/Action`; items count from 1.
+
+    The middle of a very long path is left out.
+    """
+    text = ""
+    for part in path:
+        if isinstance(part, int):
+            text += f"[{part + 1}]"
+        else:
+            text += f"/{part}" if text else part
+    if len(text) > MAX_PATH_CHARACTERS:
+        half = MAX_PATH_CHARACTERS // 2
+        text = f"{text[:half]}...{text[-half:]}"
+    return text
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """`; did you mean 'x'?` for the known name most like `name`, else the names there are."""
+    names = sorted(known)
+    close = difflib.get_close_matches(name, names, n=1)
+    if close:
+        return f"; did you mean {close[0]!r}?"
+    if not names:
+        return "; there are none here"
+    listed = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+    return f"; known: {listed}"
+
+
+def found(value: Any) -> str:
+    """A short text that says what stands in the file where something else is expected."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, dict):
+        return "a mapping"
+    if isinstance(value, list):
+        return "a list"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    text = repr(value)
+    if len(text) > MAX_SHOWN_CHARACTERS:
+        text = text[:MAX_SHOWN_CHARACTERS] + "..."
+    return f"the text {text}" if isinstance(value, str) else f"the number {text}"

@@ -1,0 +1,197 @@
+"""Runs a robot's program for the agent: starts and cancels actions, hands back how they ended.
+
+Used by the real runtime and, on a virtual clock, by the simulator.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import anyio
+import anyio.abc
+
+from mrbt_mesh.core.effects import (
+    ActionFinished,
+    ActionStopped,
+    CapabilityChanged,
+    ConditionSet,
+    Input,
+    ProgressReported,
+    StartAction,
+)
+from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.mission import MICRO, Mission, split_call
+from mrbt_mesh.runtime.program import RobotProgram, TaskContext, TaskFailedError
+
+MAX_ERROR = 2_000
+
+
+class Host(Protocol):
+    """What an action needs of its surroundings."""
+
+    def submit(self, event: Input) -> None:
+        """Hand an input to the agent; may be called from the event loop only."""
+        ...
+
+    def read_condition(self, name: str) -> bool: ...
+    def record_event(self, event: Mapping[str, Any]) -> None: ...
+    def unix_time_s(self) -> float: ...
+    def log(self, level: str, event: str, **fields: Any) -> None: ...
+
+
+@dataclass(frozen=True)
+class Identity:
+    """The robot on which a program runs, as its contexts show it."""
+
+    robot: str
+    type: str
+    pid: int
+    speed: float
+
+
+class _Port:
+    """Behind one TaskContext; collects the conditions that go with the outcome."""
+
+    def __init__(self, host: Host, mission: Mission, ticket: int | None) -> None:
+        self._host = host
+        self._mission = mission
+        self._ticket = ticket
+        self.conditions: dict[str, bool] = {}
+
+    def set_condition(self, name: str, value: bool, at_once: bool) -> None:
+        if not self._mission.knows_condition(name):
+            declared = ", ".join(sorted(self._mission.conditions)) or "none"
+            raise ValueError(f"condition {name!r} is not declared in the mission ({declared})")
+        if at_once or self._ticket is None:
+            self._host.submit(ConditionSet(name, bool(value)))
+        else:
+            self.conditions[name] = bool(value)
+
+    def read_condition(self, name: str) -> bool:
+        return self.conditions.get(name, self._host.read_condition(name))
+
+    def report_progress(self, fraction: float) -> None:
+        if self._ticket is not None:
+            percent = max(0, min(100, round(fraction * 100)))
+            self._host.submit(ProgressReported(self._ticket, percent))
+
+    def lose_capability(self, local_task: str) -> None:
+        self._host.submit(CapabilityChanged(local_task, lost=True))
+
+    def restore_capability(self, local_task: str) -> None:
+        self._host.submit(CapabilityChanged(local_task, lost=False))
+
+    def record_event(self, event: Mapping[str, Any]) -> None:
+        self._host.record_event(event)
+
+    def unix_time_s(self) -> float:
+        return self._host.unix_time_s()
+
+
+class ActionRunner:
+    """Runs actions as tasks of `group`; each ends in exactly one input to the host."""
+
+    def __init__(
+        self,
+        group: anyio.abc.TaskGroup,
+        program: RobotProgram,
+        mission: Mission,
+        identity: Identity,
+        host: Host,
+    ) -> None:
+        self._group = group
+        self._program = program
+        self._mission = mission
+        self._identity = identity
+        self._host = host
+        self._scopes: dict[int, anyio.CancelScope] = {}
+
+    def start(self, effect: StartAction) -> None:
+        """Carry out a StartAction."""
+        scope = self._scopes[effect.ticket] = anyio.CancelScope()
+        self._group.start_soon(self._run, effect, scope)
+
+    def cancel(self, ticket: int) -> None:
+        """Carry out a CancelAction."""
+        scope = self._scopes.get(ticket)
+        if scope is not None:
+            scope.cancel()
+
+    def cancel_all(self) -> None:
+        """Cancel everything at once: the robot was silent for too long, or stops."""
+        for scope in self._scopes.values():
+            scope.cancel()
+
+    def start_background(self) -> None:
+        """Start the program's sensors."""
+        for function in self._program.backgrounds:
+            self._group.start_soon(self._background, function)
+
+    async def _run(self, effect: StartAction, scope: anyio.CancelScope) -> None:
+        name, arguments = split_call(effect.local_task)
+        port = _Port(self._host, self._mission, effect.ticket)
+        context = self._context(effect, name, arguments, port)
+        end: Input = ActionStopped(effect.ticket)
+        with scope:
+            end = await self._call(effect.ticket, name, context, arguments, port)
+        del self._scopes[effect.ticket]
+        self._host.submit(end)
+
+    async def _call(
+        self,
+        ticket: int,
+        name: str,
+        context: TaskContext,
+        arguments: tuple[str, ...],
+        port: _Port,
+    ) -> ActionFinished:
+        """Call the user's function; whatever it raises is a failure of this local task."""
+        function = self._program.find(name)
+        error, data, success = "", None, False
+        if function is None:
+            error = f"the robot's program has no local task {name!r}"
+        else:
+            try:
+                result = await function(context, *arguments)
+                success = result is not False
+                data = dict(result) if isinstance(result, Mapping) else None
+            except TaskFailedError as failure:
+                error = str(failure) or "failed"
+            except Exception:
+                error = traceback.format_exc(limit=-8)[-MAX_ERROR:]
+        conditions = tuple(sorted(port.conditions.items()))
+        return ActionFinished(ticket, success, data, conditions, error)
+
+    async def _background(self, function: Callable[[TaskContext], Any]) -> None:
+        port = _Port(self._host, self._mission, None)
+        effect = StartAction(0, "", "", "", (), MICRO, Incarnation(0, ""))
+        try:
+            await function(self._context(effect, "", (), port))
+        except Exception:
+            name = getattr(function, "__name__", repr(function))
+            text = traceback.format_exc(limit=-8)[-MAX_ERROR:]
+            self._host.log("error", "background_failed", function=name, error=text)
+
+    def _context(
+        self, effect: StartAction, name: str, arguments: tuple[str, ...], port: _Port
+    ) -> TaskContext:
+        task = self._mission.local_tasks.get(name)
+        return TaskContext(
+            robot=self._identity.robot,
+            robot_type=self._identity.type,
+            incarnation=str(effect.incarnation),
+            pid=self._identity.pid,
+            activation=effect.activation,
+            global_task=effect.global_task,
+            local_task=effect.local_task,
+            arguments=arguments,
+            partners=effect.partners,
+            performance=effect.performance / MICRO,
+            work=(task.work if task else MICRO) / MICRO,
+            speed=self._identity.speed,
+            parameters=self._mission.parameters,
+            port=port,
+        )

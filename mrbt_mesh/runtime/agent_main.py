@@ -1,0 +1,157 @@
+"""`mrbt agent`: one robot, anywhere on the network.
+
+It parses its own arguments: a robot's process imports neither the other commands nor, given a
+compiled mission, the mission format.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import secrets
+import socket
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from mrbt_mesh import __version__
+from mrbt_mesh.core.agent import AgentConfig
+from mrbt_mesh.core.mission import Mission, is_robot_id
+from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
+from mrbt_mesh.core.timing import SECOND_US, Timing
+from mrbt_mesh.formats.mission_file import MissionError, load_mission
+from mrbt_mesh.runtime.driver import Driver
+from mrbt_mesh.runtime.log import configure_log
+from mrbt_mesh.runtime.program import ProgramError
+from mrbt_mesh.runtime.program_loader import check_program, load_program
+from mrbt_mesh.runtime.run_dir import RunDir
+from mrbt_mesh.runtime.zenoh_transport import TransportConfig, TransportError
+
+EXAMPLE = """\
+example, two robots on two machines that find each other by multicast:
+  mrbt agent --mission examples/explore/mission.yaml --robot R1
+  mrbt agent --mission examples/explore/mission.yaml --robot R2
+
+exit status: 0 mission succeeded or left on purpose, 1 mission failed, 2 bad input or refused
+"""
+
+
+class AgentInputError(Exception):
+    """Arguments that do not fit together or the mission."""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The arguments of `mrbt agent`."""
+    result = argparse.ArgumentParser(
+        prog="mrbt agent",
+        description="Run one robot of a mission.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = result.add_argument
+    add("--mission", type=Path, required=True, help="mission file, or a compiled mission (.json)")
+    add("--robot", required=True, help="this robot's id")
+    add("--type", help="robot type, for a robot that the mission file does not list")
+    add("--program", help="robot program FILE.py[:NAME]; default: the mission's")
+    add("--team", help="name of the team on the network; default: the mission's name")
+    add("--run", help="run id; robots of different runs ignore each other; default: fixed")
+    add("--expect", help="robots to hear before starting, A1,B1; default: all of the mission")
+    add("--listen", action="append", default=[], help="endpoint to listen on, tcp/IP:PORT")
+    add("--connect", action="append", default=[], help="endpoint of another robot to dial")
+    add("--multicast", help="interface for discovery; default: auto, unless endpoints are given")
+    add("--run-dir", type=Path, help="folder for the log and for events.jsonl")
+    add("--beat", type=float, default=0.2, help="heartbeat period in s (default 0.2)")
+    add("--detection", type=float, default=1.0, help="silence until dead in s (default 1.0)")
+    add("--speed", type=float, default=1.0, help="simulated robots work this much faster")
+    add("--takeover", action="store_true", help="replace a live robot of the same id")
+    add("--exit-when-done", action="store_true", help="stop once the team has the result")
+    return result
+
+
+def robot_of(mission: Mission, robot: str, kind: str | None) -> tuple[str, Mapping[str, int]]:
+    """(type, capabilities) of a robot; raises AgentInputError where the mission lacks it."""
+    if not is_robot_id(robot):
+        raise AgentInputError(f"robot id {robot!r}: 1 to 32 letters, digits, '_' or '-'")
+    known = mission.robots.get(robot)
+    if known is not None and kind in (None, known.type):
+        return known.type, known.capabilities
+    if kind is None:
+        listed = ", ".join(mission.robots)
+        raise AgentInputError(
+            f"mission {mission.name} has no robot {robot!r} (it has {listed}); "
+            "name its --type to add it"
+        )
+    if kind not in mission.robot_types:
+        listed = ", ".join(sorted(mission.robot_types))
+        raise AgentInputError(f"mission {mission.name} has no robot type {kind!r} ({listed})")
+    return kind, mission.robot_types[kind]
+
+
+def make_driver(options: argparse.Namespace) -> Driver:
+    """Put a robot together; raises MissionError, ProgramError, AgentInputError or ValueError."""
+    mission = load_mission(options.mission)
+    kind, capabilities = robot_of(mission, options.robot, options.type)
+    reference = options.program or mission.program
+    if reference is None:
+        raise AgentInputError(f"mission {mission.name} names no program: give one with --program")
+    program = load_program(reference)
+    lacking = check_program(program, mission, capabilities)
+    if lacking:
+        raise AgentInputError(f"{reference} has no local task {', '.join(lacking)} for type {kind}")
+    expected = options.expect.split(",") if options.expect else list(mission.robots)
+    config = AgentConfig(
+        robot=options.robot,
+        type=kind,
+        capabilities=dict(capabilities),
+        run=options.run or mission.digest[:8],
+        nonce=secrets.token_hex(4),
+        solver=SOLVERS[DEFAULT_SOLVER],
+        timing=Timing(round(options.beat * SECOND_US), round(options.detection * SECOND_US)),
+        expected=frozenset(expected),
+        takeover=options.takeover,
+        exit_when_done=options.exit_when_done,
+        software=__version__,
+        host=socket.gethostname(),
+        pid=os.getpid(),
+    )
+    multicast = options.multicast
+    if multicast is None and not options.listen and not options.connect:
+        multicast = "auto"
+    transport = TransportConfig(
+        options.team or mission.name,
+        options.robot,
+        tuple(options.listen),
+        tuple(options.connect),
+        multicast,
+    )
+    return Driver(mission, config, transport, program, speed=options.speed, run_dir=options.run_dir)
+
+
+def main(arguments: Sequence[str]) -> NoReturn:
+    """Run one robot; ends the process itself, since a Zenoh session may take 10 s to close."""
+    options = parser().parse_args(arguments)
+    message = ""
+    try:
+        if options.run_dir is not None:
+            options.run_dir.mkdir(parents=True, exist_ok=True)
+            RunDir(options.run_dir).write_process(options.robot)
+        configure_log(options.robot, options.run_dir)
+        stop = make_driver(options).run()
+        code = stop.code
+        if code == 2 or options.run_dir is None:
+            message = f"{options.robot}: {stop.reason}"
+    except (
+        MissionError,
+        ProgramError,
+        AgentInputError,
+        TransportError,
+        OSError,
+        ValueError,
+    ) as error:
+        code, message = 2, str(error)
+    if message:
+        sys.stderr.write(f"mrbt agent: {message}\n")
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)

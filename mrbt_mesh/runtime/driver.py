@@ -1,0 +1,202 @@
+"""The thin shell around an agent: real clock, Zenoh, actions, log. It decides nothing."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import anyio
+
+from mrbt_mesh.core.agent import Agent, AgentConfig
+from mrbt_mesh.core.effects import (
+    Ask,
+    CancelAction,
+    DeclareToken,
+    Effect,
+    Input,
+    LeaveRequested,
+    Log,
+    Publish,
+    Reply,
+    StartAction,
+    Stop,
+    TimerFired,
+)
+from mrbt_mesh.core.membership import State
+from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.core.wire import MessageKind
+from mrbt_mesh.runtime.actions import ActionRunner, Identity
+from mrbt_mesh.runtime.fencing import FencingSelector, boottime_us
+from mrbt_mesh.runtime.inbox import Inbox
+from mrbt_mesh.runtime.log import robot_logger
+from mrbt_mesh.runtime.program import RobotProgram
+from mrbt_mesh.runtime.zenoh_transport import LEASE_MS, TransportConfig, ZenohTransport
+
+EVENTS_FILE = "events.jsonl"
+CLOSE_TIMEOUT_S = 1.0
+LEAVE_TIMEOUT_S = 3.0
+WATCH_S = 1.0
+# A frozen peer's transport is gone after a lease; one that is still there later is split.
+SPLIT_US = 3 * LEASE_MS * 1_000
+
+
+class Driver:
+    """Runs one agent until it stops. Implements `actions.Host`."""
+
+    def __init__(
+        self,
+        mission: Mission,
+        config: AgentConfig,
+        transport: TransportConfig,
+        program: RobotProgram,
+        *,
+        speed: float = 1.0,
+        run_dir: Path | None = None,
+    ) -> None:
+        self._mission = mission
+        self._config = config
+        self._program = program
+        self._transport_config = transport
+        self._speed = speed
+        self._events = run_dir / EVENTS_FILE if run_dir is not None else None
+        self._logger = robot_logger(config.robot)
+        self._agent = Agent(mission, config, boottime_us())
+        self._timer: asyncio.TimerHandle | None = None
+        self._stop: Stop | None = None
+
+    def run(self) -> Stop:
+        """Run until the agent stops; raises TransportError if the session cannot be opened.
+
+        The session is closed in the background at the end: end the process with `os._exit`.
+        """
+        selector = FencingSelector(self._config.timing.detection_us)
+        selector.on_gap = lambda: self.submit(TimerFired())
+        options = {"loop_factory": lambda: asyncio.SelectorEventLoop(selector)}
+        return anyio.run(self._main, backend_options=options)
+
+    async def _main(self) -> Stop:
+        self._stopped = anyio.Event()
+        self._loop = asyncio.get_running_loop()
+        inbox = Inbox(self._loop, lambda: self._drain(inbox))
+        self._transport = ZenohTransport(self._transport_config, inbox.put)
+        await anyio.to_thread.run_sync(self._transport.open)
+        try:
+            async with anyio.create_task_group() as group:
+                identity = Identity(self._config.robot, self._config.type, os.getpid(), self._speed)
+                self._runner = ActionRunner(group, self._program, self._mission, identity, self)
+                self._runner.start_background()
+                group.start_soon(self._watch_transport)
+                group.start_soon(self._watch_signals)
+                self.submit(TimerFired())
+                await self._stopped.wait()
+                group.cancel_scope.cancel()
+        finally:
+            if self._timer is not None:
+                self._timer.cancel()
+            self._transport.close(CLOSE_TIMEOUT_S)
+        assert self._stop is not None
+        return self._stop
+
+    # -- inputs ---------------------------------------------------------------------------
+
+    def submit(self, event: Input) -> None:
+        """Hand one input to the agent and carry out what comes back."""
+        if self._stop is not None:
+            return
+        now_us = boottime_us()
+        for effect in self._agent.handle(event, now_us):
+            self._carry_out(effect)
+        self._set_timer()
+
+    def _drain(self, inbox: Inbox) -> None:
+        if inbox.dropped:
+            self._logger.warning("inbox_overflow", dropped=inbox.dropped)
+            inbox.dropped = 0
+        for event in inbox.take():
+            self.submit(event)
+
+    def _set_timer(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        if self._stop is None:
+            now_us = boottime_us()
+            wait_s = max(0, self._agent.next_deadline_us(now_us) - now_us) / 1e6
+            self._timer = self._loop.call_later(wait_s, self.submit, TimerFired())
+
+    async def _watch_signals(self) -> None:
+        with anyio.open_signal_receiver(signal.SIGTERM, signal.SIGINT) as signals:
+            async for _ in signals:
+                self.submit(LeaveRequested())
+                with anyio.move_on_after(LEAVE_TIMEOUT_S):
+                    await self._stopped.wait()
+                self._carry_out(Stop(0, "left without waiting for its action to stop"))
+
+    async def _watch_transport(self) -> None:
+        """Reopen a session that is split: a transport to a robot that is silent for long."""
+        while True:
+            await anyio.sleep(WATCH_S)
+            now_us = boottime_us()
+            for robot, peer in self._agent.membership.peers.items():
+                silent = now_us - peer.evidence_us > SPLIT_US
+                if not silent or peer.state not in (State.SUSPECT, State.DEAD):
+                    continue
+                if self._transport.is_split_from(robot):
+                    self._logger.warning("session_split", from_robot=robot)
+                    await anyio.to_thread.run_sync(self._transport.reopen)
+                    # The others need the time to come back before the next look.
+                    await anyio.sleep(2 * SPLIT_US / 1e6)
+                    break
+
+    # -- effects --------------------------------------------------------------------------
+
+    def _carry_out(self, effect: Effect) -> None:
+        match effect:
+            case Publish(kind, data):
+                self._transport.publish(kind, data)
+            case Ask(peer, data):
+                timeout_s = self._config.timing.ask_timeout_us / 1e6
+                self._transport.ask(peer, MessageKind.PULL, data, timeout_s)
+            case Reply(query, data):
+                self._transport.reply(query, data)
+            case StartAction():
+                self._runner.start(effect)
+            case CancelAction(ticket):
+                self._runner.cancel(ticket)
+            case DeclareToken(incarnation):
+                self._transport.declare_token(incarnation)
+            case Log(level, event, fields):
+                self.log(level, event, **fields)
+            case Stop(code, reason):
+                if self._stop is None:
+                    self._stop = effect
+                    self.log("info" if code == 0 else "error", "stopped", code=code, reason=reason)
+                    self._stopped.set()
+
+    # -- actions.Host ---------------------------------------------------------------------
+
+    def read_condition(self, name: str) -> bool:
+        return self._agent.facts.condition(name)
+
+    def record_event(self, event: Mapping[str, Any]) -> None:
+        if self._events is None:
+            self.log("info", "physical_event", physical=dict(event))
+            return
+        line = json.dumps(dict(event), separators=(",", ":")) + "\n"
+        # One write of one line with O_APPEND: lines of several processes do not mix.
+        descriptor = os.open(self._events, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+        try:
+            os.write(descriptor, line.encode())
+        finally:
+            os.close(descriptor)
+
+    def unix_time_s(self) -> float:
+        return time.time()
+
+    def log(self, level: str, event: str, **fields: Any) -> None:
+        getattr(self._logger, level)(event, **fields)

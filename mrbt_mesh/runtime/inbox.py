@@ -1,0 +1,61 @@
+"""The bridge from Zenoh's threads into the event loop: bounded, ordered, one wake-up at a time.
+
+Zenoh calls back on its own threads. Posting every message to the loop would grow without
+bound while the loop is busy, so messages wait here, and at most one wake-up is pending.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import Any
+
+from mrbt_mesh.core.effects import Input
+
+MAX_WAITING = 10_000
+
+
+class Inbox:
+    """Inputs from other threads, in order of arrival.
+
+    A newer input under the same `key` replaces the one that waits (a beat outdates the beat
+    before it). Beyond `MAX_WAITING` the oldest is dropped and counted; facts lost that way
+    are repaired by the digests in the beats.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, wake: Callable[[], None]) -> None:
+        self._loop = loop
+        self._wake = wake
+        self._lock = threading.Lock()
+        self._waiting: OrderedDict[Any, Input] = OrderedDict()
+        self._number = 0
+        self._pending = False
+        self.dropped = 0
+
+    def put(self, event: Input, key: str | None = None) -> None:
+        """Add an input; may be called from any thread, never blocks for long, never raises."""
+        with self._lock:
+            self._number += 1
+            slot: Any = self._number if key is None else key
+            self._waiting.pop(slot, None)
+            self._waiting[slot] = event
+            if len(self._waiting) > MAX_WAITING:
+                self._waiting.popitem(last=False)
+                self.dropped += 1
+            if self._pending:
+                return
+            self._pending = True
+        try:
+            self._loop.call_soon_threadsafe(self._wake)
+        except RuntimeError:
+            return  # the loop is closed: the process is about to end
+
+    def take(self) -> list[Input]:
+        """All inputs that wait, oldest first; call it from the loop."""
+        with self._lock:
+            self._pending = False
+            events = list(self._waiting.values())
+            self._waiting.clear()
+        return events

@@ -1,0 +1,158 @@
+"""The API for users' own robots: a program is an async function or class per local task.
+
+    robot = RobotProgram()
+
+    @robot.local_task("replace_hw")
+    async def replace_hw(task: TaskContext, part: str) -> None:
+        await arm.swap(part)                     # raise, or return False: the local task failed
+
+A program knows nothing of the team: it does what it is asked and says how it went. The
+runtime cancels it through an anyio cancel scope when the plan no longer wants it.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeAlias, TypeVar
+
+Result: TypeAlias = bool | Mapping[str, Any] | None
+TaskFunction: TypeAlias = Callable[..., Awaitable[Result]]
+_T = TypeVar("_T")
+
+
+class ProgramError(Exception):
+    """A robot program that cannot be used; the message says where and what would be right."""
+
+
+class TaskFailedError(Exception):
+    """Raise it in a local task to report failure with a reason, without a traceback in the log."""
+
+
+class TaskPort(Protocol):
+    """What the runtime, or the simulator, provides behind a context."""
+
+    def set_condition(self, name: str, value: bool, at_once: bool) -> None: ...
+    def read_condition(self, name: str) -> bool: ...
+    def report_progress(self, fraction: float) -> None: ...
+    def lose_capability(self, local_task: str) -> None: ...
+    def restore_capability(self, local_task: str) -> None: ...
+    def record_event(self, event: Mapping[str, Any]) -> None: ...
+    def unix_time_s(self) -> float: ...
+
+
+@dataclass(frozen=True)
+class TaskContext:
+    """What a local task gets beside its arguments.
+
+    `performance` is this robot's p(i, l), `work` the local task's nominal work; a simulated
+    robot needs work / (performance * speed) seconds. `partners` are the other robots that the
+    plan has on the same local task. `parameters` are the mission file's parameters.
+    """
+
+    robot: str
+    robot_type: str
+    incarnation: str
+    pid: int
+    activation: str
+    global_task: str
+    local_task: str
+    arguments: tuple[str, ...]
+    partners: tuple[str, ...]
+    performance: float
+    work: float
+    speed: float
+    parameters: Mapping[str, Any]
+    port: TaskPort
+
+    def set_condition(self, name: str, value: bool, *, at_once: bool = False) -> None:
+        """Set a declared condition, ground, e.g. `broken(2)`.
+
+        It is told to the team in one step with this task's outcome, so that nobody acts on one
+        without the other; `at_once` tells it now. Raises ValueError if it is not declared.
+        """
+        self.port.set_condition(name, value, at_once)
+
+    def condition(self, name: str) -> bool:
+        """The condition's value as this robot knows it now."""
+        return self.port.read_condition(name)
+
+    def report_progress(self, fraction: float) -> None:
+        """Tell observers how far the task is, 0 to 1."""
+        self.port.report_progress(fraction)
+
+    def lose_capability(self, local_task: str) -> None:
+        """Declare a minor fault: this robot can no longer do `local_task` (a type or ground)."""
+        self.port.lose_capability(local_task)
+
+    def restore_capability(self, local_task: str) -> None:
+        """Declare that this robot can do `local_task` again."""
+        self.port.restore_capability(local_task)
+
+    def record_event(self, event: Mapping[str, Any]) -> None:
+        """Append one line to the run's events.jsonl. Only robots write there, never the mesh."""
+        self.port.record_event(event)
+
+    def unix_time_s(self) -> float:
+        """Seconds since 1970; virtual in the simulator."""
+        return self.port.unix_time_s()
+
+
+class RobotProgram:
+    """Collects what one robot can do: `local_task` for actions, `background` for sensors."""
+
+    def __init__(self) -> None:
+        self.tasks: dict[str, TaskFunction] = {}
+        self.backgrounds: list[Callable[[TaskContext], Awaitable[None]]] = []
+        self._any: TaskFunction | None = None
+
+    def local_task(self, name: str) -> Callable[[_T], _T]:
+        """Register an async function `f(task, *arguments)`, or a class with `async run(task, ...)`.
+
+        A class is instantiated once per execution. `"*"` serves every local task that has
+        none of its own. Raises ProgramError for a second registration or a plain function.
+        """
+
+        def register(target: _T) -> _T:
+            function = _as_function(target, name)
+            if name in self.tasks or (name == "*" and self._any is not None):
+                raise ProgramError(f"local task {name!r} is registered twice")
+            if name == "*":
+                self._any = function
+            else:
+                self.tasks[name] = function
+            return target
+
+        return register
+
+    def background(
+        self, function: Callable[[TaskContext], Awaitable[None]]
+    ) -> Callable[[TaskContext], Awaitable[None]]:
+        """Register an async function that runs as long as the robot does: a sensor, a watchdog.
+
+        Its context belongs to no activation; its `set_condition` always takes effect at once.
+        """
+        self.backgrounds.append(function)
+        return function
+
+    def find(self, local_task_type: str) -> TaskFunction | None:
+        """The function for a local-task type, or None."""
+        return self.tasks.get(local_task_type, self._any)
+
+
+def _as_function(target: Any, name: str) -> TaskFunction:
+    if inspect.isclass(target):
+        run = getattr(target, "run", None)
+        if not inspect.iscoroutinefunction(run):
+            raise ProgramError(f"local task {name!r}: class {target.__name__} needs an async run()")
+
+        async def run_instance(task: TaskContext, *arguments: str) -> Result:
+            instance: Any = target()
+            result: Result = await instance.run(task, *arguments)
+            return result
+
+        return run_instance
+    if not inspect.iscoroutinefunction(target):
+        raise ProgramError(f"local task {name!r}: {target!r} is not an async function or a class")
+    return target  # type: ignore[no-any-return]

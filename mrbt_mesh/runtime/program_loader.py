@@ -1,0 +1,95 @@
+"""Load a robot program from a user's Python file."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import importlib.util
+import re
+import sys
+import traceback
+from collections.abc import Iterable
+from pathlib import Path
+from types import ModuleType
+
+from mrbt_mesh.core.mission import Mission, type_name
+from mrbt_mesh.runtime.program import ProgramError, RobotProgram
+
+DEFAULT_NAME = "robot"
+_REFERENCE = re.compile(r"(.+\.py)(?::([A-Za-z_][A-Za-z0-9_]*))?", re.DOTALL)
+
+
+def load_program(reference: str) -> RobotProgram:
+    """The program in `path/to/file.py` or `path/to/file.py:name`; the name is `robot` by default.
+
+    The file's folder stays on `sys.path`, so that it may import its neighbours, also later.
+    Raises ProgramError that says what would be right, with the line where the file itself fails.
+    """
+    match = _REFERENCE.fullmatch(reference)
+    if match is None:
+        raise ProgramError(f"{reference!r}: expected a Python file, e.g. robot.py or robot.py:name")
+    path, name = Path(match[1]).absolute(), match[2] or DEFAULT_NAME
+    if not path.exists():
+        raise ProgramError(f"{path}: there is no such file")
+    if not path.is_file():
+        raise ProgramError(f"{path}: not a file; give the Python file itself")
+    return _pick(_import_file(path), path, name)
+
+
+def check_program(
+    program: RobotProgram, mission: Mission, capabilities: Iterable[str]
+) -> list[str]:
+    """The local-task types among `capabilities` (types or ground) that `program` lacks, sorted."""
+    claimed = {type_name(capability) for capability in capabilities}
+    declared = claimed & mission.local_tasks.keys()
+    return sorted(name for name in declared if program.find(name) is None)
+
+
+def _import_file(path: Path) -> ModuleType:
+    folder = str(path.parent)
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
+    # Two robots' files may both be called robot.py.
+    suffix = hashlib.sha256(str(path).encode()).hexdigest()[:12]
+    spec = importlib.util.spec_from_file_location(f"mrbt_program_{path.stem}_{suffix}", path)
+    if spec is None or spec.loader is None:
+        raise ProgramError(f"{path}: cannot be imported as Python")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    try:
+        spec.loader.exec_module(module)
+    except (Exception, SystemExit) as error:
+        sys.modules.pop(spec.name, None)
+        raise ProgramError(_import_failure(path, error)) from error
+    return module
+
+
+def _import_failure(path: Path, error: BaseException) -> str:
+    if isinstance(error, SyntaxError):
+        return f"{error.filename or path}:{error.lineno or 0}: not valid Python: {error.msg}"
+    if isinstance(error, OSError) and error.filename == str(path):
+        return f"{path}: cannot be read: {error.strerror}"
+    if isinstance(error, SystemExit):
+        said = "calls sys.exit() while it is imported; only define the program there"
+    else:
+        said = f"{type(error).__name__}: {error}"
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame.lineno for frame in frames if frame.filename == str(path)]
+    place = f"{path}:{own[-1]}" if own else str(path)
+    return f"{place}: {said}"
+
+
+def _pick(module: ModuleType, path: Path, name: str) -> RobotProgram:
+    programs = [key for key, value in vars(module).items() if isinstance(value, RobotProgram)]
+    if name not in vars(module):
+        if programs:
+            close = difflib.get_close_matches(name, programs, n=1) or programs
+            hint = f"it defines {', '.join(programs)}; write {path.name}:{close[0]}"
+        else:
+            hint = f"write `{name} = RobotProgram()` in it"
+        raise ProgramError(f"{path}: has no {name!r}; {hint}")
+    program = getattr(module, name)
+    if not isinstance(program, RobotProgram):
+        kind = type(program).__name__
+        raise ProgramError(f"{path}: {name!r} is a {kind}, a RobotProgram is expected")
+    return program

@@ -1,0 +1,151 @@
+"""The run directory: where `up`, `join`, `kill` and `status` find a run and its processes.
+
+run.json            how the run was started (RunInfo)
+mission.json        the compiled mission
+<robot>.process     pid and start time of the robot's process, written by itself
+<robot>.log         its log, JSON lines; <robot>.out: what it printed
+events.jsonl        the physical truth, written by the robots
+summary.json        written by `up` at the end
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+RUN_FILE, MISSION_FILE, SUMMARY_FILE = "run.json", "mission.json", "summary.json"
+_STATE = "MRBT_STATE_DIR"
+
+
+class RunDirError(Exception):
+    """A run directory that is missing or cannot be used; the message says what to do."""
+
+
+@dataclass(frozen=True)
+class RunInfo:
+    """How a run was started: all that another process needs to join or to watch it.
+
+    `dials` names the robots that each robot connects to: of every pair, one side dials.
+    """
+
+    mission_path: str
+    mission_name: str
+    team: str
+    run: str
+    program: str | None
+    endpoints: Mapping[str, str]
+    dials: Mapping[str, list[str]]
+    beat_s: float
+    detection_s: float
+    speed: float
+    started_unix_s: float
+    robots: tuple[str, ...]
+
+
+def state_dir() -> Path:
+    """Where runs are kept by default: $MRBT_STATE_DIR, else the XDG state folder."""
+    given = os.environ.get(_STATE)
+    if given:
+        return Path(given)
+    base = os.environ.get("XDG_STATE_HOME")
+    return (Path(base) if base else Path.home() / ".local" / "state") / "mrbt"
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """Write a file that nobody ever sees half written."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    temporary.write_text(text)
+    temporary.replace(path)
+
+
+class RunDir:
+    """One run directory."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @classmethod
+    def create(cls, path: Path, info: RunInfo, compiled_mission: str) -> RunDir:
+        """Make the directory of a new run, and remember it as the latest one.
+
+        Raises RunDirError if there is a run in it already or it cannot be written.
+        """
+        if (path / RUN_FILE).exists():
+            raise RunDirError(f"{path} already holds a run: choose another --run-dir")
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            (path / MISSION_FILE).write_text(compiled_mission)
+            run_dir = cls(path)
+            run_dir.save(info)
+            state_dir().mkdir(parents=True, exist_ok=True)
+            write_atomically(state_dir() / "latest", str(path.resolve()))
+        except OSError as error:
+            raise RunDirError(f"cannot write the run directory: {error}") from error
+        return run_dir
+
+    @classmethod
+    def find(cls, path: Path | None) -> RunDir:
+        """The given run directory, else the latest one; raises RunDirError if there is none."""
+        if path is None:
+            try:
+                path = Path((state_dir() / "latest").read_text().strip())
+            except OSError as error:
+                raise RunDirError(
+                    "no run is known here: start one with `mrbt up`, or name it with --run-dir"
+                ) from error
+        if not (path / RUN_FILE).is_file():
+            raise RunDirError(f"{path} holds no run (no {RUN_FILE})")
+        return cls(path)
+
+    def save(self, info: RunInfo) -> None:
+        """Write run.json."""
+        write_atomically(self.path / RUN_FILE, json.dumps(asdict(info), indent=2))
+
+    def info(self) -> RunInfo:
+        """Read run.json; raises RunDirError if it is damaged."""
+        try:
+            data: dict[str, Any] = json.loads((self.path / RUN_FILE).read_text())
+            return RunInfo(**data | {"robots": tuple(data["robots"])})
+        except (OSError, ValueError, TypeError, KeyError) as error:
+            raise RunDirError(f"{self.path / RUN_FILE} is damaged: {error}") from error
+
+    @property
+    def mission_path(self) -> Path:
+        """The compiled mission."""
+        return self.path / MISSION_FILE
+
+    # -- processes ------------------------------------------------------------------------
+
+    def write_process(self, robot: str) -> None:
+        """Called by a robot's process at its start."""
+        started_s = psutil.Process().create_time()
+        text = json.dumps({"pid": os.getpid(), "started_unix_s": started_s})
+        write_atomically(self.path / f"{robot}.process", text)
+
+    def process(self, robot: str) -> psutil.Process | None:
+        """The robot's process if it runs; a recycled pid is not mistaken for it."""
+        try:
+            data = json.loads((self.path / f"{robot}.process").read_text())
+            process = psutil.Process(data["pid"])
+            same = abs(process.create_time() - data["started_unix_s"]) < 1
+            return process if same and process.status() != psutil.STATUS_ZOMBIE else None
+        except (OSError, ValueError, KeyError, psutil.Error):
+            return None
+
+    def robots(self) -> list[str]:
+        """Robots that ever had a process in this run."""
+        return sorted(path.stem for path in self.path.glob("*.process"))
+
+    def summary(self) -> dict[str, Any] | None:
+        """The summary of a run that has ended, else None."""
+        try:
+            data: dict[str, Any] = json.loads((self.path / SUMMARY_FILE).read_text())
+        except (OSError, ValueError):
+            return None
+        return data

@@ -1,0 +1,121 @@
+"""Watches a team over Zenoh: an Observer with a session of its own. It sends no beats."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import anyio
+
+from mrbt_mesh.core.commands import command_body
+from mrbt_mesh.core.effects import AnswerReceived, Input, MessageReceived, TokenChanged
+from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.core.observer import Observer
+from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
+from mrbt_mesh.core.timing import Timing
+from mrbt_mesh.core.wire import MessageKind, WireError, decode, encode
+from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.inbox import Inbox
+from mrbt_mesh.runtime.zenoh_transport import TransportConfig, ZenohTransport
+
+CLOSE_TIMEOUT_S = 0.5
+COMMAND_TIMEOUT_S = 2.0
+
+
+class Watcher:
+    """Use it as `async with watching(...) as watcher`; then read `watcher.observer`."""
+
+    def __init__(self, mission: Mission, run: str, timing: Timing) -> None:
+        self.observer = Observer(mission, run, timing, SOLVERS[DEFAULT_SOLVER])
+        self.timing = timing
+        self.changed = anyio.Event()
+        self._asked: set[tuple[str, Incarnation]] = set()
+        self._transport: ZenohTransport
+
+    async def open(self, transport: TransportConfig) -> None:
+        """Open the session; raises TransportError."""
+        inbox = Inbox(asyncio.get_running_loop(), lambda: self._drain(inbox))
+        self._transport = ZenohTransport(transport, inbox.put)
+        await anyio.to_thread.run_sync(self._transport.open)
+        self._transport.declare_token(Incarnation(0, secrets.token_hex(4)))
+
+    def close(self) -> None:
+        """Close the session, without waiting for long."""
+        self._transport.close(CLOSE_TIMEOUT_S)
+
+    def refresh(self) -> None:
+        """Bring the observer up to date, and ask for facts that it lacks."""
+        now_us = boottime_us()
+        replica = self.observer.replica
+        self.observer.update(now_us)
+        peers = self.observer.membership.peers
+        fresh = [r for r, p in peers.items() if p.beat and (r, p.incarnation) not in self._asked]
+        for robot in sorted({*replica.due(now_us), *fresh}):
+            self._asked.add((robot, peers[robot].incarnation))
+            replica.asked(robot, now_us)
+            timeout_s = self.timing.ask_timeout_us / 1e6
+            self._transport.ask(robot, MessageKind.PULL, replica.pull(), timeout_s)
+
+    async def wait_for_change(self, timeout_s: float) -> None:
+        """Wait for news, at most `timeout_s`, and refresh."""
+        with anyio.move_on_after(timeout_s):
+            await self.changed.wait()
+        self.changed = anyio.Event()
+        self.refresh()
+
+    def _drain(self, inbox: Inbox) -> None:
+        for event in inbox.take():
+            self._take(event, boottime_us())
+        self.changed.set()
+
+    def _take(self, event: Input, now_us: int) -> None:
+        observer = self.observer
+        match event:
+            case MessageReceived(kind, source, data):
+                observer.message(kind, source, data, now_us)
+            case TokenChanged(robot, incarnation, held):
+                observer.token(robot, incarnation, held)
+            case AnswerReceived(peer, data) if data is not None:
+                observer.state(peer, data, now_us)
+            case _:
+                pass
+
+    async def command(self, robot: str, command: str, argument: str = "") -> tuple[bool, str]:
+        """Send an operator's command to one robot: (whether it was done, what it answered)."""
+        header = self.observer.replica.header
+        data = encode(header, MessageKind.COMMAND, command_body(command, argument))
+        answers: anyio.Event = anyio.Event()
+        found: list[bytes | None] = []
+        loop = asyncio.get_running_loop()
+
+        def deliver(event: Input, _: str | None) -> None:
+            if isinstance(event, AnswerReceived):
+                found.append(event.data)
+                loop.call_soon_threadsafe(answers.set)
+
+        self._transport.ask(robot, MessageKind.COMMAND, data, COMMAND_TIMEOUT_S, deliver)
+        await answers.wait()
+        if found[0] is None:
+            return False, f"{robot} does not answer"
+        try:
+            _, body = decode(found[0], header, MessageKind.ANSWER)
+            good, text = body
+        except (WireError, ValueError, TypeError) as error:
+            return False, f"{robot} answered something strange: {error}"
+        return bool(good), str(text)
+
+
+@asynccontextmanager
+async def watching(
+    mission: Mission, run: str, timing: Timing, transport: TransportConfig
+) -> AsyncIterator[Watcher]:
+    """An open Watcher; raises TransportError if the session cannot be opened."""
+    watcher = Watcher(mission, run, timing)
+    await watcher.open(transport)
+    try:
+        yield watcher
+    finally:
+        watcher.close()

@@ -1,0 +1,280 @@
+"""The only module that talks to Zenoh.
+
+Facts that shaped it (eclipse-zenoh 1.10, measured):
+- A link that both sides dial can merge into a stale one after a one-sided lease expiry, and
+  links found by gossip are never dialled again: so every pair is dialled by one side only,
+  from explicit endpoints (or multicast scouting with `greater-zid`), and gossip is off.
+- A session can be split for good while its transport looks alive: `check` watches for it and
+  reopens the session.
+- Closing a dead TCP link lingers on a receive thread: there are 16 of them.
+- Closing an isolated session takes 10 s and raises: it happens on a daemon thread.
+- BLOCK can stall the caller and then drop the link: everything is sent with DROP; lost facts
+  are repaired by the agents.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+os.environ.setdefault("ZENOH_RUNTIME", "(rx: (worker_threads: 16))")
+
+import zenoh
+from zenoh.handlers import Callback
+
+from mrbt_mesh.core.effects import (
+    AnswerReceived,
+    Input,
+    MessageReceived,
+    QueryReceived,
+    TokenChanged,
+)
+from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.mission import is_robot_id
+from mrbt_mesh.core.wire import MAX_MESSAGE_BYTES, MAX_NONCE, MessageKind
+
+LEASE_MS = 2_000
+OBSERVER = "observer"
+
+
+class TransportError(Exception):
+    """The session cannot be opened; the message says why and what to change."""
+
+
+@dataclass(frozen=True)
+class TransportConfig:
+    """`robot` is empty for an observer. Endpoints are Zenoh locators, `tcp/127.0.0.1:7450`.
+
+    `multicast_interface`: scout on this interface (`auto`, `lo`, an address); None: do not.
+    """
+
+    team: str
+    robot: str
+    listen: tuple[str, ...] = ()
+    connect: tuple[str, ...] = ()
+    multicast_interface: str | None = None
+
+
+def session_config(config: TransportConfig) -> zenoh.Config:
+    """The Zenoh configuration; raises TransportError for a locator that Zenoh refuses."""
+    scouting: dict[str, Any] = {"enabled": False}
+    if config.multicast_interface is not None:
+        scouting = {
+            "enabled": True,
+            "interface": config.multicast_interface,
+            "autoconnect": {"peer": ["router", "peer"]},
+            "autoconnect_strategy": {"peer": {"to_router": "always", "to_peer": "greater-zid"}},
+        }
+    settings: dict[str, Any] = {
+        "mode": "peer",
+        "connect/endpoints": list(config.connect),
+        "connect/timeout_ms": -1,
+        "connect/exit_on_failure": False,
+        "connect/retry": {
+            "period_init_ms": 250,
+            "period_max_ms": 500,
+            "period_increase_factor": 1,
+        },
+        "scouting/delay": 0,
+        "scouting/multicast": scouting,
+        "scouting/gossip/enabled": False,
+        "transport/link/tx/lease": LEASE_MS,
+        "transport/unicast/open_timeout": LEASE_MS,
+        "transport/unicast/accept_timeout": LEASE_MS,
+    }
+    if config.listen or config.multicast_interface is None:
+        # Otherwise Zenoh's default stands: any port, on all interfaces.
+        settings["listen/endpoints"] = list(config.listen)
+    result = zenoh.Config()
+    for key, value in settings.items():
+        try:
+            result.insert_json5(key, json.dumps(value))
+        except zenoh.ZError as error:
+            raise TransportError(f"Zenoh refuses {key} = {value!r}: {error}") from error
+    return result
+
+
+class ZenohTransport:
+    """One session: publishes, asks and answers, and turns what arrives into agent inputs.
+
+    `deliver(input, key)` is called on Zenoh's threads; see `Inbox.put`.
+    """
+
+    def __init__(
+        self, config: TransportConfig, deliver: Callable[[Input, str | None], None]
+    ) -> None:
+        self._config = config
+        self._deliver = deliver
+        self._prefix = f"mrbt/{config.team}"
+        self._session: zenoh.Session | None = None
+        self._token: zenoh.LivelinessToken | None = None
+        self._incarnation: Incarnation | None = None
+        self._queries: dict[int, zenoh.Query] = {}
+        self._query_number = 0
+        self._lock = threading.Lock()
+        self._zids: dict[str, str] = {}
+
+    # -- life of the session --------------------------------------------------------------
+
+    def open(self) -> None:
+        """Open the session and subscribe; raises TransportError. Blocks: call it in a thread."""
+        try:
+            session = zenoh.open(session_config(self._config))
+        except zenoh.ZError as error:
+            where = ", ".join(self._config.listen) or "any port"
+            # What follows is a path in Zenoh's own sources.
+            reason = str(error).partition(" at /")[0].partition(" [")[0]
+            raise TransportError(f"cannot open a Zenoh session on {where}: {reason}") from error
+        for kind in (MessageKind.BEAT, MessageKind.FACT):
+            session.declare_subscriber(
+                f"{self._prefix}/{kind}/*", self._callback(self._on_sample, kind)
+            )
+        session.liveliness().declare_subscriber(
+            f"{self._prefix}/alive/**", self._callback(self._on_token, None), history=True
+        )
+        robot = self._config.robot
+        if robot:
+            for kind in (MessageKind.PULL, MessageKind.COMMAND):
+                session.declare_queryable(
+                    f"{self._prefix}/{kind}/{robot}", self._callback(self._on_query, kind)
+                )
+        self._session = session
+        if self._incarnation is not None:
+            self.declare_token(self._incarnation)
+
+    def close(self, timeout_s: float) -> None:
+        """Close the session, waiting at most `timeout_s`; an isolated one takes 10 s."""
+        session, self._session, self._token = self._session, None, None
+        if session is None:
+            return
+
+        def finish() -> None:
+            try:
+                session.close()
+            except zenoh.ZError:
+                return  # nobody is left to tell
+
+        thread = threading.Thread(target=finish, daemon=True)
+        thread.start()
+        thread.join(timeout_s)
+
+    def reopen(self) -> None:
+        """Replace the session by a new one: the only repair for a split one."""
+        self.close(timeout_s=11)
+        self.open()
+
+    def is_split_from(self, robot: str) -> bool:
+        """Whether there is a transport to the robot. Without beats for long, it is a split."""
+        session, zid = self._session, self._zids.get(robot)
+        if session is None or zid is None:
+            return False
+        return any(str(peer) == zid for peer in session.info.peers_zid())
+
+    # -- sending --------------------------------------------------------------------------
+
+    def publish(self, kind: MessageKind, data: bytes) -> None:
+        """Send to everybody; what is sent while the session is being reopened is lost."""
+        if self._session is not None:
+            self._session.put(
+                f"{self._prefix}/{kind}/{self._config.robot}",
+                data,
+                congestion_control=zenoh.CongestionControl.DROP,
+                priority=zenoh.Priority.REAL_TIME,
+                express=True,
+                allowed_destination=zenoh.Locality.REMOTE,
+            )
+
+    def ask(
+        self,
+        peer: str,
+        kind: MessageKind,
+        data: bytes,
+        timeout_s: float,
+        deliver: Callable[[Input, str | None], None] | None = None,
+    ) -> None:
+        """Ask one robot; its answer, or None, comes to `deliver` as one AnswerReceived."""
+        give = deliver or self._deliver
+        if self._session is None:
+            give(AnswerReceived(peer, None), None)
+            return
+        answered = threading.Event()
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            if reply.ok is not None and not answered.is_set():
+                answered.set()
+                give(AnswerReceived(peer, reply.ok.payload.to_bytes()), None)
+
+        def on_end() -> None:
+            if not answered.is_set():
+                give(AnswerReceived(peer, None), None)
+
+        self._session.get(
+            f"{self._prefix}/{kind}/{peer}",
+            Callback(on_reply, on_end, indirect=False),
+            payload=data,
+            timeout=timeout_s,
+            target=zenoh.QueryTarget.BEST_MATCHING,
+            congestion_control=zenoh.CongestionControl.DROP,
+            express=True,
+        )
+
+    def reply(self, query: int, data: bytes) -> None:
+        """Answer a query that was delivered as QueryReceived."""
+        with self._lock:
+            found = self._queries.pop(query, None)
+        if found is not None:
+            found.reply(found.key_expr, data)
+            found.drop()
+
+    def declare_token(self, incarnation: Incarnation) -> None:
+        """Show the liveliness token of this incarnation and take an older one down."""
+        self._incarnation = incarnation
+        if self._session is None:
+            return
+        old = self._token
+        who = self._config.robot or OBSERVER
+        self._token = self._session.liveliness().declare_token(
+            f"{self._prefix}/alive/{who}/{incarnation.counter}/{incarnation.nonce}"
+            f"/{self._session.zid()}"
+        )
+        if old is not None:
+            old.undeclare()
+
+    # -- receiving, on Zenoh's threads ----------------------------------------------------
+
+    def _callback(self, function: Callable[[Any, Any], None], argument: Any) -> Callback[Any]:
+        return Callback(lambda item: function(item, argument), indirect=False)
+
+    def _on_sample(self, sample: zenoh.Sample, kind: MessageKind) -> None:
+        source = str(sample.key_expr).rpartition("/")[2]
+        if is_robot_id(source) and len(sample.payload) <= MAX_MESSAGE_BYTES:
+            key = f"beat/{source}" if kind is MessageKind.BEAT else None
+            self._deliver(MessageReceived(kind, source, sample.payload.to_bytes()), key)
+
+    def _on_token(self, sample: zenoh.Sample, _: None) -> None:
+        parts = str(sample.key_expr).removeprefix(f"{self._prefix}/alive/").split("/")
+        if len(parts) != 4 or not is_robot_id(parts[0]) or parts[0] == self._config.robot:
+            return
+        robot, counter, nonce, zid = parts
+        if not counter.isdecimal() or len(counter) > 15 or len(nonce) > MAX_NONCE:
+            return
+        held = sample.kind == zenoh.SampleKind.PUT
+        if held:
+            self._zids[robot] = zid
+        self._deliver(TokenChanged(robot, Incarnation(int(counter), nonce), held), None)
+
+    def _on_query(self, query: zenoh.Query, kind: MessageKind) -> None:
+        payload = query.payload
+        with self._lock:
+            self._query_number += 1
+            number = self._query_number
+            self._queries[number] = query
+            # Queries that the agent never came to are given up, oldest first.
+            while len(self._queries) > 1_000:
+                del self._queries[min(self._queries)]
+        data = payload.to_bytes() if payload is not None else b""
+        self._deliver(QueryReceived(number, kind, data), None)

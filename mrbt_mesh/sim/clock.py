@@ -1,0 +1,159 @@
+"""Virtual time: an event queue in integer microseconds, and an asyncio loop slaved to it.
+
+Robots' actions are real async code, so they run on a real event loop. That loop never sleeps:
+where it would wait for its next timer, it lets the simulation's own events happen instead, and
+moves the clock. A run is deterministic as long as the actions themselves are: no threads, no
+real clocks, no unseeded randomness.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextvars
+import heapq
+import selectors
+from collections.abc import Callable
+from contextvars import Context
+from typing import TypeVarTuple
+
+MICRO = 1_000_000
+
+
+_Ts = TypeVarTuple("_Ts")
+
+
+class DeadlockError(RuntimeError):
+    """Nothing can ever happen any more: no event is due and no task waits for a time."""
+
+
+class VirtualClock:
+    """The simulation's events, ordered by (time, order of scheduling), and the time, from 0."""
+
+    def __init__(self) -> None:
+        self.now_us = 0
+        self.touched = False
+        self.on_error: Callable[[Exception], None] | None = None
+        self._sequence = 0
+        self._events: list[tuple[int, int, Callable[[], None]]] = []
+        self._failed = False
+
+    def at(self, at_us: int, event: Callable[[], None]) -> None:
+        """Let `event` happen at `at_us`, after all that is already due then; never in the past."""
+        self._sequence += 1
+        heapq.heappush(self._events, (max(at_us, self.now_us), self._sequence, event))
+
+    def advance(self, timeout_s: float | None) -> None:
+        """Let up to `timeout_s` pass, less if an event touches the event loop; None: for ever.
+
+        An error in an event goes to `on_error` once; after that no more events happen, so that
+        the loop can shut down. Raises DeadlockError if nothing is left to wait for.
+        """
+        if timeout_s is not None and timeout_s <= 0:
+            return
+        end_us = None if timeout_s is None else self.now_us + max(1, round(timeout_s * MICRO))
+        self.touched = False
+        events = self._events
+        while events and not self._failed and (end_us is None or events[0][0] <= end_us):
+            self.now_us, _, event = heapq.heappop(events)
+            try:
+                event()
+            except Exception as error:
+                self._fail(error)
+            if self.touched:
+                return
+        if end_us is None:
+            self._fail(DeadlockError(f"nothing can happen any more after {self.now_us} us"))
+            return
+        self.now_us = end_us
+
+    def _fail(self, error: Exception) -> None:
+        first = not self._failed
+        self._failed = True
+        if not first or self.on_error is None:
+            raise error
+        self.on_error(error)
+
+
+class Gate:
+    """Holds back the timers of one robot's code while the robot is frozen.
+
+    Code belongs to the gate that `current_gate` shows in its context; tasks inherit it.
+    """
+
+    def __init__(self) -> None:
+        self.is_closed = False
+        self._held: list[Callable[[], None]] = []
+
+    def close(self) -> None:
+        self.is_closed = True
+
+    def open(self) -> None:
+        """Let all timers that came due meanwhile fire, in their order."""
+        self.is_closed = False
+        held, self._held = self._held, []
+        for fire in held:
+            fire()
+
+    def hold(self, fire: Callable[[], None]) -> None:
+        """Keep one timer for later."""
+        self._held.append(fire)
+
+
+current_gate: contextvars.ContextVar[Gate | None] = contextvars.ContextVar("gate", default=None)
+
+
+class _VirtualSelector(selectors.SelectSelector):
+    """Waits in virtual time only; what it is asked to watch (the loop's own pipe) never matters."""
+
+    def __init__(self, clock: VirtualClock) -> None:
+        super().__init__()
+        self._clock = clock
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        self._clock.advance(timeout)
+        return []
+
+
+class VirtualLoop(asyncio.SelectorEventLoop):
+    """An asyncio event loop whose `time()` is the virtual clock, in seconds."""
+
+    def __init__(self, clock: VirtualClock) -> None:
+        super().__init__(_VirtualSelector(clock))
+        self._clock = clock
+        # Timers are floats, the clock counts whole microseconds: due means due to the microsecond.
+        self._clock_resolution = 1 / MICRO
+
+    def time(self) -> float:
+        return self._clock.now_us / MICRO
+
+    def call_soon(
+        self, callback: Callable[[*_Ts], object], *args: *_Ts, context: Context | None = None
+    ) -> asyncio.Handle:
+        self._clock.touched = True
+        return super().call_soon(callback, *args, context=context)
+
+    def call_at(
+        self,
+        when: float,
+        callback: Callable[[*_Ts], object],
+        *args: *_Ts,
+        context: Context | None = None,
+    ) -> asyncio.TimerHandle:
+        self._clock.touched = True
+        gate = current_gate.get()
+        if gate is None:
+            return super().call_at(when, callback, *args, context=context)
+        handles: list[asyncio.TimerHandle] = []
+
+        def release() -> None:
+            if not handles[0].cancelled():
+                self.call_soon(callback, *args, context=context)
+
+        def fire() -> None:
+            if gate.is_closed:
+                gate.hold(release)
+            else:
+                callback(*args)
+
+        handles.append(super().call_at(when, fire, context=context))
+        return handles[0]

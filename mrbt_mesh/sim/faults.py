@@ -1,0 +1,130 @@
+"""What can befall a team in the simulator: a schedule is a list of (at_us, fault).
+
+Times count from the launch of the team, in microseconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import product
+from typing import TypeAlias
+
+from mrbt_mesh.sim.network import Link
+
+
+@dataclass(frozen=True, slots=True)
+class Kill:
+    """SIGKILL: the process and all that it held in memory are gone."""
+
+    robot: str
+
+
+@dataclass(frozen=True, slots=True)
+class Restart:
+    """Start a new process of this robot: one that died or left, or that was not there before.
+
+    A process that still runs is killed first.
+    """
+
+    robot: str
+
+
+@dataclass(frozen=True, slots=True)
+class Freeze:
+    """SIGSTOP: nothing of the process runs, its messages wait, its token stays."""
+
+    robot: str
+
+
+@dataclass(frozen=True, slots=True)
+class Thaw:
+    """SIGCONT."""
+
+    robot: str
+
+
+@dataclass(frozen=True, slots=True)
+class Leave:
+    """The robot leaves on purpose."""
+
+    robot: str
+
+
+@dataclass(frozen=True, slots=True)
+class Lose:
+    """A minor fault: the robot loses a local task (a type, a ground one, or `all`)."""
+
+    robot: str
+    local_task: str
+
+
+@dataclass(frozen=True, slots=True)
+class Restore:
+    """The end of a minor fault."""
+
+    robot: str
+    local_task: str = "all"
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Nothing passes over these links, each in one direction."""
+
+    links: frozenset[Link]
+
+
+@dataclass(frozen=True, slots=True)
+class Unblock:
+    """Messages pass again; None: on all links."""
+
+    links: frozenset[Link] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LoseToken:
+    """A liveliness token lies: `seen_by` sees `robot`'s go although the robot lives."""
+
+    robot: str
+    seen_by: str
+
+
+@dataclass(frozen=True, slots=True)
+class Garbage:
+    """`robot` receives `count` malformed, foreign or forged messages of all kinds."""
+
+    robot: str
+    count: int = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """An operator's command arrives at `robot`, as `mrbt fault` and the like send it."""
+
+    robot: str
+    command: str
+    argument: str = ""
+
+
+Fault: TypeAlias = (
+    Kill
+    | Restart
+    | Freeze
+    | Thaw
+    | Leave
+    | Lose
+    | Restore
+    | Block
+    | Unblock
+    | LoseToken
+    | Garbage
+    | Command
+)
+Schedule: TypeAlias = Iterable[tuple[int, Fault]]
+
+
+def partition(*groups: Iterable[str]) -> Block:
+    """Cut the team into groups that do not hear one another."""
+    sets = [frozenset(group) for group in groups]
+    pairs = ((one, other) for one in sets for other in sets if one is not other)
+    return Block(frozenset(link for pair in pairs for link in product(*pair)))

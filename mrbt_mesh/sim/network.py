@@ -1,0 +1,131 @@
+"""A faulty network: delay, jitter, loss, duplication, reordering and partitions, from one seed."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+Link = tuple[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class LinkKnobs:
+    """How one direction between two robots behaves; times in us, chances in permille (0..1000).
+
+    A message takes `delay_us` plus up to `jitter_us`. Messages of one link arrive in order,
+    except that each is held back by up to `reorder_us` with the chance of `reorder_permille`.
+    """
+
+    delay_us: int = 1_000
+    jitter_us: int = 1_000
+    loss_permille: int = 0
+    duplicate_permille: int = 0
+    reorder_permille: int = 0
+    reorder_us: int = 20_000
+
+    def __post_init__(self) -> None:
+        if min(self.delay_us, self.jitter_us, self.reorder_us) < 0:
+            raise ValueError("delays cannot be negative")
+        for chance in (self.loss_permille, self.duplicate_permille, self.reorder_permille):
+            if not 0 <= chance <= 1_000:
+                raise ValueError(f"a chance is from 0 to 1000 permille, not {chance}")
+
+    @property
+    def is_reliable(self) -> bool:
+        """Whether every message arrives once."""
+        return not (self.loss_permille or self.duplicate_permille)
+
+    @property
+    def slowest_us(self) -> int:
+        """The longest time that a message can take."""
+        held_us = self.reorder_us if self.reorder_permille else 0
+        return self.delay_us + self.jitter_us + held_us
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkKnobs:
+    """The whole network: `link` for all links but those in `links` (source, target).
+
+    `token_delay_us`: how long after a process' end the others see its liveliness token go; None:
+    never, as on a wireless link. `quiet_from_us`: from then on no message is lost, doubled or
+    reordered; None: it goes on. A question without an answer ends after `query_timeout_us`.
+    """
+
+    link: LinkKnobs = LinkKnobs()
+    links: Mapping[Link, LinkKnobs] | None = None
+    token_delay_us: int | None = 5_000
+    query_timeout_us: int = 1_000_000
+    quiet_from_us: int | None = None
+
+    def of(self, link: Link, now_us: int) -> LinkKnobs:
+        """How one link behaves at `now_us`."""
+        knobs = self.links.get(link, self.link) if self.links else self.link
+        if self.quiet_from_us is not None and now_us >= self.quiet_from_us:
+            return replace(knobs, loss_permille=0, duplicate_permille=0, reorder_permille=0)
+        return knobs
+
+    def is_reliable_at(self, now_us: int) -> bool:
+        """Whether no link loses or doubles messages any more."""
+        if self.quiet_from_us is not None and now_us >= self.quiet_from_us:
+            return True
+        return all(knobs.is_reliable for knobs in (self.link, *(self.links or {}).values()))
+
+    @property
+    def slowest_us(self) -> int:
+        """The longest time that a message can take on any link."""
+        return max(knobs.slowest_us for knobs in (self.link, *(self.links or {}).values()))
+
+
+class Network:
+    """Decides when messages arrive.
+
+    Every link and purpose has its own random stream, so that a fault at one robot leaves what
+    happens between the others as it was.
+    """
+
+    def __init__(self, knobs: NetworkKnobs, seed: int) -> None:
+        self.knobs = knobs
+        self.blocked: set[Link] = set()
+        self._seed = seed
+        self._streams: dict[tuple[str, Link], random.Random] = {}
+        self._last_us: dict[Link, int] = {}
+
+    def block(self, links: Iterable[Link]) -> None:
+        """Let nothing pass in these directions."""
+        self.blocked.update(links)
+
+    def unblock(self, links: Iterable[Link] | None = None) -> None:
+        """Let messages pass again; None: everywhere."""
+        self.blocked.difference_update(set(self.blocked) if links is None else set(links))
+
+    def arrivals_us(self, source: str, target: str, now_us: int) -> list[int]:
+        """When a message that is sent now arrives: never, once, or twice."""
+        link = (source, target)
+        knobs = self.knobs.of(link, now_us)
+        if link in self.blocked or self._happens("loss", link, knobs.loss_permille):
+            return []
+        arrival_us = self._arrival_us(link, knobs, now_us)
+        if not self._happens("duplicate", link, knobs.duplicate_permille):
+            return [arrival_us]
+        return [arrival_us, self._arrival_us(link, knobs, now_us)]
+
+    def _arrival_us(self, link: Link, knobs: LinkKnobs, now_us: int) -> int:
+        arrival_us = now_us + knobs.delay_us
+        if knobs.jitter_us:
+            arrival_us += self._stream("jitter", link).randint(0, knobs.jitter_us)
+        if self._happens("reorder", link, knobs.reorder_permille):
+            return arrival_us + self._stream("hold", link).randint(0, knobs.reorder_us)
+        self._last_us[link] = max(arrival_us, self._last_us.get(link, 0))
+        return self._last_us[link]
+
+    def _happens(self, purpose: str, link: Link, permille: int) -> bool:
+        return bool(permille) and self._stream(purpose, link).randrange(1_000) < permille
+
+    def _stream(self, purpose: str, link: Link) -> random.Random:
+        stream = self._streams.get((purpose, link))
+        if stream is None:
+            # Seeded by text: the same on every machine and under every hash seed.
+            stream = random.Random(f"{self._seed}/{purpose}/{link[0]}>{link[1]}")
+            self._streams[purpose, link] = stream
+        return stream

@@ -1,0 +1,390 @@
+"""The simulated world: robots' processes, the network between them, faults, an observer."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import anyio
+import anyio.abc
+
+from mrbt_mesh.core.agent import Agent, AgentConfig
+from mrbt_mesh.core.assignment import Solver
+from mrbt_mesh.core.commands import command_body
+from mrbt_mesh.core.effects import (
+    AnswerReceived,
+    Ask,
+    CapabilityChanged,
+    Effect,
+    Input,
+    LeaveRequested,
+    MessageReceived,
+    Publish,
+    QueryReceived,
+    Reply,
+    TokenChanged,
+)
+from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.core.observer import Observer
+from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
+from mrbt_mesh.core.timing import Timing
+from mrbt_mesh.core.tree import Status
+from mrbt_mesh.core.wire import Header, MessageKind, encode
+from mrbt_mesh.runtime.actions import Identity
+from mrbt_mesh.runtime.program import RobotProgram
+from mrbt_mesh.sim import faults
+from mrbt_mesh.sim.checkers import Checkers
+from mrbt_mesh.sim.clock import VirtualClock
+from mrbt_mesh.sim.effect_log import EffectLog
+from mrbt_mesh.sim.garbage import Forger
+from mrbt_mesh.sim.network import Network, NetworkKnobs
+from mrbt_mesh.sim.process import SimProcess
+
+# How long, in detection times, robots that were cut off may outlive the end of the mission.
+GIVE_UP_DETECTIONS = 5
+
+
+@dataclass(frozen=True)
+class Setup:
+    """All that decides a run. `robots` are launched at the start, within `start_spread_us`.
+
+    `speed` shortens the robots' work. `timeout_us` counts from the launch.
+    """
+
+    mission: Mission
+    program: RobotProgram
+    seed: int
+    robots: tuple[str, ...]
+    timeout_us: int
+    schedule: tuple[tuple[int, faults.Fault], ...] = ()
+    network: NetworkKnobs = field(default_factory=NetworkKnobs)
+    timing: Timing = field(default_factory=Timing)
+    solver: Solver = SOLVERS[DEFAULT_SOLVER]
+    speed: float = 1.0
+    start_spread_us: int = 20_000
+    keep_log: bool = False
+
+
+@dataclass(slots=True)
+class _Question:
+    """A query on its way: who asked whom; the answer comes once."""
+
+    asker: SimProcess
+    peer: str
+    answered: bool = False
+
+
+class World:
+    """Everything that is there, and what happens when. One instance is one run.
+
+    `cut_off`: some robot could not hear all others for a while. `gave_up`: robots outlived the
+    end of the mission.
+    """
+
+    def __init__(self, setup: Setup) -> None:
+        self.setup = setup
+        self.clock = VirtualClock()
+        self.log = EffectLog(setup.keep_log)
+        self.network = Network(setup.network, setup.seed)
+        self.run = f"sim{setup.seed}"
+        self.observer = Observer(setup.mission, self.run, setup.timing, setup.solver)
+        self.checkers = Checkers(self)
+        self.processes: dict[str, SimProcess] = {}
+        self.events: list[dict[str, Any]] = []
+        self.error: Exception | None = None
+        self.over = anyio.Event()
+        self.timed_out = False
+        self.gave_up = False
+        self.cut_off = False
+        self._lives = 0
+        self._questions: dict[int, _Question] = {}
+        self._observing = False
+        self._pending = len(setup.schedule)
+        self._header = Header(setup.mission.digest[:16], setup.mission.name, self.run, "")
+        self._forger = Forger(setup.seed, self._header)
+        self._never: set[str] = set()
+        self._to_launch = len(setup.robots)
+        self._group: anyio.abc.TaskGroup | None = None
+
+    async def main(self) -> None:
+        """Run until the mission is over, nothing can happen any more, or the timeout."""
+        self.clock.on_error = self._failed
+        setup = self.setup
+        async with anyio.create_task_group() as self._group:
+            for robot in setup.robots:
+                offset = self._random_bytes("start", robot)
+                at_us = int.from_bytes(offset, "big") % (setup.start_spread_us + 1)
+                self.clock.at(at_us, partial(self._launch_first, robot))
+            for at_us, fault in sorted(setup.schedule, key=lambda item: item[0]):
+                self.clock.at(at_us, partial(self._befall, fault))
+            self.clock.at(setup.timeout_us, self._time_out)
+            self.clock.at(0, self._observe_regularly)
+            await self.over.wait()
+            self._group.cancel_scope.cancel()
+        if self.error is not None:
+            raise self.error
+
+    @property
+    def mission(self) -> Mission:
+        return self.setup.mission
+
+    @property
+    def timing(self) -> Timing:
+        return self.setup.timing
+
+    @property
+    def solver(self) -> Solver:
+        return self.setup.solver
+
+    def living(self) -> list[SimProcess]:
+        """Processes that run and are not frozen, sorted by robot."""
+        return [
+            self.processes[robot] for robot in sorted(self.processes) if self.processes[robot].runs
+        ]
+
+    def _random_bytes(self, *purpose: Any) -> bytes:
+        text = "/".join(map(str, (self.setup.seed, *purpose)))
+        return hashlib.blake2b(text.encode(), digest_size=4).digest()
+
+    def _launch_first(self, robot: str) -> None:
+        self._to_launch -= 1
+        if robot not in self._never:
+            self._launch(robot)
+
+    def _launch(self, robot: str) -> None:
+        self._lives += 1
+        setup, life = self.setup, self._lives
+        description = setup.mission.robots[robot]
+        identity = Identity(robot, description.type, 1_000 + life, setup.speed)
+        config = AgentConfig(
+            robot=robot,
+            type=description.type,
+            capabilities=dict(description.capabilities),
+            run=self.run,
+            nonce=self._random_bytes("nonce", robot, life).hex(),
+            solver=setup.solver,
+            timing=setup.timing,
+            expected=frozenset(setup.robots),
+            exit_when_done=True,
+            software="simulator",
+            host="simulator",
+            pid=identity.pid,
+        )
+
+        def make_agent(now_us: int) -> Agent:
+            for other in self.processes.values():
+                if other.token is not None and other is not process:
+                    self._tell_token(other.robot, other.token, True, robot)
+            return Agent(setup.mission, config, now_us)
+
+        process = SimProcess(self, identity, setup.program, make_agent)
+        self.processes[robot] = process
+        assert self._group is not None
+        self._group.start_soon(process.main)
+
+    # -- the network (process.Surroundings) ---------------------------------------------------
+
+    def published(self, process: SimProcess, effect: Publish) -> None:
+        now_us = self.clock.now_us
+        event = MessageReceived(effect.kind, process.robot, effect.data)
+        for target in self.processes:
+            if target != process.robot:
+                self._send(process.robot, target, event)
+        self.observer.message(effect.kind, process.robot, effect.data, now_us)
+        if effect.kind is MessageKind.FACT:
+            self.checkers.changed_us = now_us
+        self._observe_soon()
+
+    def _send(self, source: str, target: str, event: Input) -> None:
+        for arrival_us in self.network.arrivals_us(source, target, self.clock.now_us):
+            self.clock.at(arrival_us, partial(self._arrive, target, event))
+
+    def _arrive(self, target: str, event: Input) -> None:
+        self.processes[target].deliver(event)
+
+    def asked(self, process: SimProcess, effect: Ask) -> None:
+        number = len(self._questions) + 1
+        question = self._questions[number] = _Question(process, effect.peer)
+        if effect.peer in self.processes:
+            query = QueryReceived(number, MessageKind.PULL, effect.data)
+            self._send(process.robot, effect.peer, query)
+        timeout_us = self.clock.now_us + self.setup.network.query_timeout_us
+        self.clock.at(timeout_us, lambda: self._answer(question, None))
+
+    def replied(self, process: SimProcess, effect: Reply) -> None:
+        question = self._questions.get(effect.query)
+        if question is None:
+            return  # an operator's command, or garbage
+        source, target = process.robot, question.asker.robot
+        for arrival_us in self.network.arrivals_us(source, target, self.clock.now_us):
+            self.clock.at(arrival_us, lambda: self._answer(question, effect.data))
+
+    def _answer(self, question: _Question, data: bytes | None) -> None:
+        if not question.answered:
+            question.answered = True
+            question.asker.deliver(AnswerReceived(question.peer, data))
+
+    def declared(self, process: SimProcess, incarnation: Incarnation) -> None:
+        if process.token is not None:
+            self._tell_everybody(process.robot, process.token, False)
+        process.token = incarnation
+        self._tell_everybody(process.robot, incarnation, True)
+
+    def _undeclare(self, process: SimProcess) -> None:
+        if process.token is not None:
+            self._tell_everybody(process.robot, process.token, False)
+            process.token = None
+
+    def _tell_everybody(self, robot: str, incarnation: Incarnation, held: bool) -> None:
+        delay_us = self.setup.network.token_delay_us
+        if delay_us is None and not held:
+            return
+        for target in self.processes:
+            if target != robot and (robot, target) not in self.network.blocked:
+                self._tell_token(robot, incarnation, held, target)
+        at_us = self.clock.now_us + (delay_us or 0)
+        self.clock.at(at_us, partial(self._observe_token, robot, incarnation, held))
+
+    def _tell_token(self, robot: str, incarnation: Incarnation, held: bool, target: str) -> None:
+        at_us = self.clock.now_us + (self.setup.network.token_delay_us or 0)
+        event = TokenChanged(robot, incarnation, held)
+        self.clock.at(at_us, partial(self._arrive, target, event))
+
+    # -- what processes do --------------------------------------------------------------------
+
+    def stopped(self, process: SimProcess) -> None:
+        plan = process.agent.plan if process.agent else None
+        if plan is not None and plan.result in (Status.SUCCESS, Status.FAILURE):
+            # It has seen the whole team agree. Robots that it could not reach may never learn it.
+            now_us = self.clock.now_us
+            self.observer.record.over(plan.result, now_us)
+            self.clock.at(now_us + GIVE_UP_DETECTIONS * self.timing.detection_us, self._give_up)
+        self._undeclare(process)
+
+    def recorded(self, process: SimProcess, event: Mapping[str, Any]) -> None:
+        self.events.append(dict(event))
+
+    def handled(self, process: SimProcess, event: Input, effects: list[Effect]) -> None:
+        self.checkers.handled(process, effects)
+
+    # -- the observer -------------------------------------------------------------------------
+
+    def _observe_token(self, robot: str, incarnation: Incarnation, held: bool) -> None:
+        self.observer.token(robot, incarnation, held)
+        self._observe_soon()
+
+    def _observe_soon(self) -> None:
+        if not self._observing:
+            self._observing = True
+            self.clock.at(self.clock.now_us, self._observe)
+
+    def _observe(self) -> None:
+        self._observing = False
+        self.observer.update(self.clock.now_us)
+        if self._nothing_left():
+            self.over.set()
+
+    def _observe_regularly(self) -> None:
+        self._observe()
+        self.checkers.sample()
+        next_us = self.clock.now_us + self.setup.timing.beat_us
+        self.clock.at(next_us, self._observe_regularly)
+
+    def _nothing_left(self) -> bool:
+        if self._to_launch:
+            return False  # they are still being launched
+        if self.observer.record.result is not None:
+            return not self.living()
+        return not self._pending and all(p.is_over for p in self.processes.values())
+
+    # -- faults -------------------------------------------------------------------------------
+
+    def _befall(self, fault: faults.Fault) -> None:
+        self._pending -= 1
+        if self.observer.record.result is not None:
+            return  # the mission is over, and with it the story
+        self.cut_off |= isinstance(fault, faults.Block | faults.Freeze | faults.Restart)
+        self.checkers.fault_us = self.clock.now_us
+        self.log.note(self.clock.now_us, "-", f'{{"fault":"{fault_text(fault)}"}}')
+        match fault:
+            case faults.Restart(robot):
+                self._kill(robot)
+                self._launch(robot)
+            case faults.Block(links):
+                self.network.block(links)
+            case faults.Unblock(links):
+                self.network.unblock(links)
+            case _:
+                self._befall_process(fault)
+
+    def _befall_process(self, fault: faults.Fault) -> None:
+        assert not isinstance(fault, faults.Restart | faults.Block | faults.Unblock)
+        process = self.processes.get(fault.robot)
+        if isinstance(fault, faults.Kill):
+            self._kill(fault.robot)
+        if process is None or process.is_over:
+            return
+        match fault:
+            case faults.Freeze():
+                process.freeze()
+            case faults.Thaw():
+                process.thaw()
+            case faults.LoseToken(robot, seen_by):
+                if process.token is not None:
+                    self._arrive(seen_by, TokenChanged(robot, process.token, False))
+            case faults.Garbage(_, count):
+                for event in self._forger.inputs(fault.robot, self.setup.robots, count):
+                    self.checkers.garbage(process, event)
+            case _:
+                process.deliver(self._input(fault))
+
+    def _input(self, fault: faults.Fault) -> Input:
+        """What arrives at the robot itself."""
+        match fault:
+            case faults.Leave():
+                return LeaveRequested()
+            case faults.Lose(_, local_task):
+                return CapabilityChanged(local_task, lost=True)
+            case faults.Restore(_, local_task):
+                return CapabilityChanged(local_task, lost=False)
+            case faults.Command(_, command, argument):
+                body = command_body(command, argument)
+                data = encode(self._header, MessageKind.COMMAND, body)
+                return QueryReceived(0, MessageKind.COMMAND, data)
+        raise TypeError(f"unknown fault {fault!r}")
+
+    def _kill(self, robot: str) -> None:
+        process = self.processes.get(robot)
+        if process is None:
+            self._never.add(robot)  # it dies before it has said a word
+        elif not process.is_over:
+            process.kill()
+            self.observer.record.exited(robot, self.clock.now_us)
+            self._undeclare(process)
+
+    def _time_out(self) -> None:
+        self.timed_out = True
+        self.over.set()
+
+    def _give_up(self) -> None:
+        self.gave_up = True
+        self.over.set()
+
+    def _failed(self, error: Exception) -> None:
+        self.error = error
+        self.over.set()
+
+
+def fault_text(fault: faults.Fault) -> str:
+    """A fault in one word and its values, in a fixed order: `Kill A1`."""
+    values = []
+    for name in fault.__dataclass_fields__:
+        value = getattr(fault, name)
+        if isinstance(value, frozenset):
+            value = ",".join(f"{source}>{target}" for source, target in sorted(value))
+        values.append(str(value))
+    return " ".join([type(fault).__name__, *values])

@@ -1,0 +1,260 @@
+"""The simulated robots: what they do, and that they record it exactly once."""
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import anyio
+import pytest
+
+from mrbt_mesh import RobotProgram, TaskContext, TaskFailedError
+from mrbt_mesh.formats.template import write_template
+from mrbt_mesh.runtime.program_loader import load_program
+
+AGENTS = Path(__file__).parents[2] / "agents"
+
+
+@pytest.fixture(autouse=True)
+def _own_import_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Loading a program puts its folder on the path, which other tests should not see."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+
+
+@dataclass
+class FakePort:
+    """A TaskPort that remembers everything."""
+
+    events: list[dict[str, Any]] = field(default_factory=list)
+    progress: list[float] = field(default_factory=list)
+    conditions: dict[str, bool] = field(default_factory=dict)
+    now_s: float = 1000.0
+
+    def set_condition(self, name: str, value: bool, at_once: bool) -> None:
+        assert not at_once
+        self.conditions[name] = value
+
+    def read_condition(self, name: str) -> bool:
+        return self.conditions.get(name, False)
+
+    def report_progress(self, fraction: float) -> None:
+        self.progress.append(fraction)
+
+    def lose_capability(self, local_task: str) -> None:
+        raise AssertionError(local_task)
+
+    def restore_capability(self, local_task: str) -> None:
+        raise AssertionError(local_task)
+
+    def record_event(self, event: Mapping[str, Any]) -> None:
+        self.events.append(dict(event))
+
+    def unix_time_s(self) -> float:
+        self.now_s += 1
+        return self.now_s
+
+
+def context(port: FakePort, local_task: str, *arguments: str, **changes: Any) -> TaskContext:
+    given = {
+        "robot": "A1",
+        "robot_type": "A",
+        "incarnation": "7-abc",
+        "pid": 42,
+        "activation": "act-1",
+        "global_task": "goal",
+        "local_task": local_task,
+        "arguments": arguments,
+        "partners": (),
+        "performance": 1e6,
+        "work": 1e-6,
+        "speed": 1.0,
+        "parameters": {},
+        "port": port,
+    }
+    return TaskContext(**{**given, **changes})
+
+
+async def run(program: RobotProgram, task: TaskContext) -> Any:
+    function = program.find(task.local_task.partition("(")[0])
+    assert function is not None
+    return await function(task, *task.arguments)
+
+
+def agent(name: str) -> RobotProgram:
+    return load_program(str(AGENTS / f"{name}.py"))
+
+
+def outcomes(port: FakePort) -> list[tuple[str, str | None]]:
+    return [(event["event"], event["outcome"]) for event in port.events]
+
+
+@pytest.mark.parametrize(("part", "is_broken"), [("2", True), ("3", False), ("22", False)])
+async def test_a_diagnosis_finds_what_the_parameters_say(part: str, is_broken: bool) -> None:
+    port = FakePort()
+    task = context(port, "do_diagnosis", part, parameters={"broken_parts": [2, 4]})
+    assert await run(agent("repair"), task) is None
+    assert port.conditions == {f"broken({part})": is_broken}
+
+
+async def test_a_start_and_an_end_are_recorded_in_full() -> None:
+    port = FakePort()
+    await run(agent("repair"), context(port, "replace_hw(2)", "2"))
+    common = {
+        "robot": "A1",
+        "pid": 42,
+        "incarnation": "7-abc",
+        "activation": "act-1",
+        "global_task": "goal",
+        "local_task": "replace_hw",
+        "args": ["2"],
+    }
+    assert port.events == [
+        {**common, "t": 1001.0, "event": "start", "outcome": None},
+        {**common, "t": 1002.0, "event": "end", "outcome": "success"},
+    ]
+
+
+async def test_work_reports_progress_in_20_steps_up_to_1() -> None:
+    port = FakePort()
+    await run(agent("explore"), context(port, "explore", "A"))
+    assert len(port.progress) == 20
+    assert port.progress == sorted(port.progress)
+    assert port.progress[-1] == 1.0
+
+
+async def test_work_takes_work_by_performance_and_speed(monkeypatch: pytest.MonkeyPatch) -> None:
+    slept: list[float] = []
+
+    async def sleep(seconds: float) -> None:
+        slept.append(seconds)
+
+    program, port = agent("explore"), FakePort()
+    monkeypatch.setattr(anyio, "sleep", sleep)
+    await run(program, context(port, "explore", "A", work=6.0, performance=3.0, speed=4.0))
+    assert sum(slept) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("task", ["use_screwdriver", "move_frame", "use_soldering_iron"])
+async def test_other_repairs_are_only_work(task: str) -> None:
+    port = FakePort()
+    assert await run(agent("repair"), context(port, task)) is None
+    assert outcomes(port) == [("start", None), ("end", "success")]
+    assert port.conditions == {}
+
+
+@pytest.mark.parametrize(
+    ("task", "fails"),
+    [
+        (("search", "1"), True),
+        (("search", "2"), False),
+        (("large_screwdriver",), True),
+        (("small_screwdriver",), False),
+    ],
+)
+async def test_tool_search_fails_as_the_parameters_say(task: tuple[str, ...], fails: bool) -> None:
+    port = FakePort()
+    parameters = {"tools_in_storage": 2, "large_fits": False}
+    running = run(agent("tool_search"), context(port, *task, parameters=parameters))
+    if fails:
+        with pytest.raises(TaskFailedError):
+            await running
+    else:
+        await running
+    assert outcomes(port) == [("start", None), ("end", "failure" if fails else "success")]
+
+
+async def test_a_screwdriver_that_fits_succeeds() -> None:
+    port = FakePort()
+    parameters = {"large_fits": True}
+    await run(agent("tool_search"), context(port, "large_screwdriver", parameters=parameters))
+    assert outcomes(port) == [("start", None), ("end", "success")]
+
+
+def physical_program(function: Any) -> RobotProgram:
+    """A program whose task `x` is `function` under the decorator of agents/simulated.py."""
+    agent("repair")  # Puts the folder on the path.
+    from simulated import physical
+
+    program = RobotProgram()
+    program.local_task("x")(physical(function))
+    return program
+
+
+@pytest.mark.parametrize(
+    ("result", "outcome"), [(True, "success"), (None, "success"), (False, "failure")]
+)
+async def test_the_result_is_recorded_and_passed_on(result: bool | None, outcome: str) -> None:
+    async def x(task: TaskContext) -> bool | None:
+        return result
+
+    port = FakePort()
+    assert await run(physical_program(x), context(port, "x")) is result
+    assert outcomes(port) == [("start", None), ("end", outcome)]
+
+
+async def test_an_exception_is_a_failure_and_passes_through() -> None:
+    async def x(task: TaskContext) -> None:
+        raise ZeroDivisionError("bug")
+
+    port = FakePort()
+    with pytest.raises(ZeroDivisionError, match="bug"):
+        await run(physical_program(x), context(port, "x"))
+    assert outcomes(port) == [("start", None), ("end", "failure")]
+
+
+async def cancelled_while_working(program: RobotProgram, task: TaskContext) -> bool:
+    """Start the task, cancel it, and say whether the scope caught the cancellation."""
+    async with anyio.create_task_group() as group:
+        scope = anyio.CancelScope()
+
+        async def work() -> None:
+            with scope:
+                await run(program, task)
+
+        group.start_soon(work)
+        # One turn of the loop starts the task, which then waits for what never comes.
+        await anyio.lowlevel.checkpoint()
+        scope.cancel()
+    return scope.cancelled_caught
+
+
+async def test_a_cancellation_is_recorded_once_and_passes_through() -> None:
+    async def x(task: TaskContext) -> None:
+        await anyio.sleep_forever()
+
+    port = FakePort()
+    assert await cancelled_while_working(physical_program(x), context(port, "x"))
+    assert outcomes(port) == [("start", None), ("cancel", None)]
+
+
+async def test_a_cancelled_diagnosis_says_nothing_of_the_part() -> None:
+    port = FakePort()
+    task = context(port, "do_diagnosis", "2", work=1e9, performance=1.0)
+    assert await cancelled_while_working(agent("repair"), task)
+    assert outcomes(port) == [("start", None), ("cancel", None)]
+    assert port.conditions == {}
+
+
+# The robot that `mrbt new` writes has its own record of events, to be self-contained.
+
+
+async def test_the_template_robot_does_and_records_its_tasks(tmp_path: Path) -> None:
+    program = load_program(str(write_template(tmp_path)[1]))
+    port = FakePort()
+    task = context(port, "look_at", "green", parameters={"heavy_boxes": ["green"]})
+    await run(program, task)
+    await run(program, context(port, "carry", "green"))
+    assert port.conditions == {"heavy(green)": True}
+    assert outcomes(port) == [("start", None), ("end", "success")] * 2
+    with pytest.raises(KeyError):
+        await run(program, context(port, "look_at", "red"))
+    assert outcomes(port)[-1] == ("end", "failure")
+
+
+async def test_the_template_robot_records_a_cancellation(tmp_path: Path) -> None:
+    program = load_program(str(write_template(tmp_path)[1]))
+    port = FakePort()
+    task = context(port, "carry", "red", work=1e9, performance=1.0)
+    assert await cancelled_while_working(program, task)
+    assert outcomes(port) == [("start", None), ("cancel", None)]

@@ -1,0 +1,257 @@
+"""Small words for building trees, missions and facts in tests."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from mrbt_mesh.core import records
+from mrbt_mesh.core.evaluate import Evaluation, Evaluator, parse_scope
+from mrbt_mesh.core.facts import Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.mission import (
+    MICRO,
+    ConditionType,
+    GlobalTask,
+    LocalTask,
+    Mission,
+    Need,
+    Robot,
+    type_name,
+)
+from mrbt_mesh.core.plan import Plan, make_plan
+from mrbt_mesh.core.records import Claim, Member, Phase
+from mrbt_mesh.core.solvers import min_cost_flow
+from mrbt_mesh.core.team import TeamFacts
+from mrbt_mesh.core.tree import Kind, NodeSpec, Status, build_tree
+
+RUN = "r1"
+SECOND_US = 1_000_000
+
+
+# -- trees ------------------------------------------------------------------------------------
+
+
+def sequence(*children: NodeSpec, name: str = "") -> NodeSpec:
+    return NodeSpec(Kind.SEQUENCE, children, name)
+
+
+def fallback(*children: NodeSpec, name: str = "") -> NodeSpec:
+    return NodeSpec(Kind.FALLBACK, children, name)
+
+
+def parallel(needed: int, *children: NodeSpec) -> NodeSpec:
+    return NodeSpec(Kind.PARALLEL, children, limit=needed)
+
+
+def action(subject: str) -> NodeSpec:
+    return NodeSpec(Kind.ACTION, subject=subject)
+
+
+def condition(subject: str) -> NodeSpec:
+    return NodeSpec(Kind.CONDITION, subject=subject)
+
+
+def decorated(kind: Kind, child: NodeSpec) -> NodeSpec:
+    return NodeSpec(kind, (child,))
+
+
+def inverter(child: NodeSpec) -> NodeSpec:
+    return decorated(Kind.INVERTER, child)
+
+
+def retry(limit: int, child: NodeSpec) -> NodeSpec:
+    return NodeSpec(Kind.RETRY, (child,), limit=limit)
+
+
+def repeat(limit: int, child: NodeSpec) -> NodeSpec:
+    return NodeSpec(Kind.REPEAT, (child,), limit=limit)
+
+
+def keep_running(child: NodeSpec) -> NodeSpec:
+    return decorated(Kind.KEEP_RUNNING_UNTIL_FAILURE, child)
+
+
+def timeout(seconds: float, child: NodeSpec) -> NodeSpec:
+    return NodeSpec(Kind.TIMEOUT, (child,), timeout_us=round(seconds * SECOND_US))
+
+
+def leaves(spec: NodeSpec, kind: Kind) -> list[str]:
+    """Subjects of the leaves of one kind, in tree order, each once."""
+    if spec.kind is kind:
+        return [spec.subject]
+    found = (name for child in spec.children for name in leaves(child, kind))
+    return list(dict.fromkeys(found))
+
+
+# -- missions ---------------------------------------------------------------------------------
+
+
+def task(name: str, *needs: tuple[str, int, int], **policies: Any) -> GlobalTask:
+    """A global task; without `needs` one robot does the local task of the same name."""
+    rows = needs or ((name, 1, 1),)
+    return GlobalTask(name, tuple(Need(*row) for row in rows), **policies)
+
+
+def make_mission(
+    tree: NodeSpec,
+    robots: Mapping[str, Mapping[str, float]] | None = None,
+    tasks: Iterable[GlobalTask] = (),
+    true_at_first: Sequence[str] = (),
+    name: str = "m",
+) -> Mission:
+    """A mission around a tree: what is not given follows from the tree's leaves."""
+    known = {each.id: each for each in tasks}
+    for subject in leaves(tree, Kind.ACTION):
+        known.setdefault(subject, task(subject))
+    types = sorted({type_name(n.local_task) for each in known.values() for n in each.needs})
+    team = robots if robots is not None else {"R1": dict.fromkeys(types, 1)}
+    return Mission(
+        name=name,
+        robots={robot: Robot(robot, "T", micro(can)) for robot, can in team.items()},
+        robot_types={"T": {}},
+        local_tasks={each: LocalTask(each) for each in types},
+        conditions={
+            each: ConditionType(each, default=each in true_at_first)
+            for each in leaves(tree, Kind.CONDITION)
+        },
+        global_tasks=known,
+        tree=build_tree(tree),
+    )
+
+
+def micro(capabilities: Mapping[str, float]) -> dict[str, int]:
+    return {name: round(value * MICRO) for name, value in capabilities.items()}
+
+
+# -- facts ------------------------------------------------------------------------------------
+
+
+class World:
+    """A team's facts, written as its robots would write them.
+
+    `entries` keeps everything that was ever written, so that a test can deliver it again in
+    another order.
+    """
+
+    def __init__(
+        self, mission: Mission | NodeSpec, true_at_first: Sequence[str] = (), joined: bool = True
+    ) -> None:
+        if isinstance(mission, NodeSpec):
+            mission = make_mission(mission, true_at_first=true_at_first)
+        self.mission = mission
+        self.facts = TeamFacts(mission, RUN)
+        self.evaluator = Evaluator(mission.tree)
+        self.entries: list[Entry] = []
+        self.alive: dict[str, Incarnation] = {}
+        self._sequence = 0
+        if joined:
+            for robot in mission.robots.values():
+                self.join(robot.id, robot.capabilities)
+
+    def write(self, author: str, *values: tuple[str, Any]) -> None:
+        """One batch of an author."""
+        self._sequence += 1
+        version = Version(self.alive.get(author, Incarnation(1, "n")), self._sequence)
+        batch = [make_entry(author, name, version, value) for name, value in values]
+        refusals = [self.facts.accepts(entry) for entry in batch]
+        assert not any(refusals), refusals
+        self.entries += batch
+        self.facts.map.merge(batch)
+
+    def join(
+        self, robot: str, capabilities: Mapping[str, int], lost: tuple[str, ...] = (), life: int = 1
+    ) -> None:
+        """A robot's description of itself, under a new incarnation where `life` is new."""
+        self.alive[robot] = Incarnation(life, "n")
+        member = Member("T", capabilities, lost, False, "", "", 0)
+        self.write(robot, (records.MEMBER, member.to_value()))
+
+    def lose(self, robot: str, *local_tasks: str) -> None:
+        """A minor fault."""
+        self.join(robot, self.facts.members[robot][0].capabilities, local_tasks)
+
+    def leave(self, robot: str) -> None:
+        """A robot hands its work over."""
+        member = self.facts.members[robot][0]
+        row = Member("T", member.capabilities, member.lost, True, "", "", 0)
+        self.write(robot, (records.MEMBER, row.to_value()), (records.CLAIM, None))
+
+    def die(self, robot: str) -> None:
+        """Others stop counting on it; its facts stay."""
+        del self.alive[robot]
+
+    def set(self, name: str, value: bool, author: str = "R1") -> None:
+        """Someone sees a condition change; nothing is written where it is so already."""
+        if self.facts.condition(name) != value:
+            row = [value, self.facts.revision(name) + 1, self.facts.max_stamp + 1]
+            self.write(author, (f"{records.CONDITION}/{name}", row))
+
+    def outcome(self, activation: str, success: bool, robot: str = "R1", local: str = "") -> None:
+        """A robot finishes its part of an activation; it may be a straggler."""
+        local = local or parse_scope(activation).subject
+        self.write(robot, (f"{records.OUTCOME}/{activation}/{local}", [success, None]))
+
+    def claim(
+        self, robot: str, activation: str, local: str = "", running: bool = True, since: int = 1
+    ) -> None:
+        """A robot works on an activation."""
+        subject = parse_scope(activation).subject
+        phase = Phase.RUNNING if running else Phase.CLAIMED
+        claim = Claim(activation, subject, local or subject, phase, since)
+        self.write(robot, (records.CLAIM, claim.to_value()))
+
+    def order(self, kind: str, stamp: int, author: str = "R1") -> None:
+        self.write(author, (records.ORDER, [kind, stamp]))
+
+    # -- reading it ---------------------------------------------------------------------------
+
+    def tick(self) -> Evaluation:
+        """Evaluate, and record what has become true, as every agent does."""
+        while True:
+            evaluation = self.evaluator.evaluate(self.facts)
+            latches = [(f"{records.ATTEMPT}/{s}", n) for s, n in evaluation.attempts]
+            latches += [
+                (f"{records.VERDICT}/{activation}", True)
+                for activation in evaluation.failures
+                if not self.facts.has_verdict(activation)
+            ]
+            if not latches:
+                return evaluation
+            self.write("R1", *latches)
+
+    @property
+    def status(self) -> Status:
+        """The root's status."""
+        return self.tick().status
+
+    def asked(self) -> list[str]:
+        """Subjects of the requests, in order."""
+        return [request.subject for request in self.tick().requests]
+
+    def activation(self, subject: str) -> str:
+        """The activation under which a subject is requested now."""
+        (found,) = (r.activation for r in self.tick().requests if r.subject == subject)
+        return found
+
+    def succeed(self, subject: str, robot: str = "R1") -> None:
+        """The requested activation of a subject succeeds."""
+        self.outcome(self.activation(subject), True, robot)
+
+    def fail(self, subject: str, robot: str = "R1") -> None:
+        self.outcome(self.activation(subject), False, robot)
+
+    def expire(self) -> None:
+        """The deadlines of all running Timeouts pass."""
+        for running in self.tick().timeouts:
+            self.write("R1", (f"{records.EXPIRED}/{running.scope}", True))
+
+    def plan(self) -> Plan:
+        return make_plan(self.evaluator, self.facts, self.alive, min_cost_flow)
+
+    def replayed(self, entries: Iterable[Entry]) -> World:
+        """Another replica that received these entries in this order."""
+        other = World(self.mission, joined=False)
+        other.alive = dict(self.alive)
+        for entry in entries:
+            other.facts.map.merge([entry])
+        return other

@@ -1,0 +1,255 @@
+"""What an agent must never do, whatever it is given. The conversations are in `scripts/`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgpack
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mrbt_mesh.core import effects as fx
+from mrbt_mesh.core.facts import MAX_VALUE_BYTES, Incarnation
+from mrbt_mesh.core.wire import Header, MessageKind, encode
+from tests.core.harness import MS, Script
+from tests.core.test_records_wire import mutations, plain
+
+TEAM = """
+robot A weld
+robot B look
+tree Sequence("weld", Fallback("?sound", "look"))
+start A B
+"""
+
+
+def team(text: str = TEAM) -> Script:
+    script = Script()
+    script.block(text.strip().splitlines())
+    return script
+
+
+def story(script: Script, *commands: str) -> str:
+    return script.block(list(commands))
+
+
+def header(script: Script, sender: str = "B") -> Header:
+    mine = script.team.processes["A"].agent.replica.header
+    return Header(mine.mission, mine.mission_name, mine.run, sender)
+
+
+# -- whatever arrives -------------------------------------------------------------------------
+
+
+def give(script: Script, event: fx.Input) -> None:
+    script.team.give(script.team.processes["A"], event)
+
+
+@st.composite
+def inputs(draw: st.DrawFn, mine: Header) -> fx.Input:
+    """Anything that the network could bring, from noise to almost correct messages."""
+    kind = draw(st.sampled_from(MessageKind))
+    entry = ["B", 1, "n2", 9, [["claim", ["r1:1:weld::0", "weld", "weld", 2, 5]]]]
+    beat = [
+        1,
+        "n2",
+        9,
+        1,
+        b"p" * 8,
+        b"f" * 8,
+        [1, 2, 1, 1],
+        1,
+        0,
+        [],
+        [["A", 1, "n1", 9, b"p" * 8]],
+    ]
+    body: Any = draw(plain | mutations([entry]) | mutations(beat) | mutations(["order", "pause"]))
+    data = draw(st.binary(max_size=60) | st.just(encode(mine, kind, body)))
+    sources = st.sampled_from(("A", "B", "Z"))
+    return draw(
+        st.one_of(
+            st.builds(fx.MessageReceived, st.just(kind), sources, st.just(data)),
+            st.builds(fx.QueryReceived, st.just(0), st.just(kind), st.just(data)),
+            st.builds(fx.AnswerReceived, sources, st.just(data) | st.none()),
+            st.builds(
+                fx.TokenChanged,
+                sources,
+                st.builds(Incarnation, st.integers(0, 3), st.just("n2")),
+                st.booleans(),
+            ),
+        )
+    )
+
+
+@given(st.data())
+def test_nothing_that_arrives_stops_an_agent_or_reaches_another_robots_facts(
+    data: st.DataObject,
+) -> None:
+    script = team()
+    robot = script.team.processes["A"]
+    before = {(e.name, e.version) for e in robot.agent.facts.map.of_author("A")}
+    for event in data.draw(st.lists(inputs(header(script)), max_size=5)):
+        # An answer to a command is no story here, and a real command may well stop the robot.
+        robot.agent.handle(event, script.team.now_us)
+    after = {(e.name, e.version) for e in robot.agent.facts.map.of_author("A")}
+    assert {name for name, _ in before} <= {name for name, _ in after}
+    robot.agent.handle(fx.TimerFired(), script.team.now_us + 50 * MS)
+
+
+def test_a_robot_cannot_publish_for_another_one() -> None:
+    script = team()
+    forged = [["A", 9, "zz", 1, [["claim", None]]]]
+    data = encode(header(script), MessageKind.FACT, forged)
+    give(script, fx.MessageReceived(MessageKind.FACT, "B", data))
+    assert "B published entries of another author" in script.team.story[-1]
+    assert script.team.processes["A"].agent.facts.valid_claim("A") is not None
+
+
+def test_a_message_under_the_key_of_another_robot_is_refused() -> None:
+    script = team()
+    for kind in (MessageKind.BEAT, MessageKind.FACT):
+        data = encode(header(script, "C"), kind, [])
+        give(script, fx.MessageReceived(kind, "B", data))
+    refusals = script.team.processes["A"].agent.refusals
+    assert refusals == {"B: sender C published under the key of B": 2}
+
+
+def test_what_is_refused_is_counted_and_logged_once() -> None:
+    script = team()
+    agent = script.team.processes["A"].agent
+    for _ in range(5):
+        give(script, fx.MessageReceived(MessageKind.BEAT, "B", b"noise"))
+    told = [line for line in script.team.story if "input_refused" in line]
+    assert len(told) == 1
+    assert sum(agent.refusals.values()) == 5
+
+
+def test_refusals_do_not_fill_the_memory() -> None:
+    script = team()
+    agent = script.team.processes["A"].agent
+    for number in range(2_000):
+        data = encode(header(script, f"Z{number}"), MessageKind.BEAT, [])
+        agent.handle(fx.MessageReceived(MessageKind.BEAT, "B", data), script.team.now_us)
+    assert len(agent.refusals) <= 1_000
+
+
+@pytest.mark.parametrize("body", [None, [], ["leave"], ["leave", 1], ["leave", "x" * 300], {}])
+def test_a_malformed_command_is_answered_and_changes_nothing(body: Any) -> None:
+    script = team()
+    data = encode(header(script, ""), MessageKind.COMMAND, body)
+    give(script, fx.QueryReceived(0, MessageKind.COMMAND, data))
+    assert script.team.story[-1].endswith("A answers no: a command is a list of two texts")
+
+
+# -- the robot's own code ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "data", [object(), {1, 2}, 1 << 70, "\ud800", b"x" * MAX_VALUE_BYTES, [[[[[[[[0]]]]]]]] * 2]
+)
+def test_result_data_that_cannot_be_sent_costs_the_data_and_not_the_outcome(data: Any) -> None:
+    script = team()
+    robot = script.team.processes["A"]
+    for _ in range(12):
+        data = [data] if isinstance(data, list) else data
+    event = fx.ActionFinished(robot.tickets.pop(), True, data)
+    script.team.give(robot, event)
+    told = "\n".join(script.team.story)
+    assert "(error) result_data_refused local_task=weld" in told
+    assert "A writes success of weld for weld, no claim" in told
+    assert "B starts look" in told
+
+
+def test_result_data_travels_with_the_outcome() -> None:
+    script = team()
+    robot = script.team.processes["A"]
+    script.team.give(robot, fx.ActionFinished(robot.tickets.pop(), True, {"torque": 1.5}))
+    assert any("success of weld for weld {'torque': 1.5}" in line for line in script.team.story)
+
+
+@pytest.mark.parametrize(
+    "event",
+    [
+        fx.ActionFinished(99, True),
+        fx.ActionStopped(99),
+        fx.ProgressReported(99, 50),
+        fx.ConditionSet("nonsense", True),
+    ],
+)
+def test_reports_about_unknown_actions_and_conditions_change_nothing(event: fx.Input) -> None:
+    script = team()
+    facts = script.team.processes["A"].agent.facts
+    before = facts.map.digest()
+    give(script, event)
+    assert facts.map.digest() == before
+
+
+@pytest.mark.parametrize(("reported", "shown"), [(-5, 0), (40, 40), (400, 100)])
+def test_progress_is_shown_in_percent(reported: int, shown: int) -> None:
+    script = team()
+    robot = script.team.processes["A"]
+    give(script, fx.ProgressReported(robot.tickets[-1], reported))
+    assert robot.agent.work.progress == shown
+
+
+# -- time and ends ----------------------------------------------------------------------------
+
+
+def test_an_agent_that_has_stopped_does_nothing_more() -> None:
+    script = team()
+    robot = script.team.processes["B"]
+    effects = robot.agent.handle(fx.LeaveRequested(), script.team.now_us)
+    assert isinstance(effects[-1], fx.Stop)
+    assert robot.agent.handle(fx.TimerFired(), script.team.now_us + 500 * MS) == []
+
+
+@pytest.mark.parametrize(
+    "commands",
+    [
+        ["leave A"],
+        ["start A2=A takeover", "pass 1100"],
+        ["tell A leave"],
+    ],
+)
+def test_stopping_is_the_last_thing_that_an_agent_does(commands: list[str]) -> None:
+    told = story(team(), *commands).splitlines()
+    of_a = [line for line in told if line[6:].startswith("A ")]
+    assert "stops with" in of_a[-1]
+
+
+@given(st.lists(st.integers(1, 400), max_size=20))
+def test_the_next_deadline_lies_ahead_and_within_one_beat(pauses: list[int]) -> None:
+    script = team()
+    for pause in pauses:
+        script.team.pass_time(pause)
+        for process in script.team.processes.values():
+            now_us = script.team.now_us
+            due_us = process.agent.next_deadline_us(now_us)
+            assert now_us < due_us <= now_us + 100 * MS
+
+
+def test_a_quiet_team_only_beats() -> None:
+    script = team()
+    script.team.pass_time(200)
+    agents = [process.agent for process in script.team.processes.values()]
+    before = [len(agent.facts.map) for agent in agents], agents[0].facts.changes
+    assert story(script, "pass 5000") == "ok"
+    assert ([len(agent.facts.map) for agent in agents], agents[0].facts.changes) == before
+
+
+def test_both_robots_hold_the_same_bytes_after_a_conversation() -> None:
+    script = team()
+    story(script, "cut A B", "succeed A sound=false", "set B sound=true", "pass 400", "mend A B")
+    story(script, "pass 1500")
+    first, second = (process.agent for process in script.team.processes.values())
+    assert first.facts.map.digest() == second.facts.map.digest()
+    assert first.plan is not None
+    assert second.plan is not None
+    assert first.plan.packed == second.plan.packed
+
+
+@pytest.mark.parametrize("size", [0, 3, 1 << 16])
+def test_an_answer_of_any_size_that_is_noise_is_refused(size: int) -> None:
+    script = team()
+    give(script, fx.AnswerReceived("B", msgpack.packb(b"x" * size)))
+    assert "not a message of this protocol" in script.team.story[-1]

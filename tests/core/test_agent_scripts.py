@@ -1,0 +1,41 @@
+"""Conversations of agents: golden files in `scripts/`, to be read like a story.
+
+With MRBT_REWRITE=1 the files are written anew. Commit a changed golden only when you can say
+why it changed.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from tests.core.harness import Script
+
+SCRIPTS = sorted((Path(__file__).parent / "scripts").glob("*.txt"))
+
+
+def replayed(text: str) -> str:
+    """The script with the output of every block as it is now."""
+    script = Script()
+    parts = []
+    for block in text.strip().split("\n\n"):
+        commands = block.partition("\n----")[0].splitlines()
+        if not all(line.startswith("#") for line in commands):
+            block = "\n".join([*commands, "----", script.block(commands)])
+        parts.append(block)
+    return "\n\n".join(parts) + "\n"
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
+def test_the_conversation_goes_as_written(path: Path) -> None:
+    written = path.read_text()
+    found = replayed(written)
+    if os.environ.get("MRBT_REWRITE"):
+        path.write_text(found)
+    assert found.splitlines() == written.splitlines()
+
+
+def test_there_are_scripts() -> None:
+    assert len(SCRIPTS) > 10

@@ -1,0 +1,462 @@
+"""Who is alive: silence, lost tokens, relays and accusations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.membership import Membership, State
+from mrbt_mesh.core.timing import Timing
+from mrbt_mesh.core.tree import Status
+from mrbt_mesh.core.wire import Accusation, Beat, Heard
+
+MS = 1_000
+TIMING = Timing(beat_us=100 * MS, detection_us=1_000 * MS)
+ALIVE, SUSPECT, DEAD, LEFT = State.ALIVE, State.SUSPECT, State.DEAD, State.LEFT
+PLAN = b"planplan"
+
+
+class View:
+    """Robot M's view of the others, told what it hears at which millisecond."""
+
+    def __init__(self, *robots: str) -> None:
+        self.members = Membership("M", TIMING)
+        self.ms = 0
+        self.numbers: dict[str, int] = {}
+        for robot in robots:
+            self.hear(robot)
+
+    def at(self, ms: int) -> View:
+        """Let time pass, and judge."""
+        self.ms = ms
+        self.members.judge(ms * MS)
+        return self
+
+    def hear(
+        self,
+        robot: str,
+        *,
+        accuses: Iterable[str] = (),
+        relays: dict[str, int] | None = None,
+        life: int = 1,
+        number: int | None = None,
+        joined: bool = True,
+        leaving: bool = False,
+        plan: bytes = PLAN,
+        result: Status = Status.RUNNING,
+    ) -> bool:
+        """A beat of `robot`; it accuses robots whose token it lost, relays newer beats."""
+        self.numbers[robot] = self.numbers.get(robot, 0) + 1 if number is None else number
+        accusations = tuple(Accusation(each, Incarnation(1, "n"), True, False) for each in accuses)
+        heard = tuple(
+            Heard(each, Incarnation(1, "n"), n, plan, True, int(result))
+            for each, n in (relays or {}).items()
+        )
+        beat = Beat(
+            Incarnation(life, "n"),
+            self.numbers[robot],
+            joined,
+            leaving,
+            plan,
+            b"f" * 8,
+            (0, 0, 0, 0),
+            int(result),
+            0,
+            accusations,
+            heard,
+        )
+        news = self.members.beat(robot, beat, self.ms * MS)
+        self.members.judge(self.ms * MS)
+        return news
+
+    def lose_token(self, robot: str, life: int = 1) -> None:
+        self.members.token(robot, Incarnation(life, "n"), False)
+        self.members.judge(self.ms * MS)
+
+    def __getitem__(self, robot: str) -> State:
+        return self.members.states()[robot]
+
+    def states(self, robots: str) -> list[State]:
+        return [self[robot] for robot in robots]
+
+
+# -- silence ----------------------------------------------------------------------------------
+
+
+def test_a_robot_that_misses_beats_is_suspect_and_then_dead() -> None:
+    view = View("A", "B", "C")
+    view.at(400)
+    for robot in "BC":
+        view.hear(robot)
+    assert view.at(499)["A"] is ALIVE
+    assert view.at(500)["A"] is SUSPECT
+    view.at(800)
+    for robot in "BC":
+        view.hear(robot)
+    assert view.at(999)["A"] is SUSPECT
+    assert view.at(1000)["A"] is DEAD
+
+
+def test_a_suspect_is_in_the_alive_set_and_a_dead_robot_is_not() -> None:
+    view = View("A", "B")
+    assert list(view.at(600).members.alive()) == ["A", "B"]
+    view.hear("B")
+    assert list(view.at(1000).members.alive()) == ["B"]
+
+
+def test_changes_are_told_once_with_what_was_before() -> None:
+    view = View("A", "B")
+    view.ms = 600
+    view.hear("B")
+    assert view["A"] is SUSPECT
+    assert view.members.judge(600 * MS) == []
+    assert view.members.judge(1000 * MS) == [("A", SUSPECT, DEAD)]
+    assert view.members.judge(1001 * MS) == []
+
+
+def test_a_beat_of_the_same_incarnation_revives_a_dead_robot() -> None:
+    view = View("A", "B")
+    view.ms = 900
+    view.hear("B")
+    view.at(1200)
+    assert view["A"] is DEAD
+    view.hear("A")
+    assert view["A"] is ALIVE
+    assert view.members.alive()["A"] == Incarnation(1, "n")
+
+
+def test_an_old_beat_that_arrives_late_revives_nobody() -> None:
+    view = View("A", "B")
+    view.hear("A", number=7)
+    view.ms = 900
+    view.hear("B")
+    view.at(1200)
+    assert not view.hear("A", number=7)
+    assert not view.hear("A", number=5)
+    assert view["A"] is DEAD
+
+
+def test_a_new_incarnation_replaces_the_old_one_and_old_beats_are_ignored() -> None:
+    view = View("A")
+    assert view.hear("A", life=2, number=1)
+    assert view.members.alive() == {"A": Incarnation(2, "n")}
+    assert not view.hear("A", life=1, number=99)
+    assert view.members.alive() == {"A": Incarnation(2, "n")}
+
+
+def test_a_robot_that_has_not_joined_is_known_but_not_counted() -> None:
+    view = View()
+    view.hear("A", life=0, joined=False)
+    assert view["A"] is ALIVE
+    assert view.members.alive() == {}
+    view.hear("A", life=1, joined=True)
+    assert list(view.members.alive()) == ["A"]
+
+
+# -- relays -----------------------------------------------------------------------------------
+
+
+def test_a_relayed_beat_keeps_a_robot_alive_over_a_broken_link() -> None:
+    view = View("A", "B")
+    for number, ms in enumerate(range(200, 3000, 200), start=2):
+        view.ms = ms
+        view.hear("B", relays={"A": number})
+        assert view["A"] is ALIVE
+
+
+def test_the_same_relay_again_is_no_news() -> None:
+    view = View("A", "B")
+    for ms in range(200, 1200, 200):
+        view.ms = ms
+        view.hear("B", relays={"A": 1})
+    assert view["A"] is DEAD
+
+
+def test_a_relay_revives_a_robot_that_was_thought_dead() -> None:
+    view = View("A", "B")
+    view.ms = 900
+    view.hear("B")
+    view.at(1000)
+    assert view["A"] is DEAD
+    view.hear("B", relays={"A": 2})
+    assert view["A"] is ALIVE
+
+
+def test_robots_relay_only_what_they_hear_and_never_a_suspect() -> None:
+    view = View("A", "B")
+    assert [(h.robot, h.number) for h in view.members.heard()] == [("A", 1), ("B", 1)]
+    view.at(600)
+    view.hear("B")
+    assert [h.robot for h in view.members.heard()] == ["B"]
+
+
+def test_two_robots_that_relay_one_another_do_not_keep_a_third_alive() -> None:
+    here, there = View("A", "P"), View("A", "P")
+    for ms in range(100, 1300, 100):
+        here.ms = there.ms = ms
+        here.hear("P", relays={h.robot: h.number for h in there.members.heard() if h.robot == "A"})
+        there.hear("P", relays={h.robot: h.number for h in here.members.heard() if h.robot == "A"})
+    assert (here["A"], there["A"]) == (DEAD, DEAD)
+
+
+def test_a_relay_of_oneself_is_ignored() -> None:
+    view = View("B")
+    view.hear("B", relays={"M": 9})
+    assert "M" not in view.members.states()
+
+
+# -- liveliness tokens ------------------------------------------------------------------------
+
+
+def test_a_robot_whose_token_everybody_lost_is_dead_at_once() -> None:
+    view = View("A", "B", "C")
+    view.lose_token("A")
+    assert view["A"] is SUSPECT
+    view.hear("B", accuses="A")
+    assert view["A"] is SUSPECT
+    view.hear("C", accuses="A")
+    assert view["A"] is DEAD
+
+
+def test_accusations_may_come_before_the_own_loss() -> None:
+    view = View("A", "B")
+    view.hear("B", accuses="A")
+    assert view["A"] is ALIVE
+    view.lose_token("A")
+    assert view["A"] is DEAD
+
+
+def test_a_token_that_only_this_robot_lost_proves_nothing() -> None:
+    view = View("A", "B", "C")
+    view.lose_token("A")
+    for ms in range(100, 900, 100):
+        view.ms = ms
+        view.hear("B", accuses="A")
+        view.hear("C", relays={"A": ms})
+    assert view["A"] is SUSPECT
+
+
+def test_a_token_that_came_back_is_held_again() -> None:
+    view = View("A", "B")
+    view.lose_token("A")
+    view.members.token("A", Incarnation(1, "n"), True)
+    view.hear("B", accuses="A")
+    assert view.at(100)["A"] is not DEAD
+
+
+def test_the_robots_own_word_takes_back_a_lost_token() -> None:
+    view = View("A", "B")
+    view.lose_token("A")
+    view.hear("A")
+    assert view["A"] is ALIVE
+    view.hear("B", accuses="A")
+    assert view["A"] is ALIVE
+
+
+def test_an_accusation_that_is_taken_back_counts_no_more() -> None:
+    view = View("A", "B", "C")
+    view.hear("B", accuses="A")
+    view.hear("B")
+    view.lose_token("A")
+    view.hear("C", accuses="A")
+    assert view["A"] is SUSPECT
+
+
+def test_only_witnesses_in_good_standing_are_waited_for() -> None:
+    view = View("A", "B", "C", "D")
+    view.hear("D", joined=False, life=2)
+    view.ms = 600
+    view.hear("A")
+    view.hear("B")
+    view.hear("D", joined=False, life=2)
+    assert view["C"] is SUSPECT
+    view.lose_token("A")
+    view.hear("B", accuses="A")
+    assert view["A"] is DEAD
+
+
+def test_without_any_witness_a_lost_token_kills_nobody() -> None:
+    view = View("A")
+    view.lose_token("A")
+    assert view.at(999)["A"] is SUSPECT
+    assert view.at(1000)["A"] is DEAD
+
+
+def test_the_token_of_an_earlier_incarnation_means_nothing() -> None:
+    view = View("A", "B")
+    view.hear("A", life=2, number=1)
+    view.lose_token("A", life=1)
+    view.hear("B", accuses="A")
+    assert view["A"] is ALIVE
+
+
+# -- everybody at once ------------------------------------------------------------------------
+
+
+def test_when_most_peers_vanish_together_their_death_waits_one_more_detection_time() -> None:
+    view = View("A", "B", "C")
+    assert view.at(1000).states("ABC") == [SUSPECT] * 3
+    assert view.at(1999).states("ABC") == [SUSPECT] * 3
+    assert view.at(2000).states("ABC") == [DEAD] * 3
+
+
+def test_half_of_the_peers_are_not_most_of_them() -> None:
+    view = View("A", "B", "C", "D")
+    view.ms = 900
+    view.hear("C")
+    view.hear("D")
+    assert view.at(1000).states("ABCD") == [DEAD, DEAD, ALIVE, ALIVE]
+
+
+def test_a_single_peer_is_never_most_peers() -> None:
+    assert View("A").at(1000)["A"] is DEAD
+
+
+def test_the_verdict_does_not_depend_on_the_order_of_the_names() -> None:
+    view = View("A", "B", "C")
+    view.ms = 900
+    view.hear("B")
+    assert view.at(1000).states("ABC") == [SUSPECT, ALIVE, SUSPECT]
+    view.ms = 1800
+    view.hear("B")
+    assert view.at(1999).states("ABC") == [SUSPECT, ALIVE, SUSPECT]
+    assert view.at(2000).states("ABC") == [DEAD, ALIVE, DEAD]
+
+
+# -- leaving, being slow ----------------------------------------------------------------------
+
+
+def test_a_robot_that_leaves_is_gone_at_once_and_not_dead_later() -> None:
+    view = View("A", "B")
+    view.hear("A", leaving=True)
+    assert view["A"] is LEFT
+    assert list(view.members.alive()) == ["B"]
+    view.ms = 900
+    view.hear("B")
+    assert view.at(3000)["A"] is LEFT
+
+
+def test_a_robot_that_left_may_come_back_with_a_new_incarnation() -> None:
+    view = View("A")
+    view.hear("A", leaving=True)
+    view.hear("A", life=2, number=1)
+    assert view["A"] is ALIVE
+
+
+def test_a_robot_that_was_slow_itself_blames_nobody_for_that_time() -> None:
+    view = View("A", "B")
+    view.ms = 300
+    view.hear("B")
+    view.members.slowed(2_000 * MS, 2_500 * MS)
+    assert view.at(2500).states("AB") == [SUSPECT, ALIVE]
+    assert view.at(2999)["A"] is SUSPECT
+    view.hear("B")
+    assert view.at(3000)["A"] is DEAD
+
+
+def test_being_slow_moves_no_evidence_into_the_future() -> None:
+    view = View("A")
+    view.members.slowed(5_000 * MS, 1_000 * MS)
+    assert view.at(1499)["A"] is ALIVE
+    assert view.at(1500)["A"] is SUSPECT
+
+
+# -- what is told to others -------------------------------------------------------------------
+
+
+def test_a_beat_accuses_suspects_and_tells_verdicts() -> None:
+    view = View("A", "B", "C", "D")
+    view.ms = 400
+    for robot in "BCD":
+        view.hear(robot)
+    view.lose_token("B")
+    view.at(600)
+    told = [(a.robot, a.token_lost, a.dead) for a in view.members.accusations()]
+    assert told == [("A", False, False), ("B", True, False)]
+    view.ms = 800
+    view.hear("C")
+    view.hear("D")
+    view.at(1000)
+    told = [(a.robot, a.token_lost, a.dead) for a in view.members.accusations()]
+    assert told == [("A", False, True), ("B", True, False)]
+
+
+def test_suspects_are_left_out_when_agreement_is_counted() -> None:
+    view = View("A", "B")
+    assert view.members.agrees(PLAN)
+    view.hear("A", plan=b"another!")
+    assert not view.members.agrees(PLAN)
+    view.ms = 600
+    view.hear("B")
+    assert view["A"] is SUSPECT
+    assert view.members.agrees(PLAN)
+
+
+def test_a_newcomer_that_is_still_joining_is_waited_for() -> None:
+    view = View("A")
+    view.hear("B", life=0, joined=False)
+    assert not view.members.agrees(PLAN)
+
+
+def test_a_relayed_plan_digest_counts_like_one_that_was_heard() -> None:
+    view = View("A", "B")
+    view.hear("A", plan=b"another!")
+    view.hear("B", relays={"A": 3})
+    assert view.members.agrees(PLAN)
+
+
+def test_the_mission_is_over_once_everybody_alive_says_so_suspects_included() -> None:
+    view = View("A", "B")
+    view.hear("A", result=Status.SUCCESS)
+    assert not view.members.all_report(Status.SUCCESS)
+    view.ms = 600
+    view.hear("A", result=Status.SUCCESS)
+    assert view["B"] is SUSPECT
+    assert not view.members.all_report(Status.SUCCESS)
+    view.ms = 1000
+    view.hear("A", result=Status.SUCCESS)
+    assert view["B"] is DEAD
+    assert view.members.all_report(Status.SUCCESS)
+
+
+def test_a_relayed_result_counts_like_one_that_was_heard() -> None:
+    view = View("A", "B")
+    view.hear("B", result=Status.SUCCESS, relays={"A": 2})
+    assert view.members.all_report(Status.SUCCESS)
+
+
+# -- deadlines --------------------------------------------------------------------------------
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from("ABC"), st.integers(0, 700)), max_size=10),
+    st.integers(1, 3000),
+)
+def test_nothing_changes_before_the_next_deadline(beats: list[tuple[str, int]], wait: int) -> None:
+    view = View("A", "B", "C")
+    for robot, pause in beats:
+        view.ms += pause
+        view.hear(robot)
+    now_us = view.ms * MS
+    view.members.judge(now_us)
+    deadline_us = view.members.next_deadline_us(now_us)
+    then_us = now_us + wait * MS
+    changed = view.members.judge(then_us)
+    if changed:
+        assert deadline_us is not None
+        assert now_us < deadline_us <= then_us
+
+
+@pytest.mark.parametrize(("beat", "detection"), [(400, 1000), (0, 1000), (334, 1000)])
+def test_a_detection_time_of_less_than_three_beats_is_refused(beat: int, detection: int) -> None:
+    with pytest.raises(ValueError, match="at least 3 beat periods"):
+        Timing(beat * MS, detection * MS)
+
+
+def test_what_follows_from_beat_and_detection_time() -> None:
+    assert (TIMING.suspect_us, TIMING.grace_us) == (500 * MS, 300 * MS)
+    assert all(0 < offset < TIMING.beat_us for offset in TIMING.repeats_us())

@@ -1,0 +1,123 @@
+"""An observer follows a team without taking part, and keeps the record of its run."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mrbt_mesh.core.membership import State
+from mrbt_mesh.core.observer import Observer
+from mrbt_mesh.core.tree import Status
+from tests.core.harness import Script
+
+TEAM = """
+robot A weld lift
+robot B weld*0.5 lift
+robot C look
+task cover lift 2..2
+tree Sequence("weld", "cover")
+observe
+start A B C
+pass 200
+"""
+
+
+def watched(*commands: str) -> tuple[Script, Observer]:
+    script = Script()
+    script.block([*TEAM.strip().splitlines(), *commands])
+    observer = script.team.observer
+    assert observer is not None
+    return script, observer
+
+
+def summary(script: Script, observer: Observer) -> dict[str, Any]:
+    return observer.record.summary("success", script.team.now_us)
+
+
+def test_an_observer_comes_to_the_same_plan_as_the_robots() -> None:
+    script, observer = watched("succeed A", "pass 500")
+    plan = script.team.processes["A"].agent.plan
+    assert plan is not None
+    assert observer.plan is not None
+    assert observer.plan.packed == plan.packed
+    assert observer.agreement
+    assert observer.robots() == ["A", "B", "C"]
+
+
+def test_robots_do_not_notice_an_observer() -> None:
+    unseen = Script()
+    unseen.block([*TEAM.replace("observe\n", "").strip().splitlines(), "kill A", "pass 900"])
+    seen, _ = watched("kill A", "pass 900")
+    assert seen.team.story == unseen.team.story
+
+
+def test_a_kill_and_the_takeover_are_recorded() -> None:
+    script, observer = watched("kill A", "pass 100")
+    (takeover,) = summary(script, observer)["takeovers"]
+    assert takeover == {
+        "robot": "A",
+        "at_s": takeover["at_s"],
+        "detected_s": takeover["detected_s"],
+        "reassigned_s": takeover["reassigned_s"],
+        "held": "weld",
+        "replacement": "B",
+    }
+    assert 0 <= takeover["detected_s"] <= takeover["reassigned_s"] < 0.2
+    assert observer.robot_state("A") is State.DEAD
+    assert summary(script, observer)["robots"]["A"]["state"] == "dead"
+
+
+def test_a_blocked_request_is_an_episode_with_its_reason() -> None:
+    script, observer = watched(
+        "succeed A", "kill B", "pass 1500", "start B", "pass 1500", "succeed A", "succeed B"
+    )
+    script.block(["pass 200"])
+    (episode,) = summary(script, observer)["blocked"]
+    assert episode["request"] == "cover"
+    assert episode["reason"] == "blocked: lift needs 2, 1 alive"
+    assert 0 < episode["from"] < episode["to"]
+    assert observer.team_result is Status.SUCCESS
+
+
+def test_the_result_is_the_teams_and_says_who_took_part() -> None:
+    script, observer = watched("succeed A")
+    assert observer.team_result is None
+    script.block(["succeed A", "succeed B", "pass 200"])
+    assert observer.team_result is Status.SUCCESS
+    tasks = summary(script, observer)["global_tasks"]
+    assert tasks == {
+        "cover": {"status": "success", "robots": ["A", "B"]},
+        "weld": {"status": "success", "robots": ["A"]},
+    }
+
+
+def test_minor_faults_have_a_beginning_and_an_end() -> None:
+    script, observer = watched("tell A fault weld", "pass 300", "tell A restore weld", "pass 100")
+    (fault,) = summary(script, observer)["faults"]
+    assert (fault["kind"], fault["robot"], fault["local_tasks"]) == ("minor", "A", ["weld"])
+    assert round(fault["until_s"] - fault["at_s"], 6) == 0.3
+
+
+def test_a_robot_that_left_is_no_fault() -> None:
+    script, observer = watched("leave C", "pass 3000")
+    assert observer.robot_state("C") is State.LEFT
+    assert summary(script, observer)["faults"] == []
+
+
+def test_claims_of_the_living_are_shown() -> None:
+    script, observer = watched()
+    claim = observer.claim("A")
+    assert claim is not None
+    assert claim.local_task == "weld"
+    assert observer.claim("B") is None
+    script.block(["kill A", "pass 100"])
+    assert observer.claim("A") is None
+
+
+def test_noise_is_noted_and_harms_nothing() -> None:
+    script, observer = watched()
+    before = observer.facts.map.digest()
+    for kind in ("beat", "fact"):
+        observer.message(kind, "Z", b"noise", script.team.now_us)  # type: ignore[arg-type]
+    observer.state("Z", b"noise", script.team.now_us)
+    assert "not" in observer.refused["Z"]
+    assert observer.facts.map.digest() == before

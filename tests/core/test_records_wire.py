@@ -1,0 +1,346 @@
+"""Records and messages: round trips, limits, and that nothing malformed ever escapes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgpack
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from mrbt_mesh.core import records, wire
+from mrbt_mesh.core.facts import MAX_VALUE_BYTES, Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.records import parse_record
+from mrbt_mesh.core.wire import (
+    Accusation,
+    Beat,
+    Header,
+    Heard,
+    IncompatibleError,
+    MessageKind,
+    WireError,
+    beat_body,
+    decode,
+    encode,
+    entries_body,
+    parse_beat,
+    parse_entries,
+    parse_summary,
+)
+
+SCOPE = "r1:0:a::0"
+MINE = Header("0123456789abcdef", "repair", "r1", "A1")
+SOMEONE = Header("0123456789abcdef", "repair", "r1", "B1")
+
+incarnations = st.builds(Incarnation, st.integers(0, (1 << 53) - 1), st.text("abc0", max_size=32))
+robots = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}", fullmatch=True)
+digests = st.binary(min_size=8, max_size=8)
+numbers = st.integers(0, (1 << 53) - 1)
+plain = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers(-(1 << 63), (1 << 64) - 1)
+    | st.floats(allow_nan=False)
+    | st.text(max_size=8)
+    | st.binary(max_size=8),
+    lambda inner: (
+        st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=4), inner, max_size=3)
+    ),
+    max_leaves=12,
+)
+beats = st.builds(
+    Beat,
+    incarnations,
+    numbers,
+    st.booleans(),
+    st.booleans(),
+    digests,
+    digests,
+    st.tuples(*[st.integers(0, 3)] * 4),
+    st.integers(0, 3),
+    st.integers(0, 100),
+    st.lists(
+        st.builds(Accusation, robots, incarnations, st.booleans(), st.booleans()), max_size=3
+    ).map(tuple),
+    st.lists(
+        st.builds(Heard, robots, incarnations, numbers, digests, st.booleans(), st.integers(0, 3)),
+        max_size=3,
+    ).map(tuple),
+)
+GOOD_VALUES: list[tuple[str, Any]] = [
+    ("member", ["A", {"drill": 5, "fix(2)": 7}, ["drill"], False, "1.0", "host", 77]),
+    ("claim", None),
+    ("claim", [SCOPE, "a", "drill", 1, 3]),
+    ("order", ["pause", 4]),
+    (f"outcome/{SCOPE}/drill", [True, {"depth": [1.5, None]}]),
+    ("condition/open(2)", [True, 1, 0]),
+    (f"attempt/{SCOPE}", 3),
+    (f"verdict/{SCOPE}", True),
+    (f"expired/{SCOPE}", True),
+]
+NAMES = [name for name, _ in GOOD_VALUES]
+
+
+def entry(name: str, value: Any, author: str = "B1", sequence: int = 1) -> Entry:
+    return make_entry(author, name, Version(Incarnation(1, "n"), sequence), value)
+
+
+def nested(depth: int) -> bytes:
+    """Lists in lists, as bytes."""
+    return b"\x91" * depth + b"\xc0"
+
+
+def message(body: bytes, kind: str = "fact") -> bytes:
+    """A message with a correct header around a packed body."""
+    head = [wire.SCHEMA, kind, SOMEONE.mission, SOMEONE.mission_name, SOMEONE.run, SOMEONE.sender]
+    return b"\x97" + b"".join(map(msgpack.packb, head)) + body
+
+
+# -- round trips ------------------------------------------------------------------------------
+
+
+@given(beats)
+def test_a_beat_survives_the_wire(beat: Beat) -> None:
+    data = encode(SOMEONE, MessageKind.BEAT, beat_body(beat))
+    sender, body = decode(data, MINE, MessageKind.BEAT)
+    assert (sender, parse_beat(body)) == ("B1", beat)
+
+
+@given(st.lists(st.tuples(st.sampled_from(GOOD_VALUES), robots, st.integers(1, 3)), max_size=8))
+def test_entries_survive_the_wire_with_author_version_and_bytes(
+    rows: list[tuple[tuple[str, Any], str, int]],
+) -> None:
+    sent = [entry(name, value, author, sequence) for (name, value), author, sequence in rows]
+    data = encode(SOMEONE, MessageKind.STATE, entries_body(sent))
+    received, malformed = parse_entries(decode(data, MINE, MessageKind.STATE)[1])
+    assert malformed == 0
+
+    def by_key(entries: list[Entry]) -> list[tuple[Any, ...]]:
+        return sorted((e.author, e.version, e.name, e.packed) for e in entries)
+
+    assert by_key(received) == by_key(sent)
+    assert {e.hash for e in received} == {e.hash for e in sent}
+
+
+def test_a_batch_travels_whole_under_one_version() -> None:
+    batch = [entry(name, value) for name, value in GOOD_VALUES[3:6]]
+    (group,) = entries_body(batch)
+    assert group[:4] == ["B1", 1, "n", 1]
+    assert [name for name, _ in group[4]] == NAMES[3:6]
+
+
+@given(plain)
+def test_an_outcome_may_carry_any_plain_data(value: Any) -> None:
+    sent = entry(f"outcome/{SCOPE}/drill", [True, value])
+    data = encode(SOMEONE, MessageKind.FACT, entries_body([sent]))
+    ((received,), _) = parse_entries(decode(data, MINE, MessageKind.FACT)[1])
+    assert received.packed == sent.packed
+
+
+@pytest.mark.parametrize(("name", "value"), GOOD_VALUES)
+def test_what_is_written_is_what_was_parsed(name: str, value: Any) -> None:
+    record = parse_record(name, value)
+    if hasattr(record, "to_value"):
+        assert record.to_value() == value
+
+
+@given(st.dictionaries(robots, st.binary(min_size=16, max_size=16), max_size=5))
+def test_a_version_summary_survives_the_wire(summary: dict[str, bytes]) -> None:
+    data = encode(SOMEONE, MessageKind.PULL, summary)
+    assert parse_summary(decode(data, MINE, MessageKind.PULL)[1]) == summary
+
+
+# -- whatever arrives is decoded or refused ---------------------------------------------------
+
+
+def read_everything(data: bytes, kind: MessageKind) -> None:
+    """What an agent does with bytes from outside; anything but WireError is an error."""
+    try:
+        _, body = decode(data, MINE, kind)
+        if kind is MessageKind.BEAT:
+            parse_beat(body)
+        elif kind is MessageKind.PULL:
+            parse_summary(body)
+        else:
+            parse_entries(body)
+    except WireError as error:
+        assert str(error)  # noqa: PT017 - refusing is as good as reading
+
+
+kinds = st.sampled_from(MessageKind)
+
+
+@given(st.binary(max_size=200), kinds)
+@example(b"", MessageKind.BEAT)
+@example(b"\xc1", MessageKind.FACT)
+@example(b"\x81\x90\x01", MessageKind.FACT)
+@example(b"\xd6\xff\x00\x00\x00\x00", MessageKind.FACT)
+def test_arbitrary_bytes_are_refused_and_nothing_else_happens(
+    data: bytes, kind: MessageKind
+) -> None:
+    with pytest.raises(WireError):
+        decode(data, MINE, kind)
+
+
+@given(plain, kinds)
+def test_an_arbitrary_body_is_read_or_refused(body: Any, kind: MessageKind) -> None:
+    read_everything(encode(SOMEONE, kind, body), kind)
+
+
+def mutations(value: Any) -> st.SearchStrategy[Any]:
+    """`value` with one part, at any depth, replaced by something arbitrary."""
+    if not isinstance(value, list) or not value:
+        return plain
+    inside = st.integers(0, len(value) - 1).flatmap(
+        lambda i: mutations(value[i]).map(lambda part: [*value[:i], part, *value[i + 1 :]])
+    )
+    return inside | plain
+
+
+@given(beats.flatmap(lambda beat: mutations(beat_body(beat))))
+def test_a_beat_with_one_wrong_part_is_read_or_refused(body: Any) -> None:
+    read_everything(encode(SOMEONE, MessageKind.BEAT, body), MessageKind.BEAT)
+
+
+TABLE = entries_body([entry(name, value) for name, value in GOOD_VALUES])
+
+
+@given(mutations(TABLE))
+def test_entries_with_one_wrong_part_are_read_or_refused(body: Any) -> None:
+    read_everything(encode(SOMEONE, MessageKind.FACT, body), MessageKind.FACT)
+
+
+@given(st.data())
+def test_a_message_with_flipped_bytes_is_read_or_refused(data: st.DataObject) -> None:
+    message_bytes = bytearray(encode(SOMEONE, MessageKind.FACT, TABLE))
+    for position in data.draw(st.lists(st.integers(0, len(message_bytes) - 1), max_size=4)):
+        message_bytes[position] = data.draw(st.integers(0, 255))
+    read_everything(bytes(message_bytes), MessageKind.FACT)
+
+
+@given(st.sampled_from([*NAMES, "claim/x", "nonsense", "", "outcome/a", "member/"]), plain)
+def test_a_record_is_parsed_or_a_value_error(name: str, value: Any) -> None:
+    try:
+        record = parse_record(name, value)
+    except ValueError as error:
+        assert str(error)  # noqa: PT017 - refusing is as good as reading
+    else:
+        assert isinstance(record, records.Record)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("depth", [100, 500, 1000, 1020, 1023, 5000])
+def test_deeply_nested_values_are_read_or_refused(name: str, depth: int) -> None:
+    row = b"\x92" + msgpack.packb(name) + nested(depth)
+    group = b"\x95" + b"".join(map(msgpack.packb, ["B1", 1, "n", 1])) + b"\x91" + row
+    read_everything(message(b"\x91" + group), MessageKind.FACT)
+
+
+def test_outcome_data_may_not_be_nested_too_deeply_to_be_shown_or_sent_on() -> None:
+    value: Any = None
+    for _ in range(records.MAX_DATA_DEPTH + 1):
+        value = [value]
+    with pytest.raises(ValueError, match="nested"):
+        parse_record(f"outcome/{SCOPE}/drill", [True, value])
+    assert parse_record(f"outcome/{SCOPE}/drill", [True, value[0]])
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("member", ["A", {"drill": 0}, [], False, "", "", 1]),
+        ("member", ["A", {"drill": True}, [], False, "", "", 1]),
+        ("member", ["A", {1: 1}, [], False, "", "", 1]),
+        ("member", ["A", {"drill": 1}, ["x" * 257], False, "", "", 1]),
+        ("member", ["A", {"drill": 1}, [], 0, "", "", 1]),
+        ("member", ["A", {}, [], False, "", "", -1]),
+        ("claim", [SCOPE, "a", "drill", 3, 1]),
+        ("claim", [SCOPE, "a", "drill", 1]),
+        ("claim", [SCOPE, "a", "drill", 1, -1]),
+        ("order", ["start over", 1]),
+        (f"outcome/{SCOPE}/drill", [1, None]),
+        (f"outcome/{SCOPE}/drill", [True]),
+        ("condition/c", [True, 0, 0]),
+        ("condition/c", [True, 1 << 53, 0]),
+        (f"attempt/{SCOPE}", -1),
+        (f"verdict/{SCOPE}", False),
+        (f"expired/{SCOPE}", 1),
+        ("outcome/" + "x" * 512 + "/a", [True, None]),
+        ("condition", [True, 1, 0]),
+        ("unheard-of", 1),
+    ],
+)
+def test_what_is_not_exactly_its_kind_is_refused(name: str, value: Any) -> None:
+    with pytest.raises(ValueError, match=r"."):
+        parse_record(name, value)
+
+
+def test_one_malformed_entry_does_not_cost_the_others() -> None:
+    table = entries_body([entry("order", ["pause", 1]), entry("claim", None)])
+    table[0][4].insert(1, ["order", ["nonsense", 1]])
+    good, malformed = parse_entries(table)
+    assert ([e.name for e in good], malformed) == (["order", "claim"], 1)
+
+
+# -- limits and incompatible teams ------------------------------------------------------------
+
+
+def test_a_message_that_is_too_large_is_refused_before_it_is_read() -> None:
+    data = encode(SOMEONE, MessageKind.FACT, b"x" * wire.MAX_MESSAGE_BYTES)
+    with pytest.raises(WireError, match=f"at most {wire.MAX_MESSAGE_BYTES} are read"):
+        decode(data, MINE, MessageKind.FACT)
+
+
+def test_tables_longer_than_the_limit_are_refused() -> None:
+    with pytest.raises(WireError, match="not msgpack"):
+        decode(message(msgpack.packb([0] * (wire.MAX_ITEMS + 1))), MINE, MessageKind.FACT)
+
+
+def test_extension_types_are_refused() -> None:
+    body = msgpack.packb(msgpack.ExtType(5, b"abc"))
+    with pytest.raises(WireError):
+        decode(message(body), MINE, MessageKind.FACT)
+
+
+@pytest.mark.parametrize(
+    ("other", "texts"),
+    [
+        (
+            Header("fedcba9876543210", "explore", "r1", "B1"),
+            ["'explore'", "fedcba9876543210", "'repair'", "0123456789abcdef"],
+        ),
+        (Header("0123456789abcdef", "repair", "r2", "B1"), ["'r2'", "'r1'"]),
+    ],
+)
+def test_another_mission_or_run_is_refused_with_both_sides_named(
+    other: Header, texts: list[str]
+) -> None:
+    with pytest.raises(IncompatibleError) as caught:
+        decode(encode(other, MessageKind.BEAT, None), MINE, MessageKind.BEAT)
+    for text in texts:
+        assert text in str(caught.value)
+
+
+def test_another_schema_version_is_refused_with_both_versions_named() -> None:
+    data = msgpack.packb([wire.SCHEMA + 1, "beat", "m", "n", "r", "B1", None])
+    with pytest.raises(IncompatibleError, match=r"schema 2 \(ours is 1\)"):
+        decode(data, MINE, MessageKind.BEAT)
+
+
+@pytest.mark.parametrize("sender", ["../etc", "A 1", "a/b", "-x", "x" * 33])
+def test_a_sender_that_is_no_robot_id_is_refused(sender: str) -> None:
+    data = encode(Header(MINE.mission, "repair", "r1", sender), MessageKind.BEAT, None)
+    with pytest.raises(WireError, match="sender is no robot id"):
+        decode(data, MINE, MessageKind.BEAT)
+
+
+def test_a_message_of_another_kind_is_refused() -> None:
+    with pytest.raises(WireError, match="kind 'fact' where beat is expected"):
+        decode(encode(SOMEONE, MessageKind.FACT, None), MINE, MessageKind.BEAT)
+
+
+@pytest.mark.parametrize("value", [object(), 1 << 64, {1, 2}, "\ud800", b"x" * MAX_VALUE_BYTES])
+def test_outcome_data_that_cannot_be_sent_is_a_value_error(value: Any) -> None:
+    with pytest.raises(ValueError, match=r"plain data|surrogates|bytes, at most"):
+        entry(f"outcome/{SCOPE}/drill", [True, value])

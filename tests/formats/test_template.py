@@ -1,0 +1,67 @@
+"""`mrbt new`: the files that it writes are a mission that can run."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from mrbt_mesh.formats.mission_file import load_mission, mission_warnings
+from mrbt_mesh.formats.template import FolderInUseError, write_template
+from mrbt_mesh.runtime.program_loader import check_program, load_program
+
+
+def test_the_new_mission_and_its_robots_fit_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    folder = tmp_path / "teams" / "my_team"
+    written = write_template(folder)
+    assert written == [folder / "mission.yaml", folder / "robot.py"]
+    mission = load_mission(written[0])
+    assert mission.name == "my_team"
+    assert mission_warnings(mission) == []
+    assert mission.program == str((folder / "robot.py").resolve())
+    program = load_program(mission.program)
+    for robot in mission.robots.values():
+        assert check_program(program, mission, robot.capabilities) == []
+    assert "simulated" not in written[1].read_text()
+
+
+def test_an_empty_folder_may_be_used(tmp_path: Path) -> None:
+    assert len(write_template(tmp_path)) == 2
+
+
+def test_a_folder_in_use_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "robot.py").write_text("mine")
+    with pytest.raises(FolderInUseError, match="is not empty; name a new folder"):
+        write_template(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["robot.py"]
+    assert (tmp_path / "robot.py").read_text() == "mine"
+
+
+def test_a_file_is_left_alone(tmp_path: Path) -> None:
+    file = tmp_path / "my_team"
+    file.write_text("mine")
+    with pytest.raises(FolderInUseError, match="is a file; name a new folder"):
+        write_template(file)
+    assert file.read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("[red, green, blue]", "[red, green, blue, white]"),
+        ("P2: porter", "P2: porter, P3: porter"),
+        ("carry($box): {min: 2, max: 3}", "carry($box): {min: 3, max: 3}"),
+        ("P2: porter", "P2: {type: porter, capabilities: {carry: 2, look_at: null}}"),
+    ],
+)
+def test_the_changes_that_the_guide_proposes_are_right(tmp_path: Path, old: str, new: str) -> None:
+    guide = (Path(__file__).parents[2] / "agents" / "README.md").read_text()
+    file = write_template(tmp_path)[0]
+    text = file.read_text()
+    assert text.count(old) == 1
+    file.write_text(text.replace(old, new))
+    assert mission_warnings(load_mission(file)) == []
+    if "$" in new or "{" in new:
+        assert new in guide

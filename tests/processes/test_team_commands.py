@@ -1,0 +1,173 @@
+"""Commands and refusals on real processes: identity, foreign teams, detaching, own robots."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.processes.conftest import REPAIR, ROOT, Team
+
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
+
+EXPLORE = ROOT / "examples" / "explore" / "mission.yaml"
+
+
+def endpoints(team: Team) -> list[str]:
+    """Options that make an agent dial everybody of the running team."""
+    info = json.loads((team.run_dir / "run.json").read_text())
+    result = ["--team", info["team"], "--listen", "tcp/127.0.0.1:0", "--beat", "0.2"]
+    for endpoint in info["endpoints"].values():
+        result += ["--connect", endpoint]
+    return result
+
+
+def agent(team: Team, mission: Path, robot: str, *options: str) -> subprocess.Popen[str]:
+    """Start one more agent by hand."""
+    command = [sys.executable, "-m", "mrbt_mesh", "agent"]
+    command += ["--mission", str(mission), "--robot", robot, *endpoints(team), *options]
+    return subprocess.Popen(
+        command, env=team.environment, cwd=ROOT, stderr=subprocess.PIPE, text=True
+    )
+
+
+def test_a_second_robot_of_the_same_id_is_refused_and_takeover_overrides(team: Team) -> None:
+    team.up(REPAIR, "--speed", "2")
+    team.wait_for_event("use_screwdriver", robot="C1")
+    run = json.loads((team.run_dir / "run.json").read_text())["run"]
+    mission = team.run_dir / "mission.json"
+    _, problems = agent(team, mission, "A1", "--run", run).communicate(timeout=30)
+    assert "robot A1 is already running" in problems
+    assert "--takeover" in problems
+    refused = team.command("join", "A1")
+    assert refused.returncode == 2
+    assert "robot A1 is already running (pid" in refused.stderr
+    old = team.status()["robots"]["A1"]["pid"]
+    team.mrbt("join", "A1", "--takeover")
+    team.wait_until(lambda: team.status()["robots"]["A1"]["pid"] != old, "a new A1")
+    code, _ = team.end()
+    assert code == 0, team.logs()
+    stopped = [line["reason"] for line in team.log("A1") if line["event"] == "stopped"]
+    assert any("another process has taken over the id A1" in reason for reason in stopped)
+
+
+def test_another_mission_is_refused_on_both_sides(team: Team) -> None:
+    team.up(REPAIR, "--speed", "2")
+    team.wait_for_event("use_screwdriver", robot="C1")
+    run = json.loads((team.run_dir / "run.json").read_text())["run"]
+    stranger = agent(team, EXPLORE, "R1", "--run", run)
+    _, problems = stranger.communicate(timeout=30)
+    assert stranger.returncode == 2
+    assert "mission 'vehicle_repair' with digest" in problems
+    assert "all robots of a team need the same mission file" in problems
+    code, _ = team.end()
+    assert code == 0, team.logs()
+    refusals = [line for line in team.log("C1") if line["event"] == "robot_refused"]
+    assert [line["source"] for line in refusals] == ["R1"]
+    assert "mission 'explore' with digest" in refusals[0]["reason"]
+
+
+def test_detached_teams_run_without_an_observer_and_end_by_themselves(team: Team) -> None:
+    told = team.mrbt("up", str(EXPLORE), "--speed", "2", "--detach", "--run-dir", str(team.run_dir))
+    assert "2 robots run" in told
+    team.wait_until(
+        lambda: len([e for e in team.events() if e["event"] == "end"]) == 2, "both areas explored"
+    )
+    over = team.wait_until(lambda: _stopped(team, "R1"), "R1 stopped")
+    assert over[-1]["reason"] == "mission success"
+
+
+def _stopped(team: Team, robot: str) -> list[dict[str, str]]:
+    return [line for line in team.log(robot) if line["event"] == "stopped"]
+
+
+def test_one_robot_explores_in_turn_and_two_at_once(team: Team) -> None:
+    team.up(EXPLORE, "--speed", "3", "--robots", "R1")
+    code, summary = team.end()
+    assert code == 0, team.logs()
+    events = [(e["event"], e["args"]) for e in team.events()]
+    assert events == [("start", ["A"]), ("end", ["A"]), ("start", ["B"]), ("end", ["B"])]
+    assert list(summary["robots"]) == ["R1"]
+
+
+def test_pause_resume_abort(team: Team) -> None:
+    team.up(REPAIR, "--speed", "2")
+    team.wait_for_event("use_screwdriver", robot="C1")
+    assert "pause is the team's order" in team.mrbt("pause")
+    team.wait_for_event("use_screwdriver", "cancel", robot="C1")
+    team.mrbt("resume")
+    started = lambda: len([e for e in team.events() if e["event"] == "start"]) > 2  # noqa: E731
+    team.wait_until(started, "work after the pause")
+    team.mrbt("abort")
+    code, summary = team.end()
+    assert (code, summary["result"]) == (1, "failure")
+
+
+def test_a_mission_of_ones_own_runs_at_once(team: Team) -> None:
+    folder = team.folder / "my_team"
+    team.mrbt("new", str(folder))
+    team.up(folder / "mission.yaml", "--speed", "5")
+    code, summary = team.end()
+    assert (code, summary["result"]) == (0, "success"), team.logs()
+    assert team.events()
+
+
+def test_a_program_that_raises_fails_its_task_and_not_the_robot(team: Team) -> None:
+    folder = team.folder / "broken"
+    folder.mkdir()
+    (folder / "robot.py").write_text(
+        "from mrbt_mesh import RobotProgram\n"
+        "robot = RobotProgram()\n\n"
+        '@robot.local_task("lift")\n'
+        "async def lift(task):\n"
+        '    raise RuntimeError("the gripper is stuck")\n'
+    )
+    (folder / "mission.yaml").write_text(
+        "mission: stuck\nprogram: robot.py\nlocal_tasks: {lift: {}}\n"
+        "robot_types: {R: {capabilities: {lift: 1}}}\nrobots: {R1: R}\n"
+        "global_tasks: {raise_it: {needs: {lift: {min: 1}}}}\ntree: {Action: raise_it}\n"
+    )
+    team.up(folder / "mission.yaml")
+    code, summary = team.end()
+    assert (code, summary["result"]) == (1, "failure")
+    failure = next(line for line in team.log("R1") if line["event"] == "local_task_finished")
+    assert "the gripper is stuck" in failure["error"]
+    assert 'raise RuntimeError("the gripper is stuck")' in failure["error"]
+
+
+def test_a_time_limit_ends_the_run_with_status_3(team: Team) -> None:
+    done = team.command("up", str(REPAIR), "--timeout", "2", "--json")
+    assert done.returncode == 3
+    summary = json.loads(done.stdout)
+    assert summary["result"] == "timeout"
+    assert summary["ended_because"] == "time is up"
+
+
+def test_a_robot_that_the_mission_does_not_list_joins_with_its_type(team: Team) -> None:
+    team.up(REPAIR, "--speed", "2")
+    team.wait_for_event("use_screwdriver", robot="C1")
+    refused = team.command("join", "A3")
+    assert refused.returncode == 2
+    assert "give its --type (A, B, C)" in refused.stderr
+    team.mrbt("join", "A3", "--type", "A")
+    team.wait_for_event("do_diagnosis", robot="A3")
+    code, summary = team.end()
+    assert code == 0, team.logs()
+    assert summary["robots"]["A3"]["type"] == "A"
+
+
+def test_robots_find_each_other_by_multicast(team: Team) -> None:
+    """Two agents with no endpoint and no launcher, as on two machines."""
+    team.run_dir.mkdir()
+    started = []
+    for robot in ("R1", "R2"):
+        command = [sys.executable, "-m", "mrbt_mesh", "agent", "--mission", str(EXPLORE)]
+        command += ["--robot", robot, "--multicast", "lo", "--team", f"multicast-{id(team)}"]
+        command += ["--run-dir", str(team.run_dir), "--speed", "5", "--exit-when-done"]
+        started.append(subprocess.Popen(command, env=team.environment, cwd=ROOT))
+    assert [process.wait(timeout=60) for process in started] == [0, 0], team.logs()
+    ends = [(e["robot"], e["outcome"]) for e in team.events() if e["event"] == "end"]
+    assert sorted(ends) == [("R1", "success"), ("R2", "success")]

@@ -1,0 +1,62 @@
+"""The small examples: one robot or two on the same file, and the two kinds of fallback."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from conftest import Run
+from physical import most_at_once, of, spans
+
+
+def test_two_robots_explore_in_parallel(run: Run) -> None:
+    result = run("explore", 1)
+    explored = spans(result.events)
+    assert {s.part for s in explored} == {"A", "B"}
+    assert {s.robot for s in explored} == {"R1", "R2"}
+    assert most_at_once(explored) == 2
+    assert result.summary["duration_s"] == pytest.approx(5, abs=0.2)
+
+
+@pytest.mark.parametrize("robot", ["R1", "R2"])
+def test_one_robot_explores_one_after_the_other(run: Run, robot: str) -> None:
+    result = run("explore", 1, robots=[robot])
+    explored = spans(result.events)
+    assert [s.part for s in explored] == ["A", "B"]
+    assert most_at_once(explored) == 1
+    assert result.summary["duration_s"] == pytest.approx(10, abs=0.2)
+
+
+def test_both_storages_are_searched_at_once_and_one_success_is_enough(run: Run) -> None:
+    searches = of(spans(run("tool_search", 1).events), "search")
+    assert most_at_once(searches) == 2
+    assert {s.part: s.end for s in searches} == {"1": "failure", "2": "success"}
+
+
+def test_the_small_screwdriver_only_if_the_large_one_does_not_fit(run: Run) -> None:
+    found = spans(run("tool_search", 1).events)
+    (large,), (small,) = of(found, "large_screwdriver"), of(found, "small_screwdriver")
+    assert large.end == "failure"
+    assert small.end == "success"
+    assert large.end_s < small.start_s
+
+    fitting = spans(run("tool_search", 1, parameters={"large_fits": True}).events)
+    assert [s.end for s in of(fitting, "large_screwdriver")] == ["success"]
+    assert of(fitting, "small_screwdriver") == []
+
+
+def test_a_search_that_succeeds_first_ends_the_other_one(run: Run) -> None:
+    """M=1: once one storage had the tools, nobody goes on looking."""
+    result = run("tool_search", 1, parameters={"tools_in_storage": 1})
+    searches = {s.part: s for s in of(spans(result.events), "search")}
+    assert searches["1"].end == "success"
+    assert searches["2"].end_s - searches["1"].end_s < 0.05
+
+
+def test_no_tools_at_all_is_a_failure(run: Run) -> None:
+    result = run("tool_search", 1, parameters={"tools_in_storage": 3}, expect="failure")
+    assert {s.end for s in of(spans(result.events), "search")} == {"failure"}
+    assert not of(spans(result.events), "large_screwdriver")
