@@ -1,6 +1,6 @@
 """The agent: one robot of the team as a pure object. Inputs and time in, effects out.
 
-`Agent.handle(input, now_us) -> list[Effect]` and `Agent.next_deadline_us(now_us)` are all
+`Agent.handle(input, now_us) -> list[fx.Effect]` and `Agent.next_deadline_us(now_us)` are all
 there is; a runtime drives it with Zenoh and a real clock, the simulator with a faulty network
 and a virtual one.
 """
@@ -11,43 +11,25 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
+from mrbt_mesh.core import effects as fx
 from mrbt_mesh.core import records
 from mrbt_mesh.core.agreement import Gossip
 from mrbt_mesh.core.assignment import Solver
 from mrbt_mesh.core.commands import answer_body, carry_out
-from mrbt_mesh.core.effects import (
-    ActionFinished,
-    ActionStopped,
-    AnswerReceived,
-    Ask,
-    CapabilityChanged,
-    ConditionSet,
-    DeclareToken,
-    Effect,
-    Input,
-    LeaveRequested,
-    Log,
-    MessageReceived,
-    ProgressReported,
-    Publish,
-    QueryReceived,
-    Reply,
-    Stop,
-    TokenChanged,
-)
-from mrbt_mesh.core.evaluate import Evaluator
+from mrbt_mesh.core.description import Description
 from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.identity import Identity
 from mrbt_mesh.core.joining import Joining
 from mrbt_mesh.core.membership import Membership, State
 from mrbt_mesh.core.mission import Mission, type_name
-from mrbt_mesh.core.plan import Plan, make_plan
-from mrbt_mesh.core.records import Member
+from mrbt_mesh.core.plan import Plan
+from mrbt_mesh.core.planner import Planner
+from mrbt_mesh.core.refusals import Refusals
 from mrbt_mesh.core.replica import Replica
 from mrbt_mesh.core.robot_tree import RobotTree
 from mrbt_mesh.core.team import TeamFacts
 from mrbt_mesh.core.timing import Timing
 from mrbt_mesh.core.tree import Status
-from mrbt_mesh.core.watches import Watches
 from mrbt_mesh.core.wire import (
     Beat,
     Header,
@@ -98,32 +80,31 @@ class Agent:
         self.facts = TeamFacts(mission, config.run)
         self.replica = Replica(self.facts, header, config.timing, config.nonce)
         self.membership = Membership(self.me, config.timing)
-        self.evaluator = Evaluator(mission.tree)
         self.gossip = Gossip(config.timing, now_us)
         self.joining: Joining | None = Joining(config.timing, config.expected - {self.me}, now_us)
-        self.watches = Watches()
         self.work = Work()
         self.tree = RobotTree({type_name(name) for name in config.capabilities})
-        self.plan: Plan | None = None
-        self.lost: tuple[str, ...] = ()
-        self.leaving = False
-        self.refusals: dict[str, int] = {}
-        self._effects: list[Effect] = []
-        self._planned: tuple[int, ...] = ()
-        self._reached = 0
+        self.planner = Planner(mission.tree, self.facts, config.solver, self.tree)
+        self.identity = Identity(self.me, config.nonce, config.takeover, config.timing)
+        self.description = Description(
+            self.me, config.type, config.capabilities, config.software, config.host, config.pid
+        )
+        self.refusals = Refusals()
+        self._effects: list[fx.Effect] = []
         self._deadline_us = now_us
         self._done_us: int | None = None
-        self._trigger: tuple[int, tuple[str, ...]] = (0, ())
         self._stopped = False
 
     # -- the two calls ------------------------------------------------------------------------
 
-    def handle(self, event: Input, now_us: int) -> list[Effect]:
+    def handle(self, event: fx.Input, now_us: int) -> list[fx.Effect]:
         """Take in one input; returns what is to be done, in order."""
         if self._stopped:
             return []
         self._check_own_silence(now_us)
-        if isinstance(event, MessageReceived | TokenChanged | QueryReceived | AnswerReceived):
+        if isinstance(
+            event, fx.MessageReceived | fx.TokenChanged | fx.QueryReceived | fx.AnswerReceived
+        ):
             self._from_outside(event, now_us)
         else:
             self._from_robot(event, now_us)
@@ -138,7 +119,7 @@ class Agent:
             self.gossip.next_beat_us,
             self.membership.next_deadline_us(now_us),
             self.replica.next_deadline_us(),
-            self.watches.next_deadline_us(),
+            self.planner.watches.next_deadline_us(),
         ]
         if self.joining is not None:
             deadlines.append(self.joining.deadline_us)
@@ -152,33 +133,31 @@ class Agent:
 
     # -- inputs -------------------------------------------------------------------------------
 
-    def _from_outside(
-        self, event: MessageReceived | TokenChanged | QueryReceived | AnswerReceived, now_us: int
-    ) -> None:
+    def _from_outside(self, event: fx.FromOutside, now_us: int) -> None:
         match event:
-            case MessageReceived(kind, source, data):
+            case fx.MessageReceived(kind, source, data):
                 self._message(kind, source, data, now_us)
-            case TokenChanged(robot, incarnation, held):
+            case fx.TokenChanged(robot, incarnation, held):
                 self.membership.token(robot, incarnation, held)
-            case QueryReceived(query, kind, data):
+            case fx.QueryReceived(query, kind, data):
                 self._query(query, kind, data, now_us)
-            case AnswerReceived(peer, data):
+            case fx.AnswerReceived(peer, data):
                 self._answer(peer, data, now_us)
 
-    def _from_robot(self, event: Input, now_us: int) -> None:
+    def _from_robot(self, event: fx.Input, now_us: int) -> None:
         match event:
-            case ActionFinished():
+            case fx.ActionFinished():
                 self._finished(event, now_us)
-            case ActionStopped(ticket):
+            case fx.ActionStopped(ticket):
                 self.work.stopped(ticket)
-            case ProgressReported(ticket, percent):
+            case fx.ProgressReported(ticket, percent):
                 if self.work.action is not None and self.work.action.number == ticket:
                     self.work.progress = max(0, min(100, percent))
-            case ConditionSet(name, value):
+            case fx.ConditionSet(name, value):
                 self._write(self._condition_writes([(name, value)]), now_us)
-            case CapabilityChanged(local_task, lost):
+            case fx.CapabilityChanged(local_task, lost):
                 self.change_capability(local_task, lost, now_us)
-            case LeaveRequested():
+            case fx.LeaveRequested():
                 self.leave(now_us)
             case _:
                 pass  # TimerFired: what is due follows below
@@ -198,8 +177,10 @@ class Agent:
             self._refuse(source, str(error), isinstance(error, IncompatibleError))
 
     def _beat(self, source: str, beat: Beat, now_us: int) -> None:
+        mine, members = self.replica.incarnation, self.facts.members
+        starting = self.joining is not None and self.joining.first
         if source == self.me:
-            self._own_id(beat)
+            self._stop(2, self.identity.heard(beat, mine, starting, members))
             return
         known = self.membership.peers.get(source)
         if self.membership.beat(source, beat, now_us):
@@ -208,64 +189,22 @@ class Agent:
             self.replica.compare(source, beat.fact_digest, now_us)
         if self.joining is not None:
             self.joining.heard(source)
-        self._own_id_relayed(source, beat, now_us)
-
-    def _own_id_relayed(self, source: str, beat: Beat, now_us: int) -> None:
-        """Others may hear a robot of this id that this one does not hear itself."""
-        relay = next((heard for heard in beat.heard if heard.robot == self.me), None)
-        if relay is not None and relay.incarnation.nonce == self.config.nonce:
-            relay = None
-        if self.joining is not None and self.joining.first:
-            number = relay.number if relay is not None else None
-            if self.joining.relayed(source, number, now_us) and not self.config.takeover:
-                self._refuse_own_id()
-        elif relay is not None and relay.joined:
-            self._yield_to(relay.incarnation)
-
-    def _own_id(self, beat: Beat) -> None:
-        """Somebody else beats under this robot's id."""
-        if beat.incarnation.nonce == self.config.nonce or beat.leaving:
-            return
-        mine = self.replica.incarnation
-        if self.joining is not None and self.joining.first:
-            self.joining.rival = max(self.joining.rival, beat.incarnation.counter)
-            may_replace = self.config.takeover and mine.counter == 0
-            if not may_replace and (beat.joined or beat.incarnation > mine):
-                self._refuse_own_id()
-        elif beat.joined:
-            self._yield_to(beat.incarnation)
-
-    def _yield_to(self, incarnation: Incarnation) -> None:
-        """A higher incarnation that this process did not take: stop, never outbid it."""
-        if incarnation > self.replica.incarnation:
-            self._stop(
-                2,
-                f"another process has taken over the id {self.me} "
-                f"(incarnation {incarnation}, ours was {self.replica.incarnation})",
-            )
-
-    def _refuse_own_id(self) -> None:
-        member = self.facts.members.get(self.me)
-        where = f" (pid {member[0].pid} on {member[0].host})" if member else ""
-        self._stop(
-            2,
-            f"robot {self.me} is already running{where}: choose another id, stop it first, "
-            "or start with --takeover to replace it",
-        )
+        reason = self.identity.relayed(source, beat, mine, starting, members, now_us)
+        self._stop(2, reason)
 
     def _query(self, query: int, kind: MessageKind, data: bytes, now_us: int) -> None:
         header = self.replica.header
         try:
             if kind is MessageKind.PULL:
-                self._effects.append(Reply(query, self.replica.answer(data)))
+                self._effects.append(fx.Reply(query, self.replica.answer(data)))
             else:
                 _, body = decode(data, header, MessageKind.COMMAND)
                 good, text = carry_out(self, body, now_us)
                 answer = encode(header, MessageKind.ANSWER, answer_body(good, text))
-                self._effects.append(Reply(query, answer))
+                self._effects.append(fx.Reply(query, (answer,)))
         except WireError as error:
             answer = encode(header, MessageKind.ANSWER, answer_body(False, str(error)))
-            self._effects.append(Reply(query, answer))
+            self._effects.append(fx.Reply(query, (answer,)))
             self._refuse("a query", str(error), isinstance(error, IncompatibleError))
 
     def _answer(self, peer: str, data: bytes | None, now_us: int) -> None:
@@ -279,11 +218,12 @@ class Agent:
             return
         if received.refused:
             self._refuse(peer, received.reason)
-        self.replica.answered(peer)
-        if self.joining is not None:
-            self.joining.exchanged(peer)
+        if not received.more:
+            self.replica.answered(peer)
+            if self.joining is not None:
+                self.joining.exchanged(peer)
 
-    def _finished(self, event: ActionFinished, now_us: int) -> None:
+    def _finished(self, event: fx.ActionFinished, now_us: int) -> None:
         claimed = self.work.claim
         action = self.work.finish(event.ticket)
         if action is None:
@@ -326,41 +266,26 @@ class Agent:
 
     def change_capability(self, local_task: str, lost: bool, now_us: int) -> str | None:
         """Declare a minor fault or its end; returns what is wrong with it, or None."""
-        own = self.config.capabilities
-        names = set(own) if local_task == "all" else {local_task}
-        known = {type_name(name) for name in own} | set(own)
-        for name in sorted(names):
-            if name not in known and type_name(name) not in known:
-                return f"{self.me} has no local task {name!r}; it has {', '.join(sorted(own))}"
-        remaining = {name for name in self.lost if name not in names and local_task != "all"}
-        self.lost = tuple(sorted(remaining | names if lost else remaining))
-        self._log("warning", "capabilities_changed", lost=list(self.lost))
+        change = self.description.lose if lost else self.description.restore
+        problem = change(local_task)
+        if problem is not None:
+            self._log("error", "capability_unknown", reason=problem)
+            return problem
+        self._log("warning", "capabilities_changed", lost=list(self.description.lost))
         if self.joining is None:
-            self._write([(records.MEMBER, self._member().to_value())], now_us)
+            self._write([(records.MEMBER, self.description.to_value())], now_us)
         return None
-
-    def _member(self) -> Member:
-        config = self.config
-        return Member(
-            config.type,
-            config.capabilities,
-            self.lost,
-            self.leaving,
-            config.software,
-            config.host,
-            config.pid,
-        )
 
     def leave(self, now_us: int) -> None:
         """Hand the work over and stop once nothing runs here any more."""
         if self.leaving:
             return
-        self.leaving = True
+        self.description.leaving = True
         self._log("info", "leaving")
         self._effects += self.work.drop()
         if self.joining is None:
-            member = self._member().to_value()
-            self._write([(records.MEMBER, member), (records.CLAIM, None)], now_us)
+            member = (records.MEMBER, self.description.to_value())
+            self._write([member, (records.CLAIM, None)], now_us)
         self.gossip.urge(now_us)
 
     # -- what follows from it -----------------------------------------------------------------
@@ -375,7 +300,7 @@ class Agent:
         if self.joining is None and silent_us > self.config.timing.detection_us:
             self._log("warning", "fenced", silent_s=silent_us / 1e6)
             heard = self.replica.next_incarnation(0)
-            self._effects.append(DeclareToken(heard))
+            self._effects.append(fx.DeclareToken(heard))
             self._join_again(frozenset(self.membership.alive()), False, now_us)
 
     def _check_own_past(self, now_us: int) -> None:
@@ -393,7 +318,8 @@ class Agent:
     def _join_again(self, expected: frozenset[str], first: bool, now_us: int) -> None:
         self._effects += self.work.drop()
         self.joining = Joining(self.config.timing, expected, now_us, first)
-        self._planned = ()
+        self.identity.restart()
+        self.planner.forget()
 
     def _settle(self, now_us: int) -> None:
         """Bring everything that follows from facts and time up to date."""
@@ -426,56 +352,29 @@ class Agent:
             waits = self.joining.wants(robot, state)
             if waits and not self.replica.is_asking(robot, now_us):
                 self._ask(robot, now_us)
-        if not self.joining.is_done(self.membership.states(), now_us):
+        awaited = self.joining.first and self.identity.is_relayed
+        if not self.joining.is_done(self.membership.states(), awaited, now_us):
             return
         if self.joining.first:
             if self.joining.foreign and not self.membership.peers:
                 self._stop(2, f"the team runs something else: {self.joining.foreign}")
                 return
-            incarnation = self.replica.next_incarnation(self.joining.rival)
-            self._effects.append(DeclareToken(incarnation))
+            incarnation = self.replica.next_incarnation(self.identity.rival)
+            self._effects.append(fx.DeclareToken(incarnation))
         self.joining = None
         self._log("info", "joined", incarnation=str(self.replica.incarnation))
-        member = (records.MEMBER, self._member().to_value())
+        member = (records.MEMBER, self.description.to_value())
         self._write([member, (records.CLAIM, None)], now_us)
         self.gossip.urge(now_us)
 
     def _replan(self, now_us: int) -> None:
         """Plan again if facts or the alive set have changed, until nothing more follows."""
-        while True:
-            if self._reached != self.facts.reach_changes:
-                self._reached = self.facts.reach_changes
-                self.facts.prune(self.evaluator)
-            state = (self.facts.changes, self.membership.changes)
-            latched: list[tuple[str, Any]] = []
-            if self._planned != state:
-                self._planned = state
-                alive = self.membership.alive() | {self.me: self.replica.incarnation}
-                self.plan = make_plan(self.evaluator, self.facts, alive, self.config.solver)
-                latched = self._latches(self.plan)
-                self._tick_assignment(self.plan)
-            assert self.plan is not None
-            latched += self.watches.expired(self.plan, self.facts, now_us)
-            if not latched:
-                return
+
+        def alive() -> dict[str, Incarnation]:
+            return self.membership.alive() | {self.me: self.replica.incarnation}
+
+        while latched := self.planner.step(alive, self.membership.changes, now_us):
             self._write(latched, now_us)
-
-    def _latches(self, plan: Plan) -> list[tuple[str, Any]]:
-        evaluation = plan.evaluation
-        latched: list[tuple[str, Any]] = [
-            (f"{records.ATTEMPT}/{scope}", number) for scope, number in evaluation.attempts
-        ]
-        for activation in evaluation.failures:
-            if not self.facts.has_verdict(activation):
-                latched.append((f"{records.VERDICT}/{activation}", True))
-        return latched
-
-    def _tick_assignment(self, plan: Plan) -> None:
-        requested = tuple(request.activation for request in plan.evaluation.requests)
-        finished = self.facts.outcome_changes
-        trigger = (finished != self._trigger[0], requested != self._trigger[1])
-        self.tree.tick_assignment(*trigger, plan.feasible)
-        self._trigger = (finished, requested)
 
     def _work(self, now_us: int) -> None:
         """Follow this robot's line of the plan; start once the team agrees, or after the grace."""
@@ -550,13 +449,13 @@ class Agent:
             self.membership.heard(),
         )
         data = encode(self.replica.header, MessageKind.BEAT, beat_body(beat))
-        self._effects.append(Publish(MessageKind.BEAT, data))
+        self._effects.append(fx.Publish(MessageKind.BEAT, data))
 
     def _write(self, values: Iterable[tuple[str, Any]], now_us: int) -> None:
         batch = list(values)
         if batch:
             data = self.replica.write(batch, now_us)
-            self._effects.append(Publish(MessageKind.FACT, data))
+            self._effects.append(fx.Publish(MessageKind.FACT, data))
 
     def order(self, kind: records.OrderKind, now_us: int) -> None:
         """Take in the operator's word and tell the team."""
@@ -565,27 +464,34 @@ class Agent:
 
     def _ask(self, peer: str, now_us: int) -> None:
         self.replica.asked(peer, now_us)
-        self._effects.append(Ask(peer, self.replica.pull()))
+        self._effects.append(fx.Ask(peer, self.replica.pull()))
 
     def _refuse(self, source: str, reason: str, incompatible: bool = False) -> None:
         """Count what is refused; log it once per source and reason."""
-        key = f"{source}: {reason}"
-        if len(self.refusals) < 1_000 or key in self.refusals:
-            self.refusals[key] = self.refusals.get(key, 0) + 1
-        if self.refusals.get(key) == 1:
+        if self.refusals.count(source, reason):
             event = "robot_refused" if incompatible else "input_refused"
             self._log("error" if incompatible else "warning", event, source=source, reason=reason)
         if incompatible and self.joining is not None:
             self.joining.foreign = f"{source}: {reason}"
 
     def _log(self, level: str, event: str, **fields: Any) -> None:
-        self._effects.append(Log(level, event, fields))
+        self._effects.append(fx.Log(level, event, fields))
 
-    def _stop(self, code: int, reason: str) -> None:
-        if not self._stopped:
+    def _stop(self, code: int, reason: str | None) -> None:
+        if reason is not None and not self._stopped:
             self._stopped = True
             self._effects += self.work.drop()
-            self._effects.append(Stop(code, reason))
+            self._effects.append(fx.Stop(code, reason))
+
+    @property
+    def plan(self) -> Plan | None:
+        """The plan of the last step, None while this robot has never joined."""
+        return self.planner.plan
+
+    @property
+    def leaving(self) -> bool:
+        """Whether this robot is on its way out."""
+        return self.description.leaving
 
     @property
     def incarnation(self) -> Incarnation:

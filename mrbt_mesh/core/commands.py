@@ -36,7 +36,7 @@ def carry_out(agent: Agent, body: Any, now_us: int) -> tuple[bool, str]:
             problem = agent.change_capability(argument, command == FAULT, now_us)
             if problem is not None:
                 return False, problem
-            lost = ", ".join(agent.lost) or "nothing"
+            lost = ", ".join(agent.description.lost) or "nothing"
             return True, f"{agent.me} has lost {lost}"
         case "leave":
             agent.leave(now_us)

@@ -100,11 +100,10 @@ class TimerFired:
     """`next_deadline_us` has come."""
 
 
+FromOutside: TypeAlias = MessageReceived | TokenChanged | QueryReceived | AnswerReceived
+
 Input: TypeAlias = (
-    MessageReceived
-    | TokenChanged
-    | QueryReceived
-    | AnswerReceived
+    FromOutside
     | ActionFinished
     | ActionStopped
     | ProgressReported
@@ -133,10 +132,10 @@ class Ask:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """Answer a query."""
+    """Answer a query, with one message or, for a PULL of many facts, several pages."""
 
     query: int
-    data: bytes
+    pages: tuple[bytes, ...]
 
 
 @dataclass(frozen=True, slots=True)

@@ -97,6 +97,7 @@ class FactMap:
     def __init__(self, on_change: Callable[[Entry | None, Entry | None], None]) -> None:
         self._entries: dict[tuple[str, str], Entry] = {}
         self._digests: dict[str, int] = {}
+        self._digest: bytes | None = None
         self._on_change = on_change
 
     def __len__(self) -> int:
@@ -132,6 +133,7 @@ class FactMap:
             self._on_change(entry, None)
 
     def _count(self, author: str, change: int) -> None:
+        self._digest = None
         total = (self._digests.get(author, 0) + change) % _DIGEST_MODULUS
         if total:
             self._digests[author] = total
@@ -144,10 +146,12 @@ class FactMap:
 
     def digest(self) -> bytes:
         """An 8-byte digest of the whole map."""
-        whole = hashlib.blake2b(digest_size=8)
-        for author, digest in self.author_digests().items():
-            whole.update(author.encode() + b"\0" + digest)
-        return whole.digest()
+        if self._digest is None:
+            whole = hashlib.blake2b(digest_size=8)
+            for author, digest in self.author_digests().items():
+                whole.update(author.encode() + b"\0" + digest)
+            self._digest = whole.digest()
+        return self._digest
 
     def of_author(self, author: str) -> list[Entry]:
         """The author's entries, sorted by name."""

@@ -14,12 +14,10 @@ from mrbt_mesh.core.timing import Timing
 
 class Joining:
     """Done when facts were exchanged with every peer that is heard, and either all expected
-    robots were heard or one detection time has passed. While others still count an earlier
-    incarnation of this robot among the living, it waits for them to notice, too.
+    robots were heard or one detection time has passed.
 
-    `first`: the process has just started (not: it fenced itself). `rival` is the highest
-    incarnation counter heard under this robot's own id, `foreign` why the last incompatible
-    message was refused.
+    `first`: the process has just started (not: it fenced itself). `foreign` is why the last
+    incompatible message was refused.
     """
 
     def __init__(
@@ -27,13 +25,8 @@ class Joining:
     ) -> None:
         self.deadline_us = now_us + timing.detection_us
         self.first = first
-        self.rival = 0
         self.foreign = ""
-        self._patience_us = 3 * timing.beat_us
         self._expected = expected
-        self._relayed_us: int | None = None
-        self._relayed_number = 0
-        self._relayed_by: set[str] = set()
         self._heard: set[str] = set()
         self._exchanged: set[str] = set()
 
@@ -45,31 +38,19 @@ class Joining:
         """`robot` has answered with its facts."""
         self._exchanged.add(robot)
 
-    def relayed(self, source: str, number: int | None, now_us: int) -> bool:
-        """What the beat of `source` says of this robot's id: its beat `number`, None for nothing.
-
-        True if somebody else lives under the id: its beats still grow in number after all that
-        was on its way must have arrived.
-        """
-        if number is None:
-            self._relayed_by.discard(source)
-            return False
-        self._relayed_by.add(source)
-        if self._relayed_us is None:
-            self._relayed_us = now_us
-        grown = number > self._relayed_number
-        self._relayed_number = max(self._relayed_number, number)
-        return grown and now_us >= self._relayed_us + self._patience_us
-
     def wants(self, robot: str, state: State) -> bool:
         """Whether the facts of this robot are still needed."""
         present = state in (State.ALIVE, State.SUSPECT)
         return present and robot in self._heard and robot not in self._exchanged
 
-    def is_done(self, states: Mapping[str, State], now_us: int) -> bool:
-        """Whether the robot may take its place in the team."""
+    def is_done(self, states: Mapping[str, State], awaited: bool, now_us: int) -> bool:
+        """Whether the robot may take its place in the team.
+
+        `awaited`: others still count an earlier life of this robot among the living; they are
+        given the time to notice.
+        """
         if any(self.wants(robot, state) for robot, state in states.items()):
             return False
         if now_us >= self.deadline_us:
             return True
-        return self._expected <= self._heard and not self._relayed_by
+        return self._expected <= self._heard and not awaited

@@ -56,8 +56,10 @@ class Observer:
     def state(self, source: str, data: bytes, now_us: int) -> None:
         """A robot's answer to `replica.pull()`."""
         try:
-            self._facts_changed(self.replica.receive_state(data, now_us).changed, now_us)
-            self.replica.answered(source)
+            received = self.replica.receive_state(data, now_us)
+            self._facts_changed(received.changed, now_us)
+            if not received.more:
+                self.replica.answered(source)
         except WireError as error:
             self.refused[source] = str(error)
 
@@ -84,6 +86,7 @@ class Observer:
         for robot, _, after in self.membership.judge(now_us):
             evidence_us = self.membership.peers[robot].evidence_us
             self.record.state(robot, after, evidence_us, now_us)
+        self.facts.prune(self.evaluator)
         changes = (self.facts.changes, self.membership.changes)
         if changes != self._planned:
             self._planned = changes

@@ -105,6 +105,7 @@ class Plan:
         return {
             "result": self.result.name.lower(),
             "order": str(self.order),
+            "feasible": self.feasible,
             "statuses": [int(status) for status in self.evaluation.statuses],
             "requests": [[r.subject, r.activation] for r in self.evaluation.requests],
             "lines": {

@@ -20,6 +20,8 @@ from mrbt_mesh.core.wire import (
     parse_summary,
 )
 
+PAGE_BYTES = 1 << 20
+
 
 @dataclass(slots=True)
 class _Repair:
@@ -31,11 +33,15 @@ class _Repair:
 
 @dataclass(slots=True)
 class Received:
-    """What a message brought: entries that changed something, and refusals to count."""
+    """What a message brought: entries that changed something, and refusals to count.
+
+    `more`: further pages of the same answer follow.
+    """
 
     changed: list[Entry] = field(default_factory=list)
     refused: int = 0
     reason: str = ""
+    more: bool = False
 
 
 class Replica:
@@ -97,10 +103,14 @@ class Replica:
         return self._merge(entries, malformed, now_us)
 
     def receive_state(self, data: bytes, now_us: int) -> Received:
-        """Take in a peer's answer to a pull: entries of any author. Raises WireError."""
+        """Take in a page of a peer's answer to a pull: entries of any author. Raises WireError."""
         _, body = decode(data, self.header, MessageKind.STATE)
-        entries, malformed = parse_entries(body)
-        return self._merge(entries, malformed, now_us)
+        if not isinstance(body, list) or len(body) != 2 or not isinstance(body[0], bool):
+            raise WireError("state is malformed")
+        entries, malformed = parse_entries(body[1])
+        received = self._merge(entries, malformed, now_us)
+        received.more = body[0]
+        return received
 
     def _merge(self, entries: Iterable[Entry], malformed: int, now_us: int) -> Received:
         received = Received(refused=malformed, reason="malformed entry" if malformed else "")
@@ -121,18 +131,40 @@ class Replica:
         """The question for what others have and this replica lacks."""
         return encode(self.header, MessageKind.PULL, self.facts.map.author_digests())
 
-    def answer(self, data: bytes) -> bytes:
+    def answer(self, data: bytes) -> tuple[bytes, ...]:
         """The answer to a pull: all entries of every author where the asker differs.
 
+        In pages that stay far below what a receiver reads; a batch is never torn apart.
         Raises WireError.
         """
         _, body = decode(data, self.header, MessageKind.PULL)
         theirs = parse_summary(body)
-        entries: list[Entry] = []
-        for author, digest in self.facts.map.author_digests().items():
-            if theirs.get(author) != digest:
-                entries.extend(self.facts.map.of_author(author))
-        return encode(self.header, MessageKind.STATE, entries_body(entries))
+        differing = [
+            author
+            for author, digest in self.facts.map.author_digests().items()
+            if theirs.get(author) != digest
+        ]
+        pages: list[list[Entry]] = [[]]
+        size = 0
+        for batch in self._batches(differing):
+            weight = sum(len(entry.packed) + len(entry.name) for entry in batch)
+            if pages[-1] and size + weight > PAGE_BYTES:
+                pages.append([])
+                size = 0
+            pages[-1].extend(batch)
+            size += weight
+        last = len(pages) - 1
+        return tuple(
+            encode(self.header, MessageKind.STATE, [number < last, entries_body(page)])
+            for number, page in enumerate(pages)
+        )
+
+    def _batches(self, authors: Iterable[str]) -> Iterable[list[Entry]]:
+        for author in authors:
+            by_version: dict[Version, list[Entry]] = {}
+            for entry in self.facts.map.of_author(author):
+                by_version.setdefault(entry.version, []).append(entry)
+            yield from (by_version[version] for version in sorted(by_version))
 
     def compare(self, peer: str, digest: bytes, now_us: int) -> None:
         """A peer's beat told the digest of its facts."""

@@ -54,6 +54,8 @@ class TeamFacts:
         self.changes = 0
         self.reach_changes = 0
         self.outcome_changes = 0
+        self._fresh: list[Entry] = []
+        self._pruned_at = 0
         self._conditions: dict[str, dict[str, ConditionValue]] = {}
         self._best: dict[str, ConditionValue] = {}
         self._orders: dict[str, Order] = {}
@@ -146,16 +148,26 @@ class TeamFacts:
     # -- keeping the indices --------------------------------------------------------------
 
     def prune(self, evaluator: Evaluator) -> int:
-        """Drop what no evaluation can reach any more; every replica drops the same."""
+        """Drop what no evaluation can reach any more; every replica drops the same.
+
+        Returns how many. Everything is looked at again only after a condition or an attempt
+        number has changed; otherwise what has come since is enough.
+        """
+        if self._pruned_at != self.reach_changes:
+            self._fresh = list(self.map)
+        self._pruned_at = self.reach_changes
         obsolete = []
-        for entry in self.map:
+        for entry in self._fresh:
             kind, _, rest = entry.name.partition("/")
             if kind in _SCOPED:
                 scope = rest.rpartition("/")[0] if kind == records.OUTCOME else rest
                 if evaluator.is_obsolete(parse_scope(scope), self):
                     obsolete.append(entry)
+        self._fresh.clear()
         for entry in obsolete:
             self.map.drop(entry.author, entry.name)
+        # Dropping what is out of reach changes the reach of nothing.
+        self._pruned_at = self.reach_changes
         return len(obsolete)
 
     def accepts(self, entry: Entry) -> str | None:
@@ -209,6 +221,7 @@ class TeamFacts:
         if new is None:
             self._forget(parts, author)
             return
+        self._fresh.append(entry)
         match record:
             case Member():
                 self.members[author] = (record, entry.version.incarnation)

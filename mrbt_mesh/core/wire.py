@@ -12,7 +12,7 @@ from typing import Any
 
 import msgpack
 
-from mrbt_mesh.core.facts import Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.facts import MAX_VALUE_BYTES, Entry, Incarnation, Version, make_entry
 from mrbt_mesh.core.mission import is_robot_id
 
 SCHEMA = 1
@@ -113,8 +113,8 @@ def decode(data: bytes, mine: Header, kind: MessageKind) -> tuple[str, Any]:
     try:
         message = msgpack.unpackb(
             data,
-            max_str_len=1 << 16,
-            max_bin_len=1 << 20,
+            max_str_len=MAX_VALUE_BYTES,
+            max_bin_len=MAX_VALUE_BYTES,
             max_array_len=MAX_ITEMS,
             max_map_len=MAX_ITEMS,
             max_ext_len=0,

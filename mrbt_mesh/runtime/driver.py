@@ -162,8 +162,8 @@ class Driver:
             case Ask(peer, data):
                 timeout_s = self._config.timing.ask_timeout_us / 1e6
                 self._transport.ask(peer, MessageKind.PULL, data, timeout_s)
-            case Reply(query, data):
-                self._transport.reply(query, data)
+            case Reply(query, pages):
+                self._transport.reply(query, pages)
             case StartAction():
                 self._runner.start(effect)
             case CancelAction(ticket):

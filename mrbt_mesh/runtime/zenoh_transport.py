@@ -196,7 +196,7 @@ class ZenohTransport:
         timeout_s: float,
         deliver: Callable[[Input, str | None], None] | None = None,
     ) -> None:
-        """Ask one robot; its answer, or None, comes to `deliver` as one AnswerReceived."""
+        """Ask one robot; the pages of its answer, or None if there is none, come to `deliver`."""
         give = deliver or self._deliver
         if self._session is None:
             give(AnswerReceived(peer, None), None)
@@ -204,7 +204,7 @@ class ZenohTransport:
         answered = threading.Event()
 
         def on_reply(reply: zenoh.Reply) -> None:
-            if reply.ok is not None and not answered.is_set():
+            if reply.ok is not None:
                 answered.set()
                 give(AnswerReceived(peer, reply.ok.payload.to_bytes()), None)
 
@@ -218,16 +218,18 @@ class ZenohTransport:
             payload=data,
             timeout=timeout_s,
             target=zenoh.QueryTarget.BEST_MATCHING,
+            consolidation=zenoh.ConsolidationMode.NONE,
             congestion_control=zenoh.CongestionControl.DROP,
             express=True,
         )
 
-    def reply(self, query: int, data: bytes) -> None:
+    def reply(self, query: int, pages: tuple[bytes, ...]) -> None:
         """Answer a query that was delivered as QueryReceived."""
         with self._lock:
             found = self._queries.pop(query, None)
         if found is not None:
-            found.reply(found.key_expr, data)
+            for page in pages:
+                found.reply(found.key_expr, page)
             found.drop()
 
     def declare_token(self, incarnation: Incarnation) -> None:

@@ -150,7 +150,7 @@ class Checkers:
             self._say("I4", f"{who} are on {place[1]} of {place[0]}, at most {most} may be")
 
     def _check_done(self, process: SimProcess, agent: Agent) -> None:
-        facts, evaluator = agent.facts, agent.evaluator
+        facts, evaluator = agent.facts, agent.planner.evaluator
         now: dict[tuple[str, str], bool] = {}
         for entry in facts.map:
             if isinstance(entry.record, Outcome):
@@ -176,7 +176,7 @@ class Checkers:
     # -- the team -----------------------------------------------------------------------------
 
     def _plan(self, agent: Agent, alive: Mapping[str, Incarnation]) -> Plan:
-        return make_plan(agent.evaluator, agent.facts, alive, self.world.solver)
+        return make_plan(agent.planner.evaluator, agent.facts, alive, self.world.solver)
 
     def _check_same_plan(self, agents: Iterable[Agent]) -> None:
         groups: dict[tuple[object, ...], list[Agent]] = {}
@@ -264,7 +264,7 @@ def _state(process: SimProcess) -> tuple[object, ...]:
         states,
         agent.membership.changes,
         agent.work.claim,
-        agent.lost,
+        agent.description.lost,
     )
 
 

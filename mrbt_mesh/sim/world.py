@@ -220,13 +220,16 @@ class World:
         if question is None:
             return  # an operator's command, or garbage
         source, target = process.robot, question.asker.robot
-        for arrival_us in self.network.arrivals_us(source, target, self.clock.now_us):
-            self.clock.at(arrival_us, lambda: self._answer(question, effect.data))
+        for page in effect.pages:
+            # A query's replies are not duplicated: Zenoh tells them apart.
+            for arrival_us in self.network.arrivals_us(source, target, self.clock.now_us)[:1]:
+                self.clock.at(arrival_us, partial(self._answer, question, page))
 
-    def _answer(self, question: _Question, data: bytes | None) -> None:
-        if not question.answered:
-            question.answered = True
-            question.asker.deliver(AnswerReceived(question.peer, data))
+    def _answer(self, question: _Question, page: bytes | None) -> None:
+        if page is None and question.answered:
+            return
+        question.answered = True
+        question.asker.deliver(AnswerReceived(question.peer, page))
 
     def declared(self, process: SimProcess, incarnation: Incarnation) -> None:
         if process.token is not None:

@@ -187,21 +187,22 @@ class Team:
                         self._queries[other.name, self._query] = process
                         event = fx.QueryReceived(self._query, MessageKind.PULL, data)
                         self._post(other, event)
-            case fx.Reply(query, data):
-                self._reply(process, query, data)
+            case fx.Reply(query, pages):
+                self._reply(process, query, pages)
             case fx.DeclareToken(incarnation):
                 self._token_gone(process)
                 process.token = incarnation
                 for other in self._others(process):
                     self._post(other, fx.TokenChanged(process.robot, incarnation, True))
 
-    def _reply(self, process: Process, query: int, data: bytes) -> None:
+    def _reply(self, process: Process, query: int, pages: tuple[bytes, ...]) -> None:
         asker = self._queries.pop((process.name, query), None)
         if asker is not None:
-            self._post(asker, fx.AnswerReceived(process.robot, data))
+            for page in pages:
+                self._post(asker, fx.AnswerReceived(process.robot, page))
         else:
             header = process.agent.replica.header
-            _, (good, text) = decode(data, header, MessageKind.ANSWER)
+            _, (good, text) = decode(pages[0], header, MessageKind.ANSWER)
             self._tell(process, f"answers {'yes' if good else 'no'}: {text}")
 
     def _token_gone(self, process: Process) -> None:

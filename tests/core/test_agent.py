@@ -110,7 +110,7 @@ def test_a_message_under_the_key_of_another_robot_is_refused() -> None:
     for kind in (MessageKind.BEAT, MessageKind.FACT):
         data = encode(header(script, "C"), kind, [])
         give(script, fx.MessageReceived(kind, "B", data))
-    refusals = script.team.processes["A"].agent.refusals
+    refusals = script.team.processes["A"].agent.refusals.counts
     assert refusals == {"B: sender C published under the key of B": 2}
 
 
@@ -121,7 +121,7 @@ def test_what_is_refused_is_counted_and_logged_once() -> None:
         give(script, fx.MessageReceived(MessageKind.BEAT, "B", b"noise"))
     told = [line for line in script.team.story if "input_refused" in line]
     assert len(told) == 1
-    assert sum(agent.refusals.values()) == 5
+    assert sum(agent.refusals.counts.values()) == 5
 
 
 def test_refusals_do_not_fill_the_memory() -> None:
@@ -130,7 +130,7 @@ def test_refusals_do_not_fill_the_memory() -> None:
     for number in range(2_000):
         data = encode(header(script, f"Z{number}"), MessageKind.BEAT, [])
         agent.handle(fx.MessageReceived(MessageKind.BEAT, "B", data), script.team.now_us)
-    assert len(agent.refusals) <= 1_000
+    assert len(agent.refusals.counts) <= 1_000
 
 
 @pytest.mark.parametrize("body", [None, [], ["leave"], ["leave", 1], ["leave", "x" * 300], {}])

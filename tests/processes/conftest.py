@@ -28,6 +28,7 @@ class Team:
         self.run_dir = folder / "run"
         self.environment = os.environ | {"MRBT_STATE_DIR": str(folder), "COLUMNS": "120"}
         self._up: subprocess.Popen[str] | None = None
+        self._agents: list[subprocess.Popen[str]] = []
         self._tick = threading.Event()
 
     def command(self, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -60,6 +61,16 @@ class Team:
             stderr=subprocess.PIPE,
             text=True,
         )
+
+    def agent(self, mission: Path, robot: str, *options: str) -> subprocess.Popen[str]:
+        """Start one agent by hand, without a launcher."""
+        command = [sys.executable, "-m", "mrbt_mesh", "agent"]
+        command += ["--mission", str(mission), "--robot", robot, *options]
+        process = subprocess.Popen(
+            command, env=self.environment, cwd=ROOT, stderr=subprocess.PIPE, text=True
+        )
+        self._agents.append(process)
+        return process
 
     def end(self) -> tuple[int, dict[str, Any]]:
         """Wait for `up` to end; returns exit status and summary."""
@@ -126,10 +137,11 @@ class Team:
                     process.kill()
             except psutil.Error:
                 continue
-        if self._up is not None and self._up.poll() is None:
-            self._up.kill()
-        if self._up is not None:
-            self._up.communicate()
+        for started in (*self._agents, *([self._up] if self._up else [])):
+            if started.poll() is None:
+                started.kill()
+            if started.returncode is None:
+                started.communicate()
 
 
 @pytest.fixture

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
@@ -25,21 +22,12 @@ def endpoints(team: Team) -> list[str]:
     return result
 
 
-def agent(team: Team, mission: Path, robot: str, *options: str) -> subprocess.Popen[str]:
-    """Start one more agent by hand."""
-    command = [sys.executable, "-m", "mrbt_mesh", "agent"]
-    command += ["--mission", str(mission), "--robot", robot, *endpoints(team), *options]
-    return subprocess.Popen(
-        command, env=team.environment, cwd=ROOT, stderr=subprocess.PIPE, text=True
-    )
-
-
 def test_a_second_robot_of_the_same_id_is_refused_and_takeover_overrides(team: Team) -> None:
     team.up(REPAIR, "--speed", "2")
     team.wait_for_event("use_screwdriver", robot="C1")
     run = json.loads((team.run_dir / "run.json").read_text())["run"]
     mission = team.run_dir / "mission.json"
-    _, problems = agent(team, mission, "A1", "--run", run).communicate(timeout=30)
+    _, problems = team.agent(mission, "A1", "--run", run, *endpoints(team)).communicate(timeout=30)
     assert "robot A1 is already running" in problems
     assert "--takeover" in problems
     refused = team.command("join", "A1")
@@ -58,7 +46,7 @@ def test_another_mission_is_refused_on_both_sides(team: Team) -> None:
     team.up(REPAIR, "--speed", "2")
     team.wait_for_event("use_screwdriver", robot="C1")
     run = json.loads((team.run_dir / "run.json").read_text())["run"]
-    stranger = agent(team, EXPLORE, "R1", "--run", run)
+    stranger = team.agent(EXPLORE, "R1", "--run", run, *endpoints(team))
     _, problems = stranger.communicate(timeout=30)
     assert stranger.returncode == 2
     assert "mission 'vehicle_repair' with digest" in problems
@@ -162,12 +150,9 @@ def test_a_robot_that_the_mission_does_not_list_joins_with_its_type(team: Team) 
 def test_robots_find_each_other_by_multicast(team: Team) -> None:
     """Two agents with no endpoint and no launcher, as on two machines."""
     team.run_dir.mkdir()
-    started = []
-    for robot in ("R1", "R2"):
-        command = [sys.executable, "-m", "mrbt_mesh", "agent", "--mission", str(EXPLORE)]
-        command += ["--robot", robot, "--multicast", "lo", "--team", f"multicast-{id(team)}"]
-        command += ["--run-dir", str(team.run_dir), "--speed", "5", "--exit-when-done"]
-        started.append(subprocess.Popen(command, env=team.environment, cwd=ROOT))
+    options = ["--multicast", "lo", "--team", f"multicast-{id(team)}", "--speed", "5"]
+    options += ["--run-dir", str(team.run_dir), "--exit-when-done"]
+    started = [team.agent(EXPLORE, robot, *options) for robot in ("R1", "R2")]
     assert [process.wait(timeout=60) for process in started] == [0, 0], team.logs()
     ends = [(e["robot"], e["outcome"]) for e in team.events() if e["event"] == "end"]
     assert sorted(ends) == [("R1", "success"), ("R2", "success")]

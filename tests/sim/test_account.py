@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import itertools
-import sys
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-from conftest import undisturbed
 from physical import Span, most_at_once, of
+from runs import undisturbed
 
 SEEDS = range(5)
 

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-from conftest import Run, example
+from runs import Run, example
 
 from mrbt_mesh.core.agent import Agent
 from mrbt_mesh.core.effects import CapabilityChanged, Input, StartAction, TimerFired

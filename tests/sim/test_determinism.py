@@ -5,12 +5,9 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-from conftest import EXAMPLES, Run
+from runs import EXAMPLES, Run
 
 from mrbt_mesh.sim import Kill, LinkKnobs, NetworkKnobs, Restart, SimulationResult
 

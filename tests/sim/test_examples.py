@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-from conftest import Run
 from physical import most_at_once, of, spans
+from runs import Run
 
 
 def test_two_robots_explore_in_parallel(run: Run) -> None:

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import random
-import sys
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-from conftest import Run, undisturbed
 from physical import of, spans
+from runs import Run, undisturbed
 
 from mrbt_mesh.sim import (
     Block,

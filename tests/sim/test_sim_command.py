@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import pytest
 import typer
 from click.testing import Result
+from runs import EXAMPLES
 from typer.testing import CliRunner
-
-sys.path.insert(0, str(Path(__file__).parent))
-from conftest import EXAMPLES
 
 from mrbt_mesh.cli.sim import sim
 

@@ -1,0 +1,66 @@
+"""Keeps one robot's plan up to date, and says which facts follow from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from mrbt_mesh.core import records
+from mrbt_mesh.core.assignment import Solver
+from mrbt_mesh.core.evaluate import Evaluator
+from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.plan import Plan, make_plan
+from mrbt_mesh.core.robot_tree import RobotTree
+from mrbt_mesh.core.team import TeamFacts
+from mrbt_mesh.core.tree import Tree
+from mrbt_mesh.core.watches import Watches
+
+
+class Planner:
+    """Plans when facts or the alive set have changed, and ticks T_A for each plan."""
+
+    def __init__(self, tree: Tree, facts: TeamFacts, solver: Solver, robot_tree: RobotTree) -> None:
+        self.evaluator = Evaluator(tree)
+        self.watches = Watches()
+        self.plan: Plan | None = None
+        self._facts = facts
+        self._solver = solver
+        self._robot_tree = robot_tree
+        self._planned: tuple[int, int] | None = None
+        self._trigger: tuple[int, tuple[str, ...]] = (0, ())
+
+    def forget(self) -> None:
+        """Plan anew at the next step, whatever has changed."""
+        self._planned = None
+
+    def step(
+        self, alive: Callable[[], Mapping[str, Incarnation]], alive_changes: int, now_us: int
+    ) -> list[tuple[str, Any]]:
+        """Bring the plan up to date; returns facts to write, after which to step again."""
+        facts = self._facts
+        facts.prune(self.evaluator)
+        state = (facts.changes, alive_changes)
+        latched: list[tuple[str, Any]] = []
+        if self.plan is None or self._planned != state:
+            self._planned = state
+            self.plan = make_plan(self.evaluator, facts, alive(), self._solver)
+            latched = self._latches(self.plan)
+            self._tick_assignment(self.plan)
+        return latched + self.watches.expired(self.plan, facts, now_us)
+
+    def _latches(self, plan: Plan) -> list[tuple[str, Any]]:
+        evaluation = plan.evaluation
+        latched: list[tuple[str, Any]] = [
+            (f"{records.ATTEMPT}/{scope}", number) for scope, number in evaluation.attempts
+        ]
+        for activation in evaluation.failures:
+            if not self._facts.has_verdict(activation):
+                latched.append((f"{records.VERDICT}/{activation}", True))
+        return latched
+
+    def _tick_assignment(self, plan: Plan) -> None:
+        requested = tuple(request.activation for request in plan.evaluation.requests)
+        finished = self._facts.outcome_changes
+        trigger = (finished != self._trigger[0], requested != self._trigger[1])
+        self._robot_tree.tick_assignment(*trigger, plan.feasible)
+        self._trigger = (finished, requested)
