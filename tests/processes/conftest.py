@@ -140,7 +140,7 @@ class Team:
         for started in (*self._agents, *([self._up] if self._up else [])):
             if started.poll() is None:
                 started.kill()
-            if started.returncode is None:
+            if started.stderr is not None and not started.stderr.closed:
                 started.communicate()
 
 

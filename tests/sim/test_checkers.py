@@ -116,7 +116,7 @@ def test_i3_an_outcome_that_is_lost_and_a_task_that_is_undone(team: Team) -> Non
 def start(team: Team, robot: str, global_task: str, local_task: str) -> list[str]:
     process = next(process for process in team.processes if process.robot == robot)
     node = next(node for node in team.mission.tree.actions() if node.subject == global_task)
-    activation = str(process.agent.evaluator.current_scope(node.index, process.agent.facts))
+    activation = str(process.agent.planner.evaluator.current_scope(node.index, process.agent.facts))
     incarnation = process.agent.incarnation
     effect = StartAction(9, activation, global_task, local_task, (), 1, incarnation)
     team.checkers.handled(process, [effect])  # type: ignore[arg-type]
