@@ -90,13 +90,21 @@ class Observer:
         changes = (self.facts.changes, self.membership.changes)
         if changes != self._planned:
             self._planned = changes
-            alive, peers = self.membership.alive(), self.membership.peers.values()
+            alive = self.membership.alive()
             self.plan = make_plan(self.evaluator, self.facts, alive, self._solver)
-            joining = any(p.state is State.ALIVE and not p.joined for p in peers)
-            self.record.plan(self.plan, now_us, bool(alive) and not joining)
+        if self.plan is not None:
+            self.record.plan(self.plan, now_us, self._is_settled(self.plan))
         result = self.team_result
         if result is not None:
             self.record.over(result, now_us)
+
+    def _is_settled(self, plan: Plan) -> bool:
+        """Whether this plan is the team's: nobody is joining, and a robot reports the same.
+
+        One that comes late, or has not caught up, sees a team that is not there.
+        """
+        good = [p for p in self.membership.peers.values() if p.state is State.ALIVE]
+        return all(p.joined for p in good) and any(p.plan_digest == plan.digest for p in good)
 
     @property
     def team_result(self) -> Status | None:

@@ -83,6 +83,9 @@ def session_config(config: TransportConfig) -> zenoh.Config:
         "scouting/multicast": scouting,
         "scouting/gossip/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
+        "transport/link/rx/max_message_size": 2 * MAX_MESSAGE_BYTES,
+        # A killed process would leave its segments behind; loopback is fast enough.
+        "transport/shared_memory/enabled": False,
         "transport/unicast/open_timeout": LEASE_MS,
         "transport/unicast/accept_timeout": LEASE_MS,
     }
