@@ -16,6 +16,7 @@ from rich.console import Console
 from mrbt_mesh.core.mission import Mission
 from mrbt_mesh.formats.mission_file import MissionError, load_mission
 from mrbt_mesh.runtime.program import ProgramError
+from mrbt_mesh.runtime.program_loader import check_program, load_program
 from mrbt_mesh.runtime.run_dir import RunDirError
 
 SUCCESS, FAILURE, BAD_INPUT, NOT_FINISHED = 0, 1, 2, 3
@@ -33,6 +34,9 @@ MissionArgument = Annotated[Path, typer.Argument(help="Mission file (.yaml).", m
 RunDirOption = Annotated[
     Path | None,
     typer.Option("--run-dir", help="Run directory. Default: the run started last."),
+]
+RobotsOption = Annotated[
+    str | None, typer.Option("--robots", help="Only these robots, A1,A2. Default: all.")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 
@@ -90,3 +94,16 @@ def chosen_robots(text: str | None, mission: Mission) -> list[str]:
     if len(set(names)) < len(names):
         raise InputError(f"--robots {text}: a robot is named twice")
     return sorted(names)
+
+
+def checked_program(mission: Mission, robots: list[str], program: str | None) -> str:
+    """The robots' program, which must have what they can do; raises InputError, ProgramError."""
+    reference = program or mission.program
+    if reference is None:
+        raise InputError(f"mission {mission.name} names no program: give one with --program")
+    loaded = load_program(reference)
+    for robot in robots:
+        lacking = check_program(loaded, mission, mission.robots[robot].capabilities)
+        if lacking:
+            raise InputError(f"{reference}: robot {robot} needs local task {', '.join(lacking)}")
+    return reference

@@ -15,6 +15,8 @@ from mrbt_mesh.cli.common import (
     InputError,
     JsonOption,
     MissionArgument,
+    RobotsOption,
+    checked_program,
     chosen_robots,
     console,
     errors,
@@ -34,34 +36,41 @@ _WHEN = re.compile(r"(?P<what>[^@]+)@(?P<at_s>\d+(?:\.\d+)?)")
 _TIMES = "robot@seconds; repeat it or separate with commas"
 
 
+Times = list[str] | None
+KillOption = Annotated[Times, typer.Option(metavar="A1@12.5,...", help=f"SIGKILL: {_TIMES}.")]
+RestartOption = Annotated[Times, typer.Option(metavar="A1@14,...", help="Start it again.")]
+FreezeOption = Annotated[Times, typer.Option(metavar="A1@3,...", help="SIGSTOP.")]
+ThawOption = Annotated[Times, typer.Option(metavar="A1@8,...", help="SIGCONT.")]
+LeaveOption = Annotated[Times, typer.Option(metavar="B1@6,...", help="Leave on purpose.")]
+FaultOption = Annotated[
+    Times, typer.Option(metavar="A1:LOCAL_TASK@4,...", help="Lose a capability, or all of them.")
+]
+RestoreOption = Annotated[
+    Times, typer.Option(metavar="A1[:LOCAL_TASK]@6,...", help="Have it again.")
+]
+EventsOption = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Write what the robots did, as JSON lines.")
+]
+LogOption = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Write every effect of every agent.")
+]
+ProgramOption = Annotated[
+    str | None, typer.Option(metavar="FILE[:NAME]", help="Default: the mission's program.")
+]
+
+
 def sim(
     mission: MissionArgument,
     seed: Annotated[int, typer.Option(help="The same seed gives the same run.")] = 0,
-    robots: Annotated[
-        str | None, typer.Option(metavar="A1,B1,...", help="Robots of the team. Default: all.")
-    ] = None,
-    program: Annotated[
-        str | None, typer.Option(metavar="FILE[:NAME]", help="Default: the mission's program.")
-    ] = None,
-    kill: Annotated[
-        list[str] | None, typer.Option(metavar="A1@12.5,...", help=f"SIGKILL: {_TIMES}.")
-    ] = None,
-    restart: Annotated[
-        list[str] | None, typer.Option(metavar="A1@14,...", help="Start it, perhaps again.")
-    ] = None,
-    freeze: Annotated[list[str] | None, typer.Option(metavar="A1@3,...", help="SIGSTOP.")] = None,
-    thaw: Annotated[list[str] | None, typer.Option(metavar="A1@8,...", help="SIGCONT.")] = None,
-    leave: Annotated[
-        list[str] | None, typer.Option(metavar="B1@6,...", help="Leave on purpose.")
-    ] = None,
-    fault: Annotated[
-        list[str] | None,
-        typer.Option(metavar="A1:LOCAL_TASK@4,...", help="Lose a capability, or all of them."),
-    ] = None,
-    restore: Annotated[
-        list[str] | None,
-        typer.Option(metavar="A1[:LOCAL_TASK]@6,...", help="Have it again."),
-    ] = None,
+    robots: RobotsOption = None,
+    program: ProgramOption = None,
+    kill: KillOption = None,
+    restart: RestartOption = None,
+    freeze: FreezeOption = None,
+    thaw: ThawOption = None,
+    leave: LeaveOption = None,
+    fault: FaultOption = None,
+    restore: RestoreOption = None,
     loss: Annotated[float, typer.Option(help="Messages lost, 0 to 1.")] = 0.0,
     duplicate: Annotated[float, typer.Option(help="Messages doubled, 0 to 1.")] = 0.0,
     reorder: Annotated[float, typer.Option(help="Messages overtaken by others, 0 to 1.")] = 0.0,
@@ -69,12 +78,8 @@ def sim(
     jitter_ms: Annotated[float, typer.Option(help="Up to this much more.")] = 1.0,
     timeout: Annotated[float, typer.Option(help="Virtual seconds until it is given up.")] = 600.0,
     speed: Annotated[float, typer.Option(help="Robots work this many times faster.")] = 1.0,
-    events: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write what the robots did, as JSON lines.")
-    ] = None,
-    log: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write every effect of every agent.")
-    ] = None,
+    events: EventsOption = None,
+    log: LogOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Run a mission in virtual time: seconds of work in milliseconds, the same for the same seed.
@@ -101,10 +106,7 @@ def sim(
         team = chosen_robots(robots, model)
         if not timeout > 0 or not speed > 0:
             raise InputError("--timeout and --speed are above 0")
-        reference = program or model.program
-        if reference is None:
-            raise InputError(f"{mission} names no program; give one with --program FILE")
-        code = load_program(reference)
+        code = load_program(checked_program(model, team, program))
     try:
         result = simulate(
             model,

@@ -28,7 +28,9 @@ from mrbt_mesh.cli.common import (
     InputError,
     JsonOption,
     MissionArgument,
+    RobotsOption,
     RunDirOption,
+    checked_program,
     chosen_robots,
     console,
     end_process,
@@ -52,7 +54,6 @@ from mrbt_mesh.runtime.launcher import (
     start_robot,
     wait_for_exit,
 )
-from mrbt_mesh.runtime.program_loader import check_program, load_program
 from mrbt_mesh.runtime.run_dir import SUMMARY_FILE, RunDir, RunInfo, state_dir, write_atomically
 from mrbt_mesh.runtime.watcher import Watcher, watching
 from mrbt_mesh.runtime.zenoh_transport import TransportConfig, TransportError
@@ -61,9 +62,6 @@ FRAME_S = 0.1
 END_TIMEOUT_S = 3.0
 STOPPED = "stopped by the operator"
 
-RobotsOption = Annotated[
-    str | None, typer.Option("--robots", help="Only these robots, A1,A2. Default: all.")
-]
 SpeedOption = Annotated[
     float,
     typer.Option("--speed", min=0.01, max=1000, help="Simulated robots work this much faster."),
@@ -120,7 +118,7 @@ def up(
     loaded = read_mission(mission)
     with input_errors():
         names = chosen_robots(robots, loaded)
-        reference = _checked_program(loaded, names, program)
+        reference = checked_program(loaded, names, program)
         try:
             Timing(round(beat_s * SECOND_US), round(detection_s * SECOND_US))
         except ValueError as error:
@@ -158,18 +156,6 @@ def watch(run_dir: RunDirOption = None, timeout_s: TimeoutOption = None) -> None
         loaded = load_mission(found.mission_path)
     show = "live" if console.is_terminal else "lines"
     end_process(anyio.run(_watch, _Team(found, info, loaded, {}), show, timeout_s))
-
-
-def _checked_program(mission: Mission, robots: list[str], program: str | None) -> str:
-    reference = program or mission.program
-    if reference is None:
-        raise InputError(f"mission {mission.name} names no program: give one with --program")
-    loaded = load_program(reference)
-    for robot in robots:
-        lacking = check_program(loaded, mission, mission.robots[robot].capabilities)
-        if lacking:
-            raise InputError(f"{reference}: robot {robot} needs local task {', '.join(lacking)}")
-    return reference
 
 
 async def _run(

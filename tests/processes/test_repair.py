@@ -6,7 +6,8 @@ import signal
 
 import pytest
 
-from tests.processes.account import check_order, check_paper, of, stints
+from tests.physical import of, spans
+from tests.processes.account import check_order, check_paper
 from tests.processes.conftest import REPAIR, Team
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
@@ -23,7 +24,7 @@ def test_without_a_fault_the_run_is_the_papers(team: Team) -> None:
     assert summary["faults"] == summary["blocked"] == summary["takeovers"] == []
     assert summary["global_tasks"]["fix_hw(2)"]["status"] == "success"
     assert summary["global_tasks"]["remove_screws"]["robots"] == ["C1", "C2"]
-    check_paper(stints(team.events()))
+    check_paper(spans(team.events()))
 
 
 def test_an_a_killed_at_the_hardware_is_replaced_by_a_b(team: Team) -> None:
@@ -32,9 +33,9 @@ def test_an_a_killed_at_the_hardware_is_replaced_by_a_b(team: Team) -> None:
     team.signal(victim["robot"], signal.SIGKILL)
     code, summary = team.end()
     assert code == 0, team.logs()
-    work = stints(team.events())
+    work = spans(team.events())
     check_order(work)
-    took_over = [s for s in of(work, "replace_hw", victim["args"][0]) if s.how == "success"]
+    took_over = [s for s in of(work, "replace_hw", victim["args"][0]) if s.end == "success"]
     assert [s.robot[0] for s in took_over] == ["B"]
     (takeover,) = summary["takeovers"]
     assert takeover["robot"] == victim["robot"]
@@ -54,7 +55,7 @@ def test_both_a_and_one_b_killed_one_after_another(team: Team) -> None:
     code, summary = team.end()
     assert code == 0, team.logs()
     assert {t["robot"] for t in summary["takeovers"]} == {"A1", "A2", "B1"}
-    check_order(stints(team.events()))
+    check_order(spans(team.events()))
 
 
 def test_without_a_second_c_the_cover_is_blocked_until_it_joins(team: Team) -> None:
@@ -109,7 +110,7 @@ def test_a_robot_that_leaves_hands_its_work_over(team: Team) -> None:
     assert code == 0, team.logs()
     assert summary["robots"][victim["robot"]]["state"] == "left"
     assert summary["takeovers"] == summary["faults"] == []
-    done = [s for s in of(stints(team.events()), "replace_hw") if s.how == "success"]
+    done = [s for s in of(spans(team.events()), "replace_hw") if s.end == "success"]
     assert len(done) == 2
 
 

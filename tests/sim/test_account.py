@@ -5,8 +5,9 @@ from __future__ import annotations
 import itertools
 
 import pytest
-from physical import Span, most_at_once, of
 from runs import undisturbed
+
+from tests.physical import Span, most_at_once, of
 
 SEEDS = range(5)
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from physical import most_at_once, of, spans
 from runs import Run
+
+from tests.physical import most_at_once, of, spans
 
 
 def test_two_robots_explore_in_parallel(run: Run) -> None:
