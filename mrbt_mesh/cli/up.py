@@ -11,7 +11,7 @@ import secrets
 import signal
 import time
 from collections.abc import AsyncIterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -101,6 +101,9 @@ def up(
     detach: Annotated[
         bool, typer.Option("--detach", help="Start the team and leave it running.")
     ] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with the run in --run-dir, from its journals.")
+    ] = False,
     program: Annotated[
         str | None, typer.Option("--program", help="Robot program FILE.py[:NAME].")
     ] = None,
@@ -137,9 +140,7 @@ def up(
             started_unix_s=time.time(),
             robots=tuple(names),
         )
-        stamp = datetime.now().strftime("%Y%m%d-%H%M%S-%f")
-        folder = run_dir or state_dir() / "runs" / f"{loaded.name}-{stamp}"
-        created = RunDir.create(folder.resolve(), info, compile_mission(loaded))
+        created = _resumed(run_dir, info, loaded) if resume else _created(run_dir, info, loaded)
     show = "json" if as_json else "lines" if headless or not console.is_terminal else "live"
     code = anyio.run(_run, created, loaded, detach, show, timeout_s)
     end_process(code)
@@ -156,6 +157,33 @@ def watch(run_dir: RunDirOption = None, timeout_s: TimeoutOption = None) -> None
         loaded = load_mission(found.mission_path)
     show = "live" if console.is_terminal else "lines"
     end_process(anyio.run(_watch, _Team(found, info, loaded, {}), show, timeout_s))
+
+
+def _created(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
+    """The directory of a new run, by default one of its own in the state folder."""
+    if folder is None:
+        stamp = datetime.now().strftime("%Y%m%d-%H%M%S-%f")
+        folder = state_dir() / "runs" / f"{mission.name}-{stamp}"
+    return RunDir.create(folder.resolve(), info, compile_mission(mission))
+
+
+def _resumed(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
+    """The directory of an earlier run, to go on with; the run keeps its id and its team's name.
+
+    Raises InputError if robots of it still run, or if it is a run of another mission.
+    """
+    if folder is None:
+        raise InputError("--resume needs the --run-dir of the run to go on with")
+    found = RunDir.find(folder.resolve())
+    running = [robot for robot in found.robots() if found.process(robot) is not None]
+    if running:
+        raise InputError(f"{found.path}: {', '.join(running)} still run; see `mrbt watch`")
+    if load_mission(found.mission_path).digest != mission.digest:
+        raise InputError(f"{found.path} is a run of another mission, or of another version of it")
+    before = found.info()
+    found.save(replace(info, team=before.team, run=before.run))
+    found.remember()
+    return found
 
 
 async def _run(

@@ -8,13 +8,12 @@ and a virtual one.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
 from typing import Any
 
 from mrbt_mesh.core import effects as fx
 from mrbt_mesh.core import records
+from mrbt_mesh.core.agent_config import AgentConfig
 from mrbt_mesh.core.agreement import Gossip
-from mrbt_mesh.core.assignment import Solver
 from mrbt_mesh.core.commands import answer_body, carry_out
 from mrbt_mesh.core.description import Description
 from mrbt_mesh.core.facts import Incarnation
@@ -25,10 +24,9 @@ from mrbt_mesh.core.mission import Mission, type_name
 from mrbt_mesh.core.plan import Plan
 from mrbt_mesh.core.planner import Planner
 from mrbt_mesh.core.refusals import Refusals
-from mrbt_mesh.core.replica import Replica
+from mrbt_mesh.core.replica import Received, Replica
 from mrbt_mesh.core.robot_tree import RobotTree
 from mrbt_mesh.core.team import TeamFacts
-from mrbt_mesh.core.timing import Timing
 from mrbt_mesh.core.tree import Status
 from mrbt_mesh.core.wire import (
     Beat,
@@ -46,29 +44,6 @@ from mrbt_mesh.core.work import Work
 CONDITIONS_PER_OUTCOME = 1_000
 
 
-@dataclass(frozen=True)
-class AgentConfig:
-    """Who this robot is. `expected` are the robots of the team that should be heard at the start.
-
-    `takeover` replaces a live robot of the same id; `exit_when_done` stops the agent once the
-    whole team has the mission's result (otherwise it stays to serve latecomers).
-    """
-
-    robot: str
-    type: str
-    capabilities: dict[str, int]
-    run: str
-    nonce: str
-    solver: Solver
-    timing: Timing = field(default_factory=Timing)
-    expected: frozenset[str] = frozenset()
-    takeover: bool = False
-    exit_when_done: bool = False
-    software: str = ""
-    host: str = ""
-    pid: int = 0
-
-
 class Agent:
     """One robot. Not thread-safe; every call takes the time from one monotonic clock."""
 
@@ -79,6 +54,7 @@ class Agent:
         header = Header(mission.digest[:16], mission.name, config.run, config.robot)
         self.facts = TeamFacts(mission, config.run)
         self.replica = Replica(self.facts, header, config.timing, config.nonce)
+        self.replica.restore(config.restored)
         self.membership = Membership(self.me, config.timing)
         self.gossip = Gossip(config.timing, now_us)
         self.joining: Joining | None = Joining(config.timing, config.expected - {self.me}, now_us)
@@ -170,9 +146,7 @@ class Agent:
                     raise WireError(f"sender {sender} published under the key of {source}")
                 self._beat(source, parse_beat(body), now_us)
             elif source != self.me:
-                received = self.replica.receive(source, data, now_us)
-                if received.refused:
-                    self._refuse(source, received.reason)
+                self._take_in(source, self.replica.receive(source, data, now_us))
         except WireError as error:
             self._refuse(source, str(error), isinstance(error, IncompatibleError))
 
@@ -216,12 +190,17 @@ class Agent:
         except WireError as error:
             self._refuse(peer, str(error), isinstance(error, IncompatibleError))
             return
-        if received.refused:
-            self._refuse(peer, received.reason)
+        self._take_in(peer, received)
         if not received.more:
             self.replica.answered(peer)
             if self.joining is not None:
                 self.joining.exchanged(peer)
+
+    def _take_in(self, source: str, received: Received) -> None:
+        if received.changed:
+            self._effects.append(fx.Persist(tuple(received.changed), synced=False))
+        if received.refused:
+            self._refuse(source, received.reason)
 
     def _finished(self, event: fx.ActionFinished, now_us: int) -> None:
         claimed = self.work.claim
@@ -454,7 +433,8 @@ class Agent:
     def _write(self, values: Iterable[tuple[str, Any]], now_us: int) -> None:
         batch = list(values)
         if batch:
-            data = self.replica.write(batch, now_us)
+            data, entries = self.replica.write(batch, now_us)
+            self._effects.append(fx.Persist(entries, synced=True))
             self._effects.append(fx.Publish(MessageKind.FACT, data))
 
     def order(self, kind: records.OrderKind, now_us: int) -> None:

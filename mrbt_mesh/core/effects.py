@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
-from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.facts import Entry, Incarnation
 from mrbt_mesh.core.wire import MessageKind
 
 
@@ -123,6 +123,14 @@ class Publish:
 
 
 @dataclass(frozen=True, slots=True)
+class Persist:
+    """Keep these entries in the journal; `synced`: on disk before any later effect."""
+
+    entries: tuple[Entry, ...]
+    synced: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Ask:
     """Send a PULL to one peer; its answer comes back as AnswerReceived."""
 
@@ -182,4 +190,6 @@ class Stop:
     reason: str
 
 
-Effect: TypeAlias = Publish | Ask | Reply | StartAction | CancelAction | DeclareToken | Log | Stop
+Effect: TypeAlias = (
+    Publish | Persist | Ask | Reply | StartAction | CancelAction | DeclareToken | Log | Stop
+)

@@ -98,6 +98,7 @@ class RunRecord:
                 fault.until_us = now_us
         known.update(incarnation=incarnation, state=State.ALIVE)
         self.say(now_us, f"{robot} joined" if previous is None else f"{robot} is back")
+        self._claimed(robot, now_us)
 
     def exited(self, robot: str, at_us: int) -> None:
         """The launcher saw the robot's process end: a better time than the last beat."""
@@ -153,8 +154,7 @@ class RunRecord:
                     known["state"] = State.LEFT
             case Claim() as claim:
                 self._claims[robot] = (claim, entry.version.incarnation)
-                if claim.phase is Phase.RUNNING:
-                    self._running(robot, claim, now_us)
+                self._claimed(robot, now_us)
             case NoClaim():
                 self._claims.pop(robot, None)
             case Outcome() as outcome:
@@ -228,6 +228,13 @@ class RunRecord:
         if fresh:
             self.minor.append(MinorFault(robot, fresh, now_us))
             self.say(now_us, f"{robot} lost {', '.join(fresh)}")
+
+    def _claimed(self, robot: str, now_us: int) -> None:
+        """A claim counts once its incarnation is known to live: it may be of an earlier life."""
+        claim, incarnation = self._claims.get(robot, (None, None))
+        lives = self.robots.get(robot, {}).get("incarnation") == incarnation
+        if claim is not None and claim.phase is Phase.RUNNING and lives:
+            self._running(robot, claim, now_us)
 
     def _running(self, robot: str, claim: Claim, now_us: int) -> None:
         self._took_part(robot, claim.activation)

@@ -68,14 +68,20 @@ class Replica:
         self._sequence = 0
         return self.incarnation
 
-    def write(self, values: Iterable[tuple[str, Any]], now_us: int) -> bytes:
-        """Write one batch of own entries and return it as a message."""
+    def restore(self, entries: Iterable[Entry]) -> None:
+        """Take in what a journal kept."""
+        self._merge(entries, 0, 0)
+
+    def write(
+        self, values: Iterable[tuple[str, Any]], now_us: int
+    ) -> tuple[bytes, tuple[Entry, ...]]:
+        """Write one batch of own entries: (the message that tells it, the entries)."""
         self._sequence += 1
         version = Version(self.incarnation, self._sequence)
         entries = [make_entry(self.me, name, version, value) for name, value in values]
         self.facts.map.merge(entries)
         self.changed_us = now_us
-        return encode(self.header, MessageKind.FACT, entries_body(entries))
+        return encode(self.header, MessageKind.FACT, entries_body(entries)), tuple(entries)
 
     def problem(self, name: str, value: Any) -> str | None:
         """Why this value cannot be written, or None if it can."""

@@ -13,16 +13,17 @@ import socket
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from mrbt_mesh import __version__
-from mrbt_mesh.core.agent import AgentConfig
+from mrbt_mesh.core.agent_config import AgentConfig
 from mrbt_mesh.core.mission import Mission, is_robot_id
 from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
 from mrbt_mesh.core.timing import SECOND_US, Timing
 from mrbt_mesh.formats.mission_file import MissionError, load_mission
 from mrbt_mesh.runtime.driver import Driver
-from mrbt_mesh.runtime.log import configure_log
+from mrbt_mesh.runtime.journal import Journal
+from mrbt_mesh.runtime.log import configure_log, robot_logger
 from mrbt_mesh.runtime.program import ProgramError
 from mrbt_mesh.runtime.program_loader import check_program, load_program
 from mrbt_mesh.runtime.run_dir import RunDir
@@ -99,12 +100,14 @@ def make_driver(options: argparse.Namespace) -> Driver:
     lacking = check_program(program, mission, capabilities)
     if lacking:
         raise AgentInputError(f"{reference} has no local task {', '.join(lacking)} for type {kind}")
+    run = options.run or mission.digest[:8]
+    journal = open_journal(options.run_dir, mission, run, options.robot)
     expected = options.expect.split(",") if options.expect else list(mission.robots)
     config = AgentConfig(
         robot=options.robot,
         type=kind,
         capabilities=dict(capabilities),
-        run=options.run or mission.digest[:8],
+        run=run,
         nonce=secrets.token_hex(4),
         solver=SOLVERS[DEFAULT_SOLVER],
         timing=Timing(round(options.beat * SECOND_US), round(options.detection * SECOND_US)),
@@ -114,6 +117,7 @@ def make_driver(options: argparse.Namespace) -> Driver:
         software=__version__,
         host=socket.gethostname(),
         pid=os.getpid(),
+        restored=journal.open() if journal is not None else (),
     )
     multicast = options.multicast
     if multicast is None and not options.listen and not options.connect:
@@ -125,7 +129,40 @@ def make_driver(options: argparse.Namespace) -> Driver:
         tuple(options.connect),
         multicast,
     )
-    return Driver(mission, config, transport, program, speed=options.speed, run_dir=options.run_dir)
+    return Driver(
+        mission,
+        config,
+        transport,
+        program,
+        speed=options.speed,
+        run_dir=options.run_dir,
+        journal=journal,
+    )
+
+
+def open_journal(run_dir: Path | None, mission: Mission, run: str, robot: str) -> Journal | None:
+    """The robot's journal in its run directory, not yet opened; None without a directory."""
+    if run_dir is None:
+        return None
+    logger = robot_logger(robot)
+
+    def log(level: str, event: str, **fields: Any) -> None:
+        getattr(logger, level)(event, **fields)
+
+    return Journal(run_dir / f"{robot}.journal", mission.digest, run, robot, log)
+
+
+def claim_run_dir(run_dir: Path, robot: str, takeover: bool) -> None:
+    """Make this process the robot of the run directory; raises AgentInputError if one runs."""
+    run_dir.mkdir(parents=True, exist_ok=True)
+    found = RunDir(run_dir)
+    running = found.process(robot)
+    if running is not None and not takeover:
+        raise AgentInputError(
+            f"robot {robot} is already running here (pid {running.pid}): stop it first, "
+            "or start with --takeover to replace it"
+        )
+    found.write_process(robot)
 
 
 def main(arguments: Sequence[str]) -> NoReturn:
@@ -134,8 +171,7 @@ def main(arguments: Sequence[str]) -> NoReturn:
     message = ""
     try:
         if options.run_dir is not None:
-            options.run_dir.mkdir(parents=True, exist_ok=True)
-            RunDir(options.run_dir).write_process(options.robot)
+            claim_run_dir(options.run_dir, options.robot, options.takeover)
         configure_log(options.robot, options.run_dir)
         stop = make_driver(options).run()
         code = stop.code

@@ -13,7 +13,8 @@ from typing import Any
 
 import anyio
 
-from mrbt_mesh.core.agent import Agent, AgentConfig
+from mrbt_mesh.core.agent import Agent
+from mrbt_mesh.core.agent_config import AgentConfig
 from mrbt_mesh.core.effects import (
     Ask,
     CancelAction,
@@ -22,18 +23,21 @@ from mrbt_mesh.core.effects import (
     Input,
     LeaveRequested,
     Log,
+    Persist,
     Publish,
     Reply,
     StartAction,
     Stop,
     TimerFired,
 )
+from mrbt_mesh.core.facts import Entry
 from mrbt_mesh.core.membership import State
 from mrbt_mesh.core.mission import Mission
 from mrbt_mesh.core.wire import MessageKind
 from mrbt_mesh.runtime.actions import ActionRunner, Identity
 from mrbt_mesh.runtime.fencing import FencingSelector, boottime_us
 from mrbt_mesh.runtime.inbox import Inbox
+from mrbt_mesh.runtime.journal import LAZY_COMMIT_S, Journal
 from mrbt_mesh.runtime.log import robot_logger
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.zenoh_transport import LEASE_MS, TransportConfig, ZenohTransport
@@ -42,6 +46,7 @@ EVENTS_FILE = "events.jsonl"
 CLOSE_TIMEOUT_S = 1.0
 LEAVE_TIMEOUT_S = 3.0
 WATCH_S = 1.0
+RETRY_COMMIT_S = 1.0
 # A frozen peer's transport is gone after a lease; one that is still there later is split.
 SPLIT_US = 3 * LEASE_MS * 1_000
 
@@ -58,6 +63,7 @@ class Driver:
         *,
         speed: float = 1.0,
         run_dir: Path | None = None,
+        journal: Journal | None = None,
     ) -> None:
         self._mission = mission
         self._config = config
@@ -67,7 +73,9 @@ class Driver:
         self._events = run_dir / EVENTS_FILE if run_dir is not None else None
         self._logger = robot_logger(config.robot)
         self._agent = Agent(mission, config, boottime_us())
+        self._journal = journal
         self._timer: asyncio.TimerHandle | None = None
+        self._commit: asyncio.TimerHandle | None = None
         self._stop: Stop | None = None
 
     def run(self) -> Stop:
@@ -97,8 +105,11 @@ class Driver:
                 await self._stopped.wait()
                 group.cancel_scope.cancel()
         finally:
-            if self._timer is not None:
-                self._timer.cancel()
+            for timer in (self._timer, self._commit):
+                if timer is not None:
+                    timer.cancel()
+            if self._journal is not None:
+                self._journal.close()
             self._transport.close(CLOSE_TIMEOUT_S)
         assert self._stop is not None
         return self._stop
@@ -159,6 +170,8 @@ class Driver:
         match effect:
             case Publish(kind, data):
                 self._transport.publish(kind, data)
+            case Persist(entries, synced):
+                self._persist(entries, synced)
             case Ask(peer, data):
                 timeout_s = self._config.timing.ask_timeout_us / 1e6
                 self._transport.ask(peer, MessageKind.PULL, data, timeout_s)
@@ -177,6 +190,20 @@ class Driver:
                     self._stop = effect
                     self.log("info" if code == 0 else "error", "stopped", code=code, reason=reason)
                     self._stopped.set()
+
+    def _persist(self, entries: tuple[Entry, ...], synced: bool) -> None:
+        if self._journal is None:
+            return
+        self._journal.put(entries)
+        if synced:
+            self._journal.commit()
+        elif self._commit is None:
+            self._commit = self._loop.call_later(LAZY_COMMIT_S, self._commit_lazily)
+
+    def _commit_lazily(self) -> None:
+        self._commit = None
+        if self._journal is not None and not self._journal.commit() and self._stop is None:
+            self._commit = self._loop.call_later(RETRY_COMMIT_S, self._commit_lazily)
 
     # -- actions.Host ---------------------------------------------------------------------
 

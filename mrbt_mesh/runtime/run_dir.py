@@ -77,14 +77,15 @@ class RunDir:
         Raises RunDirError if there is a run in it already or it cannot be written.
         """
         if (path / RUN_FILE).exists():
-            raise RunDirError(f"{path} already holds a run: choose another --run-dir")
+            raise RunDirError(
+                f"{path} already holds a run: choose another --run-dir, or go on with --resume"
+            )
         try:
             path.mkdir(parents=True, exist_ok=True)
             (path / MISSION_FILE).write_text(compiled_mission)
             run_dir = cls(path)
             run_dir.save(info)
-            state_dir().mkdir(parents=True, exist_ok=True)
-            write_atomically(state_dir() / "latest", str(path.resolve()))
+            run_dir.remember()
         except OSError as error:
             raise RunDirError(f"cannot write the run directory: {error}") from error
         return run_dir
@@ -102,6 +103,11 @@ class RunDir:
         if not (path / RUN_FILE).is_file():
             raise RunDirError(f"{path} holds no run (no {RUN_FILE})")
         return cls(path)
+
+    def remember(self) -> None:
+        """Make this the run that commands mean when none is named."""
+        state_dir().mkdir(parents=True, exist_ok=True)
+        write_atomically(state_dir() / "latest", str(self.path.resolve()))
 
     def save(self, info: RunInfo) -> None:
         """Write run.json."""

@@ -11,7 +11,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from mrbt_mesh.core.effects import Ask, Effect, Publish, Reply
+from mrbt_mesh.core.effects import Ask, Effect, Persist, Publish, Reply
 
 
 def _digest(data: bytes) -> str:
@@ -34,6 +34,9 @@ def effect_json(effect: Effect) -> str:
     match effect:
         case Publish(kind, data):
             return f'{{"publish":"{kind}","data":"{_digest(data)}"}}'
+        case Persist(entries, synced):
+            names = [[entry.author, entry.name, str(entry.version)] for entry in entries]
+            return json.dumps({"persist": names, "synced": synced}, separators=(",", ":"))
         case Ask(peer, data):
             return f'{{"ask":"{peer}","data":"{_digest(data)}"}}'
         case Reply(query, pages):

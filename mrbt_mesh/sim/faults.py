@@ -24,10 +24,11 @@ class Kill:
 class Restart:
     """Start a new process of this robot: one that died or left, or that was not there before.
 
-    A process that still runs is killed first.
+    A process that still runs is killed first. `keeps_journal`: it finds what it had written.
     """
 
     robot: str
+    keeps_journal: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,13 +17,14 @@ from mrbt_mesh.core.effects import (
     Effect,
     Input,
     Log,
+    Persist,
     Publish,
     Reply,
     StartAction,
     Stop,
     TimerFired,
 )
-from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.facts import Entry, Incarnation
 from mrbt_mesh.runtime.actions import ActionRunner, Identity
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim.clock import MICRO, Gate, VirtualClock, current_gate
@@ -41,6 +42,7 @@ class Surroundings(Protocol):
     def published(self, process: SimProcess, effect: Publish) -> None: ...
     def asked(self, process: SimProcess, effect: Ask) -> None: ...
     def replied(self, process: SimProcess, effect: Reply) -> None: ...
+    def persisted(self, process: SimProcess, entries: tuple[Entry, ...]) -> None: ...
     def declared(self, process: SimProcess, incarnation: Incarnation) -> None: ...
     def stopped(self, process: SimProcess) -> None: ...
     def recorded(self, process: SimProcess, event: Mapping[str, Any]) -> None: ...
@@ -128,6 +130,8 @@ class SimProcess:
         match effect:
             case Publish():
                 self._world.published(self, effect)
+            case Persist(entries):
+                self._world.persisted(self, entries)
             case Ask():
                 self._world.asked(self, effect)
             case Reply():

@@ -11,7 +11,8 @@ from typing import Any
 import anyio
 import anyio.abc
 
-from mrbt_mesh.core.agent import Agent, AgentConfig
+from mrbt_mesh.core.agent import Agent
+from mrbt_mesh.core.agent_config import AgentConfig
 from mrbt_mesh.core.assignment import Solver
 from mrbt_mesh.core.commands import command_body
 from mrbt_mesh.core.effects import (
@@ -27,7 +28,7 @@ from mrbt_mesh.core.effects import (
     Reply,
     TokenChanged,
 )
-from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.facts import Entry, FactMap, Incarnation
 from mrbt_mesh.core.mission import Mission
 from mrbt_mesh.core.observer import Observer
 from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
@@ -108,6 +109,7 @@ class World:
         self._forger = Forger(setup.seed, self._header)
         self._never: set[str] = set()
         self._to_launch = len(setup.robots)
+        self.journals = {robot: _empty_journal() for robot in setup.robots}
         self._group: anyio.abc.TaskGroup | None = None
 
     async def main(self) -> None:
@@ -171,6 +173,7 @@ class World:
             expected=frozenset(setup.robots),
             exit_when_done=True,
             software="simulator",
+            restored=tuple(self.journals[robot]),
             host="simulator",
             pid=identity.pid,
         )
@@ -224,6 +227,9 @@ class World:
             # A query's replies are not duplicated: Zenoh tells them apart.
             for arrival_us in self.network.arrivals_us(source, target, self.clock.now_us)[:1]:
                 self.clock.at(arrival_us, partial(self._answer, question, page))
+
+    def persisted(self, process: SimProcess, entries: tuple[Entry, ...]) -> None:
+        self.journals[process.robot].merge(entries)
 
     def _answer(self, question: _Question, page: bytes | None) -> None:
         if page is None and question.answered:
@@ -314,8 +320,10 @@ class World:
         self.checkers.fault_us = self.clock.now_us
         self.log.note(self.clock.now_us, "-", f'{{"fault":"{fault_text(fault)}"}}')
         match fault:
-            case faults.Restart(robot):
+            case faults.Restart(robot, keeps_journal):
                 self._kill(robot)
+                if not keeps_journal:
+                    self.journals[robot] = _empty_journal()
                 self._launch(robot)
             case faults.Block(links):
                 self.network.block(links)
@@ -391,3 +399,8 @@ def fault_text(fault: faults.Fault) -> str:
             value = ",".join(f"{source}>{target}" for source, target in sorted(value))
         values.append(str(value))
     return " ".join([type(fault).__name__, *values])
+
+
+def _empty_journal() -> FactMap:
+    """A journal as the real one works: it holds what was put, joined."""
+    return FactMap(lambda old, new: None)

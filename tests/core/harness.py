@@ -11,7 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from mrbt_mesh.core import effects as fx
-from mrbt_mesh.core.agent import Agent, AgentConfig
+from mrbt_mesh.core.agent import Agent
+from mrbt_mesh.core.agent_config import AgentConfig
 from mrbt_mesh.core.commands import command_body
 from mrbt_mesh.core.evaluate import parse_scope
 from mrbt_mesh.core.facts import Incarnation

@@ -43,7 +43,7 @@ def test_all_entries_of_a_batch_share_a_version_and_the_next_batch_has_a_greater
 
 def test_stamps_are_above_everything_seen() -> None:
     mine, other = replica("A"), replica("B")
-    data = other.write([("condition/c", [True, 1, 41])], 0)
+    data, _ = other.write([("condition/c", [True, 1, 41])], 0)
     mine.receive("B", data, 0)
     assert mine.stamp() == 42
 
@@ -51,7 +51,7 @@ def test_stamps_are_above_everything_seen() -> None:
 def test_an_answer_holds_what_the_asker_lacks_whoever_wrote_it() -> None:
     asked, asking, dead = replica("A"), replica("B"), replica("C")
     asked.write([("claim", None)], 0)
-    asked.receive("C", dead.write([("order", ["pause", 1])], 0), 0)
+    asked.receive("C", dead.write([("order", ["pause", 1])], 0)[0], 0)
     received = asking.receive_state(asked.answer(asking.pull())[0], 0)
     assert [(e.author, e.name) for e in received.changed] == [("A", "claim"), ("C", "order")]
     assert asking.facts.map.digest() == asked.facts.map.digest()
@@ -80,7 +80,7 @@ def test_a_long_answer_comes_in_pages_that_tear_no_batch_apart() -> None:
 
 def test_entries_without_a_place_in_the_mission_are_counted_and_left_out() -> None:
     mine, other = replica("A"), replica("B")
-    data = other.write([("condition/unheard_of", [True, 1, 1]), ("claim", None)], 0)
+    data, _ = other.write([("condition/unheard_of", [True, 1, 1]), ("claim", None)], 0)
     received = mine.receive("B", data, 0)
     assert received.refused == 1
     assert "not declared" in received.reason

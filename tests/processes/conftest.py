@@ -79,6 +79,10 @@ class Team:
         assert self._up.returncode != 2, problems
         return self._up.returncode, json.loads(output)
 
+    def robots(self) -> list[str]:
+        """Robots that ever had a process in this run."""
+        return sorted(path.stem for path in self.run_dir.glob("*.process"))
+
     def signal(self, robot: str, number: signal.Signals) -> None:
         """Signal a robot at once: `mrbt kill` takes half a second to start."""
         os.kill(json.loads((self.run_dir / f"{robot}.process").read_text())["pid"], number)

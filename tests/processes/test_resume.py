@@ -1,0 +1,81 @@
+"""A run survives the death of its whole team: the journals bring it back."""
+
+from __future__ import annotations
+
+import signal
+from collections import Counter
+
+import pytest
+
+from tests.physical import spans
+from tests.processes.account import check_order
+from tests.processes.conftest import REPAIR, Team
+
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
+
+
+@pytest.mark.parametrize(
+    ("local_task", "event"), [("do_diagnosis", "end"), ("replace_wires", "start")]
+)
+def test_the_whole_team_killed_goes_on_where_it_was(
+    team: Team, local_task: str, event: str
+) -> None:
+    team.up(REPAIR, "--speed", "2")
+    team.wait_for_event(local_task, event)
+    # The robot tells its journal after its last physical word: give that a moment.
+    done = {e["activation"] for e in team.events() if e["outcome"] == "success"}
+    team.wait_until(lambda: done <= _told(team), "what has ended is known to the robots")
+    for robot in team.robots():
+        team.signal(robot, signal.SIGKILL)
+    code, summary = team.end()
+    assert code == 3
+    assert summary["ended_because"] == "no robot is left"
+    before = len(team.events())
+    team.up(REPAIR, "--speed", "2", "--resume")
+    code, summary = team.end()
+    assert code == 0, team.logs()
+    assert summary["result"] == "success"
+    again = {e["activation"] for e in team.events()[before:]}
+    assert not again & done, "finished work was done again"
+    check_order(spans(team.events()))
+    successes = Counter(
+        (e["activation"], e["robot"]) for e in team.events() if e["outcome"] == "success"
+    )
+    assert max(successes.values()) == 1
+
+
+def _told(team: Team) -> set[str]:
+    """Global tasks' activations whose success some robot's log tells."""
+    started = {
+        (line["robot"], line["local_task"], line["global_task"]): line["activation"]
+        for robot in team.robots()
+        for line in team.log(robot)
+        if line["event"] == "local_task_started"
+    }
+    return {
+        started[line["robot"], line["local_task"], line["global_task"]]
+        for robot in team.robots()
+        for line in team.log(robot)
+        if line["event"] == "local_task_finished"
+    }
+
+
+def test_resume_refuses_a_running_team_another_mission_and_no_directory(team: Team) -> None:
+    team.up(REPAIR, "--speed", "2")
+    team.wait_for_event("use_screwdriver")
+    running = team.command("up", str(REPAIR), "--run-dir", str(team.run_dir), "--resume")
+    assert running.returncode == 2
+    assert "still run; see `mrbt watch`" in running.stderr
+    for robot in team.robots():
+        team.signal(robot, signal.SIGKILL)
+    team.end()
+    explore = REPAIR.parents[1] / "explore" / "mission.yaml"
+    other = team.command("up", str(explore), "--run-dir", str(team.run_dir), "--resume")
+    assert other.returncode == 2
+    assert "is a run of another mission" in other.stderr
+    nowhere = team.command("up", str(REPAIR), "--resume")
+    assert nowhere.returncode == 2
+    assert "--resume needs the --run-dir" in nowhere.stderr
+    fresh = team.command("up", str(REPAIR), "--run-dir", str(team.run_dir))
+    assert fresh.returncode == 2
+    assert "or go on with --resume" in fresh.stderr.replace("\n", " ")
