@@ -266,11 +266,10 @@ def status(as_json: JsonOption = False, run_dir: RunDirOption = None) -> None:
                 _print_status(data)
             return 0
 
-        if found.summary() is not None and not any(found.process(r) for r in found.robots()):
-            summary = found.summary() or {}
-            data = {"over": True, **summary, "agreement": True}
+        summary = found.summary()
+        if summary is not None and not any(found.process(robot) for robot in found.robots()):
             if as_json:
-                print_json(data)
+                print_json(_final_status(summary))
             else:
                 console.print(f"the run is over: {summary['result']}", highlight=False)
             raise typer.Exit(0)
@@ -279,6 +278,14 @@ def status(as_json: JsonOption = False, run_dir: RunDirOption = None) -> None:
         except TransportError as error:
             raise InputError(str(error)) from error
     end_process(code)
+
+
+def _final_status(summary: dict[str, Any]) -> dict[str, Any]:
+    """The status of a run that has ended, with the keys of a running one."""
+    robots = {
+        robot: {**row, "pid": None, "local_task": None} for robot, row in summary["robots"].items()
+    }
+    return {**summary, "over": True, "robots": robots, "blocked": [], "agreement": True}
 
 
 def status_data(run_dir: RunDir, observer: Observer) -> dict[str, Any]:
