@@ -64,10 +64,11 @@ class Run:
     def events(self) -> list[dict[str, Any]]:
         """All physical events so far."""
         try:
-            lines = (self.folder / "events.jsonl").read_text().splitlines()
+            text = (self.folder / "events.jsonl").read_text()
         except OSError:
             return []
-        return [json.loads(line) for line in lines]
+        # The last line may be half written.
+        return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
 
     def robots(self) -> dict[str, int]:
         """Robot -> pid."""

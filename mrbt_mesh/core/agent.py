@@ -144,7 +144,7 @@ class Agent:
                 sender, body = decode(data, self.replica.header, kind)
                 if sender != source:
                     raise WireError(f"sender {sender} published under the key of {source}")
-                self._beat(source, parse_beat(body), now_us)
+                self._beat(source, parse_beat(body, self.membership.is_news), now_us)
             elif source != self.me:
                 self._take_in(source, self.replica.receive(source, data, now_us))
         except WireError as error:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.timing import Timing
@@ -54,6 +55,18 @@ class Membership:
         self.timing = timing
         self.peers: dict[str, Peer] = {}
         self.changes = 0
+        # Until then, and while nothing below changes, `judge` would say nothing new.
+        self._at_peace_until_us = 0
+        self._hints = 0
+        self._judged = (-1, -1)
+
+    def is_news(self, row: list[Any]) -> bool:
+        """Whether a relay [robot, counter, nonce, number, ...] may tell more than is known."""
+        robot, counter, nonce, number = row[:4]
+        peer = self.peers.get(robot) if isinstance(robot, str) else None
+        if peer is None or type(number) is not int:
+            return True
+        return number > peer.number or (counter, nonce) != peer.incarnation
 
     def beat(self, robot: str, beat: Beat, now_us: int) -> bool:
         """Take in a beat that came from `robot` itself; False if it is old news."""
@@ -69,8 +82,9 @@ class Membership:
             self._accused(robot, accusation)
         accused = {accusation.robot for accusation in beat.accusations}
         for name, peer in self.peers.items():
-            if name not in accused:
+            if robot in peer.accusers and name not in accused:
                 peer.accusers.discard(robot)
+                self._hints += 1
         return True
 
     def _news(self, heard: Heard, now_us: int, beat: Beat | None) -> bool:
@@ -101,8 +115,10 @@ class Membership:
         if beat is not None:
             # Only the robot's own word takes back a lost token: a relay may be older than the loss.
             peer.beat = beat
-            peer.token_lost = False
-            peer.accusers.clear()
+            if peer.token_lost or peer.accusers:
+                peer.token_lost = False
+                peer.accusers.clear()
+                self._hints += 1
             self._set(peer, State.LEFT if beat.leaving else State.ALIVE)
         elif peer.state is State.DEAD or (peer.state is State.SUSPECT and not peer.token_lost):
             self._set(peer, State.ALIVE)
@@ -111,6 +127,7 @@ class Membership:
     def _accused(self, accuser: str, accusation: Accusation) -> None:
         peer = self.peers.get(accusation.robot)
         if peer is not None and accusation.incarnation == peer.incarnation:
+            self._hints += 1
             if accusation.token_lost:
                 peer.accusers.add(accuser)
             else:
@@ -121,6 +138,7 @@ class Membership:
         peer = self.peers.get(robot)
         if peer is not None and peer.incarnation == incarnation:
             peer.token_lost = not held
+            self._hints += 1
 
     def slowed(self, lag_us: int, now_us: int) -> None:
         """This robot itself was late by `lag_us`: messages may wait unread, so blame nobody yet.
@@ -132,6 +150,8 @@ class Membership:
 
     def judge(self, now_us: int) -> list[tuple[str, State, State]]:
         """Suspect and bury; returns (robot, before, after) for every change."""
+        if now_us < self._at_peace_until_us and self._judged == (self.changes, self._hints):
+            return []
         before = {robot: peer.state for robot, peer in self.peers.items()}
         silent = 0
         for peer in self.peers.values():
@@ -147,6 +167,8 @@ class Membership:
                 now_us - peer.evidence_us >= limit_us or self._everybody_lost(robot, peer)
             ):
                 self._set(peer, State.DEAD)
+        self._judged = (self.changes, self._hints)
+        self._at_peace_until_us = self._next_judgement_us(now_us)
         return [
             (robot, before[robot], self.peers[robot].state)
             for robot in sorted(before)
@@ -213,19 +235,26 @@ class Membership:
         """Whether every robot of the alive set, suspects included, beats this mission status."""
         return all(self.peers[robot].result == result for robot in self.alive())
 
-    def next_deadline_us(self, now_us: int) -> int | None:
-        """When, after `now_us`, `judge` may come to another answer without any message."""
-        waits_us = (self.timing.suspect_us, *(f * self.timing.detection_us for f in (1, 2)))
-        return min(
-            (
-                peer.evidence_us + wait_us
-                for peer in self.peers.values()
-                if peer.state in (State.ALIVE, State.SUSPECT)
-                for wait_us in waits_us
-                if peer.evidence_us + wait_us > now_us
-            ),
-            default=None,
-        )
+    def next_deadline_us(self, now_us: int) -> int:
+        """When, after `now_us`, `judge` may come to another answer without any message.
+
+        Newer evidence may have put it off meanwhile.
+        """
+        if now_us >= self._at_peace_until_us:
+            return self._next_judgement_us(now_us)
+        return self._at_peace_until_us
+
+    def _next_judgement_us(self, now_us: int) -> int:
+        suspect_us, detection_us = self.timing.suspect_us, self.timing.detection_us
+        earliest_us = now_us + detection_us
+        for peer in self.peers.values():
+            if peer.state in (State.DEAD, State.LEFT):
+                continue
+            for wait_us in (suspect_us, detection_us, 2 * detection_us):
+                if peer.evidence_us + wait_us > now_us:
+                    earliest_us = min(earliest_us, peer.evidence_us + wait_us)
+                    break
+        return earliest_us
 
     def states(self) -> Mapping[str, State]:
         """Robot -> state, sorted by id."""

@@ -47,7 +47,7 @@ class Observer:
             if kind is MessageKind.BEAT:
                 sender, body = decode(data, self.replica.header, kind)
                 if sender == source:
-                    self._beat(source, parse_beat(body), now_us)
+                    self._beat(source, parse_beat(body, self.membership.is_news), now_us)
             else:
                 self._facts_changed(self.replica.receive(source, data, now_us).changed, now_us)
         except WireError as error:

@@ -6,7 +6,7 @@ Whatever arrives is decoded here or refused with a WireError; nothing else escap
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -196,8 +196,16 @@ def beat_body(beat: Beat) -> list[Any]:
     ]
 
 
-def parse_beat(body: Any) -> Beat:
-    """The inverse of `beat_body`; raises WireError."""
+def _all_is_news(row: list[Any]) -> bool:
+    return True
+
+
+def parse_beat(body: Any, is_news: Callable[[list[Any]], bool] = _all_is_news) -> Beat:
+    """The inverse of `beat_body`; raises WireError.
+
+    Relays, most of a beat in a large team, are only taken where `is_news(row)` of
+    [robot, counter, nonce, number, ...], as yet unchecked.
+    """
     if not isinstance(body, list) or len(body) != 11:
         raise WireError("beat is malformed")
     counter, nonce, number, flags, plan, facts, statuses, result, progress, accused, heard = body
@@ -227,7 +235,7 @@ def parse_beat(body: Any) -> Beat:
                 bool(_count(j, 1)),
                 _count(s, 3),
             )
-            for r, c, n, k, d, j, s in _rows(heard, 7)
+            for r, c, n, k, d, j, s in filter(is_news, _rows(heard, 7))
         ),
     )
 
