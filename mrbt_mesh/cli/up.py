@@ -129,7 +129,7 @@ def up(
         info = RunInfo(
             mission_path=str(mission.resolve()),
             mission_name=loaded.name,
-            team=f"{loaded.name}-{secrets.token_hex(3)}",
+            team=f"{loaded.name[:24]}-{secrets.token_hex(3)}",
             run=secrets.token_hex(4),
             program=reference,
             endpoints=dict(zip(names, free_endpoints(len(names)), strict=True)),

@@ -100,6 +100,10 @@ def make_driver(options: argparse.Namespace) -> Driver:
     lacking = check_program(program, mission, capabilities)
     if lacking:
         raise AgentInputError(f"{reference} has no local task {', '.join(lacking)} for type {kind}")
+    for option, value in (("--team", options.team), ("--run", options.run)):
+        if value is not None and not is_robot_id(value):
+            text = "1 to 32 letters, digits, '_' or '-', it becomes part of keys"
+            raise AgentInputError(f"{option} {value!r}: {text}")
     run = options.run or mission.digest[:8]
     journal = open_journal(options.run_dir, mission, run, options.robot)
     expected = options.expect.split(",") if options.expect else list(mission.robots)
