@@ -217,6 +217,7 @@ class Agent:
         writes += self._condition_writes(event.conditions)
         if self.work.claim is None and claimed is not None:
             writes.append((records.CLAIM, None))
+        self._write(writes, now_us)
         self._log(
             "info" if event.success else "warning",
             "local_task_finished",
@@ -225,7 +226,6 @@ class Agent:
             outcome="success" if event.success else "failure",
             error=event.error,
         )
-        self._write(writes, now_us)
 
     def _condition_writes(
         self, conditions: Iterable[tuple[str, bool]]

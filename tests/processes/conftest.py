@@ -89,7 +89,10 @@ class Team:
 
     def events(self) -> list[dict[str, Any]]:
         """The physical events so far, whole lines only."""
-        path = self.run_dir / "events.jsonl"
+        return self._lines("events.jsonl")
+
+    def _lines(self, name: str) -> list[dict[str, Any]]:
+        path = self.run_dir / name
         if not path.exists():
             return []
         text = path.read_text()
@@ -124,8 +127,7 @@ class Team:
 
     def log(self, robot: str) -> list[dict[str, Any]]:
         """A robot's log."""
-        path = self.run_dir / f"{robot}.log"
-        return [json.loads(line) for line in path.read_text().splitlines()]
+        return self._lines(f"{robot}.log")
 
     def logs(self) -> str:
         """The ends of all logs, for a failure message."""

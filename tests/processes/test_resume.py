@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-from collections import Counter
 
 import pytest
 
@@ -22,7 +21,8 @@ def test_the_whole_team_killed_goes_on_where_it_was(
 ) -> None:
     team.up(REPAIR, "--speed", "2")
     team.wait_for_event(local_task, event)
-    # The robot tells its journal after its last physical word: give that a moment.
+    # An action ends in the world a moment before its outcome is in the journal, and what ends
+    # in that moment is done again. A robot's log tells of the outcome after its journal.
     done = {e["activation"] for e in team.events() if e["outcome"] == "success"}
     team.wait_until(lambda: done <= _told(team), "what has ended is known to the robots")
     for robot in team.robots():
@@ -38,10 +38,6 @@ def test_the_whole_team_killed_goes_on_where_it_was(
     again = {e["activation"] for e in team.events()[before:]}
     assert not again & done, "finished work was done again"
     check_order(spans(team.events()))
-    successes = Counter(
-        (e["activation"], e["robot"]) for e in team.events() if e["outcome"] == "success"
-    )
-    assert max(successes.values()) == 1
 
 
 def _told(team: Team) -> set[str]:
