@@ -120,11 +120,6 @@ class ActionRunner:
         if scope is not None:
             scope.cancel()
 
-    def cancel_all(self) -> None:
-        """Cancel everything at once: the robot was silent for too long, or stops."""
-        for scope in self._scopes.values():
-            scope.cancel()
-
     def start_background(self) -> None:
         """Start the program's sensors."""
         for function in self._program.backgrounds:
