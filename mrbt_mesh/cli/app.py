@@ -58,6 +58,7 @@ PANELS: dict[str, tuple[Callable[..., None], ...]] = {
         team.pause,
         team.resume,
         team.abort,
+        team.decide,
     ),
     "Without a network": (offline.validate, offline.plan, offline.assign, sim, offline.new),
 }

@@ -78,7 +78,7 @@ def _tree(observer: Observer) -> RenderableType:
         if request.activation in working:
             notes[request.node] = Text(" ".join(working[request.activation]), style="bold cyan")
         elif request.activation in waiting:
-            blocked = bool(waiting[request.activation].shortages)
+            blocked = waiting[request.activation].is_blocked
             notes[request.node] = Text(
                 "blocked" if blocked else "waits", "red" if blocked else "dim"
             )

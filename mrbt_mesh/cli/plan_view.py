@@ -20,7 +20,7 @@ def render_plan(mission: Mission, plan: Plan) -> RenderableType:
     notes = {}
     for request in plan.evaluation.requests:
         if request.activation in waiting:
-            blocked = bool(waiting[request.activation].shortages)
+            blocked = waiting[request.activation].is_blocked
             style = "red" if blocked else "yellow"
             notes[request.node] = Text(waiting[request.activation].reason, style=style)
         else:

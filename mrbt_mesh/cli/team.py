@@ -25,7 +25,7 @@ from mrbt_mesh.cli.common import (
     print_json,
 )
 from mrbt_mesh.cli.live_view import STATE_STYLES
-from mrbt_mesh.core.commands import FAULT, LEAVE, ORDER, RESTORE
+from mrbt_mesh.core.commands import DECIDE, FAULT, LEAVE, ORDER, RESTORE, Decision
 from mrbt_mesh.core.membership import State
 from mrbt_mesh.core.mission import is_robot_id
 from mrbt_mesh.core.observer import Observer
@@ -192,6 +192,20 @@ def abort(run_dir: RunDirOption = None) -> None:
     _command(run_dir, None, ORDER, "abort")
 
 
+def decide(
+    global_task: Annotated[str, typer.Argument(help="An exclusive task that is in doubt.")],
+    decision: Annotated[Decision, typer.Argument(help="What became of it.")],
+    run_dir: RunDirOption = None,
+) -> None:
+    """Say how an exclusive task goes on whose robot vanished in the middle of it.
+
+    `done` and `failed` say how it ended; `retry` has it done again from the beginning.
+
+    Example: mrbt decide "dose(2)" done
+    """
+    _command(run_dir, None, DECIDE, f"{global_task} {decision}")
+
+
 # -- joining ------------------------------------------------------------------------------
 
 
@@ -324,9 +338,9 @@ def status_data(run_dir: RunDir, observer: Observer) -> dict[str, Any]:
         "blocked": [
             {"request": w.global_task, "reason": w.reason}
             for w in (plan.waiting if plan else ())
-            if w.shortages
+            if w.is_blocked
         ],
-        "waiting": [w.global_task for w in (plan.waiting if plan else ()) if not w.shortages],
+        "waiting": [w.global_task for w in (plan.waiting if plan else ()) if not w.is_blocked],
         "agreement": observer.agreement,
         "run_dir": str(run_dir.path),
     }

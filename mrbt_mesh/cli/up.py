@@ -310,7 +310,7 @@ def _report(team: _Team, watcher: Watcher, show: str, why: str | None) -> int:
     )
     if result is None:
         waiting = observer.plan.waiting if observer.plan else ()
-        blocked = any(w.shortages for w in waiting) or not observer.membership.alive()
+        blocked = any(w.is_blocked for w in waiting) or not observer.membership.alive()
         result = "blocked" if blocked else "timeout"
     summary = observer.record.summary(result, boottime_us())
     summary["run_dir"] = str(team.run_dir.path)

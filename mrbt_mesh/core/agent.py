@@ -17,10 +17,12 @@ from mrbt_mesh.core.agreement import Gossip
 from mrbt_mesh.core.commands import answer_body, carry_out
 from mrbt_mesh.core.description import Description
 from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.grants import Grants
 from mrbt_mesh.core.identity import Identity
 from mrbt_mesh.core.joining import Joining
 from mrbt_mesh.core.membership import Membership, State
 from mrbt_mesh.core.mission import Mission, type_name
+from mrbt_mesh.core.performing import check_grants, given_up, may_grant, perform, seek_grants
 from mrbt_mesh.core.plan import Plan
 from mrbt_mesh.core.planner import Planner
 from mrbt_mesh.core.refusals import Refusals
@@ -60,7 +62,8 @@ class Agent:
         self.joining: Joining | None = Joining(config.timing, config.expected - {self.me}, now_us)
         self.work = Work()
         self.tree = RobotTree({type_name(name) for name in config.capabilities})
-        self.planner = Planner(mission.tree, self.facts, config.solver, self.tree)
+        self.grants = Grants(self.me, self.facts, config.timing, now_us)
+        self.planner = Planner(self.me, mission.tree, self.facts, config.solver, self.tree)
         self.identity = Identity(self.me, config.nonce, config.takeover, config.timing)
         self.description = Description(
             self.me, config.type, config.capabilities, config.software, config.host, config.pid
@@ -96,11 +99,12 @@ class Agent:
             self.membership.next_deadline_us(now_us),
             self.replica.next_deadline_us(),
             self.planner.watches.next_deadline_us(),
+            self.grants.next_deadline_us(),
         ]
         if self.joining is not None:
             deadlines.append(self.joining.deadline_us)
         if self.work.is_waiting:
-            deadlines.append(self.work.line_since_us + self.config.timing.grace_us)
+            deadlines.append(self.grace_ends_us())
         if self._done_us is not None:
             deadlines.append(self._done_us + self.config.timing.beat_us)
         later = [d for d in deadlines if d is not None and d > now_us]
@@ -130,7 +134,7 @@ class Agent:
                 if self.work.action is not None and self.work.action.number == ticket:
                     self.work.progress = max(0, min(100, percent))
             case fx.ConditionSet(name, value):
-                self._write(self._condition_writes([(name, value)]), now_us)
+                self.write(self._condition_writes([(name, value)]), now_us)
             case fx.CapabilityChanged(local_task, lost):
                 self.change_capability(local_task, lost, now_us)
             case fx.LeaveRequested():
@@ -159,8 +163,9 @@ class Agent:
         known = self.membership.peers.get(source)
         if self.membership.beat(source, beat, now_us):
             if known is None or known.incarnation != beat.incarnation:
-                self._log("info", "robot_heard", robot=source, incarnation=str(beat.incarnation))
+                self.log("info", "robot_heard", robot=source, incarnation=str(beat.incarnation))
             self.replica.compare(source, beat.fact_digest, now_us)
+            self.write(self.grants.heard(source, beat, now_us, self._may_grant), now_us)
         if self.joining is not None:
             self.joining.heard(source)
         reason = self.identity.relayed(source, beat, mine, starting, members, now_us)
@@ -208,17 +213,19 @@ class Agent:
         if action is None:
             return
         name = f"{records.OUTCOME}/{action.activation}/{action.local_task}"
+        if action.coalition:
+            name += f"/{action.coalition}"
         writes: list[tuple[str, Any]] = [(name, [event.success, event.data])]
         problem = self.replica.problem(*writes[0])
         if problem is not None:
             local_task = action.local_task
-            self._log("error", "result_data_refused", local_task=local_task, reason=problem)
+            self.log("error", "result_data_refused", local_task=local_task, reason=problem)
             writes = [(name, [event.success, None])]
         writes += self._condition_writes(event.conditions)
         if self.work.claim is None and claimed is not None:
             writes.append((records.CLAIM, None))
-        self._write(writes, now_us)
-        self._log(
+        self.write(writes, now_us)
+        self.log(
             "info" if event.success else "warning",
             "local_task_finished",
             global_task=action.global_task,
@@ -235,7 +242,7 @@ class Agent:
         stamp = self.replica.stamp()
         for name, value in list(conditions)[:CONDITIONS_PER_OUTCOME]:
             if not self.mission.knows_condition(name):
-                self._log("error", "condition_not_declared", condition=name)
+                self.log("error", "condition_not_declared", condition=name)
             elif self.facts.condition(name) != value:
                 revision = self.facts.revision(name) + 1
                 writes[f"{records.CONDITION}/{name}"] = [value, revision, stamp]
@@ -248,11 +255,11 @@ class Agent:
         change = self.description.lose if lost else self.description.restore
         problem = change(local_task)
         if problem is not None:
-            self._log("error", "capability_unknown", reason=problem)
+            self.log("error", "capability_unknown", reason=problem)
             return problem
-        self._log("warning", "capabilities_changed", lost=list(self.description.lost))
+        self.log("warning", "capabilities_changed", lost=list(self.description.lost))
         if self.joining is None:
-            self._write([(records.MEMBER, self.description.to_value())], now_us)
+            self.write([(records.MEMBER, self.description.to_value())], now_us)
         return None
 
     def leave(self, now_us: int) -> None:
@@ -260,11 +267,12 @@ class Agent:
         if self.leaving:
             return
         self.description.leaving = True
-        self._log("info", "leaving")
+        self.log("info", "leaving")
+        writes = given_up(self, self.work.claim)
         self._effects += self.work.drop()
         if self.joining is None:
             member = (records.MEMBER, self.description.to_value())
-            self._write([member, (records.CLAIM, None)], now_us)
+            self.write([*writes, member, (records.CLAIM, None)], now_us)
         self.gossip.urge(now_us)
 
     # -- what follows from it -----------------------------------------------------------------
@@ -277,7 +285,7 @@ class Agent:
         self._deadline_us = max(self._deadline_us, now_us)
         silent_us = now_us - self.gossip.last_beat_us
         if self.joining is None and silent_us > self.config.timing.detection_us:
-            self._log("warning", "fenced", silent_s=silent_us / 1e6)
+            self.log("warning", "fenced", silent_s=silent_us / 1e6)
             heard = self.replica.next_incarnation(0)
             self._effects.append(fx.DeclareToken(heard))
             self._join_again(frozenset(self.membership.alive()), False, now_us)
@@ -291,7 +299,7 @@ class Agent:
         """
         known = self.facts.members.get(self.me)
         if self.joining is None and known is not None and known[1] > self.replica.incarnation:
-            self._log("warning", "later_life_found", incarnation=str(known[1]))
+            self.log("warning", "later_life_found", incarnation=str(known[1]))
             self._join_again(frozenset({self.me}), True, now_us)
 
     def _join_again(self, expected: frozenset[str], first: bool, now_us: int) -> None:
@@ -307,8 +315,10 @@ class Agent:
         if self.joining is not None and not self.leaving:
             self._try_to_join(now_us)
         if self.joining is None:
+            check_grants(self, now_us)
             self._replan(now_us)
-            self._work(now_us)
+            perform(self, now_us)
+            seek_grants(self)
         for peer in self.replica.due(now_us):
             self._ask(peer, now_us)
         self._finish_mission(now_us)
@@ -321,7 +331,7 @@ class Agent:
     def _judge(self, now_us: int) -> None:
         for robot, before, after in self.membership.judge(now_us):
             level = "warning" if after in (State.DEAD, State.SUSPECT) else "info"
-            self._log(level, f"robot_{after}", robot=robot, before=str(before))
+            self.log(level, f"robot_{after}", robot=robot, before=str(before))
             if after in (State.DEAD, State.LEFT):
                 self.replica.forget(robot)
 
@@ -338,54 +348,22 @@ class Agent:
             if self.joining.foreign and not self.membership.peers:
                 self._stop(2, f"the team runs something else: {self.joining.foreign}")
                 return
+            others = self.mission.robots.keys() - {self.me}
+            if self.joining.has_asked(others) and not self.facts.map.of_author(self.me):
+                self.grants.is_new()
             incarnation = self.replica.next_incarnation(self.identity.rival)
             self._effects.append(fx.DeclareToken(incarnation))
         self.joining = None
-        self._log("info", "joined", incarnation=str(self.replica.incarnation))
+        self.log("info", "joined", incarnation=str(self.replica.incarnation))
         member = (records.MEMBER, self.description.to_value())
-        self._write([member, (records.CLAIM, None)], now_us)
+        self.write([member, (records.CLAIM, None)], now_us)
         self.gossip.urge(now_us)
 
     def _replan(self, now_us: int) -> None:
         """Plan again if facts or the alive set have changed, until nothing more follows."""
 
-        def alive() -> dict[str, Incarnation]:
-            return self.membership.alive() | {self.me: self.replica.incarnation}
-
-        while latched := self.planner.step(alive, self.membership.changes, now_us):
-            self._write(latched, now_us)
-
-    def _work(self, now_us: int) -> None:
-        """Follow this robot's line of the plan; start once the team agrees, or after the grace."""
-        assert self.plan is not None
-        before = self.work.claim
-        line = None if self.leaving else self.plan.lines.get(self.me)
-        changed, effects = self.work.follow(line, self.replica.stamp(), now_us)
-        self._effects += effects
-        cleared = None
-        if self.work.claim is not None and (not self.work.is_waiting or self._may_start(now_us)):
-            cleared = type_name(self.work.claim.local_task)
-        wanted = self.tree.tick(self.plan.result, cleared)
-        if wanted is not None and self.work.is_waiting:
-            start = self.work.start(self.plan.partners(self.me), self.replica.incarnation)
-            self._effects.append(start)
-            self._log(
-                "info",
-                "local_task_started",
-                global_task=start.global_task,
-                local_task=start.local_task,
-                activation=start.activation,
-            )
-            changed = True
-        if changed and self.work.claim != before:
-            claim = self.work.claim
-            self._write([(records.CLAIM, claim.to_value() if claim else None)], now_us)
-
-    def _may_start(self, now_us: int) -> bool:
-        assert self.plan is not None
-        if self.membership.agrees(self.plan.digest):
-            return True
-        return now_us >= self.work.line_since_us + self.config.timing.grace_us
+        while latched := self.planner.step(self.alive, self.membership.changes, now_us):
+            self.write(latched, now_us)
 
     def _finish_mission(self, now_us: int) -> None:
         """Stop once every living robot has come to the same result, and has heard so."""
@@ -398,7 +376,7 @@ class Agent:
             self._done_us = None
         elif self._done_us is None:
             self._done_us = now_us
-            self._log("info", "mission_over", result=plan.result.name.lower())
+            self.log("info", "mission_over", result=plan.result.name.lower())
         elif self.config.exit_when_done and now_us >= self._done_us + self.config.timing.beat_us:
             self._beat_now(now_us)
             code = 0 if plan.result is Status.SUCCESS else 1
@@ -410,13 +388,17 @@ class Agent:
         """What the others must hear at once when it changes."""
         digest = self.plan.digest if self.plan else b""
         result = self.plan.result if self.plan else Status.RUNNING
-        return digest, result, self.membership.accusations(), self.joining is None, self.leaving
+        granted = tuple((grant.token, grant.member) for grant in self.grants.given())
+        standing = (self.joining is None, self.leaving)
+        return digest, result, self.membership.accusations(), standing, self.grants.seeks, granted
 
     def _beat_now(self, now_us: int) -> None:
         plan = self.plan
+        number = self.gossip.sent(self._urgent(), now_us)
+        self.write(self.grants.sent(number, now_us, self._may_grant), now_us)
         beat = Beat(
             self.replica.incarnation,
-            self.gossip.sent(self._urgent(), now_us),
+            number,
             self.joining is None,
             self.leaving,
             plan.digest if plan else bytes(8),
@@ -426,11 +408,13 @@ class Agent:
             self.work.progress,
             self.membership.accusations(),
             self.membership.heard(),
+            self.grants.seeks,
+            self.grants.given(),
         )
         data = encode(self.replica.header, MessageKind.BEAT, beat_body(beat))
         self._effects.append(fx.Publish(MessageKind.BEAT, data))
 
-    def _write(self, values: Iterable[tuple[str, Any]], now_us: int) -> None:
+    def write(self, values: Iterable[tuple[str, Any]], now_us: int) -> None:
         batch = list(values)
         if batch:
             data, entries = self.replica.write(batch, now_us)
@@ -439,8 +423,8 @@ class Agent:
 
     def order(self, kind: records.OrderKind, now_us: int) -> None:
         """Take in the operator's word and tell the team."""
-        self._log("warning", "order", order=str(kind))
-        self._write([(records.ORDER, [str(kind), self.replica.stamp()])], now_us)
+        self.log("warning", "order", order=str(kind))
+        self.write([(records.ORDER, [str(kind), self.replica.stamp()])], now_us)
 
     def _ask(self, peer: str, now_us: int) -> None:
         self.replica.asked(peer, now_us)
@@ -450,11 +434,11 @@ class Agent:
         """Count what is refused; log it once per source and reason."""
         if self.refusals.count(source, reason):
             event = "robot_refused" if incompatible else "input_refused"
-            self._log("error" if incompatible else "warning", event, source=source, reason=reason)
+            self.log("error" if incompatible else "warning", event, source=source, reason=reason)
         if incompatible and self.joining is not None:
             self.joining.foreign = f"{source}: {reason}"
 
-    def _log(self, level: str, event: str, **fields: Any) -> None:
+    def log(self, level: str, event: str, **fields: Any) -> None:
         self._effects.append(fx.Log(level, event, fields))
 
     def _stop(self, code: int, reason: str | None) -> None:
@@ -462,6 +446,30 @@ class Agent:
             self._stopped = True
             self._effects += self.work.drop()
             self._effects.append(fx.Stop(code, reason))
+
+    def alive(self) -> dict[str, Incarnation]:
+        """The plan's alive set, this robot included."""
+        return self.membership.alive() | {self.me: self.replica.incarnation}
+
+    def emit(self, effects: Iterable[fx.Effect]) -> None:
+        """Have effects carried out, after those before."""
+        self._effects += effects
+
+    def grace_ends_us(self) -> int:
+        """From when on this robot starts its line of the plan without agreement."""
+        return self.work.line_since_us + self.config.timing.grace_us
+
+    def in_doubt(self) -> list[tuple[str, list[records.Token]]]:
+        """Requested exclusive activations that are in doubt, and the coalitions that left them."""
+        requests = self.plan.evaluation.requests if self.plan is not None else ()
+        givers = self.facts.givers
+        doubts = [
+            (r.activation, self.facts.coalitions(r.activation).doubted(givers)) for r in requests
+        ]
+        return [(activation, tokens) for activation, tokens in doubts if tokens]
+
+    def _may_grant(self, activation: str, token: records.Token) -> bool:
+        return may_grant(self, activation, token)
 
     @property
     def plan(self) -> Plan | None:

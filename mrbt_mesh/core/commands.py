@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+import enum
 from typing import TYPE_CHECKING, Any
 
+from mrbt_mesh.core import records
+from mrbt_mesh.core.evaluate import parse_scope
 from mrbt_mesh.core.records import OrderKind
 
 if TYPE_CHECKING:
     from mrbt_mesh.core.agent import Agent
 
-FAULT, RESTORE, LEAVE, ORDER = "fault", "restore", "leave", "order"
+FAULT, RESTORE, LEAVE, ORDER, DECIDE = "fault", "restore", "leave", "order", "decide"
+MAX_ARGUMENT = 1_024
+
+
+class Decision(enum.StrEnum):
+    """What an operator may say of an exclusive task in doubt."""
+
+    DONE = "done"
+    FAILED = "failed"
+    RETRY = "retry"
 
 
 def command_body(command: str, argument: str = "") -> list[str]:
@@ -27,7 +39,7 @@ def carry_out(agent: Agent, body: Any, now_us: int) -> tuple[bool, str]:
     if (
         not isinstance(body, list)
         or len(body) != 2
-        or not all(isinstance(part, str) and len(part) <= 256 for part in body)
+        or not all(isinstance(part, str) and len(part) <= MAX_ARGUMENT for part in body)
     ):
         return False, "a command is a list of two texts"
     command, argument = body
@@ -48,4 +60,34 @@ def carry_out(agent: Agent, body: Any, now_us: int) -> tuple[bool, str]:
                 return False, f"no order {argument!r}; there is pause, resume, abort"
             agent.order(kind, now_us)
             return True, f"{kind} is the team's order"
+        case "decide":
+            return _decide(agent, argument, now_us)
     return False, f"no command {command!r}"
+
+
+def _decide(agent: Agent, argument: str, now_us: int) -> tuple[bool, str]:
+    """`argument` is a global task and the operator's word on it: `dose(2) done`."""
+    subject, _, word = argument.rpartition(" ")
+    try:
+        decision = Decision(word)
+    except ValueError:
+        return False, f"no decision {word!r}; there is {', '.join(Decision)}"
+    doubts = agent.in_doubt()
+    found = [activation for activation, _ in doubts if parse_scope(activation).subject == subject]
+    if not found:
+        listed = ", ".join(sorted({parse_scope(name).subject for name, _ in doubts})) or "none"
+        return False, f"{subject!r} is not in doubt (in doubt: {listed})"
+    writes: list[tuple[str, Any]] = []
+    for activation, tokens in doubts:
+        if activation not in found:
+            continue
+        match decision:
+            case Decision.DONE:
+                writes.append((f"{records.DONE}/{activation}", True))
+            case Decision.FAILED:
+                writes.append((f"{records.VERDICT}/{activation}", True))
+            case Decision.RETRY:
+                writes += [(f"{records.CLEARED}/{activation}/{t}", True) for t in tokens]
+    agent.log("warning", "decision", global_task=subject, decision=word)
+    agent.write(writes, now_us)
+    return True, f"{subject} counts as {word}" if word != "retry" else f"{subject} is tried again"

@@ -5,14 +5,15 @@ Source: paper, section IV, T_A: the bounds a_j and b_j, and *Check Consistency*.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from mrbt_mesh.core.coalition import Coalitions, is_in, majority, standing
 from mrbt_mesh.core.evaluate import Request
 from mrbt_mesh.core.facts import Incarnation
-from mrbt_mesh.core.mission import GlobalTask
-from mrbt_mesh.core.records import Member, Phase
+from mrbt_mesh.core.mission import GlobalTask, InDoubt, Need
+from mrbt_mesh.core.records import Member, Phase, Token
 from mrbt_mesh.core.team import TeamFacts, capability
 
 
@@ -22,6 +23,7 @@ class Worker:
 
     id: str
     member: Member
+    incarnation: Incarnation
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +31,9 @@ class Demand:
     """One local task of one request.
 
     `lower` and `upper` are a_j and b_j, shrunk by the outcomes so far. `pinned` robots are
-    already running it and count towards both. `candidates` map robot to performance for all
-    workers that could be put on it: capable and without an outcome for it.
+    already running it (or about to start, with the standing coalition) and count towards both.
+    `candidates` map robot to performance for all workers that could be put on it: capable and
+    without an outcome for it.
     """
 
     request: Request
@@ -48,7 +51,7 @@ def workers(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> dict[str, Wor
     for robot in sorted(alive):
         known = facts.members.get(robot)
         if known is not None and known[1] == alive[robot] and not known[0].leaving:
-            found[robot] = Worker(robot, known[0])
+            found[robot] = Worker(robot, known[0], known[1])
     return found
 
 
@@ -70,20 +73,20 @@ def demands_of(
     result = []
     for request in requests:
         task = facts.mission.global_tasks[request.subject]
-        indices = range(len(task.needs))
-        result.append([_demand(facts, request, task, i, team, running) for i in indices])
+        if task.by_coalition:
+            result.append(_coalition_demands(facts, request, task, team))
+        else:
+            result.append([_demand(facts, request, need, team, running) for need in task.needs])
     return result
 
 
 def _demand(
     facts: TeamFacts,
     request: Request,
-    task: GlobalTask,
-    index: int,
+    need: Need,
     team: Mapping[str, Worker],
     running: Mapping[tuple[str, str], list[tuple[int, str]]],
 ) -> Demand:
-    need = task.needs[index]
     results = facts.results(request.activation, need.local_task)
     successes = sum(results.values())
     lower = max(0, need.min_robots - successes)
@@ -98,6 +101,76 @@ def _demand(
     if not lower:
         upper = len(pinned)
     return Demand(request, need.local_task, need.min_robots, lower, upper, pinned, candidates)
+
+
+def _coalition_demands(
+    facts: TeamFacts, request: Request, task: GlobalTask, team: Mapping[str, Worker]
+) -> list[Demand]:
+    """Who has started goes on, and nobody joins; without a coalition the bounds are nu and mu."""
+    found = facts.coalitions(request.activation)
+    token = standing(facts, task, request.activation, lives(team))
+    at_work = _at_work(facts, request, found, token, team) if token is not None else {}
+    result = []
+    for need in task.needs:
+        failed = found.failed(need.local_task)
+        candidates = {}
+        for robot, worker in team.items():
+            value = capability(worker.member, need.local_task)
+            if value is not None and robot not in failed:
+                candidates[robot] = value
+        lower, upper = need.min_robots, need.max_robots
+        pinned: tuple[str, ...] = ()
+        if token is not None:
+            pinned = tuple(r for r in candidates if at_work.get(r) == need.local_task)
+            lower = upper = len(pinned)
+        demand = Demand(request, need.local_task, need.min_robots, lower, upper, pinned, candidates)
+        result.append(demand)
+    return result
+
+
+def _at_work(
+    facts: TeamFacts, request: Request, found: Coalitions, token: Token, team: Mapping[str, Worker]
+) -> dict[str, str]:
+    """Robot -> local task, for the members of a coalition that have not finished."""
+    return {
+        member.robot: member.local_task
+        for member in found.members[token]
+        if member.robot in team
+        and team[member.robot].incarnation == (member.counter, member.nonce)
+        and found.outcome(token, member) is None
+        and is_in(facts, token, member, request.activation)
+    }
+
+
+def lives(team: Mapping[str, Worker]) -> dict[str, Incarnation]:
+    """Robot -> incarnation."""
+    return {robot: worker.incarnation for robot, worker in team.items()}
+
+
+def obstacle(
+    facts: TeamFacts, request: Request, group: Sequence[Demand], team: Mapping[str, Worker]
+) -> str:
+    """Why an exclusive request cannot be served whoever is free; empty if nothing is in the way."""
+    task = facts.mission.global_tasks[request.subject]
+    if not task.exclusive:
+        return ""
+    found = facts.coalitions(request.activation)
+    doubted = found.doubted(facts.givers)
+    if doubted and task.in_doubt is not InDoubt.RETRY:
+        names = ", ".join(sorted({token.leader for token in doubted}))
+        return f"in doubt: nobody knows how far {names} got; `mrbt decide` says how it goes on"
+    token = standing(facts, task, request.activation, lives(team))
+    if token is not None:
+        if any(demand.pinned for demand in group):
+            return ""
+        return f"{token.leader} is out of reach and may still be at it"
+    present = sum(robot in facts.givers for robot in team)
+    needed = majority(facts.givers)
+    if present < needed:
+        return (
+            f"exclusive: needs grants from {needed} of {len(facts.givers)} robots, {present} here"
+        )
+    return ""
 
 
 Slot: TypeAlias = tuple[int, int]
@@ -167,9 +240,14 @@ class Consistency:
 
 
 def kept_requests(
-    facts: TeamFacts, demands: Sequence[Sequence[Demand]], team: Mapping[str, Worker]
+    facts: TeamFacts,
+    demands: Sequence[Sequence[Demand]],
+    team: Mapping[str, Worker],
+    barred: Collection[int] = (),
 ) -> tuple[list[int], dict[str, int]]:
     """(indices of the requests that are kept, robot -> request for the pins that hold).
+
+    `barred` requests are not kept, whatever is free.
 
     A pin whose own request cannot be kept yields, if some other request then can; of two
     sets of requests the one that is first in tree order is better. A preemptive request may
@@ -180,16 +258,19 @@ def kept_requests(
         for index, group in enumerate(demands)
         for demand in group
         for robot in demand.pinned
+        if index not in barred
     }
-    kept, pinned = _keep(facts, demands, team, pinned)
+    kept, pinned = _keep(facts, demands, team, pinned, barred)
     holding = {robot: index for robot, index in pinned.items() if index in kept}
     vain = {robot: index for robot, index in pinned.items() if robot not in holding}
-    kept_after, pinned_after = _keep(facts, demands, team, holding) if vain else (kept, pinned)
+    kept_after, pinned_after = (
+        _keep(facts, demands, team, holding, barred) if vain else (kept, pinned)
+    )
     count = range(len(demands))
     if [i in kept_after for i in count] <= [i in kept for i in count]:
         return kept, pinned
     for robot in sorted(vain):  # who helps nobody goes on
-        kept_now, pinned_now = _keep(facts, demands, team, holding | {robot: vain[robot]})
+        kept_now, pinned_now = _keep(facts, demands, team, holding | {robot: vain[robot]}, barred)
         if kept_now == kept_after:
             holding[robot] = vain[robot]
             pinned_after = pinned_now
@@ -201,11 +282,14 @@ def _keep(
     demands: Sequence[Sequence[Demand]],
     team: Mapping[str, Worker],
     pinned: dict[str, int],
+    barred: Collection[int],
 ) -> tuple[list[int], dict[str, int]]:
     kept: list[int] = []
     pinned = dict(pinned)
     check = Consistency(team)
     for index, group in enumerate(demands):
+        if index in barred:
+            continue
         if check.keep(index, group, pinned):
             kept.append(index)
         elif facts.mission.global_tasks[group[0].request.subject].preemptive:

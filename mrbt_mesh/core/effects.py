@@ -148,7 +148,10 @@ class Reply:
 
 @dataclass(frozen=True, slots=True)
 class StartAction:
-    """Run a local task; ends with ActionFinished or, after CancelAction, ActionStopped."""
+    """Run a local task; ends with ActionFinished or, after CancelAction, ActionStopped.
+
+    `coalition` is the token of the coalition that it starts with, empty without one.
+    """
 
     ticket: int
     activation: str
@@ -157,6 +160,7 @@ class StartAction:
     partners: tuple[str, ...]
     performance: int
     incarnation: Incarnation
+    coalition: str = ""
 
 
 @dataclass(frozen=True, slots=True)

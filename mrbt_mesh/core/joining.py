@@ -6,7 +6,7 @@ while it slept would carry on with stale facts.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from mrbt_mesh.core.membership import State
 from mrbt_mesh.core.timing import Timing
@@ -37,6 +37,10 @@ class Joining:
     def exchanged(self, robot: str) -> None:
         """`robot` has answered with its facts."""
         self._exchanged.add(robot)
+
+    def has_asked(self, robots: Collection[str]) -> bool:
+        """Whether all of these have answered with their facts."""
+        return self._exchanged.issuperset(robots)
 
     def wants(self, robot: str, state: State) -> bool:
         """Whether the facts of this robot are still needed."""

@@ -23,7 +23,7 @@ MAX_PERFORMANCE = 1_000_000 * MICRO
 MAX_ROBOTS = 1_000
 MAX_GLOBAL_TASKS = 10_000
 MAX_ARGUMENTS = 8
-COMPILED_VERSION = 1
+COMPILED_VERSION = 2
 
 NAME_PATTERN = r"[A-Za-z_][A-Za-z0-9_]{0,63}"
 ARGUMENT_PATTERN = r"[A-Za-z0-9_.+-]{1,64}"
@@ -43,6 +43,17 @@ class FailurePolicy(enum.StrEnum):
     RESILIENT = "resilient"
 
 
+class InDoubt(enum.StrEnum):
+    """What becomes of an exclusive task that was begun and ended without an outcome.
+
+    It is held for the operator, counts as failed, or is tried again.
+    """
+
+    HOLD = "hold"
+    FAIL = "fail"
+    RETRY = "retry"
+
+
 @dataclass(frozen=True, slots=True)
 class Need:
     """One local task of psi(g) with its bounds nu (`min_robots`) and mu (`max_robots`)."""
@@ -57,7 +68,9 @@ class GlobalTask:
     """A ground global task g: psi(g) and its policies.
 
     `blocked_fail_after_us`: None waits for robots to return; otherwise the task fails
-    after it has been blocked that long.
+    after it has been blocked that long. `simultaneous`: its robots start together, and only
+    the successes of one such coalition count. `exclusive`: it is never done by two coalitions
+    at the same time, nor again after it was done or left `in_doubt`.
     """
 
     id: GlobalTaskId
@@ -65,6 +78,14 @@ class GlobalTask:
     failure: FailurePolicy = FailurePolicy.RESILIENT
     blocked_fail_after_us: int | None = None
     preemptive: bool = False
+    simultaneous: bool = False
+    exclusive: bool = False
+    in_doubt: InDoubt = InDoubt.HOLD
+
+    @property
+    def by_coalition(self) -> bool:
+        """Whether it is carried out by coalitions: all their robots start together."""
+        return self.simultaneous or self.exclusive
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,6 +206,9 @@ class Mission:
                     str(t.failure),
                     t.blocked_fail_after_us,
                     t.preemptive,
+                    t.simultaneous,
+                    t.exclusive,
+                    str(t.in_doubt),
                 ]
                 for t in self.global_tasks.values()
             ],
@@ -224,9 +248,25 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
             },
             global_tasks={
                 i: GlobalTask(
-                    i, tuple(Need(*need) for need in needs), FailurePolicy(failure), blocked, pre
+                    i,
+                    tuple(Need(*need) for need in needs),
+                    FailurePolicy(failure),
+                    blocked,
+                    preemptive,
+                    simultaneous,
+                    exclusive,
+                    InDoubt(in_doubt),
                 )
-                for i, needs, failure, blocked, pre in data["global_tasks"]
+                for (
+                    i,
+                    needs,
+                    failure,
+                    blocked,
+                    preemptive,
+                    simultaneous,
+                    exclusive,
+                    in_doubt,
+                ) in data["global_tasks"]
             },
             tree=build_tree(_spec_from_json(data["tree"])),
             parameters=data["parameters"],

@@ -9,19 +9,22 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import msgpack
 
 from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, Bounds, Solver, solve
+from mrbt_mesh.core.coalition import standing
 from mrbt_mesh.core.demand import (
     Demand,
     Shortage,
     Worker,
     demands_of,
     kept_requests,
+    lives,
+    obstacle,
     shortages,
     workers,
 )
@@ -34,7 +37,11 @@ from mrbt_mesh.core.tree import Status
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One robot's line of the plan. `pinned`: it was running this already and goes on."""
+    """One robot's line of the plan. `pinned`: it was running this already and goes on.
+
+    `leader` brings the coalition together, where the task is carried out by one; `round`
+    counts the coalitions that have ended without success.
+    """
 
     robot: str
     activation: str
@@ -42,19 +49,32 @@ class Line:
     local_task: str
     performance: int
     pinned: bool
+    leader: str = ""
+    round: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class Waiting:
-    """A request that is not served. With `shortages` it is blocked: no living robots could."""
+    """A request that is not served. With `shortages` it is blocked: no living robots could.
+
+    `obstacle` is what keeps an exclusive task from being served, whoever is there.
+    """
 
     activation: str
     global_task: str
     shortages: tuple[Shortage, ...]
+    obstacle: str = ""
+
+    @property
+    def is_blocked(self) -> bool:
+        """Whether it waits for more than for busy robots."""
+        return bool(self.shortages or self.obstacle)
 
     @property
     def reason(self) -> str:
         """For people: `blocked: move_frame needs 2, 1 alive`."""
+        if self.obstacle:
+            return f"blocked: {self.obstacle}"
         if not self.shortages:
             return "waiting: the robots it needs are busy with earlier requests"
         return "blocked: " + "; ".join(map(str, self.shortages))
@@ -82,7 +102,7 @@ class Plan:
     @cached_property
     def digest(self) -> bytes:
         """8 bytes over activation -> robots alone: no phases, no pins, not the alive set."""
-        lines = sorted((x.activation, x.local_task, x.robot) for x in self.lines.values())
+        lines = sorted((x.activation, x.local_task, x.robot, x.round) for x in self.lines.values())
         return hashlib.blake2b(msgpack.packb(lines), digest_size=8).digest()
 
     @cached_property
@@ -115,6 +135,8 @@ class Plan:
                     "local_task": x.local_task,
                     "performance": x.performance / 1e6,
                     "pinned": x.pinned,
+                    "leader": x.leader or None,
+                    "round": x.round,
                 }
                 for x in self.lines.values()
             },
@@ -123,7 +145,7 @@ class Plan:
                 {
                     "activation": w.activation,
                     "global_task": w.global_task,
-                    "blocked": bool(w.shortages),
+                    "blocked": w.is_blocked,
                     "reason": w.reason,
                 }
                 for w in self.waiting
@@ -143,18 +165,28 @@ def make_plan(
         idle = dict.fromkeys(team, f"the operator's order is {order}")
         return Plan(evaluation, order, {}, idle | away, (), True)
     demands = demands_of(facts, evaluation.requests, team)
-    kept, pinned = kept_requests(facts, demands, team)
+    obstacles = [
+        obstacle(facts, request, group, team)
+        for request, group in zip(evaluation.requests, demands, strict=True)
+    ]
+    barred = [index for index, text in enumerate(obstacles) if text]
+    kept, pinned = kept_requests(facts, demands, team, barred)
     lines = _pinned_lines(demands, pinned)
     chosen = _assign([d for i in kept for d in demands[i]], team, lines, solver)
     if chosen is not None:
         lines.update(chosen)
     waiting = tuple(
-        Waiting(r.activation, r.subject, shortages(facts, demands[index], team))
+        Waiting(
+            r.activation,
+            r.subject,
+            () if obstacles[index] else shortages(facts, demands[index], team),
+            obstacles[index],
+        )
         for index, r in enumerate(evaluation.requests)
         if index not in kept
     )
     idle = {r: _why_idle(w, demands, kept, lines) for r, w in team.items() if r not in lines}
-    ordered = {robot: lines[robot] for robot in sorted(lines)}
+    ordered = _with_leaders(facts, {robot: lines[robot] for robot in sorted(lines)}, team)
     return Plan(evaluation, order, ordered, idle | away, waiting, chosen is not None)
 
 
@@ -162,6 +194,27 @@ def _line(robot: str, demand: Demand, pinned: bool) -> Line:
     request = demand.request
     performance = demand.candidates[robot]
     return Line(robot, request.activation, request.subject, demand.local_task, performance, pinned)
+
+
+def _with_leaders(
+    facts: TeamFacts, lines: Mapping[str, Line], team: Mapping[str, Worker]
+) -> dict[str, Line]:
+    """Name the leader where a task is carried out by a coalition: that of the standing one,
+    else the first robot that the plan has on the activation.
+    """
+    leaders: dict[str, tuple[str, int]] = {}
+    result = {}
+    for robot, line in lines.items():
+        task = facts.mission.global_tasks[line.global_task]
+        if task.by_coalition:
+            if line.activation not in leaders:
+                token = standing(facts, task, line.activation, lives(team))
+                number = facts.coalitions(line.activation).round(facts.givers, token)
+                leaders[line.activation] = (token.leader if token is not None else robot, number)
+            leader, number = leaders[line.activation]
+            line = replace(line, leader=leader, round=number)
+        result[robot] = line
+    return result
 
 
 def _pinned_lines(

@@ -7,6 +7,7 @@ from typing import Any
 
 from mrbt_mesh.core import records
 from mrbt_mesh.core.assignment import Solver
+from mrbt_mesh.core.coalition import newly_broken
 from mrbt_mesh.core.evaluate import Evaluator
 from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.plan import Plan, make_plan
@@ -19,7 +20,10 @@ from mrbt_mesh.core.watches import Watches
 class Planner:
     """Plans when facts or the alive set have changed, and ticks T_A for each plan."""
 
-    def __init__(self, tree: Tree, facts: TeamFacts, solver: Solver, robot_tree: RobotTree) -> None:
+    def __init__(
+        self, me: str, tree: Tree, facts: TeamFacts, solver: Solver, robot_tree: RobotTree
+    ) -> None:
+        self._me = me
         self.evaluator = Evaluator(tree)
         self.watches = Watches()
         self.plan: Plan | None = None
@@ -43,12 +47,13 @@ class Planner:
         latched: list[tuple[str, Any]] = []
         if self.plan is None or self._planned != state:
             self._planned = state
-            self.plan = make_plan(self.evaluator, facts, alive(), self._solver)
-            latched = self._latches(self.plan)
+            living = alive()
+            self.plan = make_plan(self.evaluator, facts, living, self._solver)
+            latched = self._latches(self.plan, living)
             self._tick_assignment(self.plan)
         return latched + self.watches.expired(self.plan, facts, now_us)
 
-    def _latches(self, plan: Plan) -> list[tuple[str, Any]]:
+    def _latches(self, plan: Plan, alive: Mapping[str, Incarnation]) -> list[tuple[str, Any]]:
         evaluation = plan.evaluation
         latched: list[tuple[str, Any]] = [
             (f"{records.ATTEMPT}/{scope}", number) for scope, number in evaluation.attempts
@@ -56,6 +61,11 @@ class Planner:
         for activation in evaluation.failures:
             if not self._facts.has_verdict(activation):
                 latched.append((f"{records.VERDICT}/{activation}", True))
+        for request in evaluation.requests:
+            task = self._facts.mission.global_tasks[request.subject]
+            if task.by_coalition:
+                broken = newly_broken(self._facts, task, request.activation, alive, self._me)
+                latched += [(f"{records.BROKEN}/{request.activation}/{t}", True) for t in broken]
         return latched
 
     def _tick_assignment(self, plan: Plan) -> None:

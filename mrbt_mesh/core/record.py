@@ -158,7 +158,7 @@ class RunRecord:
             case NoClaim():
                 self._claims.pop(robot, None)
             case Outcome() as outcome:
-                _, activation, local_task = records.split_name(entry.name)
+                _, activation, local_task, *_ = records.split_name(entry.name)
                 self._took_part(robot, activation)
                 how = "done" if outcome.success else "failed"
                 self.say(now_us, f"{robot}: {local_task} {how}")
@@ -181,7 +181,7 @@ class RunRecord:
             status = next((s for s in order if s in found), Status.IDLE)
             if status is not Status.IDLE:
                 self.tasks[task].status = status
-        now_blocked = {w.global_task: w.reason for w in plan.waiting if w.shortages}
+        now_blocked = {w.global_task: w.reason for w in plan.waiting if w.is_blocked}
         for episode in self.blocked:
             if episode.to_us is None and now_blocked.get(episode.request) != episode.reason:
                 episode.to_us = now_us

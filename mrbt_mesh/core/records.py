@@ -1,4 +1,4 @@
-"""What an entry means: member, claim, outcome, condition, order and latches, with their limits.
+"""What an entry means: member, claim, outcome, coalition, condition, order, latches; their limits.
 
 Values come from the network: every parser raises ValueError for anything that is not exactly
 its kind, and nothing else.
@@ -12,10 +12,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from mrbt_mesh.core.mission import MAX_PERFORMANCE
+from mrbt_mesh.core.mission import MAX_PERFORMANCE, MAX_ROBOTS
 
-MAX_NAME = 512
-MAX_TEXT = 256
+MAX_NAME = 2_048
+MAX_TEXT = 640
 MAX_CAPABILITIES = 1_000
 MAX_STAMP = (1 << 53) - 1
 MAX_DATA_DEPTH = 16
@@ -117,21 +117,26 @@ class Member(Record):
 
 
 class Phase(enum.IntEnum):
-    """How far a claim is. Only `RUNNING` pins its robot."""
+    """How far a claim is. `READY`: may start as soon as its coalition does."""
 
     CLAIMED = 1
-    RUNNING = 2
+    READY = 2
+    RUNNING = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Claim(Record):
-    """The one activation that a robot works on; `since` is a Lamport stamp."""
+    """The one activation that a robot works on; `since` is a Lamport stamp.
+
+    `coalition` is the token of the coalition with which it runs, if its task has any.
+    """
 
     activation: str
     global_task: str
     local_task: str
     phase: Phase
     since: int
+    coalition: str = ""
 
     def to_value(self) -> list[Any]:
         return [
@@ -140,6 +145,7 @@ class Claim(Record):
             self.local_task,
             int(self.phase),
             self.since,
+            self.coalition,
         ]
 
 
@@ -152,14 +158,86 @@ def parse_claim(value: Any) -> Claim | NoClaim:
     """A claim, or NoClaim for None."""
     if value is None:
         return NoClaim()
-    activation, global_task, local_task, phase, since = _fields(value, 5)
+    activation, global_task, local_task, phase, since, coalition = _fields(value, 6)
     return Claim(
         _text(activation, MAX_NAME),
         _text(global_task),
         _text(local_task),
-        Phase(_integer(phase, 1, 2)),
+        Phase(_integer(phase, 1, 3)),
         _integer(since),
+        _text(coalition),
     )
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Token:
+    """Names one coalition: its leader, in the life and with the claim that brought it together.
+
+    `since` is the stamp of the leader's claim. The order is the canonical one of claims.
+    """
+
+    since: int
+    leader: str
+    counter: int
+    nonce: str
+
+    def __str__(self) -> str:
+        return f"{self.leader}.{self.counter}.{self.nonce}.{self.since}"
+
+    @staticmethod
+    def parse(text: str) -> Token:
+        leader, counter, nonce, since = _text(text).split(".")
+        token = Token(_integer(int(since)), leader, _integer(int(counter)), nonce)
+        if str(token) != text:
+            raise ValueError(f"no coalition has the name {_shown(text)}")
+        return token
+
+
+@dataclass(frozen=True, slots=True)
+class CoalitionMember:
+    """A robot that starts with a coalition, and the claim with which it was ready.
+
+    (`counter`, `nonce`, `sequence`) is the version of the claim's entry.
+    """
+
+    robot: str
+    local_task: str
+    counter: int
+    nonce: str
+    sequence: int
+    since: int
+
+
+@dataclass(frozen=True, slots=True)
+class Coalition(Record):
+    """The robots that start one activation together, as their leader wrote them down."""
+
+    members: tuple[CoalitionMember, ...]
+    first_stands: ClassVar[bool] = True
+
+    def to_value(self) -> list[Any]:
+        return [
+            [m.robot, m.local_task, m.counter, m.nonce, m.sequence, m.since] for m in self.members
+        ]
+
+    @staticmethod
+    def parse(value: Any) -> Coalition:
+        if not isinstance(value, list) or not 0 < len(value) <= MAX_ROBOTS:
+            raise ValueError(f"a list of members expected, found {_shown(value)}")
+        rows = [_fields(row, 6) for row in value]
+        return Coalition(
+            tuple(
+                CoalitionMember(
+                    _text(robot),
+                    _text(local_task),
+                    _integer(counter),
+                    _text(nonce),
+                    _integer(sequence),
+                    _integer(since),
+                )
+                for robot, local_task, counter, nonce, sequence, since in rows
+            )
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,7 +322,7 @@ class Attempt(Record):
 
 @dataclass(frozen=True, slots=True)
 class Latch(Record):
-    """Something that stays true once said: a verdict of failure, an expired timeout."""
+    """Something that stays true once said: a verdict of failure, a grant, a broken coalition."""
 
     first_stands: ClassVar[bool] = True
 
@@ -263,6 +341,12 @@ OUTCOME, CONDITION, ATTEMPT, VERDICT, EXPIRED = (
     "verdict",
     "expired",
 )
+# Of one coalition of one activation, named by its token. BROKEN: too few members are left.
+# GRANT: the author has granted it an exclusive task. DOUBT: that grant has ended, and nobody
+# knows how far the work got. CLEARED: it never began, or the operator lets it be tried again.
+COALITION, BROKEN, GRANT, DOUBT, CLEARED = "coalition", "broken", "grant", "doubt", "cleared"
+# The operator's word that an activation in doubt was done.
+DONE = "done"
 
 _PARSERS: Mapping[str, Callable[[Any], Record]] = {
     MEMBER: Member.parse,
@@ -273,14 +357,29 @@ _PARSERS: Mapping[str, Callable[[Any], Record]] = {
     ATTEMPT: Attempt.parse,
     VERDICT: Latch.parse,
     EXPIRED: Latch.parse,
+    COALITION: Coalition.parse,
+    BROKEN: Latch.parse,
+    GRANT: Latch.parse,
+    DOUBT: Latch.parse,
+    CLEARED: Latch.parse,
+    DONE: Latch.parse,
 }
-_PARTS = {MEMBER: 1, CLAIM: 1, ORDER: 1, OUTCOME: 3}
+COALITION_KINDS = frozenset({COALITION, BROKEN, GRANT, DOUBT, CLEARED})
+EXCLUSIVE_KINDS = frozenset({GRANT, DOUBT, CLEARED, DONE})
+# kind / condition, scope or activation / local task or token / token of an outcome's coalition
+_PARTS: Mapping[str, tuple[int, ...]] = {
+    MEMBER: (1,),
+    CLAIM: (1,),
+    ORDER: (1,),
+    OUTCOME: (3, 4),
+    **dict.fromkeys(sorted(COALITION_KINDS), (3,)),
+}
 
 
 def split_name(name: str) -> list[str]:
     """The parts of an entry's name: kind first; raises ValueError if it is none."""
     parts = _text(name, MAX_NAME).split("/")
-    if parts[0] not in _PARSERS or len(parts) != _PARTS.get(parts[0], 2):
+    if parts[0] not in _PARSERS or len(parts) not in _PARTS.get(parts[0], (2,)):
         raise ValueError(f"no kind of fact has the name {_shown(name)}")
     return parts
 

@@ -9,18 +9,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from mrbt_mesh.core import records
+from mrbt_mesh.core.coalition import Coalitions
 from mrbt_mesh.core.evaluate import Evaluator, ScopeName, parse_scope
 from mrbt_mesh.core.facts import Entry, FactMap, Incarnation
 from mrbt_mesh.core.mission import FailurePolicy, GlobalTask, Mission, Need, performance, type_name
 from mrbt_mesh.core.records import (
     Attempt,
     Claim,
+    Coalition,
     ConditionValue,
     Latch,
     Member,
     Order,
     OrderKind,
     Outcome,
+    Token,
 )
 from mrbt_mesh.core.tree import ATTEMPT_KINDS, Kind, Status
 
@@ -30,6 +33,8 @@ _SCOPED = {
     records.VERDICT: frozenset({Kind.ACTION}),
     records.ATTEMPT: ATTEMPT_KINDS,
     records.EXPIRED: frozenset({Kind.TIMEOUT}),
+    records.DONE: frozenset({Kind.ACTION}),
+    **dict.fromkeys(sorted(records.COALITION_KINDS), frozenset({Kind.ACTION})),
 }
 
 
@@ -60,6 +65,8 @@ class TeamFacts:
         self._best: dict[str, ConditionValue] = {}
         self._orders: dict[str, Order] = {}
         self._latches: dict[str, dict[str, int]] = {}
+        self._coalitions: dict[str, Coalitions] = {}
+        self.givers = frozenset(mission.robots)
 
     # -- EvaluationFacts ------------------------------------------------------------------
 
@@ -78,6 +85,8 @@ class TeamFacts:
     def task_status(self, subject: str, activation: str) -> Status:
         """The paper's *Perform Global Task*: success at nu successes of each local task."""
         task = self.mission.global_tasks[subject]
+        if task.by_coalition:
+            return self._coalition_status(task, activation)
         outcomes = self.outcomes.get(activation, {})
         if all(sum(outcomes.get(n.local_task, {}).values()) >= n.min_robots for n in task.needs):
             return Status.SUCCESS
@@ -86,6 +95,19 @@ class TeamFacts:
         if any(self._need_failed(task, need, activation) for need in task.needs):
             return Status.FAILURE
         return Status.RUNNING
+
+    def _coalition_status(self, task: GlobalTask, activation: str) -> Status:
+        found = self.coalitions(activation)
+        if found.has_succeeded(task) or f"{records.DONE}/{activation}" in self._latches:
+            return Status.SUCCESS
+        if self.has_verdict(activation) or found.has_failed(task, self._known_able, self.givers):
+            return Status.FAILURE
+        return Status.RUNNING
+
+    def _known_able(self, local_task: str) -> list[str]:
+        """All known robots capable of it, dead ones and ones that lost it included."""
+        members = self.members.items()
+        return [r for r, (m, _) in members if performance(m.capabilities, local_task)]
 
     def attempt(self, scope: str) -> int:
         """The number of attempts that are used up, over all authors."""
@@ -115,8 +137,42 @@ class TeamFacts:
         return latest[2] if latest else OrderKind.RESUME
 
     def results(self, activation: str, local_task: str) -> Mapping[str, bool]:
-        """Robot -> success, for the outcomes of one local task of one activation."""
-        return self.outcomes.get(activation, {}).get(local_task, {})
+        """Robot -> success, for the outcomes of one local task of one activation.
+
+        Of coalitions, the failures of all and the successes of the first that has not ended.
+        """
+        found = self._coalitions.get(activation)
+        if found is None:
+            return self.outcomes.get(activation, {}).get(local_task, {})
+        unended = found.unended(self.givers)
+        ends = found.outcomes.get(unended[0], {}) if unended else {}
+        return dict.fromkeys(found.failed(local_task), False) | {
+            robot: True for robot, success in ends.get(local_task, {}).items() if success
+        }
+
+    def begun(self) -> set[str]:
+        """The activations of which some outcome is known."""
+        found = self._coalitions.items()
+        return {*self.outcomes, *(name for name, coalitions in found if coalitions.outcomes)}
+
+    def coalitions(self, activation: str) -> Coalitions:
+        """What is known of the coalitions of one activation."""
+        return self._coalitions.get(activation) or Coalitions()
+
+    def granted(self) -> list[tuple[str, Coalitions]]:
+        """The activations for which somebody has given a grant, sorted."""
+        return [
+            (name, self._coalitions[name])
+            for name in sorted(self._coalitions)
+            if self._coalitions[name].grants
+        ]
+
+    def task_of(self, activation: str) -> GlobalTask | None:
+        """The global task of an activation, None if there is none of that name."""
+        try:
+            return self.mission.global_tasks.get(parse_scope(activation).subject)
+        except ValueError:
+            return None
 
     def valid_claim(self, robot: str) -> Claim | None:
         """The robot's claim if the incarnation that made it is the robot's newest one."""
@@ -140,9 +196,7 @@ class TeamFacts:
                     assigned += claim.local_task == need.local_task
             return failures > assigned - need.min_robots
         able = len(results) - failures
-        for robot, (member, _) in self.members.items():
-            if robot not in results and performance(member.capabilities, need.local_task):
-                able += 1
+        able += sum(robot not in results for robot in self._known_able(need.local_task))
         return able < need.min_robots
 
     # -- keeping the indices --------------------------------------------------------------
@@ -158,11 +212,9 @@ class TeamFacts:
         self._pruned_at = self.reach_changes
         obsolete = []
         for entry in self._fresh:
-            kind, _, rest = entry.name.partition("/")
-            if kind in _SCOPED:
-                scope = rest.rpartition("/")[0] if kind == records.OUTCOME else rest
-                if evaluator.is_obsolete(parse_scope(scope), self):
-                    obsolete.append(entry)
+            kind, *names = records.split_name(entry.name)
+            if kind in _SCOPED and evaluator.is_obsolete(parse_scope(names[0]), self):
+                obsolete.append(entry)
         self._fresh.clear()
         for entry in obsolete:
             self.map.drop(entry.author, entry.name)
@@ -190,10 +242,33 @@ class TeamFacts:
                 return f"{parts[1]!r:.80} belongs to another run"
             if str(scope) != parts[1] or not self._fits(parts[0], scope):
                 return f"{parts[1]!r:.80} names no node of this mission's tree"
-            if parts[0] == records.OUTCOME:
-                needs = self.mission.global_tasks[scope.subject].needs
-                if all(need.local_task != parts[2] for need in needs):
-                    return f"{scope.subject!r} needs no {parts[2]!r:.80}"
+            if _SCOPED[parts[0]] == {Kind.ACTION}:
+                return self._misfit(parts, self.mission.global_tasks[scope.subject], entry)
+        return None
+
+    def _misfit(self, parts: list[str], task: GlobalTask, entry: Entry) -> str | None:
+        """Why an entry of an activation has no place in it."""
+        kind, *names = parts
+        needs = {need.local_task for need in task.needs}
+        if kind == records.OUTCOME:
+            if names[1] not in needs:
+                return f"{task.id!r} needs no {names[1]!r:.80}"
+            if (len(names) == 3) != task.by_coalition:
+                return f"{task.id!r}: an outcome names a coalition if the task has any"
+        elif kind in records.EXCLUSIVE_KINDS and not task.exclusive:
+            return f"{task.id!r} is not exclusive"
+        elif kind in records.COALITION_KINDS and not task.by_coalition:
+            return f"{task.id!r} has no coalitions"
+        if kind in records.COALITION_KINDS or len(names) == 3:
+            try:
+                token = Token.parse(names[-1])
+            except ValueError:
+                return f"{names[-1]!r:.80} names no coalition"
+            if isinstance(entry.record, Coalition) and (
+                entry.author != token.leader
+                or any(member.local_task not in needs for member in entry.record.members)
+            ):
+                return f"{names[-1]!r:.80}: no coalition of {task.id!r}"
         return None
 
     def _fits(self, kind: str, scope: ScopeName) -> bool:
@@ -231,9 +306,11 @@ class TeamFacts:
             case records.NoClaim():
                 self.claims.pop(author, None)
             case Outcome():
-                self.outcome_changes += 1
-                tasks = self.outcomes.setdefault(parts[1], {})
-                tasks.setdefault(parts[2], {})[author] = record.success
+                self._ended(parts, author, record)
+            case Coalition() | Latch() if parts[0] in records.COALITION_KINDS:
+                token = Token.parse(parts[2])
+                self._coalition(parts).take(parts[0], token, author, record)
+                self.max_stamp = max(self.max_stamp, token.since)
             case ConditionValue():
                 values = self._conditions.setdefault(parts[1], {})
                 values[author] = record
@@ -248,8 +325,22 @@ class TeamFacts:
             case Latch():
                 self._latches.setdefault(entry.name, {})[author] = 1
 
+    def _ended(self, parts: list[str], author: str, outcome: Outcome) -> None:
+        self.outcome_changes += 1
+        if len(parts) == 4:
+            ends = self._coalition(parts).outcomes.setdefault(Token.parse(parts[3]), {})
+        else:
+            ends = self.outcomes.setdefault(parts[1], {})
+        ends.setdefault(parts[2], {})[author] = outcome.success
+
+    def _coalition(self, parts: list[str]) -> Coalitions:
+        return self._coalitions.setdefault(parts[1], Coalitions())
+
     def _forget(self, parts: list[str], author: str) -> None:
-        """Only scoped entries are ever dropped."""
+        """Only scoped entries are ever dropped, those of one activation all together."""
+        if parts[0] in records.COALITION_KINDS or len(parts) == 4:
+            self._coalitions.pop(parts[1], None)
+            return
         if parts[0] == records.OUTCOME:
             tasks = self.outcomes[parts[1]]
             del tasks[parts[2]][author]

@@ -43,6 +43,19 @@ class Timing:
         """An unanswered question is asked again after this."""
         return self.detection_us // 2
 
+    @property
+    def lease_us(self) -> int:
+        """A grant for an exclusive task runs out this long after its last renewal arrived."""
+        return 3 * self.detection_us
+
+    @property
+    def hold_us(self) -> int:
+        """The holder counts on a grant for this long after it sent the request.
+
+        Shorter than the lease by as much as the clocks of the two may drift apart meanwhile.
+        """
+        return self.lease_us * 3 // 4
+
     def repeats_us(self) -> tuple[int, ...]:
         """After a changed plan is beaten out at once: when it is repeated, as offsets."""
         return (self.beat_us // 8, self.beat_us // 4, self.beat_us // 2)

@@ -14,8 +14,9 @@ import msgpack
 
 from mrbt_mesh.core.facts import MAX_VALUE_BYTES, Entry, Incarnation, Version, make_entry
 from mrbt_mesh.core.mission import is_robot_id
+from mrbt_mesh.core.records import MAX_NAME
 
-SCHEMA = 1
+SCHEMA = 2
 MAX_MESSAGE_BYTES = 4 << 20
 MAX_ITEMS = 100_000
 MAX_NONCE = 32
@@ -77,10 +78,20 @@ class Heard:
 
 
 @dataclass(frozen=True, slots=True)
+class Granted:
+    """The sender lets the coalition `token` work: its answer to beat `number` of `member`."""
+
+    token: str
+    member: str
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
 class Beat:
     """One heartbeat. `statuses` are those of T_i, T_A, T_G and T_Li; `progress` in percent.
 
-    `result` is the mission's status as the sender sees it.
+    `result` is the mission's status as the sender sees it. `seeks` are the activation and the
+    coalition's token for which the sender needs grants.
     """
 
     incarnation: Incarnation
@@ -94,6 +105,8 @@ class Beat:
     progress: int
     accusations: tuple[Accusation, ...]
     heard: tuple[Heard, ...]
+    seeks: tuple[str, str] | None = None
+    grants: tuple[Granted, ...] = ()
 
 
 def encode(header: Header, kind: MessageKind, body: Any) -> bytes:
@@ -193,6 +206,8 @@ def beat_body(beat: Beat) -> list[Any]:
             [h.robot, *h.incarnation, h.number, h.plan_digest, int(h.joined), h.result]
             for h in beat.heard
         ],
+        list(beat.seeks) if beat.seeks is not None else None,
+        [[g.token, g.member, g.number] for g in beat.grants],
     ]
 
 
@@ -206,9 +221,10 @@ def parse_beat(body: Any, is_news: Callable[[list[Any]], bool] = _all_is_news) -
     Relays, most of a beat in a large team, are only taken where `is_news(row)` of
     [robot, counter, nonce, number, ...], as yet unchecked.
     """
-    if not isinstance(body, list) or len(body) != 11:
+    if not isinstance(body, list) or len(body) != 13:
         raise WireError("beat is malformed")
-    counter, nonce, number, flags, plan, facts, statuses, result, progress, accused, heard = body
+    counter, nonce, number, flags, plan, facts, statuses, result, progress, *tables = body
+    accused, heard, seeks, grants = tables
     flags = _count(flags, 3)
     if not isinstance(statuses, list) or len(statuses) != 4:
         raise WireError("beat statuses are malformed")
@@ -237,7 +253,23 @@ def parse_beat(body: Any, is_news: Callable[[list[Any]], bool] = _all_is_news) -
             )
             for r, c, n, k, d, j, s in filter(is_news, _rows(heard, 7))
         ),
+        _seeks(seeks),
+        tuple(Granted(_name(t), _robot(r), _count(n)) for t, r, n in _rows(grants, 3)),
     )
+
+
+def _name(value: Any) -> str:
+    if not isinstance(value, str) or len(value) > MAX_NAME:
+        raise WireError("name is malformed")
+    return value
+
+
+def _seeks(value: Any) -> tuple[str, str] | None:
+    if value is None:
+        return None
+    if not isinstance(value, list) or len(value) != 2:
+        raise WireError("request for grants is malformed")
+    return _name(value[0]), _name(value[1])
 
 
 def entries_body(entries: Iterable[Entry]) -> list[Any]:

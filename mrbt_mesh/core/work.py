@@ -1,13 +1,13 @@
 """What this robot works on: its claim, and the action that carries it out.
 
-A claim is `claimed` while the team comes to agree and `running` once the action is started.
-An action that is no longer wanted is cancelled; if it finishes all the same, its outcome is
-recorded.
+A claim is `claimed` while the team comes to agree and `running` once the action is started; in
+between it is `ready` while its coalition forms. An action that is no longer wanted is
+cancelled; if it finishes all the same, its outcome is recorded.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mrbt_mesh.core.effects import CancelAction, Effect, StartAction
 from mrbt_mesh.core.facts import Incarnation
@@ -17,12 +17,18 @@ from mrbt_mesh.core.records import Claim, Phase
 
 @dataclass(frozen=True, slots=True)
 class Ticket:
-    """An action that was started and has not ended."""
+    """An action that was started and has not ended; `coalition` is its coalition's token."""
 
     number: int
     activation: str
     global_task: str
     local_task: str
+    coalition: str = ""
+
+
+def _subject(line: Line | None) -> tuple[str, str, str, int] | None:
+    """What makes a line another one: a coalition that has ended is begun anew."""
+    return (line.activation, line.local_task, line.leader, line.round) if line else None
 
 
 class Work:
@@ -45,12 +51,11 @@ class Work:
     @property
     def is_waiting(self) -> bool:
         """Whether there is a claim whose action could start once the team agrees."""
-        return self.claim is not None and self.claim.phase is Phase.CLAIMED and self.is_idle
+        return self.claim is not None and self.claim.phase < Phase.RUNNING and self.is_idle
 
     def follow(self, line: Line | None, stamp: int, now_us: int) -> tuple[bool, list[Effect]]:
         """Follow this robot's line of a new plan: (whether the claim changed, effects)."""
-        wanted = (line.activation, line.local_task) if line else None
-        held = (self.line.activation, self.line.local_task) if self.line else None
+        wanted, held = _subject(line), _subject(self.line)
         self.line = line
         if wanted == held:
             return False, []
@@ -63,7 +68,14 @@ class Work:
         self.claim = Claim(line.activation, line.global_task, line.local_task, Phase.CLAIMED, stamp)
         return True, effects
 
-    def start(self, partners: tuple[str, ...], incarnation: Incarnation) -> StartAction:
+    def get_ready(self) -> None:
+        """The team agrees: wait for the coalition; call it only if `is_waiting`."""
+        assert self.claim is not None
+        self.claim = replace(self.claim, phase=Phase.READY)
+
+    def start(
+        self, partners: tuple[str, ...], incarnation: Incarnation, coalition: str
+    ) -> StartAction:
         """Begin the action of the claim; call it only if `is_waiting`."""
         assert self.line is not None
         assert self.claim is not None
@@ -71,10 +83,10 @@ class Work:
         self._tickets += 1
         self._stopping = False
         self.progress = 0
-        self.action = Ticket(self._tickets, claim.activation, claim.global_task, claim.local_task)
-        self.claim = Claim(
-            claim.activation, claim.global_task, claim.local_task, Phase.RUNNING, claim.since
+        self.action = Ticket(
+            self._tickets, claim.activation, claim.global_task, claim.local_task, coalition
         )
+        self.claim = replace(claim, phase=Phase.RUNNING, coalition=coalition)
         return StartAction(
             self._tickets,
             claim.activation,
@@ -83,6 +95,7 @@ class Work:
             partners,
             line.performance,
             incarnation,
+            coalition,
         )
 
     def finish(self, number: int) -> Ticket | None:

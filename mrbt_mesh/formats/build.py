@@ -11,6 +11,7 @@ from mrbt_mesh.core.mission import (
     ConditionType,
     FailurePolicy,
     GlobalTask,
+    InDoubt,
     LocalTask,
     Mission,
     Need,
@@ -235,6 +236,9 @@ class _Builder:
                 if isinstance(blocked, FailAfterModel)
                 else None,
                 model.preemptive,
+                model.simultaneous,
+                model.exclusive,
+                InDoubt(model.in_doubt or InDoubt.HOLD),
             )
         return tasks
 

@@ -93,7 +93,8 @@ def _check_global_tasks(mission: Mission) -> None:
         split_call(goal.id)
         after = goal.blocked_fail_after_us
         _expect(after is None or (type(after) is int and after > 0), f"{here}: blocked")
-        _expect(isinstance(goal.preemptive, bool), f"{here}: preemptive")
+        for flag in ("preemptive", "simultaneous", "exclusive"):
+            _expect(isinstance(getattr(goal, flag), bool), f"{here}: {flag}")
         for need in goal.needs:
             name, arguments = split_call(need.local_task)
             declared = mission.local_tasks.get(name)

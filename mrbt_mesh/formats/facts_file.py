@@ -17,11 +17,19 @@ from pathlib import Path
 from typing import Any
 
 from mrbt_mesh.core import records
-from mrbt_mesh.core.evaluate import Evaluator
+from mrbt_mesh.core.evaluate import Evaluator, parse_scope
 from mrbt_mesh.core.facts import Incarnation, Version, make_entry
 from mrbt_mesh.core.mission import Mission, Robot
 from mrbt_mesh.core.plan import Plan, make_plan
-from mrbt_mesh.core.records import Member, OrderKind, Phase
+from mrbt_mesh.core.records import (
+    Claim,
+    Coalition,
+    CoalitionMember,
+    Member,
+    OrderKind,
+    Phase,
+    Token,
+)
 from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
 from mrbt_mesh.core.team import TeamFacts, capability
 from mrbt_mesh.formats.problems import (
@@ -65,6 +73,7 @@ class _Builder:
         self.facts = TeamFacts(mission, "file")
         self.evaluator = Evaluator(mission.tree)
         self._sequence = 0
+        self._crews: dict[str, list[CoalitionMember]] = {}
         self._report = Report("", {})
         for robot in mission.robots.values():
             self._write_member(robot, ())
@@ -164,8 +173,23 @@ class _Builder:
             if not able or not activations:
                 self._report.add(here, f"{robot} can do nothing that {task} needs")
                 continue
-            claim = [activations[0], task, able[0], int(Phase.RUNNING), self._sequence + 1]
-            self._write(robot, records.CLAIM, claim)
+            self._run(robot, task, activations[0], able[0])
+        for name, crew in self._crews.items():
+            self._write(self._first, name, Coalition(tuple(crew)).to_value())
+
+    def _run(self, robot: str, task: str, activation: str, local_task: str) -> None:
+        """The robot's claim, and that it has started with the others on the same task."""
+        token = self._token(task)
+        claim = Claim(activation, task, local_task, Phase.RUNNING, self._sequence + 1, token)
+        self._write(robot, records.CLAIM, claim.to_value())
+        if token:
+            member = CoalitionMember(robot, local_task, *_FIRST, self._sequence, claim.since)
+            self._crews.setdefault(f"{records.COALITION}/{activation}/{token}", []).append(member)
+
+    def _token(self, task: str) -> str:
+        """The one coalition of a task in a file; empty for tasks without."""
+        by_coalition = self.mission.global_tasks[task].by_coalition
+        return str(Token(1, self._first, *_FIRST)) if by_coalition else ""
 
     def _lost(self, path: SourcePath, value: Any) -> None:
         for robot, names in self._mapping(path, value):
@@ -195,7 +219,9 @@ class _Builder:
         return [str(self.evaluator.current_scope(node.index, self.facts)) for node in actions]
 
     def _outcome(self, robot: str, activation: str, local_task: str, success: bool) -> None:
-        self._write(robot, f"{records.OUTCOME}/{activation}/{local_task}", [success, None])
+        name = f"{records.OUTCOME}/{activation}/{local_task}"
+        token = self._token(parse_scope(activation).subject)
+        self._write(robot, f"{name}/{token}" if token else name, [success, None])
 
     def _write_member(self, robot: Robot, lost: Iterable[str]) -> None:
         member = Member(robot.type, robot.capabilities, tuple(sorted(lost)), False, "", "", 0)

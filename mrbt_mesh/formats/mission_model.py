@@ -201,7 +201,12 @@ class FailAfterModel(FileModel):
 
 
 class GlobalTaskModel(FileModel):
-    """A task of the whole team: the local tasks that it needs, and its policies."""
+    """A task of the whole team: the local tasks that it needs, and its policies.
+
+    `simultaneous`: its robots start together. `exclusive`: never done twice; what became of a
+    robot that vanished in the middle is `in_doubt`, to be held for the operator (hold), counted
+    as failed (fail) or tried again (retry).
+    """
 
     parameters: Parameters = []
     needs: Annotated[dict[CallText, NeedModel], Field(min_length=1)]
@@ -211,6 +216,17 @@ class GlobalTaskModel(FileModel):
         _by_type("wait, or {fail_after_s: 20}", {str: "<text>", dict: "<mapping>"}),
     ] = "wait"
     preemptive: bool = False
+    simultaneous: bool = False
+    exclusive: bool = False
+    in_doubt: Literal["hold", "fail", "retry"] | None = None
+
+    @model_validator(mode="after")
+    def _in_doubt_with_exclusive(self) -> GlobalTaskModel:
+        if self.in_doubt is not None and not self.exclusive:
+            raise PydanticCustomError(
+                "in_doubt", "in_doubt is for exclusive tasks; add exclusive: true or remove it"
+            )
+        return self
 
 
 Node: TypeAlias = Annotated[

@@ -19,7 +19,7 @@ from mrbt_mesh.core.evaluate import Request, parse_scope
 from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.mission import Mission
 from mrbt_mesh.core.plan import Plan, make_plan
-from mrbt_mesh.core.records import OUTCOME, OrderKind, Outcome, Phase
+from mrbt_mesh.core.records import OrderKind, Outcome, Phase, split_name
 from mrbt_mesh.core.team import capability
 from mrbt_mesh.core.timing import Timing
 from mrbt_mesh.core.tree import Status
@@ -156,7 +156,7 @@ class Checkers:
             if isinstance(entry.record, Outcome):
                 now[entry.author, entry.name] = entry.record.success
         for key, success in self._outcomes.get(process, {}).items():
-            activation = key[1].removeprefix(OUTCOME + "/").rpartition("/")[0]
+            activation = split_name(key[1])[1]
             if now.get(key, False) < success and not evaluator.is_obsolete(
                 parse_scope(activation), facts
             ):
@@ -164,7 +164,7 @@ class Checkers:
         self._outcomes[process] = now
         self.checks["I3"] += len(now)
         finished = self._finished.setdefault(process, set())
-        for activation in sorted(finished | facts.outcomes.keys()):
+        for activation in sorted(finished | facts.begun()):
             scope = parse_scope(activation)
             if facts.task_status(scope.subject, activation) is Status.SUCCESS:
                 finished.add(activation)
@@ -290,6 +290,8 @@ def _can_finish(agent: Agent, alive: Mapping[str, Incarnation]) -> bool:
     mission = agent.mission
     if agent.facts.order() is not OrderKind.RESUME:
         return False
+    if agent.plan is not None and any(waiting.obstacle for waiting in agent.plan.waiting):
+        return False  # an exclusive task in doubt, or without a majority that lives
     team = workers(agent.facts, alive)
     for node in mission.tree.actions():
         request = Request(node.index, node.subject, "")

@@ -121,7 +121,7 @@ def _result(world: World) -> SimulationResult:
     if observer.record.result is not None:
         result = "success" if observer.record.result is Status.SUCCESS else "failure"
     else:
-        blocked = plan is not None and any(waiting.shortages for waiting in plan.waiting)
+        blocked = plan is not None and any(waiting.is_blocked for waiting in plan.waiting)
         result = "blocked" if blocked else "timeout"
     processes = world.processes
     return SimulationResult(

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 from mrbt_mesh.core import effects as fx
 from mrbt_mesh.core.agent import Agent
@@ -16,8 +17,9 @@ from mrbt_mesh.core.agent_config import AgentConfig
 from mrbt_mesh.core.commands import command_body
 from mrbt_mesh.core.evaluate import parse_scope
 from mrbt_mesh.core.facts import Incarnation
-from mrbt_mesh.core.mission import GlobalTask, Mission
+from mrbt_mesh.core.mission import GlobalTask, InDoubt, Mission
 from mrbt_mesh.core.observer import Observer
+from mrbt_mesh.core.records import Phase, Token
 from mrbt_mesh.core.solvers import min_cost_flow
 from mrbt_mesh.core.timing import Timing
 from mrbt_mesh.core.tree import NodeSpec
@@ -234,8 +236,12 @@ def entry_text(name: str, value: object) -> str:
             return f"{how} of {parts[1]} for {parse_scope(parts[0]).subject}{more}"
         case "condition", [holds, revision, _]:
             return f"{parts[0]}={str(holds).lower()} (revision {revision})"
-        case "claim", [_, task, local, phase, _]:
-            return f"claim {'running' if phase == 2 else 'claimed'} {local} for {task}"
+        case "claim", [_, task, local, phase, _, _]:
+            return f"claim {Phase(phase).name.lower()} {local} for {task}"
+        case "coalition", members:
+            return f"coalition of {', '.join(row[0] for row in members)}"
+        case (("broken" | "grant" | "doubt" | "cleared"), True):
+            return f"{kind} of {Token.parse(parts[1]).leader} for {parse_scope(parts[0]).subject}"
         case "claim", None:
             return "no claim"
         case "member", [_, _, lost, leaving, *_]:
@@ -294,11 +300,16 @@ class Script:
         self.robots[name] = {local: float(value or 1) for local, _, value in pairs}
 
     def do_task(self, name: str, *words: str) -> None:
-        """task cover lift 2..2 fail_after=0.5"""
-        needs, policies = [], {}
+        """task cover lift 2..2 fail_after=0.5; task dose pour exclusive in_doubt=retry"""
+        needs: list[tuple[str, int, int]] = []
+        policies: dict[str, Any] = {}
         for word in words:
             key, is_policy, value = word.partition("=")
-            if is_policy:
+            if word in ("simultaneous", "exclusive"):
+                policies[word] = True
+            elif key == "in_doubt":
+                policies[key] = InDoubt(value)
+            elif is_policy:
                 policies["blocked_fail_after_us"] = round(float(value) * 1e6)
             elif ".." in word:
                 low, _, high = word.partition("..")
@@ -382,9 +393,9 @@ class Script:
         process = self.team.processes[name]
         self.team.give(process, fx.ActionStopped(process.tickets.pop(0)))
 
-    def do_tell(self, name: str, *words: str) -> None:
-        """tell A fault lift; tell A order pause"""
-        self.team.command(name, *words)
+    def do_tell(self, name: str, command: str, *words: str) -> None:
+        """tell A fault lift; tell A order pause; tell A decide dose retry"""
+        self.team.command(name, command, " ".join(words))
 
     def do_leave(self, name: str) -> None:
         self.team.give(self.team.processes[name], fx.LeaveRequested())

@@ -49,7 +49,7 @@ def give(script: Script, event: fx.Input) -> None:
 def inputs(draw: st.DrawFn, mine: Header) -> fx.Input:
     """Anything that the network could bring, from noise to almost correct messages."""
     kind = draw(st.sampled_from(MessageKind))
-    entry = ["B", 1, "n2", 9, [["claim", ["r1:1:weld::0", "weld", "weld", 2, 5]]]]
+    entry = ["B", 1, "n2", 9, [["claim", ["r1:1:weld::0", "weld", "weld", 3, 5, ""]]]]
     beat = [
         1,
         "n2",
@@ -133,7 +133,7 @@ def test_refusals_do_not_fill_the_memory() -> None:
     assert len(agent.refusals.counts) <= 1_000
 
 
-@pytest.mark.parametrize("body", [None, [], ["leave"], ["leave", 1], ["leave", "x" * 300], {}])
+@pytest.mark.parametrize("body", [None, [], ["leave"], ["leave", 1], ["leave", "x" * 2_000], {}])
 def test_a_malformed_command_is_answered_and_changes_nothing(body: Any) -> None:
     script = team()
     data = encode(header(script, ""), MessageKind.COMMAND, body)

@@ -365,4 +365,4 @@ def test_needs_that_can_only_be_met_one_by_one_are_all_named() -> None:
 
 def test_a_worker_is_a_robot_with_its_description() -> None:
     world = lifters(1, 1, "A")
-    assert workers(world.facts, world.alive) == {"A": Worker("A", world.facts.members["A"][0])}
+    assert workers(world.facts, world.alive) == {"A": Worker("A", *world.facts.members["A"])}

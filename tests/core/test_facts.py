@@ -21,7 +21,7 @@ versions = st.builds(
     st.integers(1, 3),
 )
 claims = st.none() | st.builds(
-    lambda phase, since: [SCOPE, "a", "a", phase, since], st.integers(1, 2), st.integers(0, 2)
+    lambda phase, since: [SCOPE, "a", "a", phase, since, ""], st.integers(1, 3), st.integers(0, 2)
 )
 VALUES: dict[str, st.SearchStrategy[Any]] = {
     "claim": claims,
@@ -104,13 +104,16 @@ def test_two_entries_of_one_key_have_one_that_stands(pair: tuple[Entry, Entry]) 
 
 
 def test_the_newest_version_stands_and_a_new_incarnation_is_newer_than_any_sequence() -> None:
-    old, new = entry(None, "claim", 9), entry([SCOPE, "a", "a", 1, 0], "claim", 1, life=2)
+    old, new = entry(None, "claim", 9), entry([SCOPE, "a", "a", 1, 0, ""], "claim", 1, life=2)
     assert joined(old, new) == new.value
-    assert joined(entry(None, "claim", 2), entry([SCOPE, "a", "a", 1, 0], "claim", 1)) is None
+    assert joined(entry(None, "claim", 2), entry([SCOPE, "a", "a", 1, 0, ""], "claim", 1)) is None
 
 
 def test_equal_versions_are_ordered_by_their_bytes() -> None:
-    one, other = entry([SCOPE, "a", "a", 1, 0], "claim"), entry([SCOPE, "a", "a", 2, 0], "claim")
+    one, other = (
+        entry([SCOPE, "a", "a", 1, 0, ""], "claim"),
+        entry([SCOPE, "a", "a", 2, 0, ""], "claim"),
+    )
     assert joined(one, other) == max(one, other, key=lambda each: each.packed).value
 
 

@@ -71,7 +71,7 @@ beats = st.builds(
 GOOD_VALUES: list[tuple[str, Any]] = [
     ("member", ["A", {"drill": 5, "fix(2)": 7}, ["drill"], False, "1.0", "host", 77]),
     ("claim", None),
-    ("claim", [SCOPE, "a", "drill", 1, 3]),
+    ("claim", [SCOPE, "a", "drill", 1, 3, ""]),
     ("order", ["pause", 4]),
     (f"outcome/{SCOPE}/drill", [True, {"depth": [1.5, None]}]),
     ("condition/open(2)", [True, 1, 0]),
@@ -252,12 +252,12 @@ def test_outcome_data_may_not_be_nested_too_deeply_to_be_shown_or_sent_on() -> N
         ("member", ["A", {"drill": 0}, [], False, "", "", 1]),
         ("member", ["A", {"drill": True}, [], False, "", "", 1]),
         ("member", ["A", {1: 1}, [], False, "", "", 1]),
-        ("member", ["A", {"drill": 1}, ["x" * 257], False, "", "", 1]),
+        ("member", ["A", {"drill": 1}, ["x" * (records.MAX_TEXT + 1)], False, "", "", 1]),
         ("member", ["A", {"drill": 1}, [], 0, "", "", 1]),
         ("member", ["A", {}, [], False, "", "", -1]),
-        ("claim", [SCOPE, "a", "drill", 3, 1]),
-        ("claim", [SCOPE, "a", "drill", 1]),
-        ("claim", [SCOPE, "a", "drill", 1, -1]),
+        ("claim", [SCOPE, "a", "drill", 4, 1, ""]),
+        ("claim", [SCOPE, "a", "drill", 1, 1]),
+        ("claim", [SCOPE, "a", "drill", 1, -1, ""]),
         ("order", ["start over", 1]),
         (f"outcome/{SCOPE}/drill", [1, None]),
         (f"outcome/{SCOPE}/drill", [True]),
@@ -266,7 +266,7 @@ def test_outcome_data_may_not_be_nested_too_deeply_to_be_shown_or_sent_on() -> N
         (f"attempt/{SCOPE}", -1),
         (f"verdict/{SCOPE}", False),
         (f"expired/{SCOPE}", 1),
-        ("outcome/" + "x" * 512 + "/a", [True, None]),
+        ("outcome/" + "x" * records.MAX_NAME + "/a", [True, None]),
         ("condition", [True, 1, 0]),
         ("unheard-of", 1),
     ],
@@ -324,7 +324,9 @@ def test_another_mission_or_run_is_refused_with_both_sides_named(
 
 def test_another_schema_version_is_refused_with_both_versions_named() -> None:
     data = msgpack.packb([wire.SCHEMA + 1, "beat", "m", "n", "r", "B1", None])
-    with pytest.raises(IncompatibleError, match=r"schema 2 \(ours is 1\)"):
+    with pytest.raises(
+        IncompatibleError, match=rf"schema {wire.SCHEMA + 1} \(ours is {wire.SCHEMA}\)"
+    ):
         decode(data, MINE, MessageKind.BEAT)
 
 

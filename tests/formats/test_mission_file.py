@@ -45,8 +45,9 @@ def example(name: str) -> Mission:
     return load_mission(ROOT / "examples" / name / "mission.yaml")
 
 
-def test_there_are_the_three_examples() -> None:
-    assert [path.parent.name for path in EXAMPLES] == ["explore", "tool_search", "vehicle_repair"]
+def test_the_examples_are_where_the_readme_says() -> None:
+    names = [path.parent.name for path in EXAMPLES]
+    assert names == ["dispense", "explore", "tool_search", "vehicle_repair"]
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.parent.name)
@@ -286,7 +287,7 @@ def _damaged(change: str) -> str:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("d['compiled'] = 99", "version 1 expected, found 99"),
+        ("d['compiled'] = 99", "version 2 expected, found 99"),
         ("d.pop('compiled')", "not a compiled mission"),
         ("d.pop('tree')", "damaged: KeyError"),
         ("d['name'] = 3", "name 3"),

@@ -59,7 +59,7 @@ def test_a_newer_entry_of_a_key_replaces_the_older_one(tmp_path: Path) -> None:
     path = tmp_path / "A1.journal"
     first = journal(path)
     first.open()
-    first.put([entry(sequence=1), entry(sequence=2, value=["run1:1:a::0", "a", "a", 2, 5])])
+    first.put([entry(sequence=1), entry(sequence=2, value=["run1:1:a::0", "a", "a", 2, 5, ""])])
     first.close()
     (found,) = journal(path).open()
     assert found.version.sequence == 2
