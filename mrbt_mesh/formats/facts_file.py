@@ -32,6 +32,7 @@ from mrbt_mesh.core.records import (
 )
 from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
 from mrbt_mesh.core.team import TeamFacts, capability
+from mrbt_mesh.formats.mission_file import read_limited
 from mrbt_mesh.formats.problems import (
     MissionError,
     Report,
@@ -101,13 +102,7 @@ class _Builder:
     def _load(self, path: Path) -> dict[str, Any]:
         from mrbt_mesh.formats.yaml_source import decode, read_yaml
 
-        try:
-            with path.open("rb") as file:
-                content = file.read(MAX_BYTES + 1)
-        except OSError as error:
-            raise whole_file_error(str(path), f"cannot be read: {error.strerror}") from error
-        if len(content) > MAX_BYTES:
-            raise whole_file_error(str(path), f"larger than {MAX_BYTES} bytes")
+        content = read_limited(path, MAX_BYTES)
         data, self._report = read_yaml(decode(content, str(path)), str(path))
         if not isinstance(data, dict):
             raise whole_file_error(str(path), f"a mapping is expected, found {found(data)}")

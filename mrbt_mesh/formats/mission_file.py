@@ -31,7 +31,7 @@ def load_mission(path: Path) -> Mission:
     if suffix not in (".yaml", ".yml", ".json"):
         raise whole_file_error(file, "a mission file ends in .yaml, .yml or .json")
     is_compiled = suffix == ".json"
-    content = _read(Path(path), MAX_COMPILED_BYTES if is_compiled else MAX_YAML_BYTES)
+    content = read_limited(Path(path), MAX_COMPILED_BYTES if is_compiled else MAX_YAML_BYTES)
     if is_compiled:
         return _load_compiled(content, file, Path(path).parent)
     # Imported here to keep robots' processes small, see above.
@@ -55,14 +55,15 @@ def _load_compiled(content: bytes, file: str, folder: Path) -> Mission:
     return replace(mission, program=str(folder.resolve() / mission.program))
 
 
-def _read(path: Path, limit_bytes: int) -> bytes:
+def read_limited(path: Path, limit_bytes: int) -> bytes:
+    """The bytes of a file that people name; raises MissionError, also for one that is too large."""
     file = str(path)
     try:
         if not path.exists():
             raise whole_file_error(file, "there is no such file")
         # Reading a pipe or a device could block, or never end.
         if not path.is_file():
-            raise whole_file_error(file, "not a file; give the mission file itself")
+            raise whole_file_error(file, "not a file; give the file itself")
         with path.open("rb") as stream:
             content = stream.read(limit_bytes + 1)
     except OSError as error:

@@ -241,7 +241,7 @@ def test_plan_refuses_unknown_robots_and_missing_files(tmp_path: Path) -> None:
     assert "the mission has no robot 'A9'" in problems
     code, _, problems = mrbt("plan", REPAIR, "--facts", str(tmp_path / "none.yaml"))
     assert code == 2
-    assert "cannot be read: No such file" in problems
+    assert "there is no such file" in problems
 
 
 # -- validate, new ------------------------------------------------------------------------

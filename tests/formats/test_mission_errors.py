@@ -374,7 +374,7 @@ def test_a_missing_file_and_a_folder(tmp_path: Path) -> None:
         load_mission(tmp_path / "no" / "m.json")
     folder = tmp_path / "folder.yaml"
     folder.mkdir()
-    with pytest.raises(MissionError, match="not a file; give the mission file itself"):
+    with pytest.raises(MissionError, match="not a file; give the file itself"):
         load_mission(folder)
     with pytest.raises(MissionError):
         load_mission(Path("\0.yaml"))
