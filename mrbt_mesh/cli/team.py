@@ -29,12 +29,12 @@ from mrbt_mesh.core.commands import DECIDE, FAULT, LEAVE, ORDER, RESTORE, Decisi
 from mrbt_mesh.core.membership import State
 from mrbt_mesh.core.mission import is_robot_id
 from mrbt_mesh.core.observer import Observer
-from mrbt_mesh.core.timing import SECOND_US, Timing
+from mrbt_mesh.core.timing import SECOND_US
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.runtime.launcher import agent_command, start_robot, with_newcomer
 from mrbt_mesh.runtime.run_dir import RunDir
-from mrbt_mesh.runtime.watcher import Watcher, watching
-from mrbt_mesh.runtime.zenoh_transport import TransportConfig, TransportError
+from mrbt_mesh.runtime.team import Team, watching_run
+from mrbt_mesh.runtime.watcher import Watcher
+from mrbt_mesh.runtime.zenoh_transport import TransportError
 
 CONNECT_TIMEOUT_S = 3.0
 SETTLE_BEATS = 2
@@ -90,9 +90,7 @@ async def _with_team(run_dir: RunDir, act: Callable[[Watcher], Awaitable[int]]) 
     """Attach to the team of a run, and act once a robot is heard."""
     info = run_dir.info()
     mission = load_mission(run_dir.mission_path)
-    timing = Timing(round(info.beat_s * SECOND_US), round(info.detection_s * SECOND_US))
-    transport = TransportConfig(info.team, "", (), tuple(info.endpoints.values()))
-    async with watching(mission, info.run, timing, transport) as watcher:
+    async with watching_run(info, mission) as watcher:
         with anyio.move_on_after(CONNECT_TIMEOUT_S):
             while not _caught_up(watcher.observer):
                 await watcher.wait_for_change(info.beat_s)
@@ -238,14 +236,10 @@ def join(
                 f"robot {robot} is already running (pid {running.pid}): stop it first, "
                 "or replace it with --takeover"
             )
-        # A dead robot comes back to its own endpoint; one that still runs holds it.
-        if robot not in info.endpoints or running is not None:
-            info = with_newcomer(info, robot)
-            found.save(info)
-        command = agent_command(found, info, robot, robot_type=robot_type, takeover=takeover)
+        team = Team(found, info, mission)
 
     async def start() -> int | None:
-        process = await start_robot(found, robot, command)
+        process = await team.start(robot, robot_type=robot_type, takeover=takeover)
         with anyio.move_on_after(2 * info.detection_s):
             return await process.wait()
         return None

@@ -7,17 +7,14 @@ from __future__ import annotations
 
 import contextlib
 import json
-import secrets
 import signal
-import time
 from collections.abc import AsyncIterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
 
 import anyio
-import psutil
 import typer
 from rich.live import Live
 
@@ -43,23 +40,15 @@ from mrbt_mesh.cli.common import (
 from mrbt_mesh.cli.live_view import render_live
 from mrbt_mesh.cli.summary import render_summary
 from mrbt_mesh.core.mission import Mission
-from mrbt_mesh.core.timing import SECOND_US, Timing
 from mrbt_mesh.core.tree import Status
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
 from mrbt_mesh.runtime.fencing import boottime_us
-from mrbt_mesh.runtime.launcher import (
-    agent_command,
-    free_endpoints,
-    lower_dials,
-    start_robot,
-    wait_for_exit,
-)
 from mrbt_mesh.runtime.run_dir import SUMMARY_FILE, RunDir, RunInfo, state_dir, write_atomically
-from mrbt_mesh.runtime.watcher import Watcher, watching
-from mrbt_mesh.runtime.zenoh_transport import TransportConfig, TransportError
+from mrbt_mesh.runtime.team import Team, new_run, watching_run
+from mrbt_mesh.runtime.watcher import Watcher
+from mrbt_mesh.runtime.zenoh_transport import TransportError
 
 FRAME_S = 0.1
-END_TIMEOUT_S = 3.0
 STOPPED = "stopped by the operator"
 
 SpeedOption = Annotated[
@@ -69,21 +58,6 @@ SpeedOption = Annotated[
 TimeoutOption = Annotated[
     float | None, typer.Option("--timeout", min=0, help="End the run after this many seconds.")
 ]
-
-
-@dataclass
-class _Team:
-    """A running team as its launcher sees it."""
-
-    run_dir: RunDir
-    info: RunInfo
-    mission: Mission
-    processes: dict[str, anyio.abc.Process]
-
-    def living(self) -> list[psutil.Process]:
-        """Processes of this run, whoever started them."""
-        found = (self.run_dir.process(robot) for robot in self.run_dir.robots())
-        return [process for process in found if process is not None]
 
 
 def up(
@@ -123,23 +97,17 @@ def up(
         names = chosen_robots(robots, loaded)
         reference = checked_program(loaded, names, program)
         try:
-            Timing(round(beat_s * SECOND_US), round(detection_s * SECOND_US))
+            info = new_run(
+                loaded,
+                mission,
+                names,
+                reference,
+                beat_s=beat_s,
+                detection_s=detection_s,
+                speed=speed,
+            )
         except ValueError as error:
             raise InputError(str(error)) from error
-        info = RunInfo(
-            mission_path=str(mission.resolve()),
-            mission_name=loaded.name,
-            team=f"{loaded.name[:24]}-{secrets.token_hex(3)}",
-            run=secrets.token_hex(4),
-            program=reference,
-            endpoints=dict(zip(names, free_endpoints(len(names)), strict=True)),
-            dials=lower_dials(names),
-            beat_s=beat_s,
-            detection_s=detection_s,
-            speed=speed,
-            started_unix_s=time.time(),
-            robots=tuple(names),
-        )
         created = _resumed(run_dir, info, loaded) if resume else _created(run_dir, info, loaded)
     show = "json" if as_json else "lines" if headless or not console.is_terminal else "live"
     code = anyio.run(_run, created, loaded, detach, show, timeout_s)
@@ -156,7 +124,7 @@ def watch(run_dir: RunDirOption = None, timeout_s: TimeoutOption = None) -> None
         info = found.info()
         loaded = load_mission(found.mission_path)
     show = "live" if console.is_terminal else "lines"
-    end_process(anyio.run(_watch, _Team(found, info, loaded, {}), show, timeout_s))
+    end_process(anyio.run(_watch, Team(found, info, loaded), show, timeout_s))
 
 
 def _created(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
@@ -190,10 +158,9 @@ async def _run(
     run_dir: RunDir, mission: Mission, detach: bool, show: str, timeout_s: float | None
 ) -> int:
     info = run_dir.info()
-    team = _Team(run_dir, info, mission, {})
+    team = Team(run_dir, info, mission)
     for robot in info.robots:
-        command = agent_command(run_dir, info, robot)
-        team.processes[robot] = await start_robot(run_dir, robot, command)
+        await team.start(robot)
     if detach:
         console.print(f"{mission.name}: {len(info.robots)} robots run; [bold]mrbt status[/]")
         console.print(f"run directory: {run_dir.path}", highlight=False, soft_wrap=True)
@@ -202,41 +169,20 @@ async def _run(
         return await _watch(team, show, timeout_s)
     finally:
         with anyio.CancelScope(shield=True):
-            await _end(team)
+            await team.end()
 
 
-async def _watch(team: _Team, show: str, timeout_s: float | None) -> int:
+async def _watch(team: Team, show: str, timeout_s: float | None) -> int:
     """Watch until the mission is over, time is up, nobody is left, or the operator stops it."""
-    timing = Timing(round(team.info.beat_s * SECOND_US), round(team.info.detection_s * SECOND_US))
-    transport = TransportConfig(team.info.team, "", (), tuple(team.info.endpoints.values()))
     try:
-        async with watching(team.mission, team.info.run, timing, transport) as watcher:
+        async with watching_run(team.info, team.mission) as watcher:
             async with anyio.create_task_group() as group:
-                group.start_soon(_note_exits, team, watcher)
+                group.start_soon(team.note_exits, watcher)
                 why = await _until_over(team, watcher, show, timeout_s)
                 group.cancel_scope.cancel()
             return _report(team, watcher, show, why)
     except TransportError as error:
         fail(str(error))
-
-
-async def _note_exits(team: _Team, watcher: Watcher) -> None:
-    """Tell the record exactly when processes end, whoever started them."""
-    watched: set[int] = set()
-
-    async def note(robot: str, pid: int) -> None:
-        at_us = await anyio.to_thread.run_sync(wait_for_exit, pid, abandon_on_cancel=True)
-        watcher.observer.record.exited(robot, at_us)
-        watcher.changed.set()
-
-    async with anyio.create_task_group() as group:
-        while True:
-            for robot in team.run_dir.robots():
-                process = team.run_dir.process(robot)
-                if process is not None and process.pid not in watched:
-                    watched.add(process.pid)
-                    group.start_soon(note, robot, process.pid)
-            await anyio.sleep(team.info.beat_s)
 
 
 @contextlib.asynccontextmanager
@@ -262,7 +208,7 @@ async def _display(watcher: Watcher, show: str) -> AsyncIterator[Any]:
 
 
 async def _until_over(
-    team: _Team, watcher: Watcher, show: str, timeout_s: float | None
+    team: Team, watcher: Watcher, show: str, timeout_s: float | None
 ) -> str | None:
     """Why watching ended before the mission did, or None if the mission is over."""
     deadline = anyio.current_time() + timeout_s if timeout_s is not None else float("inf")
@@ -288,16 +234,14 @@ async def _until_over(
                 why = STOPPED
             elif now > checked + 1:
                 checked = now
-                if not team.living() and all(
-                    p.returncode is not None for p in team.processes.values()
-                ):
+                if team.is_gone():
                     why = "no robot is left"
         refresh()
         group.cancel_scope.cancel()
     return why
 
 
-def _report(team: _Team, watcher: Watcher, show: str, why: str | None) -> int:
+def _report(team: Team, watcher: Watcher, show: str, why: str | None) -> int:
     """Print the summary and write summary.json; returns the exit status."""
     refused = _refusals(team)
     observer = watcher.observer
@@ -326,7 +270,7 @@ def _report(team: _Team, watcher: Watcher, show: str, why: str | None) -> int:
     return EXIT_OF_RESULT[result]
 
 
-def _refusals(team: _Team) -> list[str]:
+def _refusals(team: Team) -> list[str]:
     """What robots printed that ended with exit status 2."""
     found = []
     for robot, process in team.processes.items():
@@ -334,18 +278,3 @@ def _refusals(team: _Team) -> list[str]:
             with contextlib.suppress(OSError):
                 found.append((team.run_dir.path / f"{robot}.out").read_text().strip())
     return found
-
-
-async def _end(team: _Team) -> None:
-    """Wait for the robots to stop by themselves; then ask, then insist."""
-    for step in ("wait", "terminate", "kill"):
-        for process in team.living():
-            with contextlib.suppress(psutil.Error):
-                if step == "terminate":
-                    process.terminate()
-                elif step == "kill":
-                    process.kill()
-        with anyio.move_on_after(END_TIMEOUT_S if step != "wait" else team.info.beat_s * 4):
-            while team.living():
-                await anyio.sleep(0.02)
-            return

@@ -1,0 +1,140 @@
+"""One team as its launcher sees it: how a run begins, its processes, and how they end."""
+
+from __future__ import annotations
+
+import contextlib
+import secrets
+import time
+from collections.abc import Sequence
+from contextlib import AbstractAsyncContextManager
+from pathlib import Path
+
+import anyio
+import anyio.abc
+import psutil
+
+from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.core.timing import SECOND_US, Timing
+from mrbt_mesh.runtime.launcher import (
+    agent_command,
+    free_endpoints,
+    lower_dials,
+    start_robot,
+    wait_for_exit,
+    with_newcomer,
+)
+from mrbt_mesh.runtime.run_dir import RunDir, RunInfo
+from mrbt_mesh.runtime.watcher import Watcher, watching
+from mrbt_mesh.runtime.zenoh_transport import TransportConfig
+
+END_TIMEOUT_S = 3.0
+
+
+def new_run(
+    mission: Mission,
+    mission_path: Path,
+    robots: Sequence[str],
+    program: str,
+    *,
+    beat_s: float,
+    detection_s: float,
+    speed: float,
+) -> RunInfo:
+    """A run of its own: fresh ids and free endpoints.
+
+    Raises ValueError for a beat period and a detection time that do not fit together.
+    """
+    info = RunInfo(
+        mission_path=str(mission_path.resolve()),
+        mission_name=mission.name,
+        team=f"{mission.name[:24]}-{secrets.token_hex(3)}",
+        run=secrets.token_hex(4),
+        program=program,
+        endpoints=dict(zip(robots, free_endpoints(len(robots)), strict=True)),
+        dials=lower_dials(robots),
+        beat_s=beat_s,
+        detection_s=detection_s,
+        speed=speed,
+        started_unix_s=time.time(),
+        robots=tuple(robots),
+    )
+    timing_of(info)
+    return info
+
+
+def timing_of(info: RunInfo) -> Timing:
+    """The knobs of membership of a run."""
+    return Timing(round(info.beat_s * SECOND_US), round(info.detection_s * SECOND_US))
+
+
+def watching_run(info: RunInfo, mission: Mission) -> AbstractAsyncContextManager[Watcher]:
+    """An open Watcher of a run; raises TransportError."""
+    transport = TransportConfig(info.team, "", (), tuple(info.endpoints.values()))
+    return watching(mission, info.run, timing_of(info), transport)
+
+
+class Team:
+    """The processes of one run. `processes` are those that were started from here."""
+
+    def __init__(self, run_dir: RunDir, info: RunInfo, mission: Mission) -> None:
+        self.run_dir = run_dir
+        self.info = info
+        self.mission = mission
+        self.processes: dict[str, anyio.abc.Process] = {}
+
+    async def start(
+        self, robot: str, *, robot_type: str | None = None, takeover: bool = False
+    ) -> anyio.abc.Process:
+        """Start a robot: one of the team, one more, or a dead one again.
+
+        A dead one comes back to its own endpoint; one that is to be replaced still holds it.
+        """
+        if robot not in self.info.endpoints or self.run_dir.process(robot) is not None:
+            self.info = with_newcomer(self.info, robot)
+            self.run_dir.save(self.info)
+        command = agent_command(
+            self.run_dir, self.info, robot, robot_type=robot_type, takeover=takeover
+        )
+        self.processes[robot] = await start_robot(self.run_dir, robot, command)
+        return self.processes[robot]
+
+    def living(self) -> list[psutil.Process]:
+        """Processes of this run, whoever started them."""
+        found = (self.run_dir.process(robot) for robot in self.run_dir.robots())
+        return [process for process in found if process is not None]
+
+    def is_gone(self) -> bool:
+        """Whether nothing of the team runs, nor is about to."""
+        return not self.living() and all(p.returncode is not None for p in self.processes.values())
+
+    async def note_exits(self, watcher: Watcher) -> None:
+        """Tell the record exactly when processes end, whoever started them; never returns."""
+        watched: set[int] = set()
+
+        async def note(robot: str, pid: int) -> None:
+            at_us = await anyio.to_thread.run_sync(wait_for_exit, pid, abandon_on_cancel=True)
+            watcher.observer.record.exited(robot, at_us)
+            watcher.changed.set()
+
+        async with anyio.create_task_group() as group:
+            while True:
+                for robot in self.run_dir.robots():
+                    process = self.run_dir.process(robot)
+                    if process is not None and process.pid not in watched:
+                        watched.add(process.pid)
+                        group.start_soon(note, robot, process.pid)
+                await anyio.sleep(self.info.beat_s)
+
+    async def end(self) -> None:
+        """Wait for the robots to stop by themselves; then ask, then insist."""
+        for step in ("wait", "terminate", "kill"):
+            for process in self.living():
+                with contextlib.suppress(psutil.Error):
+                    if step == "terminate":
+                        process.terminate()
+                    elif step == "kill":
+                        process.kill()
+            with anyio.move_on_after(END_TIMEOUT_S if step != "wait" else self.info.beat_s * 4):
+                while self.living():
+                    await anyio.sleep(0.02)
+                return
