@@ -9,6 +9,7 @@ import typer
 
 from mrbt_mesh import __version__
 from mrbt_mesh.cli import offline, team
+from mrbt_mesh.cli.drill import drill
 from mrbt_mesh.cli.sim import sim
 from mrbt_mesh.cli.up import up, watch
 
@@ -61,6 +62,7 @@ PANELS: dict[str, tuple[Callable[..., None], ...]] = {
         team.decide,
     ),
     "Without a network": (offline.validate, offline.plan, offline.assign, sim, offline.new),
+    "Prove it": (drill,),
 }
 for _panel, _functions in PANELS.items():
     for _function in _functions:

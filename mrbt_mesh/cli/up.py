@@ -40,7 +40,6 @@ from mrbt_mesh.cli.common import (
 from mrbt_mesh.cli.live_view import render_live
 from mrbt_mesh.cli.summary import render_summary
 from mrbt_mesh.core.mission import Mission
-from mrbt_mesh.core.tree import Status
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.run_dir import SUMMARY_FILE, RunDir, RunInfo, state_dir, write_atomically
@@ -243,19 +242,13 @@ async def _until_over(
 
 def _report(team: Team, watcher: Watcher, show: str, why: str | None) -> int:
     """Print the summary and write summary.json; returns the exit status."""
-    refused = _refusals(team)
+    refused = team.refusals()
     observer = watcher.observer
     if observer.record.started_us is None and refused:
         for text in refused:
             errors.print(text, soft_wrap=True, markup=False)
         return BAD_INPUT
-    result = {Status.SUCCESS: "success", Status.FAILURE: "failure"}.get(
-        observer.record.result or Status.IDLE
-    )
-    if result is None:
-        waiting = observer.plan.waiting if observer.plan else ()
-        blocked = any(w.is_blocked for w in waiting) or not observer.membership.alive()
-        result = "blocked" if blocked else "timeout"
+    result = observer.result
     summary = observer.record.summary(result, boottime_us())
     summary["run_dir"] = str(team.run_dir.path)
     if why is not None:
@@ -268,13 +261,3 @@ def _report(team: Team, watcher: Watcher, show: str, why: str | None) -> int:
     for text in refused:
         errors.print(text, soft_wrap=True, markup=False)
     return EXIT_OF_RESULT[result]
-
-
-def _refusals(team: Team) -> list[str]:
-    """What robots printed that ended with exit status 2."""
-    found = []
-    for robot, process in team.processes.items():
-        if process.returncode == BAD_INPUT:
-            with contextlib.suppress(OSError):
-                found.append((team.run_dir.path / f"{robot}.out").read_text().strip())
-    return found

@@ -116,6 +116,15 @@ class Observer:
         return None
 
     @property
+    def result(self) -> str:
+        """The run's result as reports name it: success, failure, blocked, else timeout."""
+        if self.record.result is not None:
+            return self.record.result.name.lower()
+        waiting = self.plan.waiting if self.plan else ()
+        blocked = any(w.is_blocked for w in waiting) or not self.membership.alive()
+        return "blocked" if blocked else "timeout"
+
+    @property
     def agreement(self) -> bool:
         """Whether all robots in good standing report the same plan digest."""
         digests = {

@@ -70,7 +70,7 @@ def read_yaml(text: str, file: str) -> tuple[Any, Report]:
     lines: dict[SourcePath, int] = {}
     report = Report(file, lines)
     if node is None:
-        raise whole_file_error(file, "the file is empty; a mission is expected")
+        raise whole_file_error(file, "the file is empty")
     try:
         data = _Unfolder(report, lines).unfold(node, ())
     except _TooMuchError as error:

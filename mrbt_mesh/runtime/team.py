@@ -28,6 +28,8 @@ from mrbt_mesh.runtime.watcher import Watcher, watching
 from mrbt_mesh.runtime.zenoh_transport import TransportConfig
 
 END_TIMEOUT_S = 3.0
+# The exit status of a robot that refuses its input.
+REFUSED = 2
 
 
 def new_run(
@@ -106,6 +108,15 @@ class Team:
     def is_gone(self) -> bool:
         """Whether nothing of the team runs, nor is about to."""
         return not self.living() and all(p.returncode is not None for p in self.processes.values())
+
+    def refusals(self) -> list[str]:
+        """What robots printed that were started from here and refused their input."""
+        found = []
+        for robot, process in self.processes.items():
+            if process.returncode == REFUSED:
+                with contextlib.suppress(OSError):
+                    found.append((self.run_dir.path / f"{robot}.out").read_text().strip())
+        return found
 
     async def note_exits(self, watcher: Watcher) -> None:
         """Tell the record exactly when processes end, whoever started them; never returns."""

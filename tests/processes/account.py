@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.physical import Span, most_at_once, of
+from mrbt_mesh.drills.physical import Span, most_at_once, of
 
 TYPE_A = ("A1", "A2")
 TYPE_B = ("B1", "B2")

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from tests.physical import spans
+from mrbt_mesh.drills.physical import spans
 from tests.processes.account import check_paper
 from tests.processes.conftest import REPAIR, ROOT, Team
 

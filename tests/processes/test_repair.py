@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from tests.physical import of, spans
+from mrbt_mesh.drills.physical import of, spans
 from tests.processes.account import check_order, check_paper
 from tests.processes.conftest import REPAIR, Team
 

@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from tests.physical import spans
+from mrbt_mesh.drills.physical import spans
 from tests.processes.account import check_order
 from tests.processes.conftest import REPAIR, Team
 

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.drills.physical import Span, spans
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import NetworkKnobs, Schedule, SimulationResult, simulate
-from tests.physical import Span, spans
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

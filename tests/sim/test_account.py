@@ -7,7 +7,7 @@ import itertools
 import pytest
 from runs import undisturbed
 
-from tests.physical import Span, most_at_once, of
+from mrbt_mesh.drills.physical import Span, most_at_once, of
 
 SEEDS = range(5)
 
@@ -52,14 +52,14 @@ def test_four_diagnoses_at_once_and_the_fifth_by_the_first_robot_that_is_free(
     assert {s.robot for s in first_four} == {"A1", "A2", "B1", "B2"}
     free = min(first_four, key=lambda span: span.end_s)
     assert free.end_s <= fifth.start_s < free.end_s + 0.05
-    assert free.type == fifth.type == "A"
+    assert free.robot[0] == fifth.robot[0] == "A"
 
 
 def test_a_robots_replace_hardware_while_both_b_rest(account: list[Span]) -> None:
     hardware = of(account, "replace_hw")
-    assert {(s.part, s.type) for s in hardware} == {("2", "A"), ("4", "A")}
+    assert {(s.part, s.robot[0]) for s in hardware} == {("2", "A"), ("4", "A")}
     assert len({s.robot for s in hardware}) == 2
-    others = [s for s in account if s.type == "B"]
+    others = [s for s in account if s.robot[0] == "B"]
     assert not any(span.overlaps(other) for span in hardware for other in others)
 
 
@@ -67,13 +67,13 @@ def test_at_most_two_robots_of_type_a_or_b_per_set_of_wires(account: list[Span])
     for part in ("2", "4"):
         wires = of(account, "replace_wires", part)
         assert 1 <= most_at_once(wires) <= 2
-        assert {s.type for s in wires} <= {"A", "B"}
+        assert {s.robot[0] for s in wires} <= {"A", "B"}
         assert max(s.end_s for s in of(account, "replace_hw", part)) < min(s.start_s for s in wires)
 
 
 def test_only_b_solders_and_only_what_was_broken(account: list[Span]) -> None:
     soldering = of(account, "use_soldering_iron")
-    assert {s.type for s in soldering} == {"B"}
+    assert {s.robot[0] for s in soldering} == {"B"}
     assert {s.part for s in soldering} == {"2", "4"}
     for local_task in ("replace_hw", "replace_wires"):
         assert {s.part for s in of(account, local_task)} == {"2", "4"}

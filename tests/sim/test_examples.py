@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from runs import Run
 
-from tests.physical import most_at_once, of, spans
+from mrbt_mesh.drills.physical import most_at_once, of, spans
 
 
 def test_two_robots_explore_in_parallel(run: Run) -> None:

@@ -7,6 +7,7 @@ import random
 import pytest
 from runs import Run, undisturbed
 
+from mrbt_mesh.drills.physical import of, spans
 from mrbt_mesh.sim import (
     Block,
     Command,
@@ -25,7 +26,6 @@ from mrbt_mesh.sim import (
     Unblock,
     partition,
 )
-from tests.physical import of, spans
 
 SECOND_US = 1_000_000
 ROBOTS = ["A1", "A2", "B1", "B2", "C1", "C2"]
@@ -73,7 +73,7 @@ def test_an_a_killed_while_it_replaces_hardware_is_replaced_by_a_b_at_once(run: 
     result = run("vehicle_repair", 3, schedule=[(at_us, Kill(before.robot))])
     dead, replacement = of(spans(result.events), "replace_hw", before.part)
     assert (dead.robot, dead.end) == (before.robot, None)
-    assert (replacement.type, replacement.end) == ("B", "success")
+    assert (replacement.robot[0], replacement.end) == ("B", "success")
     assert replacement.activation == dead.activation
     assert replacement.start_s - at_us / 1e6 < 0.05
     (takeover,) = result.summary["takeovers"]

@@ -1,0 +1,247 @@
+"""Carries the faults of a drill's steps out, and writes down what was done to whom."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import anyio
+import psutil
+
+from mrbt_mesh.core.commands import FAULT, LEAVE, RESTORE
+from mrbt_mesh.drills.journals import Done, read
+from mrbt_mesh.drills.model import (
+    CapabilityModel,
+    DelayModel,
+    LossModel,
+    Robots,
+    StepModel,
+)
+from mrbt_mesh.drills.network import Network
+from mrbt_mesh.drills.physical import Freeze
+from mrbt_mesh.drills.triggers import Fates, Sight, chosen
+from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.launcher import wait_for_exit
+from mrbt_mesh.runtime.team import Team
+from mrbt_mesh.runtime.watcher import Watcher
+
+
+@dataclass(frozen=True)
+class Deed:
+    """One fault as it was carried out. `at_us` on the observer's clock, `unix_s` on events'."""
+
+    at_us: int
+    unix_s: float
+    fault: str
+    robots: tuple[str, ...]
+    text: str
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """What the journals of robots that were just killed held: robot -> successes."""
+
+    unix_s: float
+    journals: dict[str, frozenset[Done]]
+
+
+@dataclass
+class Deeds:
+    """All that was done to a team; the judge reads it. `deaths`: pid -> s since 1970."""
+
+    done: list[Deed] = field(default_factory=list)
+    deaths: dict[int, float] = field(default_factory=dict)
+    freezes: list[Freeze] = field(default_factory=list)
+    snapshots: list[Snapshot] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+    fates: Fates = field(default_factory=Fates)
+
+
+class Injector:
+    """Carries out steps on one team. `network` is None on loopback."""
+
+    def __init__(
+        self,
+        team: Team,
+        watcher: Watcher,
+        network: Network | None,
+        tell: Callable[[Deed], None],
+    ) -> None:
+        self.deeds = Deeds()
+        self._team = team
+        self._watcher = watcher
+        self._network = network
+        self._tell = tell
+
+    async def carry_out(self, step: StepModel, sight: Sight) -> None:
+        """Do all that a step asks for, in the order of its keys."""
+        faults = {
+            "kill": self._kill,
+            "stop": self._stop,
+            "continue": self._continue,
+            "leave": self._leave,
+            "restart": self._restart,
+            "join": self._restart,
+        }
+        for name, fault in step.faults():
+            if name in faults:
+                await faults[name](name, chosen(fault, sight, self.deeds.fates))
+            elif name in ("kill_team", "resume_team"):
+                robots = self._team.run_dir.robots()
+                await (self._kill if name == "kill_team" else self._restart)(name, robots)
+            elif isinstance(fault, CapabilityModel):
+                command = FAULT if name == "lose_capability" else RESTORE
+                robots = chosen(fault.robots, sight, self.deeds.fates)
+                await self._order(name, robots, command, fault.local_task)
+            else:
+                await self._disturb(name, fault, sight)
+
+    def _note(self, fault: str, robots: Iterable[str], text: str, at_us: int | None = None) -> None:
+        now_us, now_s = boottime_us(), time.time()
+        at_us = now_us if at_us is None else at_us
+        deed = Deed(at_us, now_s - (now_us - at_us) / 1e6, fault, tuple(robots), text)
+        self.deeds.done.append(deed)
+        self._tell(deed)
+
+    def _processes(self, fault: str, robots: Iterable[str]) -> dict[str, psutil.Process]:
+        """Those of the robots that have a process; that one has none is a problem."""
+        found = {}
+        for robot in robots:
+            process = self._team.run_dir.process(robot)
+            if process is None:
+                self.deeds.problems.append(f"{fault}: {robot} had no process any more")
+            else:
+                found[robot] = process
+        return found
+
+    # -- processes ------------------------------------------------------------------------
+
+    async def _kill(self, fault: str, robots: Sequence[str]) -> None:
+        if fault == "kill_team":
+            robots = [r for r in robots if self._team.run_dir.process(r) is not None]
+        processes = self._processes(fault, robots)
+        at_us = boottime_us()
+        for process in processes.values():
+            process.send_signal(signal.SIGKILL)
+        self._note(fault, processes, "killed (SIGKILL)", at_us)
+        await self._died(processes)
+
+    async def _died(self, processes: dict[str, psutil.Process]) -> None:
+        """Wait until killed processes are gone, and keep what their journals held then."""
+        fates = self.deeds.fates
+        for robot, process in processes.items():
+            await anyio.to_thread.run_sync(wait_for_exit, process.pid)
+            self.deeds.deaths[process.pid] = time.time()
+            fates.lives(robot)
+            fates.killed.append(robot)
+        died_s = time.time()
+        run_dir, info = self._team.run_dir, self._team.info
+        held = read(run_dir.path, processes, self._team.mission.digest, info.run)
+        self.deeds.snapshots.append(Snapshot(died_s, held))
+
+    async def _stop(self, fault: str, robots: Sequence[str]) -> None:
+        for robot, process in self._processes(fault, robots).items():
+            process.send_signal(signal.SIGSTOP)
+            self.deeds.freezes.append(Freeze(process.pid, time.time()))
+            self.deeds.fates.stopped.append(robot)
+            self._note(fault, [robot], "frozen (SIGSTOP)")
+
+    async def _continue(self, fault: str, robots: Sequence[str]) -> None:
+        for robot, process in self._processes(fault, robots).items():
+            now_s = time.time()
+            self.deeds.freezes = [
+                Freeze(f.pid, f.from_s, min(f.to_s, now_s)) if f.pid == process.pid else f
+                for f in self.deeds.freezes
+            ]
+            process.send_signal(signal.SIGCONT)
+            if robot in self.deeds.fates.stopped:
+                self.deeds.fates.stopped.remove(robot)
+            self.deeds.fates.thawed.append(robot)
+            self._note(fault, [robot], "goes on (SIGCONT)")
+
+    async def _restart(self, fault: str, robots: Sequence[str]) -> None:
+        """New processes with the same ids and journals; what still runs is killed first."""
+        for robot in robots:
+            running = self._team.run_dir.process(robot)
+            if running is not None:
+                if fault == "resume_team":
+                    continue
+                await self._kill(fault, [robot])
+            await self._team.start(robot)
+            self.deeds.fates.lives(robot)
+            self._note(fault, [robot], "joins" if fault == "join" else "started again")
+
+    # -- words ----------------------------------------------------------------------------
+
+    async def _leave(self, fault: str, robots: Sequence[str]) -> None:
+        await self._order(fault, robots, LEAVE, "")
+        self.deeds.fates.left += robots
+
+    async def _order(self, fault: str, robots: Sequence[str], command: str, argument: str) -> None:
+        for robot in robots:
+            self._note(fault, [robot], f"is told: {command} {argument}".rstrip())
+            good, text = await self._watcher.command(robot, command, argument)
+            if not good:
+                self.deeds.problems.append(f"{fault}: {robot}: {text}")
+
+    # -- links ----------------------------------------------------------------------------
+
+    async def _disturb(self, name: str, fault: Any, sight: Sight) -> None:
+        assert self._network is not None, "checked when the drill was read"
+        network = self._network
+        if name == "heal":
+            await anyio.to_thread.run_sync(network.heal)
+            self._note(name, (), "the network is whole again")
+            return
+        if name == "partition":
+            groups = self._groups(fault, sight)
+            pairs = [
+                (one, other)
+                for group in groups
+                for one in group
+                for others in groups
+                if others is not group
+                for other in others
+            ]
+            await self._on_links(network.block, pairs)
+            text = " | ".join(" ".join(group) for group in groups)
+            self._note(name, (), f"partition: {text}")
+            return
+        sources, targets = self._ends(fault.source, sight), self._ends(fault.target, sight)
+        pairs = [(s, t) for s in sources for t in targets if s != t]
+        match fault:
+            case LossModel(permille=permille):
+                await self._on_links(lambda s, t: network.lose(s, t, permille), pairs)
+                text = f"{permille / 10:g} % loss ({network.loss_tool})"
+            case DelayModel(ms=delay_ms):
+                await self._on_links(lambda s, t: network.delay(s, t, delay_ms), pairs)
+                text = f"{delay_ms} ms delay"
+            case _:
+                act = network.block if name == "block" else network.unblock
+                await self._on_links(act, pairs)
+                text = "blocked" if name == "block" else "open again"
+        self._note(name, (), f"{' '.join(sources)} → {' '.join(targets)}: {text}")
+
+    def _groups(self, fault: list[Robots], sight: Sight) -> list[list[str]]:
+        """The groups of a partition; robots that none names are one more."""
+        groups = [chosen(group, sight, self.deeds.fates) for group in fault]
+        named = {robot for group in groups for robot in group}
+        rest = [robot for robot in sorted(self._team.info.endpoints) if robot not in named]
+        return [*groups, rest] if rest else groups
+
+    def _ends(self, robots: Robots | None, sight: Sight) -> list[str]:
+        if robots is None:
+            return sorted(self._team.info.endpoints)
+        return chosen(robots, sight, self.deeds.fates)
+
+    async def _on_links(
+        self, act: Callable[[str, str], None], pairs: Iterable[tuple[str, str]]
+    ) -> None:
+        def all_pairs() -> None:
+            for source, target in pairs:
+                act(source, target)
+
+        await anyio.to_thread.run_sync(all_pairs)

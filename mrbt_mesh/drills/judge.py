@@ -1,0 +1,266 @@
+"""What held and what did not: from events.jsonl, the journals, and what was done to the team."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from mrbt_mesh.core.membership import State
+from mrbt_mesh.core.mission import Mission, type_name
+from mrbt_mesh.drills.inject import Deeds
+from mrbt_mesh.drills.journals import Done
+from mrbt_mesh.drills.model import DoneModel, ExpectModel, NeverModel, Robots
+from mrbt_mesh.drills.physical import Span, most_at_once, moving, spans
+from mrbt_mesh.drills.triggers import Sight, chosen
+
+LIVING = (State.ALIVE, State.SUSPECT)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One expectation: whether it held, and what was found."""
+
+    expected: str
+    holds: bool
+    found: str
+
+
+@dataclass
+class Evidence:
+    """What is known of a run. `takeovers` as in summary.json; `journals` as at the end."""
+
+    result: str
+    deeds: Deeds = field(default_factory=Deeds)
+    ended_because: str | None = None
+    steps_left: list[str] = field(default_factory=list)
+    states: Mapping[str, State] = field(default_factory=dict)
+    takeovers: list[dict[str, Any]] = field(default_factory=list)
+    blocked: frozenset[str] = frozenset()
+    events: list[dict[str, Any]] = field(default_factory=list)
+    journals: Mapping[str, frozenset[Done]] = field(default_factory=dict)
+
+
+def judge(expect: ExpectModel, mission: Mission, evidence: Evidence) -> list[Verdict]:
+    """A verdict for each expectation, in the order of the file's keys."""
+    return _Judge(expect, mission, evidence).verdicts()
+
+
+class _Judge:
+    def __init__(self, expect: ExpectModel, mission: Mission, evidence: Evidence) -> None:
+        self.expect = expect
+        self.mission = mission
+        self.evidence = evidence
+        self.deeds = evidence.deeds
+        self.spans = spans(evidence.events, self.deeds.deaths)
+
+    def verdicts(self) -> list[Verdict]:
+        expect = self.expect
+        found = [self.result(), self.steps()]
+        found += [verdict for done in expect.done for verdict in self.done(done)]
+        found += [verdict for never in expect.never for verdict in self.never(never)]
+        if expect.dead is not None:
+            found.append(self.states("dead", expect.dead, (State.DEAD,)))
+        if expect.alive is not None:
+            found.append(self.states("alive", expect.alive, LIVING))
+        if expect.yields is not None:
+            found += [self.yields(robot) for robot in self.robots(expect.yields)]
+        found += [
+            Verdict(f"{task} was blocked", task in self.evidence.blocked, self.listed_blocked())
+            for task in expect.was_blocked
+        ]
+        if expect.detected_within_s is not None:
+            found.append(self.within("detected", "detected_s", expect.detected_within_s))
+        if expect.takeover_within_s is not None:
+            found.append(self.within("taken over", "reassigned_s", expect.takeover_within_s))
+        if expect.repeated is not None:
+            found += [self.repeated(expect.repeated), self.lost()]
+        if expect.false_deaths is not None:
+            found.append(self.false_deaths(expect.false_deaths))
+        return found
+
+    # -- the run --------------------------------------------------------------------------
+
+    def result(self) -> Verdict:
+        evidence = self.evidence
+        text = evidence.result
+        if evidence.ended_because is not None:
+            text += f" ({evidence.ended_because})"
+        return Verdict(f"result {self.expect.result}", evidence.result == self.expect.result, text)
+
+    def steps(self) -> Verdict:
+        wrong = [f"{step}: its moment never came" for step in self.evidence.steps_left]
+        wrong += self.deeds.problems
+        return Verdict("all faults carried out", not wrong, "; ".join(wrong) or "yes")
+
+    def states(self, word: str, robots: Robots, good: Iterable[State]) -> Verdict:
+        listed = self.robots(robots)
+        states = {robot: self.evidence.states.get(robot) for robot in listed}
+        text = ", ".join(f"{robot} {state or 'unknown'}" for robot, state in states.items())
+        holds = bool(listed) and all(state in tuple(good) for state in states.values())
+        return Verdict(f"{word} at the end: {' '.join(listed)}", holds, text or "no such robot")
+
+    def robots(self, robots: Robots) -> list[str]:
+        """The robots that are meant, with the roles that they had at the end."""
+        return chosen(robots, Sight(0), self.deeds.fates)
+
+    def listed_blocked(self) -> str:
+        return "blocked: " + (", ".join(sorted(self.evidence.blocked)) or "nothing")
+
+    # -- what was done in the world ---------------------------------------------------------
+
+    def grounds(self, task: str) -> list[str]:
+        """The ground local tasks of a name that were ever started; a ground one is itself."""
+        started = sorted({s.ground for s in self.spans if task in (s.ground, type_name(s.ground))})
+        return started or [task]
+
+    def done(self, done: DoneModel) -> list[Verdict]:
+        least, most = done.bounds
+        bounds = f"{least}" if least == most else f"{least} to {'any' if most is None else most}"
+        verdicts = []
+        for ground in self.grounds(done.local_task):
+            ends = [
+                span
+                for span in self.spans
+                if span.ground == ground
+                and span.end == "success"
+                and done.global_task in (None, span.global_task)
+            ]
+            holds = least <= len(ends) and (most is None or len(ends) <= most)
+            where = f" for {done.global_task}" if done.global_task else ""
+            by = ", ".join(span.robot for span in ends)
+            text = f"{len(ends)}" + (f" ({by})" if by else "")
+            verdicts.append(Verdict(f"{ground}{where} done {bounds} times", holds, text))
+        return verdicts
+
+    def never(self, never: NeverModel) -> list[Verdict]:
+        verdicts = []
+        for ground in self.grounds(never.local_task):
+            parts = [
+                part
+                for span in self.spans
+                if span.ground == ground
+                for part in moving(span, self.deeds.freezes)
+            ]
+            most = most_at_once(parts)
+            verdicts.append(
+                Verdict(
+                    f"never more than {never.more_than} at {ground}",
+                    most <= never.more_than,
+                    f"at most {most}",
+                )
+            )
+        return verdicts
+
+    def yields(self, robot: str) -> Verdict:
+        """What a robot was doing when it was frozen, it must cancel when it wakes."""
+        frozen = [
+            span
+            for freeze in self.deeds.freezes
+            for span in self.spans
+            if span.pid == freeze.pid
+            and span.robot == robot
+            and span.start_s < freeze.from_s < span.end_s
+        ]
+        text = ", ".join(f"{s.ground}: {s.end or 'no end'}" for s in frozen) or "it did nothing"
+        holds = bool(frozen) and all(span.end == "cancel" for span in frozen)
+        return Verdict(f"{robot} yields when it wakes", holds, text)
+
+    # -- faults and what followed -------------------------------------------------------------
+
+    def inflicted(self) -> list[dict[str, Any]]:
+        """The takeovers that answer a fault of this drill."""
+        hit = self.hit()
+        return [takeover for takeover in self.evidence.takeovers if takeover["robot"] in hit]
+
+    def hit(self) -> set[str]:
+        """Robots whose processes this drill has stopped in some way."""
+        ways = ("kill", "stop", "restart", "kill_team", "leave")
+        return {robot for deed in self.deeds.done if deed.fault in ways for robot in deed.robots}
+
+    def within(self, word: str, key: str, limit_s: float) -> Verdict:
+        answers = self.inflicted()
+        if key == "reassigned_s":
+            answers = [takeover for takeover in answers if takeover["held"]]
+        times = {f"{t['robot']} at {t['at_s']:.2f} s": t[key] for t in answers}
+        holds = bool(times) and all(t is not None and t <= limit_s for t in times.values())
+        text = ", ".join(
+            f"{who}: {'never' if t is None else f'{t * 1e3:.0f} ms'}" for who, t in times.items()
+        )
+        return Verdict(f"{word} within {limit_s:g} s", holds, text or "no fault was noticed")
+
+    def false_deaths(self, most: int) -> Verdict:
+        hit = self.hit()
+        false = [t for t in self.evidence.takeovers if t["robot"] not in hit]
+        text = ", ".join(f"{t['robot']} at {t['at_s']:.2f} s" for t in false)
+        expected = f"at most {most} robots falsely held dead" if most else "no false death"
+        return Verdict(expected, len(false) <= most, text or "none")
+
+    # -- journals -----------------------------------------------------------------------------
+
+    def repeated(self, most: int) -> Verdict:
+        found = repeats(self.mission, self.spans, self.deeds)
+        text = ", ".join(f"{span.ground} by {span.robot}" for span in found)
+        expected = f"at most {most} journaled local tasks repeated" if most else "nothing repeated"
+        return Verdict(expected, len(found) <= most, text or "none")
+
+    def lost(self) -> Verdict:
+        found = losses(self.deeds, self.evidence.journals)
+        text = ", ".join(f"{done.local_task} by {done.robot}" for done in found)
+        return Verdict("nothing journaled is lost", not found, text or "none")
+
+
+def needed(mission: Mission) -> Callable[[str, str], int]:
+    """(global task, local task) -> how many successes end that local task (nu)."""
+    bounds = {
+        (task.id, need.local_task): need.min_robots
+        for task in mission.global_tasks.values()
+        for need in task.needs
+    }
+    return lambda global_task, local_task: bounds.get((global_task, local_task), 1)
+
+
+def repeats(mission: Mission, found: Iterable[Span], deeds: Deeds) -> list[Span]:
+    """Executions that began although journals of robots killed before held their end.
+
+    That is: a success of the same robot, or as many successes as the local task needs.
+    """
+    least = needed(mission)
+    result = []
+    for span in found:
+        known = {
+            done
+            for snapshot in deeds.snapshots
+            if snapshot.unix_s < span.start_s
+            for held in snapshot.journals.values()
+            for done in held
+            if (done.activation, done.local_task) == (span.activation, span.ground)
+        }
+        own = any(done.robot == span.robot for done in known)
+        if own or len(known) >= least(span.global_task, span.ground):
+            result.append(span)
+    return result
+
+
+def losses(deeds: Deeds, journals: Mapping[str, frozenset[Done]]) -> list[Done]:
+    """Successes that a robot's journal held when it was killed and no journal holds now."""
+    kept = frozenset(done for held in journals.values() for done in held)
+    then = {done for s in deeds.snapshots for held in s.journals.values() for done in held}
+    return sorted(then - kept)
+
+
+def unjournaled(found: Iterable[Span], deeds: Deeds) -> list[Span]:
+    """Successes in the world that a kill kept out of their robot's journal.
+
+    The action had recorded its end, and the process died before its outcome was committed.
+    """
+    result = []
+    listed = list(found)
+    for snapshot in deeds.snapshots:
+        for robot, held in snapshot.journals.items():
+            ends = [s for s in listed if s.robot == robot and s.end == "success"]
+            ends = [s for s in ends if s.end_s <= snapshot.unix_s]
+            result += [s for s in ends if Done(robot, s.activation, s.ground) not in held]
+    # One that is missing at a first kill is missing at the next as well.
+    return list(Counter(result))

@@ -1,0 +1,204 @@
+"""Carries one drill out on a team of real processes, from the launch to the verdicts."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import anyio
+
+from mrbt_mesh.core.observer import Observer
+from mrbt_mesh.drills.drill_file import Drill
+from mrbt_mesh.drills.inject import Deed, Injector
+from mrbt_mesh.drills.journals import read
+from mrbt_mesh.drills.judge import Evidence, Verdict, judge
+from mrbt_mesh.drills.model import ConditionTrigger, Profile
+from mrbt_mesh.drills.physical import read_events
+from mrbt_mesh.drills.triggers import Schedule, Sight
+from mrbt_mesh.formats.mission_file import compile_mission
+from mrbt_mesh.runtime.driver import EVENTS_FILE
+from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.run_dir import RunDir
+from mrbt_mesh.runtime.team import Team, new_run, watching_run
+from mrbt_mesh.runtime.watcher import Watcher
+
+FRAME_S = 0.1
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of a drill's timeline. `is_fault`: the drill did it."""
+
+    at_s: float
+    robot: str
+    text: str
+    is_fault: bool = False
+
+
+@dataclass
+class DrillRun:
+    """How one run of a drill went. `skipped` says why it was not run at all."""
+
+    label: str
+    profile: Profile
+    result: str = ""
+    duration_s: float = 0.0
+    verdicts: list[Verdict] = field(default_factory=list)
+    timeline: list[Line] = field(default_factory=list)
+    takeovers: list[dict[str, Any]] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+    run_dir: Path | None = None
+    skipped: str | None = None
+
+    @property
+    def is_green(self) -> bool:
+        """Whether all that was expected held; a skipped run proves nothing, and breaks nothing."""
+        return all(verdict.holds for verdict in self.verdicts)
+
+
+async def run_drill(
+    drill: Drill, profile: Profile, folder: Path, tell: Callable[[Line], None]
+) -> DrillRun:
+    """Carry a drill out in a new run directory; `tell` gets the timeline as it happens.
+
+    Whatever happens, no process of the team is left behind. Raises TransportError.
+    """
+    model = drill.model
+    assert drill.mission.program is not None
+    info = new_run(
+        drill.mission,
+        drill.mission_path,
+        drill.robots,
+        drill.mission.program,
+        beat_s=model.timing.beat_s,
+        detection_s=model.timing.detection_s,
+        speed=model.speed,
+    )
+    run_dir = RunDir.create(folder, info, compile_mission(drill.mission))
+    team = Team(run_dir, info, drill.mission)
+    run = _Run(drill, team, tell)
+    begun_s = time.monotonic()
+    try:
+        for robot in drill.robots:
+            await team.start(robot)
+        async with watching_run(info, drill.mission) as watcher:
+            evidence = await run.to_the_end(watcher)
+    finally:
+        with anyio.CancelScope(shield=True):
+            await team.end()
+    evidence.events = read_events(run_dir.path / EVENTS_FILE)
+    robots = run_dir.robots()
+    evidence.journals = read(run_dir.path, robots, drill.mission.digest, info.run)
+    return DrillRun(
+        drill.label,
+        profile,
+        evidence.result,
+        time.monotonic() - begun_s,
+        judge(model.expect, drill.mission, evidence),
+        run.timeline,
+        evidence.takeovers,
+        [],
+        run_dir.path,
+    )
+
+
+class _Run:
+    def __init__(self, drill: Drill, team: Team, tell: Callable[[Line], None]) -> None:
+        self.drill = drill
+        self.team = team
+        self.timeline: list[Line] = []
+        self._tell = tell
+        self._told = 0
+        self._conditions = [
+            step.when.condition for step in drill.steps if isinstance(step.when, ConditionTrigger)
+        ]
+
+    async def to_the_end(self, watcher: Watcher) -> Evidence:
+        """Follow the team, carry steps out, and collect what the judge needs."""
+        observer = watcher.observer
+        schedule = Schedule(self.drill.steps)
+        injector = Injector(self.team, watcher, None, lambda deed: self._deed(observer, deed))
+        async with anyio.create_task_group() as group:
+            group.start_soon(self.team.note_exits, watcher)
+            why = await self._until_over(watcher, schedule, injector)
+            group.cancel_scope.cancel()
+        self._news(observer)
+        result = observer.result
+        record = observer.record
+        deeds = injector.deeds
+        deeds.problems += self.team.refusals()
+        return Evidence(
+            result=result,
+            ended_because=why,
+            steps_left=[
+                f"step {index + 1} of {len(schedule.steps)}"
+                for index in range(schedule.next, len(schedule.steps))
+            ],
+            deeds=deeds,
+            states={robot: observer.robot_state(robot) for robot in observer.robots()},
+            takeovers=record.summary(result, boottime_us())["takeovers"],
+            blocked=frozenset(episode.request for episode in record.blocked),
+        )
+
+    async def _until_over(
+        self, watcher: Watcher, schedule: Schedule, injector: Injector
+    ) -> str | None:
+        """Why the run ended before the mission did, or None if the mission is over."""
+        observer, fates = watcher.observer, injector.deeds.fates
+        deadline_s = time.monotonic() + self.drill.model.timeout_s
+        wait_s = FRAME_S
+        while True:
+            await watcher.wait_for_change(wait_s)
+            self._news(observer)
+            sight = Sight.of(observer, self._conditions, boottime_us())
+            step = schedule.due(sight, fates)
+            if step is not None:
+                await injector.carry_out(step, sight)
+                schedule.carried_out(sight.now_us)
+                wait_s = 0.0
+                continue
+            if observer.record.result is not None:
+                return None
+            if time.monotonic() >= deadline_s:
+                return f"not over after {self.drill.model.timeout_s:g} s"
+            if schedule.is_over and self._is_blocked_for_good(sight, observer):
+                return "blocked, as expected"
+            due_us = schedule.due_us(sight, fates)
+            if due_us is None and self.team.is_gone():
+                return "no robot is left"
+            wait_s = FRAME_S
+            if due_us is not None:
+                wait_s = min(FRAME_S, max(0.0, (due_us - boottime_us()) / 1e6))
+
+    def _is_blocked_for_good(self, sight: Sight, observer: Observer) -> bool:
+        """Whether the block that is expected has stood for a detection time."""
+        if self.drill.model.expect.result != "blocked":
+            return False
+        standing = [e.from_us for e in observer.record.blocked if e.to_us is None]
+        detection_us = self.drill.model.timing.detection_s * 1e6
+        return bool(standing) and sight.now_us >= min(standing) + detection_us
+
+    # -- the timeline ---------------------------------------------------------------------
+
+    def _news(self, observer: Observer) -> None:
+        """Tell what is new in the observer's record."""
+        record = observer.record
+        for at_us, text in record.timeline[self._told :]:
+            robot, _, rest = text.partition(" ")
+            if robot.rstrip(":") in record.robots:
+                line = Line(record.seconds(at_us) or 0.0, robot.rstrip(":"), rest)
+            else:
+                line = Line(record.seconds(at_us) or 0.0, "", text)
+            self._say(line)
+        self._told = len(record.timeline)
+
+    def _deed(self, observer: Observer, deed: Deed) -> None:
+        at_s = observer.record.seconds(deed.at_us) or 0.0
+        self._say(Line(at_s, " ".join(deed.robots), deed.text, is_fault=True))
+
+    def _say(self, line: Line) -> None:
+        self.timeline.append(line)
+        self._tell(line)

@@ -1,0 +1,219 @@
+"""When a step of a drill is due: pure functions of what the drill's observer sees."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from mrbt_mesh.core.membership import State
+from mrbt_mesh.core.mission import type_name
+from mrbt_mesh.core.observer import Observer
+from mrbt_mesh.core.records import Claim
+from mrbt_mesh.core.tree import Status
+from mrbt_mesh.drills.model import (
+    DONE,
+    BlockedTrigger,
+    CapabilityModel,
+    ConditionTrigger,
+    GlobalTaskTrigger,
+    LinksModel,
+    LocalTaskTrigger,
+    Robots,
+    RobotTrigger,
+    RoleModel,
+    StepModel,
+    TakeoverTrigger,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Takeover:
+    """A robot has started what a dead one was running."""
+
+    robot: str
+    local_task: str
+    replacement: str
+    at_us: int
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What the observer sees at one moment. `claims` are those of living robots.
+
+    `done` are (robot, local task) with an outcome, successful or not.
+    """
+
+    now_us: int
+    started_us: int | None = None
+    statuses: Mapping[str, Status] = field(default_factory=dict)
+    claims: Mapping[str, Claim] = field(default_factory=dict)
+    done: frozenset[tuple[str, str]] = frozenset()
+    states: Mapping[str, State] = field(default_factory=dict)
+    conditions: Mapping[str, bool] = field(default_factory=dict)
+    takeovers: tuple[Takeover, ...] = ()
+    blocked: frozenset[str] = frozenset()
+
+    @classmethod
+    def of(cls, observer: Observer, conditions: Sequence[str], now_us: int) -> Sight:
+        """The present sight of an observer; of conditions only those that are asked for."""
+        record, facts = observer.record, observer.facts
+        claims = {robot: observer.claim(robot) for robot in observer.robots()}
+        return cls(
+            now_us,
+            record.started_us,
+            {name: task.status for name, task in record.tasks.items()},
+            {robot: claim for robot, claim in claims.items() if claim is not None},
+            frozenset(
+                (robot, local_task)
+                for tasks in facts.outcomes.values()
+                for local_task, robots in tasks.items()
+                for robot in robots
+            ),
+            {robot: observer.robot_state(robot) for robot in observer.robots()},
+            {name: facts.condition(name) for name in conditions},
+            tuple(
+                Takeover(f.robot, f.held.local_task, f.replacement, f.reassigned_us)
+                for f in record.major
+                if f.held and f.replacement and f.reassigned_us is not None
+            ),
+            frozenset(episode.request for episode in record.blocked if episode.to_us is None),
+        )
+
+
+class Fates:
+    """What has been done to robots and not undone: the roles killed, stopped, thawed, left."""
+
+    def __init__(self) -> None:
+        self.killed: list[str] = []
+        self.stopped: list[str] = []
+        self.thawed: list[str] = []
+        self.left: list[str] = []
+
+    def lives(self, robot: str) -> None:
+        """A new process of the robot has been started."""
+        for listed in (self.killed, self.stopped, self.thawed, self.left):
+            if robot in listed:
+                listed.remove(robot)
+
+
+def chosen(robots: Robots, sight: Sight, fates: Fates) -> list[str]:
+    """The robots that a step means, at the moment of the sight; they may be none."""
+    if isinstance(robots, str):
+        return [robots]
+    if not isinstance(robots, RoleModel):
+        return list(robots)
+    match robots.role:
+        case "performing":
+            task = robots.performing
+            return [
+                robot
+                for robot, claim in sorted(sight.claims.items())
+                if task in (claim.global_task, claim.local_task, type_name(claim.local_task))
+            ]
+        case "replacement":
+            latest = max(sight.takeovers, key=lambda t: t.at_us, default=None)
+            return [] if latest is None else [latest.replacement]
+        case role:
+            listed: list[str] = getattr(fates, role)
+            return list(listed)
+
+
+def holds(when: Any, sight: Sight, fates: Fates, since_us: int) -> bool:
+    """Whether a trigger's condition holds; `since_us` is when the step before began."""
+    match when:
+        case GlobalTaskTrigger(global_task=task, status=status):
+            return sight.statuses.get(task, Status.IDLE) is Status[status.upper()]
+        case LocalTaskTrigger():
+            return _local_task(when, sight)
+        case RobotTrigger(robot=robots, state=state):
+            found = chosen(robots, sight, fates)
+            return bool(found) and all(sight.states.get(r) == State(state) for r in found)
+        case ConditionTrigger(condition=name, value=value):
+            return bool(sight.conditions[name] == value)
+        case TakeoverTrigger(takeover=task):
+            return any(t.at_us >= since_us and _is(t.local_task, task) for t in sight.takeovers)
+        case BlockedTrigger(blocked=task):
+            return task in sight.blocked
+    raise TypeError(f"no trigger: {when!r}")
+
+
+def _local_task(when: LocalTaskTrigger, sight: Sight) -> bool:
+    if when.phase == DONE:
+        return any(
+            _is(done, when.local_task) and when.robot in (None, robot) for robot, done in sight.done
+        )
+    return any(
+        _is(claim.local_task, when.local_task)
+        and when.robot in (None, robot)
+        and claim.phase.name.lower() == when.phase
+        for robot, claim in sight.claims.items()
+    )
+
+
+def _is(ground: str, task: str) -> bool:
+    """Whether a ground local task is `task`, or of that type."""
+    return task in (ground, type_name(ground))
+
+
+class Schedule:
+    """The steps of a drill, one after the other."""
+
+    def __init__(self, steps: Sequence[StepModel]) -> None:
+        self.steps = steps
+        self.next = 0
+        self._previous_us: int | None = None
+        self._triggered_us: int | None = None
+
+    @property
+    def is_over(self) -> bool:
+        """Whether all steps have been carried out."""
+        return self.next == len(self.steps)
+
+    def due(self, sight: Sight, fates: Fates) -> StepModel | None:
+        """The next step, if its moment has come. Say `carried_out` before asking again."""
+        if self.is_over or sight.started_us is None:
+            return None
+        step = self.steps[self.next]
+        due_us = self.due_us(sight, fates)
+        if due_us is None or sight.now_us < due_us:
+            return None
+        # A role that nobody plays yet is waited for: a request comes before its claims.
+        return step if all(chosen(robots, sight, fates) for robots in _robots_of(step)) else None
+
+    def due_us(self, sight: Sight, fates: Fates) -> int | None:
+        """When the next step is due, if that is known yet."""
+        if self.is_over or sight.started_us is None:
+            return None
+        step = self.steps[self.next]
+        previous_us = self._previous_us if self._previous_us is not None else sight.started_us
+        after_us = round((step.after or 0) * 1e6)
+        if step.at is not None:
+            return sight.started_us + round(step.at * 1e6)
+        if step.when is None:
+            return previous_us + after_us
+        if self._triggered_us is None and holds(step.when, sight, fates, previous_us):
+            self._triggered_us = sight.now_us
+        return None if self._triggered_us is None else self._triggered_us + after_us
+
+    def carried_out(self, begun_us: int) -> None:
+        """The step that was due has been carried out, from `begun_us` on."""
+        self.next += 1
+        self._previous_us, self._triggered_us = begun_us, None
+
+
+def _robots_of(step: StepModel) -> list[Robots]:
+    found: list[Robots] = []
+    for name, fault in step.faults():
+        match fault:
+            case True:
+                pass
+            case CapabilityModel(robots=robots):
+                found.append(robots)
+            case LinksModel(source=source, target=target):
+                found += [robots for robots in (source, target) if robots is not None]
+            case list() if name == "partition":
+                found += fault
+            case _:
+                found.append(fault)
+    return found
