@@ -61,7 +61,14 @@ PANELS: dict[str, tuple[Callable[..., None], ...]] = {
         team.abort,
         team.decide,
     ),
-    "Without a network": (offline.validate, offline.plan, offline.assign, sim, offline.new),
+    "Without a network": (
+        offline.validate,
+        offline.plan,
+        offline.assign,
+        sim,
+        offline.new,
+        offline.key,
+    ),
     "Prove it": (drill,),
 }
 for _panel, _functions in PANELS.items():

@@ -117,6 +117,26 @@ def new(
     console.print(f"\nnow: [bold]mrbt up {folder / 'mission.yaml'}[/]", highlight=False)
 
 
+def key(
+    path: Annotated[Path, typer.Argument(help="A file that does not exist yet.", metavar="FILE")],
+) -> None:
+    """Make a key for a team on the transport wireless: who holds it may take part.
+
+    Example: mrbt key team.pem, copy it to every robot, then there:
+    mrbt agent --transport wireless --key team.pem --mission MISSION --robot A1
+    """
+    # For this command alone: the library is large.
+    from mrbt_mesh.runtime.team_key import write_team_key
+
+    try:
+        write_team_key(path)
+    except FileExistsError:
+        fail(f"{path} exists already: choose another name, or remove it first")
+    except OSError as error:
+        fail(f"cannot write {path}: {error.strerror}")
+    console.print(f"wrote {path}; keep it as secret as a password", highlight=False)
+
+
 def assign(
     problem: Annotated[Path, typer.Argument(help="Problem file (.json).", metavar="PROBLEM")],
     as_json: JsonOption = False,

@@ -90,7 +90,7 @@ async def _with_team(run_dir: RunDir, act: Callable[[Watcher], Awaitable[int]]) 
     """Attach to the team of a run, and act once a robot is heard."""
     info = run_dir.info()
     mission = load_mission(run_dir.mission_path)
-    async with watching_run(info, mission) as watcher:
+    async with watching_run(run_dir, info, mission) as watcher:
         with anyio.move_on_after(CONNECT_TIMEOUT_S):
             while not _caught_up(watcher.observer):
                 await watcher.wait_for_change(info.beat_s)
@@ -244,7 +244,8 @@ def join(
             return await process.wait()
         return None
 
-    code = anyio.run(start)
+    with input_errors():
+        code = anyio.run(start)
     if code is not None and code != 0:
         fail((found.path / f"{robot}.out").read_text().strip().rpartition("\n")[2], code)
     console.print(f"{robot} joined", highlight=False)

@@ -12,7 +12,7 @@ from collections.abc import AsyncIterator
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import anyio
 import typer
@@ -84,6 +84,10 @@ def up(
     detection_s: Annotated[
         float, typer.Option("--detection", help="Silence until a robot is dead, in s.")
     ] = 1.0,
+    transport: Annotated[
+        Literal["wired", "wireless"],
+        typer.Option("--transport", help="How robots talk: TCP, or QUIC for lossy networks."),
+    ] = "wired",
 ) -> None:
     """Start one process per robot and watch the mission.
 
@@ -104,12 +108,14 @@ def up(
                 beat_s=beat_s,
                 detection_s=detection_s,
                 speed=speed,
+                transport=transport,
             )
         except ValueError as error:
             raise InputError(str(error)) from error
         created = _resumed(run_dir, info, loaded) if resume else _created(run_dir, info, loaded)
     show = "json" if as_json else "lines" if headless or not console.is_terminal else "live"
-    code = anyio.run(_run, created, loaded, detach, show, timeout_s)
+    with input_errors():
+        code = anyio.run(_run, created, loaded, detach, show, timeout_s)
     end_process(code)
 
 
@@ -174,7 +180,7 @@ async def _run(
 async def _watch(team: Team, show: str, timeout_s: float | None) -> int:
     """Watch until the mission is over, time is up, nobody is left, or the operator stops it."""
     try:
-        async with watching_run(team.info, team.mission) as watcher:
+        async with watching_run(team.run_dir, team.info, team.mission) as watcher:
             async with anyio.create_task_group() as group:
                 group.start_soon(team.note_exits, watcher)
                 why = await _until_over(team, watcher, show, timeout_s)

@@ -27,7 +27,12 @@ from mrbt_mesh.runtime.log import configure_log, robot_logger
 from mrbt_mesh.runtime.program import ProgramError
 from mrbt_mesh.runtime.program_loader import check_program, load_program
 from mrbt_mesh.runtime.run_dir import RunDir
-from mrbt_mesh.runtime.zenoh_transport import TransportConfig, TransportError
+from mrbt_mesh.runtime.zenoh_transport import (
+    PROTOCOLS,
+    WIRED,
+    TransportConfig,
+    TransportError,
+)
 
 EXAMPLE = """\
 example, two robots on two machines that find each other by multicast:
@@ -58,7 +63,11 @@ def parser() -> argparse.ArgumentParser:
     add("--team", help="name of the team on the network; default: the mission's name")
     add("--run", help="run id; robots of different runs ignore each other; default: fixed")
     add("--expect", help="robots to hear before starting, A1,B1; default: all of the mission")
-    add("--listen", action="append", default=[], help="endpoint to listen on, tcp/IP:PORT")
+    transport = "wired: TCP (default); wireless: QUIC, for lossy networks, needs --key"
+    add("--transport", choices=tuple(PROTOCOLS), default=WIRED, help=transport)
+    add("--key", type=Path, help="the team's key, made by `mrbt key FILE`")
+    endpoint = "endpoint to listen on, tcp/IP:PORT, or quic/IP:PORT if wireless"
+    add("--listen", action="append", default=[], help=endpoint)
     add("--connect", action="append", default=[], help="endpoint of another robot to dial")
     add("--multicast", help="interface for discovery; default: auto, unless endpoints are given")
     add("--run-dir", type=Path, help="folder for the log and for events.jsonl")
@@ -132,6 +141,8 @@ def make_driver(options: argparse.Namespace) -> Driver:
         tuple(options.listen),
         tuple(options.connect),
         multicast,
+        options.transport,
+        options.key,
     )
     return Driver(
         mission,

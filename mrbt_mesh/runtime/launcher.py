@@ -16,21 +16,44 @@ import anyio.abc
 import psutil
 
 from mrbt_mesh.runtime.fencing import boottime_us
-from mrbt_mesh.runtime.run_dir import RunDir, RunInfo
+from mrbt_mesh.runtime.run_dir import RunDir, RunDirError, RunInfo
+from mrbt_mesh.runtime.zenoh_transport import PROTOCOLS, WIRED, WIRELESS, TransportConfig
 
 HOST = "127.0.0.1"
+PORT = 7447
 
 
-def free_endpoints(count: int) -> list[str]:
-    """Loopback TCP endpoints that are free now; the ports are held until all are found."""
-    sockets = [socket.socket() for _ in range(count)]
+def free_endpoints(count: int, transport: str) -> list[str]:
+    """Loopback endpoints that are free now; the ports are held until all are found."""
+    kind = socket.SOCK_STREAM if transport == WIRED else socket.SOCK_DGRAM
+    sockets = [socket.socket(type=kind) for _ in range(count)]
     try:
         for item in sockets:
             item.bind((HOST, 0))
-        return [f"tcp/{HOST}:{item.getsockname()[1]}" for item in sockets]
+        return [f"{PROTOCOLS[transport]}/{HOST}:{item.getsockname()[1]}" for item in sockets]
     finally:
         for item in sockets:
             item.close()
+
+
+def ensure_key(run_dir: RunDir, info: RunInfo) -> None:
+    """Make the team's key if the run's transport needs one; raises RunDirError."""
+    if info.transport == WIRELESS and not run_dir.key_path.exists():
+        # Robots never make keys, and the library is large.
+        from mrbt_mesh.runtime.team_key import write_team_key
+
+        try:
+            write_team_key(run_dir.key_path)
+        except OSError as error:
+            raise RunDirError(f"cannot write the team's key: {error}") from error
+
+
+def observer_transport(run_dir: RunDir, info: RunInfo) -> TransportConfig:
+    """How an observer reaches a run: it dials every robot. Raises TransportError."""
+    key = run_dir.key_path if info.transport == WIRELESS else None
+    return TransportConfig(
+        info.team, "", connect=tuple(info.endpoints.values()), profile=info.transport, key=key
+    )
 
 
 def agent_command(
@@ -41,13 +64,18 @@ def agent_command(
     robot_type: str | None = None,
     takeover: bool = False,
 ) -> list[str]:
-    """The command line of one robot's process."""
-    command = [sys.executable, "-m", "mrbt_mesh", "agent"]
+    """The command line of one robot's process, at its place."""
+    place = info.places.get(robot)
+    command = [*place.prefix] if place is not None else []
+    command += [sys.executable, "-m", "mrbt_mesh", "agent"]
     command += ["--mission", str(run_dir.mission_path), "--robot", robot]
     command += ["--team", info.team, "--run", info.run, "--run-dir", str(run_dir.path)]
     command += ["--beat", str(info.beat_s), "--detection", str(info.detection_s)]
     command += ["--speed", str(info.speed), "--expect", ",".join(info.robots)]
     command += ["--listen", info.endpoints[robot], "--exit-when-done"]
+    command += ["--transport", info.transport]
+    if info.transport == WIRELESS:
+        command += ["--key", str(run_dir.key_path)]
     for other in info.dials[robot]:
         command += ["--connect", info.endpoints[other]]
     if info.program is not None:
@@ -66,13 +94,27 @@ def lower_dials(robots: Iterable[str]) -> dict[str, list[str]]:
 
 
 def with_newcomer(info: RunInfo, robot: str) -> RunInfo:
-    """The run with a robot at a new endpoint: it dials everybody, nobody dials it."""
+    """The run with a robot at a new endpoint: it dials everybody, nobody dials it.
+
+    Raises RunDirError if the run has places, and none for this robot.
+    """
+    if info.places and robot not in info.places:
+        raise RunDirError(f"this run has no place for {robot} (only {', '.join(info.places)})")
     dials = {r: [o for o in others if o != robot] for r, others in info.dials.items()}
     return replace(
         info,
-        endpoints={**info.endpoints, robot: free_endpoints(1)[0]},
+        endpoints={**info.endpoints, robot: _next_endpoint(info, robot)},
         dials={**dials, robot: sorted(r for r in info.endpoints if r != robot)},
     )
+
+
+def _next_endpoint(info: RunInfo, robot: str) -> str:
+    """A robot that is replaced while it runs still holds its old endpoint."""
+    if not info.places:
+        return free_endpoints(1, info.transport)[0]
+    old = info.endpoints.get(robot)
+    port = int(old.rpartition(":")[2]) + 1 if old is not None else PORT
+    return f"{PROTOCOLS[info.transport]}/{info.places[robot].address}:{port}"
 
 
 async def start_robot(run_dir: RunDir, robot: str, command: list[str]) -> anyio.abc.Process:

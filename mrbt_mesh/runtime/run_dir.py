@@ -2,6 +2,7 @@
 
 run.json            how the run was started (RunInfo)
 mission.json        the compiled mission
+team.pem            the team's key, for the transport profile `wireless`
 <robot>.process     pid and start time of the robot's process, written by itself
 <robot>.log         its log, JSON lines; <robot>.out: what it printed
 events.jsonl        the physical truth, written by the robots
@@ -13,13 +14,14 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import psutil
 
 RUN_FILE, MISSION_FILE, SUMMARY_FILE = "run.json", "mission.json", "summary.json"
+KEY_FILE = "team.pem"
 _STATE = "MRBT_STATE_DIR"
 
 
@@ -28,10 +30,19 @@ class RunDirError(Exception):
 
 
 @dataclass(frozen=True)
+class Place:
+    """Where a robot's process runs: its address, and what is put before its command line."""
+
+    address: str
+    prefix: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class RunInfo:
     """How a run was started: all that another process needs to join or to watch it.
 
     `dials` names the robots that each robot connects to: of every pair, one side dials.
+    `places` is empty for a team on loopback; `transport` is a key of `PROTOCOLS`.
     """
 
     mission_path: str
@@ -46,6 +57,8 @@ class RunInfo:
     speed: float
     started_unix_s: float
     robots: tuple[str, ...]
+    transport: str = "wired"
+    places: Mapping[str, Place] = field(default_factory=dict)
 
 
 def state_dir() -> Path:
@@ -117,14 +130,23 @@ class RunDir:
         """Read run.json; raises RunDirError if it is damaged."""
         try:
             data: dict[str, Any] = json.loads((self.path / RUN_FILE).read_text())
-            return RunInfo(**data | {"robots": tuple(data["robots"])})
-        except (OSError, ValueError, TypeError, KeyError) as error:
+            places = {
+                robot: Place(place["address"], tuple(place["prefix"]))
+                for robot, place in data["places"].items()
+            }
+            return RunInfo(**data | {"robots": tuple(data["robots"]), "places": places})
+        except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
             raise RunDirError(f"{self.path / RUN_FILE} is damaged: {error}") from error
 
     @property
     def mission_path(self) -> Path:
         """The compiled mission."""
         return self.path / MISSION_FILE
+
+    @property
+    def key_path(self) -> Path:
+        """The team's key."""
+        return self.path / KEY_FILE
 
     # -- processes ------------------------------------------------------------------------
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import secrets
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 
@@ -16,16 +16,19 @@ import psutil
 from mrbt_mesh.core.mission import Mission
 from mrbt_mesh.core.timing import SECOND_US, Timing
 from mrbt_mesh.runtime.launcher import (
+    PORT,
     agent_command,
+    ensure_key,
     free_endpoints,
     lower_dials,
+    observer_transport,
     start_robot,
     wait_for_exit,
     with_newcomer,
 )
-from mrbt_mesh.runtime.run_dir import RunDir, RunInfo
+from mrbt_mesh.runtime.run_dir import Place, RunDir, RunInfo
 from mrbt_mesh.runtime.watcher import Watcher, watching
-from mrbt_mesh.runtime.zenoh_transport import TransportConfig
+from mrbt_mesh.runtime.zenoh_transport import PROTOCOLS, WIRED
 
 END_TIMEOUT_S = 3.0
 # The exit status of a robot that refuses its input.
@@ -41,24 +44,33 @@ def new_run(
     beat_s: float,
     detection_s: float,
     speed: float,
+    transport: str = WIRED,
+    places: Mapping[str, Place] | None = None,
 ) -> RunInfo:
     """A run of its own: fresh ids and free endpoints.
 
+    `places`: where each robot runs that takes part or may join later; default: on loopback.
     Raises ValueError for a beat period and a detection time that do not fit together.
     """
+    if places:
+        endpoints = {r: f"{PROTOCOLS[transport]}/{places[r].address}:{PORT}" for r in robots}
+    else:
+        endpoints = dict(zip(robots, free_endpoints(len(robots), transport), strict=True))
     info = RunInfo(
         mission_path=str(mission_path.resolve()),
         mission_name=mission.name,
         team=f"{mission.name[:24]}-{secrets.token_hex(3)}",
         run=secrets.token_hex(4),
         program=program,
-        endpoints=dict(zip(robots, free_endpoints(len(robots)), strict=True)),
+        endpoints=endpoints,
         dials=lower_dials(robots),
         beat_s=beat_s,
         detection_s=detection_s,
         speed=speed,
         started_unix_s=time.time(),
         robots=tuple(robots),
+        transport=transport,
+        places=places or {},
     )
     timing_of(info)
     return info
@@ -69,10 +81,11 @@ def timing_of(info: RunInfo) -> Timing:
     return Timing(round(info.beat_s * SECOND_US), round(info.detection_s * SECOND_US))
 
 
-def watching_run(info: RunInfo, mission: Mission) -> AbstractAsyncContextManager[Watcher]:
+def watching_run(
+    run_dir: RunDir, info: RunInfo, mission: Mission
+) -> AbstractAsyncContextManager[Watcher]:
     """An open Watcher of a run; raises TransportError."""
-    transport = TransportConfig(info.team, "", (), tuple(info.endpoints.values()))
-    return watching(mission, info.run, timing_of(info), transport)
+    return watching(mission, info.run, timing_of(info), observer_transport(run_dir, info))
 
 
 class Team:
@@ -90,10 +103,12 @@ class Team:
         """Start a robot: one of the team, one more, or a dead one again.
 
         A dead one comes back to its own endpoint; one that is to be replaced still holds it.
+        Raises RunDirError if it has no place in this run or the team's key cannot be written.
         """
         if robot not in self.info.endpoints or self.run_dir.process(robot) is not None:
             self.info = with_newcomer(self.info, robot)
             self.run_dir.save(self.info)
+        ensure_key(self.run_dir, self.info)
         command = agent_command(
             self.run_dir, self.info, robot, robot_type=robot_type, takeover=takeover
         )

@@ -19,6 +19,7 @@ import os
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("ZENOH_RUNTIME", "(rx: (worker_threads: 16))")
@@ -39,6 +40,9 @@ from mrbt_mesh.core.wire import MAX_MESSAGE_BYTES, MAX_NONCE, MessageKind
 
 LEASE_MS = 2_000
 OBSERVER = "observer"
+WIRED, WIRELESS = "wired", "wireless"
+# Transport profile -> protocol of its endpoints; docs/transport.md says when to use which.
+PROTOCOLS = {WIRED: "tcp", WIRELESS: "quic"}
 
 
 class TransportError(Exception):
@@ -50,6 +54,7 @@ class TransportConfig:
     """`robot` is empty for an observer. Endpoints are Zenoh locators, `tcp/127.0.0.1:7450`.
 
     `multicast_interface`: scout on this interface (`auto`, `lo`, an address); None: do not.
+    `key`: file with the team's key, for `wireless` (see `team_key`). Raises TransportError.
     """
 
     team: str
@@ -57,6 +62,23 @@ class TransportConfig:
     listen: tuple[str, ...] = ()
     connect: tuple[str, ...] = ()
     multicast_interface: str | None = None
+    profile: str = WIRED
+    key: Path | None = None
+
+    def __post_init__(self) -> None:
+        protocol = PROTOCOLS[self.profile]
+        for endpoint in (*self.listen, *self.connect):
+            if not endpoint.startswith(f"{protocol}/"):
+                raise TransportError(
+                    f"endpoint {endpoint!r}: the transport {self.profile} needs {protocol}/IP:PORT"
+                )
+        if (self.key is not None) != (self.profile == WIRELESS):
+            raise TransportError(
+                "the transport wireless, and only that, needs the team's key: "
+                "make one with `mrbt key FILE`, and give it to every robot with --key"
+            )
+        if self.key is not None and not os.access(self.key, os.R_OK):
+            raise TransportError(f"the team's key {self.key} cannot be read")
 
 
 def session_config(config: TransportConfig) -> zenoh.Config:
@@ -82,6 +104,7 @@ def session_config(config: TransportConfig) -> zenoh.Config:
         "scouting/delay": 0,
         "scouting/multicast": scouting,
         "scouting/gossip/enabled": False,
+        "transport/link/protocols": [PROTOCOLS[config.profile]],
         "transport/link/tx/lease": LEASE_MS,
         "transport/link/rx/max_message_size": 2 * MAX_MESSAGE_BYTES,
         # A killed process would leave its segments behind; loopback is fast enough.
@@ -89,9 +112,23 @@ def session_config(config: TransportConfig) -> zenoh.Config:
         "transport/unicast/open_timeout": LEASE_MS,
         "transport/unicast/accept_timeout": LEASE_MS,
     }
-    if config.listen or config.multicast_interface is None:
-        # Otherwise Zenoh's default stands: any port, on all interfaces.
-        settings["listen/endpoints"] = list(config.listen)
+    listen = list(config.listen)
+    if not listen and config.multicast_interface is not None:
+        listen = [f"{PROTOCOLS[config.profile]}/[::]:0"]
+    settings["listen/endpoints"] = listen
+    if config.key is not None:
+        # One key for the whole team, shown and demanded on both sides: who lacks it stays out.
+        # Certificates say nothing of addresses, so names are not compared.
+        key = str(config.key)
+        settings["transport/link/tls"] = {
+            "root_ca_certificate": key,
+            "listen_certificate": key,
+            "listen_private_key": key,
+            "connect_certificate": key,
+            "connect_private_key": key,
+            "enable_mtls": True,
+            "verify_name_on_connect": False,
+        }
     result = zenoh.Config()
     for key, value in settings.items():
         try:

@@ -1,0 +1,114 @@
+"""Wired and wireless: what goes with what, and what a launcher makes of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import ssl
+from pathlib import Path
+
+import pytest
+
+from mrbt_mesh.formats.mission_file import compile_mission, load_mission
+from mrbt_mesh.runtime import launcher
+from mrbt_mesh.runtime.run_dir import Place, RunDir, RunDirError, RunInfo
+from mrbt_mesh.runtime.team import new_run
+from mrbt_mesh.runtime.team_key import write_team_key
+from mrbt_mesh.runtime.zenoh_transport import TransportConfig, TransportError, session_config
+
+REPAIR = Path(__file__).resolve().parents[2] / "examples" / "vehicle_repair" / "mission.yaml"
+PLACES = {r: Place(f"198.18.0.{i}", ("enter", r)) for i, r in enumerate(("A1", "A2", "B1"), 1)}
+
+
+def run(transport: str, robots: tuple[str, ...], places: dict[str, Place] | None) -> RunInfo:
+    mission = load_mission(REPAIR)
+    timing = {"beat_s": 0.2, "detection_s": 1.0, "speed": 1.0}
+    return new_run(
+        mission, REPAIR, robots, "robot.py", **timing, transport=transport, places=places
+    )
+
+
+def options(command: list[str], name: str) -> list[str]:
+    return [command[i + 1] for i, word in enumerate(command) if word == name]
+
+
+@pytest.fixture
+def key(tmp_path: Path) -> Path:
+    write_team_key(tmp_path / "team.pem")
+    return tmp_path / "team.pem"
+
+
+def test_a_team_key_is_a_secret_that_tls_accepts_and_is_never_overwritten(key: Path) -> None:
+    assert key.stat().st_mode & 0o077 == 0
+    context = ssl.create_default_context(cafile=str(key))
+    context.load_cert_chain(key)
+    with pytest.raises(FileExistsError):
+        write_team_key(key)
+
+
+@pytest.mark.parametrize("endpoint", ["quic/127.0.0.1:1", "127.0.0.1:1", "udp/127.0.0.1:1"])
+def test_endpoints_of_another_protocol_are_refused(endpoint: str) -> None:
+    for where in ("listen", "connect"):
+        with pytest.raises(TransportError, match="the transport wired needs tcp/IP:PORT"):
+            TransportConfig("t", "A1", **{where: (endpoint,)})  # type: ignore[arg-type]
+
+
+def test_wireless_and_only_wireless_needs_a_readable_key(key: Path) -> None:
+    for profile, given in (("wireless", None), ("wired", key)):
+        with pytest.raises(TransportError, match="make one with `mrbt key FILE`"):
+            TransportConfig("t", "A1", profile=profile, key=given)
+    with pytest.raises(TransportError, match="cannot be read"):
+        TransportConfig("t", "A1", profile="wireless", key=key.with_name("other.pem"))
+
+
+@pytest.mark.parametrize("multicast", [None, "auto"])
+def test_a_session_speaks_one_protocol_only(key: Path, multicast: str | None) -> None:
+    for profile, protocol in (("wired", "tcp"), ("wireless", "quic")):
+        given = key if profile == "wireless" else None
+        config = TransportConfig("t", "A1", (), (), multicast, profile, given)
+        settings = json.loads(str(session_config(config)))
+        assert settings["transport"]["link"]["protocols"] == [protocol]
+        listened = settings["listen"]["endpoints"]
+        assert listened == ([f"{protocol}/[::]:0"] if multicast else [])
+
+
+@pytest.mark.parametrize(("transport", "protocol"), [("wired", "tcp"), ("wireless", "quic")])
+def test_robots_at_places_run_there_and_listen_there(
+    tmp_path: Path, transport: str, protocol: str
+) -> None:
+    info = run(transport, ("A1", "A2"), PLACES)
+    run_dir = RunDir.create(tmp_path, info, compile_mission(load_mission(REPAIR)))
+    launcher.ensure_key(run_dir, info)
+    assert run_dir.key_path.exists() == (transport == "wireless")
+    assert RunDir.find(tmp_path).info() == info
+    command = launcher.agent_command(run_dir, info, "A2")
+    assert command[:2] == ["enter", "A2"]
+    assert options(command, "--listen") == [f"{protocol}/198.18.0.2:7447"]
+    assert options(command, "--connect") == [f"{protocol}/198.18.0.1:7447"]
+    assert options(command, "--transport") == [transport]
+    assert options(command, "--key") == ([str(run_dir.key_path)] if transport == "wireless" else [])
+    seen = launcher.observer_transport(run_dir, info)
+    assert (seen.profile, seen.connect) == (transport, tuple(info.endpoints.values()))
+
+
+def test_newcomers_at_places_dial_everybody_and_need_a_place() -> None:
+    info = run("wired", ("A1", "A2"), PLACES)
+    joined = launcher.with_newcomer(info, "B1")
+    assert joined.endpoints["B1"] == "tcp/198.18.0.3:7447"
+    assert joined.dials["B1"] == ["A1", "A2"]
+    replaced = launcher.with_newcomer(joined, "A1")
+    assert replaced.endpoints["A1"] == "tcp/198.18.0.1:7448", "the old process holds its port"
+    assert replaced.dials == {"A1": ["A2", "B1"], "A2": [], "B1": ["A2"]}
+    with pytest.raises(RunDirError, match=r"no place for C1 \(only A1, A2, B1\)"):
+        launcher.with_newcomer(info, "C1")
+
+
+def test_a_run_on_loopback_has_ports_of_its_own() -> None:
+    for transport, protocol in (("wired", "tcp"), ("wireless", "quic")):
+        info = run(transport, ("A1", "A2", "B1"), None)
+        hosts = [endpoint.rpartition(":")[0] for endpoint in info.endpoints.values()]
+        assert hosts == [f"{protocol}/127.0.0.1"] * 3
+        assert len(set(info.endpoints.values())) == 3
+        newcomer = launcher.with_newcomer(info, "C1").endpoints["C1"]
+        assert newcomer not in info.endpoints.values()
+        assert dataclasses.replace(info, team="x").places == {}
