@@ -29,9 +29,11 @@ from mrbt_mesh.cli.common import (
 from mrbt_mesh.drills.drill_file import Drill, drill_files, drill_folder, load_drills
 from mrbt_mesh.drills.judge import Verdict
 from mrbt_mesh.drills.model import Profile
+from mrbt_mesh.drills.namespaces import NamespaceError
+from mrbt_mesh.drills.network import why_not
 from mrbt_mesh.drills.report import junit_text, report_data
 from mrbt_mesh.drills.runner import DrillRun, Line, run_drill
-from mrbt_mesh.runtime.run_dir import state_dir
+from mrbt_mesh.runtime.run_dir import RunDirError, state_dir
 from mrbt_mesh.runtime.zenoh_transport import TransportError
 
 PathsArgument = Annotated[
@@ -75,11 +77,7 @@ def drill(
     if listed:
         _print_list(drills)
         return
-    with input_errors():
-        try:
-            runs, stopped = anyio.run(_Session(drills, repeat, brief, as_json, keep).run)
-        except TransportError as error:
-            raise InputError(str(error)) from error
+    runs, stopped = anyio.run(_Session(drills, repeat, brief, as_json, keep).run)
     if junit is not None:
         junit.write_text(junit_text(runs))
     if as_json:
@@ -160,8 +158,7 @@ class _Session:
         if not self._brief:
             self._console.print(title)
         folder = _run_folder(found)
-        tell = (lambda line: None) if self._brief else self._print_line
-        run = await run_drill(found, profile, folder, tell)
+        run = await self._run_or_skip(found, profile, folder)
         if self._brief:
             self._console.print(Text.assemble(title, "  ", _headline(run)))
             if not run.is_green:
@@ -175,6 +172,18 @@ class _Session:
         elif run.run_dir is not None:
             self._console.print(f"  kept: {run.run_dir}", style="dim", soft_wrap=True)
         return run
+
+    async def _run_or_skip(self, found: Drill, profile: Profile, folder: Path) -> DrillRun:
+        reason = why_not(found)
+        if reason is not None:
+            return DrillRun(found.label, profile, skipped=reason)
+        tell = (lambda line: None) if self._brief else self._print_line
+        try:
+            return await run_drill(found, profile, folder, tell)
+        except (TransportError, RunDirError, NamespaceError) as error:
+            return DrillRun(
+                found.label, profile, verdicts=[Verdict("the team could be run", False, str(error))]
+            )
 
     def _print_line(self, line: Line) -> None:
         style = "red" if line.is_fault or line.text == "is dead" else ""

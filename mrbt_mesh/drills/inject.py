@@ -198,15 +198,7 @@ class Injector:
             return
         if name == "partition":
             groups = self._groups(fault, sight)
-            pairs = [
-                (one, other)
-                for group in groups
-                for one in group
-                for others in groups
-                if others is not group
-                for other in others
-            ]
-            await self._on_links(network.block, pairs)
+            await anyio.to_thread.run_sync(lambda: network.partition(*groups))
             text = " | ".join(" ".join(group) for group in groups)
             self._note(name, (), f"partition: {text}")
             return

@@ -2,19 +2,46 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Protocol
+
+from mrbt_mesh.drills.drill_file import Drill
+from mrbt_mesh.drills.namespaces import Namespaces, available, has_netem
+from mrbt_mesh.runtime.run_dir import Place
 
 
 class Network(Protocol):
-    """Links between robots, each direction on its own; `loss_tool` says how loss is made."""
+    """Faults on links, each direction on its own; `loss_tool` says how packets are lost."""
 
     loss_tool: str
-    can_delay: bool
 
-    def address(self, robot: str) -> str: ...
-    def command_prefix(self, robot: str) -> list[str]: ...
+    def partition(self, *groups: Iterable[str]) -> None: ...
     def block(self, source: str, target: str) -> None: ...
     def unblock(self, source: str, target: str) -> None: ...
     def lose(self, source: str, target: str, permille: int) -> None: ...
     def delay(self, source: str, target: str, delay_ms: int) -> None: ...
     def heal(self) -> None: ...
+
+
+def why_not(drill: Drill) -> str | None:
+    """Why a drill cannot be run on this machine, or None if it can."""
+    if drill.model.network != "namespaces":
+        return None
+    reason = available()
+    if reason is None and any(step.delay for step in drill.steps) and not has_netem():
+        return "this kernel cannot delay packets: it lacks sch_netem"
+    return reason
+
+
+@contextmanager
+def places(kind: str, robots: Sequence[str]) -> Iterator[tuple[Network | None, dict[str, Place]]]:
+    """A drill's network and where each robot lives in it; None and nothing on loopback."""
+    if kind != "namespaces":
+        yield None, {}
+        return
+    with Namespaces(robots, "drill") as network:
+        yield (
+            network,
+            {r: Place(network.address(r), tuple(network.command_prefix(r))) for r in robots},
+        )

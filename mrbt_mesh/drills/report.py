@@ -21,7 +21,6 @@ def run_data(run: DrillRun) -> dict[str, Any]:
         "expectations": [asdict(verdict) for verdict in run.verdicts],
         "takeovers": run.takeovers,
         "timeline": [asdict(line) for line in run.timeline],
-        "remarks": run.remarks,
         "skipped": run.skipped,
         "run_dir": str(run.run_dir) if run.run_dir else None,
     }

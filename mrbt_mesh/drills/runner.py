@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,12 +16,13 @@ from mrbt_mesh.drills.inject import Deed, Injector
 from mrbt_mesh.drills.journals import read
 from mrbt_mesh.drills.judge import Evidence, Verdict, judge
 from mrbt_mesh.drills.model import ConditionTrigger, Profile
+from mrbt_mesh.drills.network import Network, places
 from mrbt_mesh.drills.physical import read_events
 from mrbt_mesh.drills.triggers import Schedule, Sight
 from mrbt_mesh.formats.mission_file import compile_mission
 from mrbt_mesh.runtime.driver import EVENTS_FILE
 from mrbt_mesh.runtime.fencing import boottime_us
-from mrbt_mesh.runtime.run_dir import RunDir
+from mrbt_mesh.runtime.run_dir import Place, RunDir, RunInfo
 from mrbt_mesh.runtime.team import Team, new_run, watching_run
 from mrbt_mesh.runtime.watcher import Watcher
 
@@ -49,7 +50,6 @@ class DrillRun:
     verdicts: list[Verdict] = field(default_factory=list)
     timeline: list[Line] = field(default_factory=list)
     takeovers: list[dict[str, Any]] = field(default_factory=list)
-    remarks: list[str] = field(default_factory=list)
     run_dir: Path | None = None
     skipped: str | None = None
 
@@ -64,31 +64,23 @@ async def run_drill(
 ) -> DrillRun:
     """Carry a drill out in a new run directory; `tell` gets the timeline as it happens.
 
-    Whatever happens, no process of the team is left behind. Raises TransportError.
+    Whatever happens, no process of the team is left behind. Raises TransportError, RunDirError,
+    NamespaceError.
     """
-    model = drill.model
-    assert drill.mission.program is not None
-    info = new_run(
-        drill.mission,
-        drill.mission_path,
-        drill.robots,
-        drill.mission.program,
-        beat_s=model.timing.beat_s,
-        detection_s=model.timing.detection_s,
-        speed=model.speed,
-    )
-    run_dir = RunDir.create(folder, info, compile_mission(drill.mission))
-    team = Team(run_dir, info, drill.mission)
-    run = _Run(drill, team, tell)
     begun_s = time.monotonic()
-    try:
-        for robot in drill.robots:
-            await team.start(robot)
-        async with watching_run(info, drill.mission) as watcher:
-            evidence = await run.to_the_end(watcher)
-    finally:
-        with anyio.CancelScope(shield=True):
-            await team.end()
+    with places(drill.model.network, sorted(drill.mission.robots)) as (network, found):
+        info = _new_run(drill, profile, found)
+        run_dir = RunDir.create(folder, info, compile_mission(drill.mission))
+        team = Team(run_dir, info, drill.mission)
+        run = _Run(drill, team, network, tell)
+        try:
+            for robot in drill.robots:
+                await team.start(robot)
+            async with watching_run(run_dir, info, drill.mission) as watcher:
+                evidence = await run.to_the_end(watcher)
+        finally:
+            with anyio.CancelScope(shield=True):
+                await team.end()
     evidence.events = read_events(run_dir.path / EVENTS_FILE)
     robots = run_dir.robots()
     evidence.journals = read(run_dir.path, robots, drill.mission.digest, info.run)
@@ -97,18 +89,36 @@ async def run_drill(
         profile,
         evidence.result,
         time.monotonic() - begun_s,
-        judge(model.expect, drill.mission, evidence),
+        judge(drill.model.expect, drill.mission, evidence),
         run.timeline,
         evidence.takeovers,
-        [],
         run_dir.path,
     )
 
 
+def _new_run(drill: Drill, profile: Profile, found: Mapping[str, Place]) -> RunInfo:
+    model = drill.model
+    assert drill.mission.program is not None, "checked when the drill was read"
+    return new_run(
+        drill.mission,
+        drill.mission_path,
+        drill.robots,
+        drill.mission.program,
+        beat_s=model.timing.beat_s,
+        detection_s=model.timing.detection_s,
+        speed=model.speed,
+        transport=profile,
+        places=found,
+    )
+
+
 class _Run:
-    def __init__(self, drill: Drill, team: Team, tell: Callable[[Line], None]) -> None:
+    def __init__(
+        self, drill: Drill, team: Team, network: Network | None, tell: Callable[[Line], None]
+    ) -> None:
         self.drill = drill
         self.team = team
+        self.network = network
         self.timeline: list[Line] = []
         self._tell = tell
         self._told = 0
@@ -120,7 +130,9 @@ class _Run:
         """Follow the team, carry steps out, and collect what the judge needs."""
         observer = watcher.observer
         schedule = Schedule(self.drill.steps)
-        injector = Injector(self.team, watcher, None, lambda deed: self._deed(observer, deed))
+        injector = Injector(
+            self.team, watcher, self.network, lambda deed: self._deed(observer, deed)
+        )
         async with anyio.create_task_group() as group:
             group.start_soon(self.team.note_exits, watcher)
             why = await self._until_over(watcher, schedule, injector)
