@@ -265,7 +265,7 @@ class _Checker:
             self.local_task(("expect", "never", i, "local_task"), never.local_task)
         for i, task in enumerate(expect.was_blocked):
             self.global_task(("expect", "was_blocked", i), task)
-        for name in ("dead", "alive", "yields"):
+        for name in ("dead", "alive", "left", "yields"):
             self.robots(("expect", name), getattr(expect, name))
 
     # -- names ----------------------------------------------------------------------------

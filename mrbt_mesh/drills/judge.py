@@ -60,10 +60,13 @@ class _Judge:
         found = [self.result(), self.steps()]
         found += [verdict for done in expect.done for verdict in self.done(done)]
         found += [verdict for never in expect.never for verdict in self.never(never)]
-        if expect.dead is not None:
-            found.append(self.states("dead", expect.dead, (State.DEAD,)))
-        if expect.alive is not None:
-            found.append(self.states("alive", expect.alive, LIVING))
+        for word, robots, states in (
+            ("dead", expect.dead, (State.DEAD,)),
+            ("alive", expect.alive, LIVING),
+            ("left", expect.left, (State.LEFT,)),
+        ):
+            if robots is not None:
+                found.append(self.states(word, robots, states))
         if expect.yields is not None:
             found += [self.yields(robot) for robot in self.robots(expect.yields)]
         found += [

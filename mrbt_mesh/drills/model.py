@@ -316,6 +316,7 @@ class ExpectModel(FileModel):
     never: list[NeverModel] = []
     dead: Robots | None = None
     alive: Robots | None = None
+    left: Robots | None = None
     yields: Robots | None = None
     was_blocked: list[GroundText] = []
     detected_within_s: Seconds | None = None
