@@ -6,13 +6,15 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint check-lock lock bench-failover clean
+.PHONY: help setup demo test lint check-lock lock drills bench-failover bench-resume clean
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
 	@echo "make test            checks and tests, as CI runs them"
 	@echo "make lint            ruff, mypy, import-linter"
+	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
 	@echo "make bench-failover  time from a kill or a freeze until the replacement has started"
+	@echo "make bench-resume    50 rounds of killing the whole team and resuming it"
 	@echo "make lock            write requirements.lock again from pyproject.toml"
 	@echo "make clean           remove .venv and caches"
 
@@ -37,6 +39,12 @@ lint: $(READY)
 test: lint
 	$(BIN)/pytest -n auto -m "not processes"
 	$(BIN)/pytest -m processes
+
+drills: $(READY)
+	$(BIN)/mrbt drill --all --brief --junit drills.xml
+
+bench-resume: $(READY)
+	$(BIN)/python benchmarks/resume.py
 
 bench-failover: $(READY)
 	$(BIN)/python benchmarks/failover.py

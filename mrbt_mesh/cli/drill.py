@@ -101,7 +101,9 @@ def _chosen(paths: list[Path], every: bool, quick: bool, listed: bool) -> list[D
 
 def _print_list(drills: list[Drill]) -> None:
     """One row per drill file."""
-    table = Table("drill", "runs", "network", "", "what it shows", box=None, header_style="dim")
+    table = Table(box=None, header_style="dim")
+    for heading in ("drill", "runs", "needs", "", "what happens"):
+        table.add_column(heading, no_wrap=heading != "what happens")
     by_file: dict[Path, list[Drill]] = {}
     for found in drills:
         by_file.setdefault(found.path, []).append(found)
@@ -112,7 +114,7 @@ def _print_list(drills: list[Drill]) -> None:
             str(len(group) * len(model.profiles)),
             model.network if model.network != "loopback" else "",
             "quick" if model.quick else "",
-            Text(" ".join(model.description.split())),
+            Text(" ".join(model.description.split()).partition(". ")[0].rstrip(".")),
         )
     console.print(table)
 
@@ -209,13 +211,15 @@ def _run_folder(found: Drill) -> Path:
 
 def _takeover_text(takeover: dict[str, object]) -> Text:
     line = Text.assemble("  ", ("↻ ", "yellow"), (str(takeover["robot"]), "bold"))
-    line.append(f" lost at {takeover['at_s']:.3f} s")
-    line.append(f", detected after {_milliseconds(takeover['detected_s'])}")
+    if not takeover["inflicted"]:
+        return line.append(f" held dead by others at {takeover['at_s']:.3f} s", "not bold")
+    line.append(f" lost at {takeover['at_s']:.3f} s", "not bold")
+    line.append(f", detected after {_milliseconds(takeover['detected_s'])}", "not bold")
     if takeover["held"]:
-        line.append(f", while on {takeover['held']}")
-        if takeover["replacement"]:
-            after = _milliseconds(takeover["reassigned_s"])
-            line.append(f", taken over by {takeover['replacement']} after {after}")
+        line.append(f", while on {takeover['held']}", "not bold")
+    if takeover["replacement"]:
+        after = _milliseconds(takeover["reassigned_s"])
+        line.append(f", taken over by {takeover['replacement']} after {after}", "not bold")
     return line
 
 

@@ -239,7 +239,7 @@ async def _until_over(
                 why = STOPPED
             elif now > checked + 1:
                 checked = now
-                if team.is_gone():
+                if not team.living():
                     why = "no robot is left"
         refresh()
         group.cancel_scope.cancel()

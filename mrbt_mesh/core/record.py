@@ -73,6 +73,7 @@ class RunRecord:
         self.minor: list[MinorFault] = []
         self.blocked: list[BlockedEpisode] = []
         self.timeline: list[tuple[int, str]] = []
+        self.claims: list[tuple[int, str, Claim]] = []
         self._claims: dict[str, tuple[Claim, Incarnation]] = {}
         self._exits: dict[str, int] = {}
 
@@ -93,6 +94,8 @@ class RunRecord:
         if previous is not None and known.get("state") not in (State.DEAD, State.LEFT):
             # It is back before anybody missed it; its old life ended all the same.
             self._died(robot, previous, now_us).detected_us = now_us
+        # The end of a life that was not missed, as when it left, says nothing of the next one.
+        self._exits.pop(robot, None)
         for fault in self.major:
             if fault.robot == robot and fault.until_us is None:
                 fault.until_us = now_us
@@ -101,14 +104,18 @@ class RunRecord:
         self._claimed(robot, now_us)
 
     def exited(self, robot: str, at_us: int) -> None:
-        """The launcher saw the robot's process end: a better time than the last beat."""
+        """The robot's process was killed, or seen to end: a better time than the last beat.
+
+        Whoever watches a process hears of its end a little late: the earliest time stands.
+        """
         if self.result is not None:
             return
         fault = next((f for f in self.major if f.robot == robot and f.until_us is None), None)
         if fault is not None:
-            fault.at_us, fault.exact = at_us, True
+            fault.at_us = min(at_us, fault.at_us) if fault.exact else at_us
+            fault.exact = True
         else:
-            self._exits[robot] = at_us
+            self._exits[robot] = min(at_us, self._exits.get(robot, at_us))
 
     def verdict(self, robot: str, incarnation: Incarnation, now_us: int) -> None:
         """A robot of the team has declared another one dead."""
@@ -154,6 +161,7 @@ class RunRecord:
                     known["state"] = State.LEFT
             case Claim() as claim:
                 self._claims[robot] = (claim, entry.version.incarnation)
+                self.claims.append((now_us, robot, claim))
                 self._claimed(robot, now_us)
             case NoClaim():
                 self._claims.pop(robot, None)

@@ -89,8 +89,12 @@ def load_drills(path: Path) -> list[Drill]:
             file, f"a drill is expected (name: ..., steps: ...), found {found(data)}"
         )
     drills = []
+    missions: dict[Path, Mission] = {}
     for values in _combinations(data, report):
-        drill = _load_one(path, _substituted(data, values, report), values, report)
+        ground = _substituted(data, values, report)
+        # What is left over of a name that is missing would be complained about again.
+        report.raise_if_any()
+        drill = _load_one(path, ground, values, report, missions)
         if drill is not None:
             drills.append(drill)
     report.raise_if_any()
@@ -139,7 +143,13 @@ def _substituted(
     return _REFERENCE.sub(lambda match: str(values[match[1]]), data)
 
 
-def _load_one(path: Path, data: Any, values: Mapping[str, Any], report: Report) -> Drill | None:
+def _load_one(
+    path: Path,
+    data: Any,
+    values: Mapping[str, Any],
+    report: Report,
+    missions: dict[Path, Mission],
+) -> Drill | None:
     try:
         model = DrillModel.model_validate(data, context=report)
     except ValidationError as error:
@@ -150,7 +160,8 @@ def _load_one(path: Path, data: Any, values: Mapping[str, Any], report: Report) 
     if not mission_path.is_file():
         report.add(("mission",), f"there is no such file: {mission_path}")
         return None
-    mission = load_mission(mission_path)
+    mission = missions.get(mission_path) or load_mission(mission_path)
+    missions[mission_path] = mission
     if mission.program is None:
         report.add(("mission",), f"{mission_path} names no program")
     _Checker(model, mission, report).check()

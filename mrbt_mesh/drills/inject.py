@@ -59,6 +59,11 @@ class Deeds:
     problems: list[str] = field(default_factory=list)
     fates: Fates = field(default_factory=Fates)
 
+    def hit(self) -> frozenset[str]:
+        """Robots whose processes were stopped in some way."""
+        ways = ("kill", "stop", "restart", "kill_team", "leave")
+        return frozenset(robot for deed in self.done if deed.fault in ways for robot in deed.robots)
+
 
 class Injector:
     """Carries out steps on one team. `network` is None on loopback."""
@@ -124,8 +129,10 @@ class Injector:
             robots = [r for r in robots if self._team.run_dir.process(r) is not None]
         processes = self._processes(fault, robots)
         at_us = boottime_us()
-        for process in processes.values():
+        for robot, process in processes.items():
             process.send_signal(signal.SIGKILL)
+            self.deeds.deaths[process.pid] = time.time()
+            self._watcher.observer.record.exited(robot, at_us)
         self._note(fault, processes, "killed (SIGKILL)", at_us)
         await self._died(processes)
 
@@ -134,7 +141,6 @@ class Injector:
         fates = self.deeds.fates
         for robot, process in processes.items():
             await anyio.to_thread.run_sync(wait_for_exit, process.pid)
-            self.deeds.deaths[process.pid] = time.time()
             fates.lives(robot)
             fates.killed.append(robot)
         died_s = time.time()

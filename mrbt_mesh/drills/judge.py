@@ -29,7 +29,10 @@ class Verdict:
 
 @dataclass
 class Evidence:
-    """What is known of a run. `takeovers` as in summary.json; `journals` as at the end."""
+    """What is known of a run. `journals` as at the end.
+
+    `takeovers` as in summary.json, with `inflicted`: whether the drill did that to the robot.
+    """
 
     result: str
     deeds: Deeds = field(default_factory=Deeds)
@@ -172,18 +175,8 @@ class _Judge:
 
     # -- faults and what followed -------------------------------------------------------------
 
-    def inflicted(self) -> list[dict[str, Any]]:
-        """The takeovers that answer a fault of this drill."""
-        hit = self.hit()
-        return [takeover for takeover in self.evidence.takeovers if takeover["robot"] in hit]
-
-    def hit(self) -> set[str]:
-        """Robots whose processes this drill has stopped in some way."""
-        ways = ("kill", "stop", "restart", "kill_team", "leave")
-        return {robot for deed in self.deeds.done if deed.fault in ways for robot in deed.robots}
-
     def within(self, word: str, key: str, limit_s: float) -> Verdict:
-        answers = self.inflicted()
+        answers = [takeover for takeover in self.evidence.takeovers if takeover["inflicted"]]
         if key == "reassigned_s":
             answers = [takeover for takeover in answers if takeover["held"]]
         times = {f"{t['robot']} at {t['at_s']:.2f} s": t[key] for t in answers}
@@ -194,8 +187,7 @@ class _Judge:
         return Verdict(f"{word} within {limit_s:g} s", holds, text or "no fault was noticed")
 
     def false_deaths(self, most: int) -> Verdict:
-        hit = self.hit()
-        false = [t for t in self.evidence.takeovers if t["robot"] not in hit]
+        false = [t for t in self.evidence.takeovers if not t["inflicted"]]
         text = ", ".join(f"{t['robot']} at {t['at_s']:.2f} s" for t in false)
         expected = f"at most {most} robots falsely held dead" if most else "no false death"
         return Verdict(expected, len(false) <= most, text or "none")

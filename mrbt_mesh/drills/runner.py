@@ -151,7 +151,10 @@ class _Run:
             ],
             deeds=deeds,
             states={robot: observer.robot_state(robot) for robot in observer.robots()},
-            takeovers=record.summary(result, boottime_us())["takeovers"],
+            takeovers=[
+                takeover | {"inflicted": takeover["robot"] in deeds.hit()}
+                for takeover in record.summary(result, boottime_us())["takeovers"]
+            ],
             blocked=frozenset(episode.request for episode in record.blocked),
         )
 
@@ -179,7 +182,7 @@ class _Run:
             if schedule.is_over and self._is_blocked_for_good(sight, observer):
                 return "blocked, as expected"
             due_us = schedule.due_us(sight, fates)
-            if due_us is None and self.team.is_gone():
+            if due_us is None and not self.team.living():
                 return "no robot is left"
             wait_s = FRAME_S
             if due_us is not None:

@@ -41,13 +41,15 @@ class Takeover:
 class Sight:
     """What the observer sees at one moment. `claims` are those of living robots.
 
-    `done` are (robot, local task) with an outcome, successful or not.
+    `claimed` are all that were ever seen, with the time: some stand for a moment only. `done`
+    are (robot, local task) with an outcome, successful or not.
     """
 
     now_us: int
     started_us: int | None = None
     statuses: Mapping[str, Status] = field(default_factory=dict)
     claims: Mapping[str, Claim] = field(default_factory=dict)
+    claimed: Sequence[tuple[int, str, Claim]] = ()
     done: frozenset[tuple[str, str]] = frozenset()
     states: Mapping[str, State] = field(default_factory=dict)
     conditions: Mapping[str, bool] = field(default_factory=dict)
@@ -64,6 +66,7 @@ class Sight:
             record.started_us,
             {name: task.status for name, task in record.tasks.items()},
             {robot: claim for robot, claim in claims.items() if claim is not None},
+            record.claims,
             frozenset(
                 (robot, local_task)
                 for tasks in facts.outcomes.values()
@@ -125,7 +128,7 @@ def holds(when: Any, sight: Sight, fates: Fates, since_us: int) -> bool:
         case GlobalTaskTrigger(global_task=task, status=status):
             return sight.statuses.get(task, Status.IDLE) is Status[status.upper()]
         case LocalTaskTrigger():
-            return _local_task(when, sight)
+            return _local_task(when, sight, since_us)
         case RobotTrigger(robot=robots, state=state):
             found = chosen(robots, sight, fates)
             return bool(found) and all(sight.states.get(r) == State(state) for r in found)
@@ -138,16 +141,17 @@ def holds(when: Any, sight: Sight, fates: Fates, since_us: int) -> bool:
     raise TypeError(f"no trigger: {when!r}")
 
 
-def _local_task(when: LocalTaskTrigger, sight: Sight) -> bool:
+def _local_task(when: LocalTaskTrigger, sight: Sight, since_us: int) -> bool:
     if when.phase == DONE:
         return any(
             _is(done, when.local_task) and when.robot in (None, robot) for robot, done in sight.done
         )
+    since = ((robot, claim) for at_us, robot, claim in sight.claimed if at_us >= since_us)
     return any(
         _is(claim.local_task, when.local_task)
         and when.robot in (None, robot)
         and claim.phase.name.lower() == when.phase
-        for robot, claim in sight.claims.items()
+        for robot, claim in (*sight.claims.items(), *since)
     )
 
 

@@ -116,13 +116,18 @@ class Team:
         return self.processes[robot]
 
     def living(self) -> list[psutil.Process]:
-        """Processes of this run, whoever started them."""
-        found = (self.run_dir.process(robot) for robot in self.run_dir.robots())
-        return [process for process in found if process is not None]
-
-    def is_gone(self) -> bool:
-        """Whether nothing of the team runs, nor is about to."""
-        return not self.living() and all(p.returncode is not None for p in self.processes.values())
+        """Processes of this run, whoever started them, also those that are only just starting."""
+        found = {}
+        for robot in self.run_dir.robots():
+            process = self.run_dir.process(robot)
+            if process is not None:
+                found[process.pid] = process
+        for started in self.processes.values():
+            if started.returncode is None and started.pid not in found:
+                # It writes its pid to the run directory only once it has got so far.
+                with contextlib.suppress(psutil.NoSuchProcess):
+                    found[started.pid] = psutil.Process(started.pid)
+        return [found[pid] for pid in sorted(found)]
 
     def refusals(self) -> list[str]:
         """What robots printed that were started from here and refused their input."""

@@ -1,0 +1,297 @@
+"""What the judge finds in recorded events, journals and deeds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mrbt_mesh.core.facts import Incarnation, Version, make_entry
+from mrbt_mesh.core.membership import State
+from mrbt_mesh.core.records import OUTCOME
+from mrbt_mesh.drills.inject import Deed, Deeds, Snapshot
+from mrbt_mesh.drills.journals import Done, read
+from mrbt_mesh.drills.judge import Evidence, Verdict, judge, unjournaled
+from mrbt_mesh.drills.model import ExpectModel
+from mrbt_mesh.drills.physical import Freeze, moving, read_events, spans
+from mrbt_mesh.runtime.journal import Journal
+from mrbt_mesh.sim import Kill
+from tests.sim.runs import example, run_example
+
+MISSION, _ = example("vehicle_repair")
+PIDS = {"A1": 11, "A2": 12, "B1": 21, "C1": 31, "C2": 32}
+
+
+def event(
+    t: float, robot: str, what: str, local_task: str, *args: str, pid: int = 0, act: str = "x"
+) -> dict[str, Any]:
+    """One line of events.jsonl; `what` is start, cancel, success or failure."""
+    return {
+        "t": t,
+        "robot": robot,
+        "pid": pid or PIDS[robot],
+        "incarnation": "1.n",
+        "event": what if what in ("start", "cancel") else "end",
+        "outcome": None if what in ("start", "cancel") else what,
+        "activation": act,
+        "global_task": {"replace_hw": "fix_hw(2)", "move_frame": "remove_cover"}[local_task],
+        "local_task": local_task,
+        "args": list(args),
+    }
+
+
+KILLED_AT_WORK = [
+    event(1.0, "A1", "start", "replace_hw", "2"),
+    event(2.0, "B1", "start", "replace_hw", "2"),
+    event(4.0, "B1", "success", "replace_hw", "2"),
+]
+
+
+def verdicts(evidence: Evidence, **expect: Any) -> list[Verdict]:
+    """Those on what a test expects; the two that are always there come first and must hold."""
+    result, steps, *found = judge(ExpectModel.model_validate(expect), MISSION, evidence)
+    assert result.holds
+    assert steps.holds
+    return found
+
+
+def one(evidence: Evidence, **expect: Any) -> Verdict:
+    (found,) = verdicts(evidence, **expect)
+    return found
+
+
+def test_the_result_and_the_steps_are_always_judged() -> None:
+    evidence = Evidence("timeout", ended_because="not over after 60 s", steps_left=["step 2 of 2"])
+    evidence.deeds.problems.append("kill: A1 had no process any more")
+    result, steps = judge(ExpectModel(), MISSION, evidence)
+    assert result == Verdict("result success", False, "timeout (not over after 60 s)")
+    assert not steps.holds
+    assert "step 2 of 2: its moment never came; kill: A1 had no process" in steps.found
+
+
+@pytest.mark.parametrize(
+    ("bounds", "holds"),
+    [
+        ({"times": 1}, True),
+        ({"times": 2}, False),
+        ({"at_least": 1}, True),
+        ({"at_most": 0}, False),
+        ({"at_least": 2, "at_most": 3}, False),
+    ],
+)
+def test_only_successes_count_as_done(bounds: dict[str, int], holds: bool) -> None:
+    for name in ("replace_hw(2)", "replace_hw"):
+        evidence = Evidence("success", events=KILLED_AT_WORK)
+        verdict = one(evidence, done=[{"local_task": name, **bounds}])
+        assert (verdict.holds, verdict.found) == (holds, "1 (B1)")
+
+
+def test_a_task_that_nobody_started_was_not_done_once() -> None:
+    verdict = one(Evidence("success"), done=[{"local_task": "replace_hw", "times": 1}])
+    assert (verdict.holds, verdict.found) == (False, "0")
+
+
+def test_done_may_be_asked_for_one_global_task() -> None:
+    evidence = Evidence("success", events=KILLED_AT_WORK)
+    expect = {"local_task": "replace_hw(2)", "global_task": "fix_hw(4)", "times": 0}
+    assert one(evidence, done=[expect]).holds
+
+
+def test_a_dead_robot_works_no_longer_than_its_process_lived() -> None:
+    never = [{"local_task": "replace_hw(2)"}]
+    without = Evidence("success", events=KILLED_AT_WORK)
+    assert one(without, never=never) == Verdict(
+        "never more than 1 at replace_hw(2)", False, "at most 2"
+    )
+    deeds = Deeds(deaths={PIDS["A1"]: 1.9})
+    assert one(Evidence("success", deeds, events=KILLED_AT_WORK), never=never).holds
+    deeds = Deeds(deaths={PIDS["A1"]: 2.1})
+    assert not one(Evidence("success", deeds, events=KILLED_AT_WORK), never=never).holds
+
+
+def frozen(end: str) -> Evidence:
+    events = [
+        event(1.0, "A1", "start", "replace_hw", "2"),
+        event(2.0, "B1", "start", "replace_hw", "2"),
+        event(3.1, "A1", end, "replace_hw", "2"),
+        event(4.0, "B1", "success", "replace_hw", "2"),
+    ]
+    deeds = Deeds(freezes=[Freeze(PIDS["A1"], 1.5, 3.0)])
+    deeds.fates.thawed.append("A1")
+    return Evidence("success", deeds, events=events)
+
+
+def test_a_thawed_robot_must_cancel_what_it_was_doing() -> None:
+    expect: dict[str, Any] = {"yields": {"thawed": None}, "never": [{"local_task": "replace_hw"}]}
+    never, yields = verdicts(frozen("cancel"), **expect)
+    assert never.holds
+    assert yields == Verdict("A1 yields when it wakes", True, "replace_hw(2): cancel")
+    never, yields = verdicts(frozen("success"), **expect)
+    assert not never.holds
+    assert yields == Verdict("A1 yields when it wakes", False, "replace_hw(2): success")
+
+
+def test_a_robot_that_did_nothing_has_nothing_to_yield() -> None:
+    evidence = Evidence("success", Deeds(freezes=[Freeze(PIDS["A1"], 1.5, 3.0)]))
+    assert one(evidence, yields="A1") == Verdict("A1 yields when it wakes", False, "it did nothing")
+
+
+def test_a_frozen_execution_has_a_gap() -> None:
+    (span,) = spans(
+        [event(1, "A1", "start", "move_frame"), event(9, "A1", "success", "move_frame")]
+    )
+    freezes = [Freeze(PIDS["A1"], 2, 3), Freeze(PIDS["A1"], 5, 6), Freeze(PIDS["B1"], 1, 9)]
+    assert [(p.start_s, p.end_s) for p in moving(span, freezes)] == [(1, 2), (3, 5), (6, 9)]
+
+
+def test_states_at_the_end() -> None:
+    states = {"A1": State.DEAD, "B1": State.SUSPECT, "C1": State.LEFT}
+    evidence = Evidence("success", states=states)
+    found = verdicts(evidence, dead="A1", alive=["B1"], left="C1")
+    assert [v.holds for v in found] == [True, True, True]
+    found = verdicts(evidence, dead=["A1", "B1"], alive=["A2"], left={"killed": None})
+    assert [v.holds for v in found] == [False, False, False]
+
+
+def takeover(robot: str, inflicted: bool, **more: Any) -> dict[str, Any]:
+    given = {"at_s": 1.0, "detected_s": 0.02, "reassigned_s": 0.03, "held": "replace_hw(2)"}
+    return {"robot": robot, "inflicted": inflicted, "replacement": "B1", **given, **more}
+
+
+def test_times_of_what_the_drill_did_and_deaths_that_it_did_not_cause() -> None:
+    expect = {"detected_within_s": 1, "takeover_within_s": 1, "false_deaths": 0}
+    good = Evidence("success", takeovers=[takeover("A1", True)])
+    assert [v.holds for v in verdicts(good, **expect)] == [True, True, True]
+    slow = Evidence("success", takeovers=[takeover("A1", True, detected_s=2.0, reassigned_s=None)])
+    assert [v.holds for v in verdicts(slow, **expect)] == [False, False, True]
+    idle = Evidence("success", takeovers=[takeover("A1", True, held=None, reassigned_s=None)])
+    assert [v.holds for v in verdicts(idle, **expect)] == [True, False, True]
+    false = Evidence("success", takeovers=[takeover("A1", True), takeover("C1", False)])
+    assert [v.holds for v in verdicts(false, **expect)] == [True, True, False]
+
+
+def test_robots_that_were_hit_are_those_whose_processes_suffered() -> None:
+    done = [
+        Deed(0, 0.0, fault, (robot,), "")
+        for fault, robot in (("kill", "A1"), ("stop", "B1"), ("join", "C2"), ("block", "C1"))
+    ]
+    assert Deeds(done=done).hit() == {"A1", "B1"}
+
+
+# -- journals -----------------------------------------------------------------------------
+
+COVER = [
+    event(1.0, "C1", "start", "move_frame"),
+    event(1.0, "C2", "start", "move_frame"),
+    event(2.0, "C1", "success", "move_frame"),
+]
+C1_DONE = Done("C1", "x", "move_frame")
+C2_DONE = Done("C2", "x", "move_frame")
+
+
+def killed(held: set[Done], kept: set[Done], *after: dict[str, Any]) -> Evidence:
+    """The team is killed at 3 with `held` in C1's journal; in the end it holds `kept`."""
+    deeds = Deeds(snapshots=[Snapshot(3.0, {"C1": frozenset(held), "C2": frozenset()})])
+    journals = {"C1": frozenset(kept)}
+    return Evidence("success", deeds, events=[*COVER, *after], journals=journals)
+
+
+def test_what_a_partner_still_has_to_do_is_no_repetition() -> None:
+    """move_frame needs two: one success does not end it."""
+    restarted = event(4.0, "C2", "start", "move_frame", pid=99)
+    repeated, lost = verdicts(killed({C1_DONE}, {C1_DONE}, restarted), repeated=0)
+    assert repeated.holds
+    assert lost.holds
+
+
+def test_a_robot_that_does_again_what_it_had_journaled_repeats() -> None:
+    again = event(4.0, "C1", "start", "move_frame", pid=99)
+    repeated, _ = verdicts(killed({C1_DONE}, {C1_DONE}, again), repeated=0)
+    assert repeated == Verdict("nothing repeated", False, "move_frame by C1")
+    repeated, _ = verdicts(killed({C1_DONE}, {C1_DONE}, again), repeated=1)
+    assert repeated.holds
+    repeated, _ = verdicts(killed(set(), set(), again), repeated=0)
+    assert repeated.holds, "it was not journaled"
+
+
+def test_anybody_who_does_again_what_as_many_as_needed_had_done_repeats() -> None:
+    again = event(4.0, "A1", "start", "move_frame", pid=99)
+    both = {C1_DONE, C2_DONE}
+    repeated, _ = verdicts(killed(both, both, again), repeated=0)
+    assert not repeated.holds
+    other = event(4.0, "A1", "start", "move_frame", pid=99, act="another")
+    repeated, _ = verdicts(killed(both, both, other), repeated=0)
+    assert repeated.holds
+
+
+def test_a_journaled_success_that_is_gone_is_lost() -> None:
+    _, lost = verdicts(killed({C1_DONE, C2_DONE}, {C1_DONE}), repeated=0)
+    assert lost == Verdict("nothing journaled is lost", False, "move_frame by C2")
+
+
+def test_what_ended_in_the_world_and_not_in_the_journal() -> None:
+    evidence = killed({C1_DONE}, {C1_DONE})
+    assert unjournaled(spans(evidence.events), evidence.deeds) == []
+    evidence = killed(set(), set())
+    twice = Snapshot(5.0, {"C1": frozenset(), "C2": frozenset()})
+    evidence.deeds.snapshots.append(twice)
+    (span,) = unjournaled(spans(evidence.events), evidence.deeds)
+    assert (span.robot, span.ground) == ("C1", "move_frame")
+
+
+def test_journals_are_read_from_copies(tmp_path: Path) -> None:
+    def log(level: str, event: str, **fields: Any) -> None:
+        raise AssertionError(event)
+
+    journal = Journal(tmp_path / "C1.journal", "digest", "run", "C1", log)
+    journal.open()
+    version = Version(Incarnation(1, "n"), 1)
+    journal.put(
+        make_entry(robot, f"{OUTCOME}/x/move_frame", version, [success, None])
+        for robot, success in (("C1", True), ("C2", False))
+    )
+    journal.commit()
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert any(name.endswith("-wal") for name in before), "not yet in the main file"
+    held = read(tmp_path, ["C1", "C2"], "digest", "run")
+    assert held == {"C1": frozenset({C1_DONE}), "C2": frozenset()}
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    journal.close()
+
+
+# -- events -------------------------------------------------------------------------------
+
+
+def test_a_half_written_line_is_left_for_later(tmp_path: Path) -> None:
+    path = tmp_path / "events.jsonl"
+    assert read_events(path) == []
+    path.write_text('{"a": 1}\n{"b"')
+    assert read_events(path) == [{"a": 1}]
+
+
+@pytest.mark.parametrize(
+    ("events", "message"),
+    [
+        ([event(1, "A1", "start", "move_frame")] * 2, "started twice"),
+        ([event(1, "A1", "success", "move_frame")], "ended without a start"),
+    ],
+)
+def test_records_that_no_robot_writes(events: list[dict[str, Any]], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        spans(events)
+
+
+def test_a_simulated_run_with_a_kill_is_judged_like_a_real_one() -> None:
+    seen = run_example("vehicle_repair", 5, schedule=[(13_000_000, Kill("A1"))])
+    pid = next(e["pid"] for e in seen.events if e["robot"] == "A1")
+    dead = spans(seen.events)
+    killed_s = next(s.start_s for s in dead if s.robot == "A1" and s.end is None) + 0.5
+    takeovers = [t | {"inflicted": True} for t in seen.summary["takeovers"]]
+    evidence = Evidence("success", Deeds(deaths={pid: killed_s}), takeovers=takeovers)
+    evidence.events = seen.events
+    done = [{"local_task": "do_diagnosis", "times": 1}, {"local_task": "replace_hw", "times": 1}]
+    never = [{"local_task": "replace_hw"}]
+    found = verdicts(evidence, done=done, never=never, takeover_within_s=2)
+    assert [v for v in found if not v.holds] == []
+    assert len(found) == 5 + 2 + 2 + 1

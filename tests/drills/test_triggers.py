@@ -1,0 +1,188 @@
+"""When steps are due, on sights made by hand and on an observer fed by the simulator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from mrbt_mesh.core.membership import State
+from mrbt_mesh.core.records import Claim, Phase
+from mrbt_mesh.core.tree import Status
+from mrbt_mesh.drills.model import RoleModel, StepModel
+from mrbt_mesh.drills.triggers import Fates, Schedule, Sight, Takeover, chosen, holds
+from mrbt_mesh.sim import Kill, simulate
+from tests.sim.runs import example
+
+S = 1_000_000
+
+
+def claim(local_task: str, phase: Phase = Phase.RUNNING, global_task: str = "fix") -> Claim:
+    return Claim("x", global_task, local_task, phase, 1)
+
+
+SIGHT = Sight(
+    now_us=10 * S,
+    started_us=2 * S,
+    statuses={"fix": Status.RUNNING, "open": Status.SUCCESS},
+    claims={"A1": claim("weld(2)"), "B1": claim("weld(3)", Phase.CLAIMED)},
+    claimed=(
+        (7 * S, "B1", claim("cut", Phase.CLAIMED)),
+        (9 * S, "B1", claim("saw", Phase.CLAIMED)),
+    ),
+    done=frozenset({("A2", "lift")}),
+    states={"A1": State.ALIVE, "A2": State.DEAD, "B1": State.SUSPECT},
+    conditions={"wet": True},
+    takeovers=(Takeover("A2", "weld(2)", "A1", 9 * S), Takeover("C1", "lift", "B1", 5 * S)),
+    blocked=frozenset({"close"}),
+)
+
+
+def step(**keys: Any) -> StepModel:
+    return StepModel.model_validate(keys)
+
+
+def when(**keys: Any) -> Any:
+    return step(when=keys, kill="A1").when
+
+
+@pytest.mark.parametrize(
+    ("trigger", "expected"),
+    [
+        ({"global_task": "fix"}, True),
+        ({"global_task": "fix", "status": "success"}, False),
+        ({"global_task": "open", "status": "success"}, True),
+        ({"global_task": "other", "status": "idle"}, True),
+        ({"local_task": "weld(2)"}, True),
+        ({"local_task": "weld"}, True),
+        ({"local_task": "weld(3)"}, False),
+        ({"local_task": "weld(3)", "phase": "claimed"}, True),
+        ({"local_task": "weld(2)", "robot": "B1"}, False),
+        ({"local_task": "saw", "phase": "claimed"}, True),
+        ({"local_task": "cut", "phase": "claimed"}, False),
+        ({"local_task": "lift", "phase": "done"}, True),
+        ({"local_task": "lift", "phase": "done", "robot": "A1"}, False),
+        ({"robot": "A2", "state": "dead"}, True),
+        ({"robot": ["A1", "A2"], "state": "dead"}, False),
+        ({"robot": {"killed": None}, "state": "dead"}, True),
+        ({"robot": {"stopped": None}, "state": "dead"}, False),
+        ({"robot": "Z9", "state": "dead"}, False),
+        ({"condition": "wet"}, True),
+        ({"condition": "wet", "is": False}, False),
+        ({"takeover": "weld(2)"}, True),
+        ({"takeover": "weld"}, True),
+        ({"takeover": "lift"}, False),
+        ({"blocked": "close"}, True),
+        ({"blocked": "fix"}, False),
+    ],
+)
+def test_triggers(trigger: dict[str, Any], expected: bool) -> None:
+    fates = Fates()
+    fates.killed.append("A2")
+    assert holds(when(**trigger), SIGHT, fates, since_us=8 * S) is expected
+
+
+def test_roles_are_robots_of_the_moment() -> None:
+    fates = Fates()
+    fates.killed += ["B2", "A2"]
+    fates.stopped.append("C1")
+
+    def role(**keys: Any) -> list[str]:
+        return chosen(RoleModel.model_validate(keys), SIGHT, fates)
+
+    assert chosen("A1", SIGHT, fates) == ["A1"]
+    assert chosen(["B1", "A1"], SIGHT, fates) == ["B1", "A1"]
+    assert role(performing="fix") == ["A1", "B1"]
+    assert role(performing="weld(3)") == ["B1"]
+    assert role(performing="weld") == ["A1", "B1"]
+    assert role(performing="lift") == []
+    assert role(replacement=None) == ["A1"]
+    assert role(killed=None) == ["B2", "A2"]
+    assert role(stopped=None) == ["C1"]
+    fates.lives("B2")
+    assert role(killed=None) == ["A2"]
+
+
+def at(now_s: float, **changes: Any) -> Sight:
+    return replace(Sight(0, started_us=2 * S), now_us=round(now_s * S), **changes)
+
+
+def test_at_counts_from_the_start_and_after_from_the_step_before() -> None:
+    schedule = Schedule([step(at=1.5, kill="A1"), step(after=0.5, restart="A1")])
+    fates = Fates()
+    assert schedule.due(replace(at(9), started_us=None), fates) is None
+    assert schedule.due(at(3.4), fates) is None
+    assert schedule.due_us(at(3.4), fates) == 3.5 * S
+    first = schedule.due(at(3.6), fates)
+    assert first is schedule.steps[0]
+    schedule.carried_out(round(3.6 * S))
+    assert schedule.due(at(4.0), fates) is None
+    assert schedule.due(at(4.1), fates) is schedule.steps[1]
+    schedule.carried_out(round(4.1 * S))
+    assert schedule.is_over
+    assert schedule.due(at(99), fates) is None
+
+
+def test_a_trigger_is_latched_and_after_counts_from_it() -> None:
+    schedule = Schedule([step(when={"blocked": "fix"}, after=1, kill="A1")])
+    fates = Fates()
+    assert schedule.due(at(3), fates) is None
+    assert schedule.due(at(4, blocked=frozenset({"fix"})), fates) is None
+    assert schedule.due(at(4.9), fates) is None
+    assert schedule.due(at(5.0), fates) is schedule.steps[0]
+
+
+def test_steps_keep_their_order_although_a_later_trigger_holds_first() -> None:
+    steps = [step(when={"blocked": "fix"}, kill="A1"), step(at=0, kill="B1")]
+    schedule = Schedule(steps)
+    fates = Fates()
+    assert schedule.due(at(5), fates) is None
+    assert schedule.due(at(6, blocked=frozenset({"fix"})), fates) is steps[0]
+    schedule.carried_out(6 * S)
+    assert schedule.due(at(6), fates) is steps[1]
+
+
+def test_a_takeover_counts_from_the_beginning_of_the_step_before() -> None:
+    steps = [step(at=0, kill="A1"), step(when={"takeover": "weld"}, kill={"replacement": None})]
+    schedule = Schedule(steps)
+    fates = Fates()
+    schedule.carried_out(5 * S)
+    old = Takeover("A1", "weld", "B1", round(4.9 * S))
+    assert schedule.due(at(6, takeovers=(old,)), fates) is None
+    new = Takeover("A1", "weld", "B2", round(5.02 * S))
+    assert schedule.due(at(6, takeovers=(old, new)), fates) is steps[1]
+
+
+def test_a_role_that_nobody_plays_yet_is_waited_for() -> None:
+    steps = [
+        step(at=0, kill={"performing": "fix"}),
+        step(after=0, block={"from": {"killed": None}}),
+    ]
+    schedule = Schedule(steps)
+    fates = Fates()
+    assert schedule.due(at(3), fates) is None
+    assert schedule.due(at(4, claims={"A1": claim("weld(2)")}), fates) is steps[0]
+    schedule.carried_out(4 * S)
+    assert schedule.due(at(5), fates) is None
+    fates.killed.append("A1")
+    assert schedule.due(at(6), fates) is steps[1]
+
+
+def test_the_sight_of_an_observer_in_the_middle_of_a_run() -> None:
+    mission, program = example("vehicle_repair")
+    kill = [(13 * S, Kill("A1"))]
+    seen = simulate(mission, program, seed=3, schedule=kill, timeout_us=16 * S)
+    sight = Sight.of(seen.observer, ["broken(2)", "nominal"], 16 * S)
+    assert sight.started_us is not None
+    assert sight.statuses["remove_cover"] is Status.SUCCESS
+    assert sight.conditions == {"broken(2)": True, "nominal": False}
+    assert sight.states["A1"] is State.DEAD
+    assert "A1" not in sight.claims
+    assert all(robot in seen.observer.robots() for robot in sight.claims)
+    assert {local_task for _, local_task in sight.done} >= {"use_screwdriver", "do_diagnosis(1)"}
+    (takeover,) = sight.takeovers
+    assert takeover.robot == "A1"
+    assert takeover.local_task.startswith("replace_hw")
+    assert takeover.replacement in ("A2", "B1", "B2")
+    assert not sight.blocked

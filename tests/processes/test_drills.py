@@ -1,0 +1,155 @@
+"""The short set of drills on real processes, and what `mrbt drill` says and leaves behind."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import psutil
+import pytest
+
+from mrbt_mesh.drills.drill_file import drill_files, load_drills
+from mrbt_mesh.drills.namespaces import available
+from tests.processes.conftest import REPAIR, ROOT, Team
+
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
+
+SHIPPED = ROOT / "drills"
+QUICK = [path for path in drill_files(SHIPPED) if load_drills(path)[0].model.quick]
+
+
+def leftovers(team: Team) -> list[psutil.Process]:
+    """Robots of this test that still run."""
+    folder = str(team.folder)
+    found = psutil.process_iter(["cmdline"])
+    mine = [p for p in found if folder in " ".join(p.info["cmdline"] or ())]
+    return [process for process in mine if "agent" in process.info["cmdline"]]
+
+
+def report(team: Team, path: Path, *options: str) -> tuple[int, dict[str, Any]]:
+    """Run a drill file; the exit status and the JSON report."""
+    done = team.command("drill", str(path), "--json", "--brief", *options)
+    assert done.returncode in (0, 1), done.stderr
+    assert "Traceback" not in done.stderr, done.stderr
+    return done.returncode, json.loads(done.stdout)
+
+
+@pytest.mark.parametrize("path", QUICK, ids=lambda path: path.stem)
+def test_the_short_set_is_green(team: Team, path: Path) -> None:
+    code, data = report(team, path)
+    assert code == 0, json.dumps(data, indent=1)
+    assert data["green"] == len(data["runs"]) > 0
+    assert leftovers(team) == []
+    assert not any((team.folder / "drills").iterdir()), "green runs leave no directories behind"
+
+
+def small(team: Team, **changes: str) -> Path:
+    """A drill of the small example that takes three seconds."""
+    given = {
+        "name": "small",
+        "mission": str(ROOT / "examples" / "explore" / "mission.yaml"),
+        "speed": "5",
+        "steps": "[{when: {local_task: explore(A)}, kill: {performing: explore(A)}}]",
+        "expect": "{dead: {killed}, done: [{local_task: explore, times: 1}]}",
+    } | changes
+    path = team.folder / "small.yaml"
+    path.write_text("".join(f"{key}: {value}\n" for key, value in given.items()))
+    return path
+
+
+def test_what_did_not_hold_is_told_and_the_run_is_kept(team: Team) -> None:
+    path = small(team, expect="{dead: R1, alive: R1}")
+    junit = team.folder / "junit.xml"
+    code, data = report(team, path, "--junit", str(junit))
+    assert code == 1
+    (run,) = data["runs"]
+    assert run["verdict"] == "red"
+    wrong = [e for e in run["expectations"] if not e["holds"]]
+    assert len(wrong) == 1, "one of the two cannot hold"
+    assert (Path(run["run_dir"]) / "events.jsonl").exists()
+    (case,) = ElementTree.fromstring(junit.read_text())[0]
+    assert case[0].get("message") == f"{wrong[0]['expected']}: {wrong[0]['found']}"
+    assert leftovers(team) == []
+
+
+def test_steps_whose_moment_never_comes_are_red(team: Team) -> None:
+    path = small(team, steps="[{at: 100, kill: R1}]", expect="{}")
+    code, data = report(team, path)
+    assert code == 1
+    (wrong,) = [e for e in data["runs"][0]["expectations"] if not e["holds"]]
+    assert wrong["found"] == "step 1 of 1: its moment never came"
+
+
+def test_repeat_timeline_and_keep(team: Team) -> None:
+    done = team.command("drill", str(small(team)), "--repeat", "2", "--keep")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "2/2 small  wired" in done.stdout
+    assert done.stdout.count("killed (SIGKILL)") == 2
+    assert done.stdout.count("taken over by R") == 2
+    assert "✔ explore(A) done 1 times: 1 (R" in done.stdout
+    assert "2 green, 0 red, 0 skipped" in done.stdout
+    assert len(list((team.folder / "drills").iterdir())) == 2
+
+
+def test_an_interrupt_ends_all_processes(team: Team) -> None:
+    command = [sys.executable, "-m", "mrbt_mesh", "drill"]
+    command += [str(small(team, mission=str(REPAIR), steps="[]", expect="{}", speed="1"))]
+    drill = subprocess.Popen(
+        command, env=team.environment, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    try:
+        team.wait_until(lambda: len(leftovers(team)) >= 6, "six robots run")
+        drill.send_signal(signal.SIGINT)
+        _, problems = drill.communicate(timeout=30)
+    finally:
+        drill.kill()
+    assert drill.returncode == 1
+    assert b"stopped by the operator" in problems
+    assert b"Traceback" not in problems
+    assert leftovers(team) == []
+
+
+def test_a_drill_with_a_bad_network(team: Team) -> None:
+    reason = available()
+    if reason is not None:
+        pytest.skip(reason)
+    steps = "[{when: {local_task: explore(A)}, partition: [[R1], [R2]]}, {after: 2, heal: true}]"
+    path = small(team, network="namespaces", steps=steps, expect="{alive: [R1, R2]}")
+    code, data = report(team, path)
+    assert code == 0, json.dumps(data, indent=1)
+    assert leftovers(team) == []
+
+
+def test_what_cannot_be_run_here_is_skipped_with_the_reason(team: Team) -> None:
+    """Without iproute2 on the path there are no namespaces, whoever runs this."""
+    team.environment["PATH"] = str(team.folder)
+    junit = team.folder / "junit.xml"
+    path = small(team, network="namespaces")
+    done = team.command("drill", str(path), "--junit", str(junit))
+    assert done.returncode == 0, done.stdout + done.stderr
+    (case,) = ElementTree.fromstring(junit.read_text())[0]
+    reason = case[0].get("message") or ""
+    assert case[0].tag == "skipped"
+    assert re.search(r"need Linux|need root|\(package iproute2\)", reason)
+    assert f"skipped: {reason}" in done.stdout
+    assert "0 green, 0 red, 1 skipped" in done.stdout
+
+
+def test_bad_input_is_told_with_status_2(team: Team) -> None:
+    path = small(team, steps="[{at: 1, kil: R1}]")
+    bad = team.command("drill", str(path))
+    assert bad.returncode == 2
+    assert "small.yaml:4: steps[1]/kil: unknown key 'kil'; did you mean 'kill'?" in bad.stderr
+    for arguments, message in (
+        ((), "name a drill, or say --all"),
+        (("--all", str(path)), "not both"),
+        ((str(team.folder / "none.yaml"),), "there is no such file"),
+    ):
+        bad = team.command("drill", *arguments)
+        assert (bad.returncode, message in bad.stderr) == (2, True), bad.stderr
