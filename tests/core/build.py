@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from mrbt_mesh.core import records
+from mrbt_mesh.core.coalition import ready_members
 from mrbt_mesh.core.evaluate import Evaluation, Evaluator, parse_scope
 from mrbt_mesh.core.facts import Entry, Incarnation, Version, make_entry
 from mrbt_mesh.core.mission import (
@@ -19,7 +20,7 @@ from mrbt_mesh.core.mission import (
     type_name,
 )
 from mrbt_mesh.core.plan import Plan, make_plan
-from mrbt_mesh.core.records import Claim, Member, Phase
+from mrbt_mesh.core.records import Claim, Coalition, Member, Phase, Token
 from mrbt_mesh.core.solvers import min_cost_flow
 from mrbt_mesh.core.team import TeamFacts
 from mrbt_mesh.core.tree import Kind, NodeSpec, Status, build_tree
@@ -199,6 +200,43 @@ class World:
         phase = Phase.RUNNING if running else Phase.CLAIMED
         claim = Claim(activation, subject, local or subject, phase, since)
         self.write(robot, (records.CLAIM, claim.to_value()))
+
+    def ready(self, robot: str, activation: str, local: str = "", since: int = 1) -> None:
+        """A robot is ready to start with a coalition."""
+        subject = parse_scope(activation).subject
+        claim = Claim(activation, subject, local or subject, Phase.READY, since)
+        self.write(robot, (records.CLAIM, claim.to_value()))
+
+    def form(self, activation: str, *robots: str, since: int = 1, local: str = "") -> Token:
+        """The first of these robots writes down the coalition, and all of them start."""
+        local = (
+            local or self.mission.global_tasks[parse_scope(activation).subject].needs[0].local_task
+        )
+        for robot in robots:
+            self.ready(robot, activation, local, since)
+        members = ready_members(self.facts, activation, dict.fromkeys(robots, local))
+        token = Token(since, robots[0], *self.alive[robots[0]])
+        name = f"{records.COALITION}/{activation}/{token}"
+        self.write(robots[0], (name, Coalition(tuple(members)).to_value()))
+        for robot in robots:
+            self.go(robot, activation, token, local)
+        return token
+
+    def go(self, robot: str, activation: str, token: Token, local: str) -> None:
+        """A member starts."""
+        subject = parse_scope(activation).subject
+        claim = Claim(activation, subject, local, Phase.RUNNING, token.since, str(token))
+        self.write(robot, (records.CLAIM, claim.to_value()))
+
+    def end(self, activation: str, token: Token, robot: str, success: bool, local: str) -> None:
+        """A member finishes its part."""
+        name = f"{records.OUTCOME}/{activation}/{local}/{token}"
+        self.write(robot, (name, [success, None]), (records.CLAIM, None))
+
+    def say(self, kind: str, activation: str, token: Token, *authors: str) -> None:
+        """Robots latch something about a coalition."""
+        for author in authors:
+            self.write(author, (f"{kind}/{activation}/{token}", True))
 
     def order(self, kind: str, stamp: int, author: str = "R1") -> None:
         self.write(author, (records.ORDER, [kind, stamp]))

@@ -1,0 +1,274 @@
+"""Grants: a majority, leases by both clocks, restarts; never two holders at the same time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mrbt_mesh.core.facts import Incarnation, Version, make_entry
+from mrbt_mesh.core.grants import Grants
+from mrbt_mesh.core.mission import InDoubt, Mission
+from mrbt_mesh.core.records import Token
+from mrbt_mesh.core.team import TeamFacts
+from mrbt_mesh.core.timing import Timing
+from mrbt_mesh.core.wire import Beat, Granted
+from tests.core.build import RUN, action, make_mission, task
+
+TIMING = Timing()
+LEASE_US = TIMING.lease_us
+NAME = "r1:0:dose::0"
+TOKENS = {robot: Token(7, robot, 1, "n") for robot in "ABCDE"}
+
+
+def mission(count: int, in_doubt: InDoubt) -> Mission:
+    robots = {name: {"pour": 1} for name in "ABCDE"[:count]}
+    dose = task("dose", ("pour", 1, 1), exclusive=True, in_doubt=in_doubt)
+    return make_mission(action("dose"), robots, [dose])
+
+
+@dataclass
+class Robot:
+    """One robot with nothing but its grants, its facts, and a clock of its own."""
+
+    id: str
+    mission: Mission
+    rate_percent: int = 100
+    offset_us: int = 0
+    facts: TeamFacts = field(init=False)
+    grants: Grants = field(init=False)
+    number: int = 0
+    sequence: int = 0
+
+    def __post_init__(self) -> None:
+        self.facts = TeamFacts(self.mission, RUN)
+        self.start(0)
+        self.grants.is_new()
+
+    def start(self, now_us: int) -> None:
+        """A new process, with the facts of the journal."""
+        self.grants = Grants(self.id, self.facts, TIMING, self.clock(now_us))
+
+    def clock(self, now_us: int) -> int:
+        return self.offset_us + now_us * self.rate_percent // 100
+
+    def write(self, values: Sequence[tuple[str, Any]]) -> None:
+        for name, value in values:
+            self.sequence += 1
+            version = Version(Incarnation(1, "n"), self.sequence)
+            self.facts.map.merge([make_entry(self.id, name, version, value)])
+
+    def beat(self, now_us: int) -> Beat:
+        self.number += 1
+        self.write(self.grants.sent(self.number, self.clock(now_us), lambda *_: True))
+        return Beat(
+            Incarnation(1, "n"), self.number, True, False, b"", b"", (0, 0, 0, 0), 0, 0, (), (),
+            self.grants.seeks, self.grants.given(),
+        )  # fmt: skip
+
+    def hear(self, other: str, beat: Beat, now_us: int) -> None:
+        self.write(self.grants.heard(other, beat, self.clock(now_us), lambda *_: True))
+
+    def pass_to(self, now_us: int) -> None:
+        self.write(self.grants.step(self.clock(now_us)))
+
+    def holds(self, now_us: int) -> bool:
+        return self.grants.holds(NAME, TOKENS[self.id], self.clock(now_us))
+
+
+def team(count: int, in_doubt: InDoubt = InDoubt.RETRY) -> dict[str, Robot]:
+    shared = mission(count, in_doubt)
+    return {name: Robot(name, shared) for name in shared.robots}
+
+
+def exchange(one: Robot, other: Robot, now_us: int) -> None:
+    """A request and its answer."""
+    other.hear(one.id, one.beat(now_us), now_us)
+    one.hear(other.id, other.beat(now_us), now_us)
+
+
+def test_a_majority_of_the_missions_robots_is_needed() -> None:
+    robots = team(5)
+    a = robots["A"]
+    a.grants.seek(NAME, TOKENS["A"])
+    exchange(a, robots["B"], 10)
+    assert not a.holds(10)
+    exchange(a, robots["C"], 20)
+    assert a.holds(20)
+
+
+def test_the_holder_counts_from_when_it_asked_and_for_less_than_the_lease() -> None:
+    robots = team(3)
+    a, b = robots["A"], robots["B"]
+    a.grants.seek(NAME, TOKENS["A"])
+    request = a.beat(0)
+    b.hear("A", request, 500_000)  # it took its time
+    a.hear("B", b.beat(500_000), 600_000)
+    assert a.holds(TIMING.hold_us - 1)
+    assert not a.holds(TIMING.hold_us)
+    b.pass_to(LEASE_US + 499_999)
+    assert [grant.token for grant in b.grants.given()] == [str(TOKENS["A"])]
+    b.pass_to(LEASE_US + 500_000)
+    assert b.grants.given() == ()
+    assert b.facts.map.get("B", f"doubt/{NAME}/{TOKENS['A']}") is not None
+
+
+def test_renewals_keep_it() -> None:
+    robots = team(3)
+    for now_us in range(0, 4 * LEASE_US, TIMING.beat_us):
+        robots["A"].grants.seek(NAME, TOKENS["A"])
+        exchange(robots["A"], robots["B"], now_us)
+        for robot in robots.values():
+            robot.pass_to(now_us)
+        assert robots["A"].holds(now_us)
+
+
+def test_a_second_coalition_gets_nothing_while_the_first_may_be_at_it() -> None:
+    robots = team(3)
+    a, b, c = robots.values()
+    a.grants.seek(NAME, TOKENS["A"])
+    exchange(a, c, 0)
+    b.grants.seek(NAME, TOKENS["B"])
+    exchange(b, c, 10)
+    assert a.holds(10)
+    assert not b.holds(10)
+    c.pass_to(LEASE_US)
+    exchange(b, c, LEASE_US)
+    assert b.holds(LEASE_US)
+
+
+@pytest.mark.parametrize("policy", [InDoubt.HOLD, InDoubt.FAIL])
+def test_unless_it_is_to_be_tried_again_a_giver_excludes_all_others_for_good(
+    policy: InDoubt,
+) -> None:
+    robots = team(3, policy)
+    a, b, c = robots.values()
+    a.grants.seek(NAME, TOKENS["A"])
+    exchange(a, c, 0)
+    b.grants.seek(NAME, TOKENS["B"])
+    for now_us in (LEASE_US, 3 * LEASE_US):
+        c.pass_to(now_us)
+        exchange(b, c, now_us)
+        assert not b.holds(now_us)
+    c.start(4 * LEASE_US)  # it is in its journal
+    c.pass_to(6 * LEASE_US)
+    exchange(b, c, 6 * LEASE_US)
+    assert not b.holds(6 * LEASE_US)
+
+
+def test_grants_that_were_never_used_are_set_free_by_the_leader() -> None:
+    robots = team(3, InDoubt.HOLD)
+    a, b, c = robots.values()
+    a.grants.seek(NAME, TOKENS["A"])
+    exchange(a, c, 0)
+    version = Version(Incarnation(1, "n"), 99)
+    cleared = make_entry("A", f"cleared/{NAME}/{TOKENS['A']}", version, True)
+    c.facts.map.merge([cleared])
+    c.pass_to(10)
+    b.grants.seek(NAME, TOKENS["B"])
+    exchange(b, c, 20)
+    assert b.holds(20)
+
+
+def test_a_restarted_robot_grants_nothing_for_a_lease() -> None:
+    robots = team(3)
+    a, b, _ = robots.values()
+    b.start(0)
+    a.grants.seek(NAME, TOKENS["A"])
+    exchange(a, b, LEASE_US - 1)
+    assert not a.holds(LEASE_US - 1)
+    exchange(a, b, LEASE_US)
+    assert a.holds(LEASE_US)
+
+
+def test_robots_that_the_mission_does_not_name_grant_nothing() -> None:
+    shared = mission(3, InDoubt.HOLD)
+    a, stranger = Robot("A", shared), Robot("E", shared)
+    a.grants.seek(NAME, TOKENS["A"])
+    exchange(a, stranger, 0)
+    a.hear("E", grants_of("A", 1), 5)
+    assert not a.holds(10)
+
+
+def grants_of(member: str, number: int) -> Beat:
+    granted = (Granted(str(TOKENS[member]), member, number),)
+    return Beat(
+        Incarnation(1, "n"), 1, True, False, b"", b"", (0, 0, 0, 0), 0, 0, (), (), None, granted
+    )  # fmt: skip
+
+
+def test_an_answer_to_a_beat_that_was_never_sent_counts_for_nothing() -> None:
+    robots = team(3)
+    a = robots["A"]
+    a.grants.seek(NAME, TOKENS["A"])
+    a.beat(0)
+    a.hear("B", grants_of("A", 77), 10)
+    assert not a.holds(10)
+
+
+def test_a_robot_that_only_knows_of_a_grant_says_when_it_must_have_run_out() -> None:
+    robots = team(3)
+    c = robots["C"]
+    version = Version(Incarnation(1, "n"), 1)
+    c.facts.map.merge([make_entry("B", f"grant/{NAME}/{TOKENS['A']}", version, True)])
+    c.pass_to(0)
+    assert c.grants.given() == ()
+    c.pass_to(LEASE_US)
+    assert c.facts.map.get("C", f"doubt/{NAME}/{TOKENS['A']}") is not None
+
+
+OPERATIONS = st.one_of(
+    st.tuples(st.just("wait"), st.integers(1, LEASE_US), st.just(0)),
+    st.tuples(st.just("send"), st.integers(0, 4), st.integers(0, 31)),
+    st.tuples(st.just("send"), st.integers(0, 1), st.integers(0, 31)),
+    st.tuples(st.just("arrive"), st.integers(0, 40), st.just(0)),
+    st.tuples(st.just("arrive"), st.integers(0, 40), st.just(0)),
+    st.tuples(st.just("restart"), st.integers(0, 4), st.just(0)),
+    st.tuples(st.just("share"), st.integers(0, 4), st.integers(0, 4)),
+)
+
+
+@settings(max_examples=300)
+@given(
+    st.integers(3, 5),
+    st.lists(st.integers(90, 110), min_size=5, max_size=5),
+    st.lists(st.integers(0, 10**9), min_size=5, max_size=5),
+    st.lists(OPERATIONS, min_size=10, max_size=80),
+)
+def test_two_robots_never_hold_one_task_at_the_same_time(
+    count: int, rates: list[int], offsets: list[int], operations: list[tuple[str, int, int]]
+) -> None:
+    """Whatever is lost, late, doubled or restarted, with clocks that run 10 % fast or slow."""
+    shared = mission(count, InDoubt.RETRY)
+    robots = [
+        Robot(name, shared, rate, offset)
+        for name, rate, offset in zip(shared.robots, rates, offsets, strict=False)
+    ]
+    mail: list[tuple[int, str, Beat]] = []
+    now_us = 0
+    for holder in robots[:2]:
+        holder.grants.seek(NAME, TOKENS[holder.id])
+    for kind, first, second in operations:
+        if kind == "wait":
+            now_us += first
+        elif kind == "send":
+            sender = robots[first % count]
+            beat = sender.beat(now_us)
+            mail += [(i, sender.id, beat) for i in range(count) if second >> i & 1]
+        elif kind == "arrive" and mail:
+            index, source, beat = mail[first % len(mail)]  # in any order, perhaps again
+            if robots[index].id != source:
+                robots[index].hear(source, beat, now_us)
+        elif kind == "restart":
+            robots[first % count].start(now_us)
+            if first % count < 2:
+                robots[first % count].grants.seek(NAME, None)  # its action died with it
+        elif kind == "share":
+            robots[first % count].facts.map.merge(list(robots[second % count].facts.map))
+        for robot in robots:
+            robot.pass_to(now_us)
+        assert sum(robot.holds(now_us) for robot in robots) <= 1
