@@ -223,6 +223,8 @@ def test_a_robot_that_only_knows_of_a_grant_says_when_it_must_have_run_out() -> 
 
 OPERATIONS = st.one_of(
     st.tuples(st.just("wait"), st.integers(1, LEASE_US), st.just(0)),
+    st.tuples(st.just("exchange"), st.integers(0, 1), st.integers(0, 31)),
+    st.tuples(st.just("exchange"), st.integers(0, 1), st.integers(0, 31)),
     st.tuples(st.just("send"), st.integers(0, 4), st.integers(0, 31)),
     st.tuples(st.just("send"), st.integers(0, 1), st.integers(0, 31)),
     st.tuples(st.just("arrive"), st.integers(0, 40), st.just(0)),
@@ -255,6 +257,10 @@ def test_two_robots_never_hold_one_task_at_the_same_time(
     for kind, first, second in operations:
         if kind == "wait":
             now_us += first
+        elif kind == "exchange":
+            for i in range(count):
+                if second >> i & 1 and i != first:
+                    exchange(robots[first], robots[i], now_us)
         elif kind == "send":
             sender = robots[first % count]
             beat = sender.beat(now_us)
