@@ -132,8 +132,8 @@ class RunRecord:
     def state(self, robot: str, state: State, evidence_us: int, now_us: int) -> None:
         """This observer's own view of a robot has changed."""
         known = self.robots.get(robot)
-        if known is None or self.result is not None:
-            return
+        if known is None or "incarnation" not in known or self.result is not None:
+            return  # one that never joined is missed by nobody
         if state is State.DEAD:
             fault = self._open_fault(robot, known["incarnation"])
             if fault is None:

@@ -1,0 +1,65 @@
+"""The record of a run, told event by event."""
+
+from __future__ import annotations
+
+import pytest
+
+from mrbt_mesh.core.facts import Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.membership import State
+from mrbt_mesh.core.record import RunRecord
+from mrbt_mesh.core.records import MEMBER, Member
+from tests.core.build import action, make_mission
+
+FIRST, SECOND = Incarnation(1, "n"), Incarnation(2, "m")
+S = 1_000_000
+
+
+@pytest.fixture
+def record() -> RunRecord:
+    return RunRecord(make_mission(action("weld")))
+
+
+def member(robot: str, incarnation: Incarnation = FIRST) -> Entry:
+    value = Member("A", {"weld": 1}, (), False, "", "", 7).to_value()
+    return make_entry(robot, MEMBER, Version(incarnation, 1), value)
+
+
+def test_a_robot_that_dies_before_it_joined_is_no_fault(record: RunRecord) -> None:
+    """Its description is heard before its first beat that says it has joined."""
+    record.fact(member("A"), 0)
+    record.state("A", State.DEAD, 0, S)
+    assert record.major == []
+    record.state("A", State.ALIVE, S, S)
+    record.robot_seen("A", SECOND, 2 * S)
+    assert record.robots["A"]["state"] is State.ALIVE
+
+
+def test_the_earliest_word_of_a_processs_end_stands(record: RunRecord) -> None:
+    """Whoever kills it knows best; whoever waits for its end hears of it later."""
+    record.robot_seen("A", FIRST, 0)
+    record.exited("A", 2 * S)
+    record.exited("A", 2 * S + 30_000)
+    record.verdict("A", FIRST, 2 * S + 20_000)
+    (fault,) = record.major
+    assert (fault.at_us, fault.detected_us) == (2 * S, 2 * S + 20_000)
+    record.exited("A", 2 * S + 40_000)
+    assert fault.at_us == 2 * S
+
+
+def test_the_end_of_a_process_is_a_better_time_than_the_last_beat(record: RunRecord) -> None:
+    record.robot_seen("A", FIRST, 0)
+    record.state("A", State.DEAD, S, 2 * S)
+    (fault,) = record.major
+    assert fault.at_us == S
+    record.exited("A", S + 150_000)
+    assert fault.at_us == S + 150_000
+
+
+def test_the_end_of_a_life_says_nothing_of_the_next_one(record: RunRecord) -> None:
+    record.robot_seen("A", FIRST, 0)
+    record.state("A", State.LEFT, S, S)
+    record.exited("A", S)
+    record.robot_seen("A", SECOND, 5 * S)
+    record.verdict("A", SECOND, 9 * S)
+    (fault,) = record.major
+    assert fault.at_us == 9 * S
