@@ -94,9 +94,11 @@ class Injector:
         for name, fault in step.faults():
             if name in faults:
                 await faults[name](name, chosen(fault, sight, self.deeds.fates))
-            elif name in ("kill_team", "resume_team"):
-                robots = self._team.run_dir.robots()
-                await (self._kill if name == "kill_team" else self._restart)(name, robots)
+            elif name == "kill_team":
+                await self._kill(name, list(self._team.living()))
+            elif name == "resume_team":
+                dead = set(self._team.run_dir.robots()) - set(self._team.living())
+                await self._restart(name, sorted(dead))
             elif isinstance(fault, CapabilityModel):
                 command = FAULT if name == "lose_capability" else RESTORE
                 robots = chosen(fault.robots, sight, self.deeds.fates)
@@ -115,7 +117,7 @@ class Injector:
         """Those of the robots that have a process; that one has none is a problem."""
         found = {}
         for robot in robots:
-            process = self._team.run_dir.process(robot)
+            process = self._team.process(robot)
             if process is None:
                 self.deeds.problems.append(f"{fault}: {robot} had no process any more")
             else:
@@ -125,8 +127,6 @@ class Injector:
     # -- processes ------------------------------------------------------------------------
 
     async def _kill(self, fault: str, robots: Sequence[str]) -> None:
-        if fault == "kill_team":
-            robots = [r for r in robots if self._team.run_dir.process(r) is not None]
         processes = self._processes(fault, robots)
         at_us = boottime_us()
         for robot, process in processes.items():
@@ -171,10 +171,7 @@ class Injector:
     async def _restart(self, fault: str, robots: Sequence[str]) -> None:
         """New processes with the same ids and journals; what still runs is killed first."""
         for robot in robots:
-            running = self._team.run_dir.process(robot)
-            if running is not None:
-                if fault == "resume_team":
-                    continue
+            if self._team.process(robot) is not None:
                 await self._kill(fault, [robot])
             await self._team.start(robot)
             self.deeds.fates.lives(robot)

@@ -105,7 +105,7 @@ class Team:
         A dead one comes back to its own endpoint; one that is to be replaced still holds it.
         Raises RunDirError if it has no place in this run or the team's key cannot be written.
         """
-        if robot not in self.info.endpoints or self.run_dir.process(robot) is not None:
+        if robot not in self.info.endpoints or self.process(robot) is not None:
             self.info = with_newcomer(self.info, robot)
             self.run_dir.save(self.info)
         ensure_key(self.run_dir, self.info)
@@ -115,19 +115,21 @@ class Team:
         self.processes[robot] = await start_robot(self.run_dir, robot, command)
         return self.processes[robot]
 
-    def living(self) -> list[psutil.Process]:
-        """Processes of this run, whoever started them, also those that are only just starting."""
-        found = {}
-        for robot in self.run_dir.robots():
-            process = self.run_dir.process(robot)
-            if process is not None:
-                found[process.pid] = process
-        for started in self.processes.values():
-            if started.returncode is None and started.pid not in found:
-                # It writes its pid to the run directory only once it has got so far.
-                with contextlib.suppress(psutil.NoSuchProcess):
-                    found[started.pid] = psutil.Process(started.pid)
-        return [found[pid] for pid in sorted(found)]
+    def process(self, robot: str) -> psutil.Process | None:
+        """The robot's process, whoever started it, also one that is only just starting."""
+        started = self.processes.get(robot)
+        if started is not None and started.returncode is None:
+            # It writes its pid to the run directory only once it has got so far.
+            with contextlib.suppress(psutil.NoSuchProcess):
+                process = psutil.Process(started.pid)
+                return process if process.status() != psutil.STATUS_ZOMBIE else None
+        return self.run_dir.process(robot)
+
+    def living(self) -> dict[str, psutil.Process]:
+        """The processes of this run by robot."""
+        robots = sorted({*self.run_dir.robots(), *self.processes})
+        found = {robot: self.process(robot) for robot in robots}
+        return {robot: process for robot, process in found.items() if process is not None}
 
     def refusals(self) -> list[str]:
         """What robots printed that were started from here and refused their input."""
@@ -149,9 +151,8 @@ class Team:
 
         async with anyio.create_task_group() as group:
             while True:
-                for robot in self.run_dir.robots():
-                    process = self.run_dir.process(robot)
-                    if process is not None and process.pid not in watched:
+                for robot, process in self.living().items():
+                    if process.pid not in watched:
                         watched.add(process.pid)
                         group.start_soon(note, robot, process.pid)
                 await anyio.sleep(self.info.beat_s)
@@ -159,7 +160,7 @@ class Team:
     async def end(self) -> None:
         """Wait for the robots to stop by themselves; then ask, then insist."""
         for step in ("wait", "terminate", "kill"):
-            for process in self.living():
+            for process in self.living().values():
                 with contextlib.suppress(psutil.Error):
                     if step == "terminate":
                         process.terminate()
