@@ -13,10 +13,8 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import platform
 import signal
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
@@ -25,11 +23,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import psutil
+from run import REPAIR, WAIT_S, Run, machine, say
 
-ROOT = Path(__file__).resolve().parents[1]
-MISSION = ROOT / "examples" / "vehicle_repair" / "mission.yaml"
-WAIT_S = 60.0
 DETECTION_S = 1.0
 REST_S = 10.0
 
@@ -49,56 +44,6 @@ tree:
 """
 
 
-class Run:
-    """One team in a folder of its own."""
-
-    def __init__(self, folder: Path, mission: Path, *options: str) -> None:
-        self.folder = folder / "run"
-        environment = os.environ | {"MRBT_STATE_DIR": str(folder)}
-        command = [sys.executable, "-m", "mrbt_mesh", "up", str(mission)]
-        command += ["--run-dir", str(self.folder), "--json", *options]
-        self.process = subprocess.Popen(
-            command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, cwd=ROOT
-        )
-
-    def events(self) -> list[dict[str, Any]]:
-        """All physical events so far."""
-        try:
-            text = (self.folder / "events.jsonl").read_text()
-        except OSError:
-            return []
-        # The last line may be half written.
-        return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
-
-    def robots(self) -> dict[str, int]:
-        """Robot -> pid."""
-        found = {}
-        for path in self.folder.glob("*.process"):
-            found[path.stem] = json.loads(path.read_text())["pid"]
-        return found
-
-    def wait_for(self, local_task: str, event: str, **more: Any) -> dict[str, Any]:
-        """Wait for a physical event; raises TimeoutError."""
-        deadline = time.monotonic() + WAIT_S
-        while time.monotonic() < deadline:
-            for line in self.events():
-                wanted = {"local_task": local_task, "event": event, **more}
-                if all(line[key] == value for key, value in wanted.items()):
-                    return line
-            time.sleep(0.005)
-        raise TimeoutError(f"no {event} of {local_task} in {self.folder}")
-
-    def stop(self) -> None:
-        """End the team."""
-        for pid in self.robots().values():
-            try:
-                os.kill(pid, signal.SIGKILL)
-            except ProcessLookupError:
-                continue
-        self.process.terminate()
-        self.process.wait(timeout=30)
-
-
 @contextmanager
 def team(mission: Path, *options: str) -> Iterator[Run]:
     """A running team."""
@@ -116,9 +61,9 @@ def failover_s(number: signal.Signals) -> float:
     The victim is the robot that replaces the hardware of part 2; both B robots are free then
     and can do it.
     """
-    with team(MISSION, "--speed", "4", "--detection", str(DETECTION_S)) as run:
+    with team(REPAIR, "--speed", "4", "--detection", str(DETECTION_S)) as run:
         begun = run.wait_for("replace_hw", "start", args=["2"])
-        pid = run.robots()[begun["robot"]]
+        pid = run.processes()[begun["robot"]].pid
         # In the middle of the action, so that the fault is not mixed up with the start.
         time.sleep(0.1)
         fault_s = time.time()
@@ -148,11 +93,9 @@ def at_rest(count: int) -> dict[str, float]:
         )
         mission.write_text(REST_MISSION.format(program=program.name, robots=robots))
         with team(mission) as run:
-            deadline = time.monotonic() + WAIT_S
-            while len(run.robots()) < count and time.monotonic() < deadline:
-                time.sleep(0.1)
+            run.wait_for_processes(count)
             time.sleep(5.0)
-            processes = [psutil.Process(pid) for pid in run.robots().values()]
+            processes = list(run.processes().values())
             before = [sum(p.cpu_times()[:2]) for p in processes]
             time.sleep(REST_S)
             after = [sum(p.cpu_times()[:2]) for p in processes]
@@ -180,12 +123,6 @@ def spread(times_s: list[float]) -> dict[str, float]:
     }
 
 
-def say(text: str) -> None:
-    """A line for people."""
-    sys.stderr.write(text + "\n")
-    sys.stderr.flush()
-
-
 def trials(number: signal.Signals, count: int, name: str) -> dict[str, float]:
     """Several failovers, with progress."""
     times_s = []
@@ -203,8 +140,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="also write the result here")
     options = parser.parse_args()
     result: dict[str, Any] = {
-        "machine": f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()} "
-        f"{platform.release()}, Python {platform.python_version()}",
+        "machine": machine(),
         "load_before": os.getloadavg()[0],
         "detection_s": DETECTION_S,
     }

@@ -1,0 +1,187 @@
+"""Rounds of killing a whole team at random moments and resuming it, on real processes.
+
+    python benchmarks/resume.py [--rounds 50] [--seed 1] [--json FILE]
+
+Each round starts a team of the vehicle repair, kills all its robots (SIGKILL) at a random
+moment, and resumes it with `mrbt up --run-dir SAME --resume`; in every second round, on the
+average, the resumed team is killed and resumed once more. What was done is read from
+events.jsonl and from the journals as the kills left them:
+
+lost      successes that a journal held at a kill and none holds at the end, and missions that
+          did not succeed
+repeated  local tasks that were started again although a journal held their success
+in gap    kills between an action's end and the commit of its outcome: that action had ended in
+          the world, and nobody could know
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from run import REPAIR, Run, machine, say
+
+from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.drills.inject import Deeds, Snapshot
+from mrbt_mesh.drills.journals import read
+from mrbt_mesh.drills.judge import losses, repeats, unjournaled
+from mrbt_mesh.drills.physical import spans
+from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.runtime.run_dir import RunDir
+
+SPEED = "4"
+
+
+@dataclass
+class Round:
+    """One round. Times in s from the moment all robots had a process; counts of local tasks."""
+
+    seed: int
+    killed_at_s: list[float]
+    result: str = ""
+    successes: int = 0
+    journaled: int = 0
+    lost: int = 0
+    repeated: int = 0
+    in_gap: int = 0
+    kills_in_gap: int = 0
+
+
+def play(mission: Mission, seed: int, duration_s: float) -> Round:
+    """One round; `duration_s` is how long a team needs that nobody kills."""
+    draw = random.Random(seed)
+    moments_s = [draw.uniform(0, duration_s)]
+    if draw.random() < 0.5:
+        moments_s.append(draw.uniform(0, duration_s))
+    done = Round(seed, [])
+    deeds = Deeds()
+    with tempfile.TemporaryDirectory(prefix="mrbt-bench-") as folder:
+        run = Run(Path(folder), REPAIR, "--speed", SPEED)
+        for moment_s in moments_s:
+            snapshot = _kill_at(run, mission, moment_s)
+            run.end()
+            if snapshot is not None:
+                done.killed_at_s.append(round(moment_s, 3))
+                deeds.snapshots.append(snapshot)
+            run = Run(Path(folder), REPAIR, "--speed", SPEED, "--resume")
+        summary = run.end()
+        found = spans(run.events())
+        run_dir = RunDir(run.folder)
+        journals = read(run.folder, run_dir.robots(), mission.digest, run_dir.info().run)
+    then = {d for s in deeds.snapshots for held in s.journals.values() for d in held}
+    gaps = unjournaled(found, deeds)
+    done.result = summary["result"]
+    done.successes = sum(span.end == "success" for span in found)
+    done.journaled = len(then)
+    done.lost = len(losses(deeds, journals))
+    done.repeated = len(repeats(mission, found, deeds))
+    done.in_gap = len(gaps)
+    done.kills_in_gap = sum(
+        any(_fell_between(span.end_s, index, deeds) for span in gaps)
+        for index in range(len(deeds.snapshots))
+    )
+    return done
+
+
+def _fell_between(end_s: float, index: int, deeds: Deeds) -> bool:
+    """Whether an action ended after the kill before this one, and before this one."""
+    before_s = deeds.snapshots[index - 1].unix_s if index else 0.0
+    return before_s < end_s <= deeds.snapshots[index].unix_s
+
+
+def _kill_at(run: Run, mission: Mission, moment_s: float) -> Snapshot | None:
+    """Kill all robots at a moment; None if they had ended before."""
+    run.wait_for_processes(len(mission.robots))
+    time.sleep(moment_s)
+    killed = run.kill()
+    if not killed:
+        return None
+    now_s = time.time()
+    info = RunDir(run.folder).info()
+    return Snapshot(now_s, read(run.folder, killed, mission.digest, info.run))
+
+
+def undisturbed_s() -> float:
+    """How long a team needs from the moment all robots have a process."""
+    with tempfile.TemporaryDirectory(prefix="mrbt-bench-") as folder:
+        run = Run(Path(folder), REPAIR, "--speed", SPEED)
+        run.wait_for_processes(6)
+        begun_s = time.time()
+        run.end()
+        return float(run.events()[-1]["t"]) - begun_s
+
+
+def totals(rounds: list[Round]) -> dict[str, Any]:
+    """The figures of all rounds."""
+    kills = sum(len(r.killed_at_s) for r in rounds)
+    return {
+        "rounds": len(rounds),
+        "kills": kills,
+        "missions_succeeded": sum(r.result == "success" for r in rounds),
+        "journaled_at_kills": sum(r.journaled for r in rounds),
+        "lost": sum(r.lost + (r.result != "success") for r in rounds),
+        "repeated": sum(r.repeated for r in rounds),
+        "kills_in_gap": sum(r.kills_in_gap for r in rounds),
+        "actions_in_gap": sum(r.in_gap for r in rounds),
+    }
+
+
+def show(result: dict[str, Any]) -> None:
+    """The table for people."""
+    table = Table(box=None, show_header=False)
+    table.add_column(no_wrap=True)
+    table.add_column(justify="right")
+    for name, value in result["totals"].items():
+        table.add_row(name.replace("_", " "), str(value))
+    Console(stderr=True).print(table)
+
+
+def main() -> None:
+    """Run the benchmark; exit status 1 if anything was lost or repeated."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("--rounds", type=int, default=50)
+    parser.add_argument("--seed", type=int, default=1, help="seed of the first round")
+    parser.add_argument("--json", type=Path, help="also write the result here")
+    options = parser.parse_args()
+    mission = load_mission(REPAIR)
+    load_before = os.getloadavg()[0]
+    duration_s = undisturbed_s()
+    say(f"an undisturbed team needs {duration_s:.1f} s")
+    rounds = []
+    for number in range(options.rounds):
+        done = play(mission, options.seed + number, duration_s)
+        rounds.append(done)
+        at = ", ".join(f"{at_s:.2f} s" for at_s in done.killed_at_s) or "not at all"
+        say(
+            f"round {number + 1}/{options.rounds} (seed {done.seed}): killed at {at}; "
+            f"{done.result}; {done.journaled} journaled, {done.lost} lost, "
+            f"{done.repeated} repeated, {done.in_gap} in gap"
+        )
+    result: dict[str, Any] = {
+        "machine": machine(),
+        "load_before": load_before,
+        "undisturbed_s": round(duration_s, 3),
+        "totals": totals(rounds),
+        "rounds": [asdict(done) for done in rounds],
+    }
+    show(result)
+    text = json.dumps(result, indent=2)
+    sys.stdout.write(text + "\n")
+    if options.json:
+        options.json.write_text(text + "\n")
+    if result["totals"]["lost"] or result["totals"]["repeated"]:
+        raise SystemExit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,100 @@
+"""One `mrbt up` in a folder of its own, as the benchmarks drive it."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from mrbt_mesh.drills.physical import read_events
+from mrbt_mesh.runtime.driver import EVENTS_FILE
+from mrbt_mesh.runtime.run_dir import RunDir
+
+ROOT = Path(__file__).resolve().parents[1]
+REPAIR = ROOT / "examples" / "vehicle_repair" / "mission.yaml"
+WAIT_S = 60.0
+
+
+class Run:
+    """A team that runs; `stop` it at the end."""
+
+    def __init__(self, folder: Path, mission: Path, *options: str) -> None:
+        self.folder = folder / "run"
+        environment = os.environ | {"MRBT_STATE_DIR": str(folder)}
+        command = [sys.executable, "-m", "mrbt_mesh", "up", str(mission)]
+        command += ["--run-dir", str(self.folder), "--json", *options]
+        self.process = subprocess.Popen(
+            command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, cwd=ROOT
+        )
+
+    def events(self) -> list[dict[str, Any]]:
+        """All physical events so far."""
+        return read_events(self.folder / EVENTS_FILE)
+
+    def processes(self) -> dict[str, psutil.Process]:
+        """Robot -> its process, of those that live."""
+        run_dir = RunDir(self.folder)
+        found = {robot: run_dir.process(robot) for robot in run_dir.robots()}
+        return {robot: process for robot, process in found.items() if process is not None}
+
+    def wait_for_processes(self, count: int) -> None:
+        """Wait until so many robots live, or all is over already; raises TimeoutError."""
+        deadline = time.monotonic() + WAIT_S
+        while len(self.processes()) < count and self.process.poll() is None:
+            if time.monotonic() > deadline:
+                raise TimeoutError(f"no {count} robots in {self.folder}")
+            time.sleep(0.01)
+
+    def wait_for(self, local_task: str, event: str, **more: Any) -> dict[str, Any]:
+        """Wait for a physical event; raises TimeoutError."""
+        deadline = time.monotonic() + WAIT_S
+        while time.monotonic() < deadline:
+            for line in self.events():
+                wanted = {"local_task": local_task, "event": event, **more}
+                if all(line[key] == value for key, value in wanted.items()):
+                    return line
+            time.sleep(0.005)
+        raise TimeoutError(f"no {event} of {local_task} in {self.folder}")
+
+    def kill(self) -> list[str]:
+        """SIGKILL for all robots at once; returns who was killed, when all of them are gone."""
+        found = self.processes()
+        for process in found.values():
+            try:
+                os.kill(process.pid, signal.SIGKILL)
+            except ProcessLookupError:
+                continue
+        psutil.wait_procs(found.values(), timeout=WAIT_S)
+        return sorted(found)
+
+    def end(self) -> dict[str, Any]:
+        """Wait until `up` has ended; returns its summary."""
+        output, _ = self.process.communicate(timeout=2 * WAIT_S)
+        summary: dict[str, Any] = json.loads(output)
+        return summary
+
+    def stop(self) -> None:
+        """End the team."""
+        self.kill()
+        self.process.terminate()
+        self.process.wait(timeout=30)
+
+
+def machine() -> str:
+    """What the figures were measured on."""
+    system = f"{platform.system()} {platform.release()}, Python {platform.python_version()}"
+    return f"{os.cpu_count()} cores, {platform.machine()}, {system}"
+
+
+def say(text: str) -> None:
+    """A line for people."""
+    sys.stderr.write(text + "\n")
+    sys.stderr.flush()
