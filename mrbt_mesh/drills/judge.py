@@ -137,7 +137,7 @@ class _Judge:
             where = f" for {done.global_task}" if done.global_task else ""
             by = ", ".join(span.robot for span in ends)
             text = f"{len(ends)}" + (f" ({by})" if by else "")
-            verdicts.append(Verdict(f"{ground}{where} done {bounds} times", holds, text))
+            verdicts.append(Verdict(f"{ground}{where} done {bounds}×", holds, text))
         return verdicts
 
     def never(self, never: NeverModel) -> list[Verdict]:
