@@ -38,17 +38,22 @@ from mrbt_mesh.runtime.actions import ActionRunner, Identity
 from mrbt_mesh.runtime.fencing import FencingSelector, boottime_us
 from mrbt_mesh.runtime.inbox import Inbox
 from mrbt_mesh.runtime.journal import LAZY_COMMIT_S, Journal
+from mrbt_mesh.runtime.link_watch import LinkWatch, Sighting
 from mrbt_mesh.runtime.log import robot_logger
 from mrbt_mesh.runtime.program import RobotProgram
-from mrbt_mesh.runtime.zenoh_transport import LEASE_MS, TransportConfig, ZenohTransport
+from mrbt_mesh.runtime.zenoh_transport import (
+    LEASE_MS,
+    TransportConfig,
+    TransportError,
+    ZenohTransport,
+)
 
 EVENTS_FILE = "events.jsonl"
 CLOSE_TIMEOUT_S = 1.0
 LEAVE_TIMEOUT_S = 3.0
-WATCH_S = 1.0
+WATCH_S = 0.25
+REOPEN_RETRY_S = 0.1
 RETRY_COMMIT_S = 1.0
-# A frozen peer's transport is gone after a lease; one that is still there later is split.
-SPLIT_US = 3 * LEASE_MS * 1_000
 
 
 class Driver:
@@ -99,7 +104,7 @@ class Driver:
                 identity = Identity(self._config.robot, self._config.type, os.getpid(), self._speed)
                 self._runner = ActionRunner(group, self._program, self._mission, identity, self)
                 self._runner.start_background()
-                group.start_soon(self._watch_transport)
+                group.start_soon(self._watch_links)
                 group.start_soon(self._watch_signals)
                 self.submit(TimerFired())
                 await self._stopped.wait()
@@ -148,21 +153,39 @@ class Driver:
                     await self._stopped.wait()
                 self._carry_out(Stop(0, "left without waiting for its action to stop"))
 
-    async def _watch_transport(self) -> None:
-        """Reopen a session that is split: a transport to a robot that is silent for long."""
+    async def _watch_links(self) -> None:
+        """Tell which links fall silent and come back; reopen a session that is split."""
+        watch = LinkWatch(LEASE_MS * 1_000)
         while True:
             await anyio.sleep(WATCH_S)
             now_us = boottime_us()
-            for robot, peer in self._agent.membership.peers.items():
-                silent = now_us - peer.evidence_us > SPLIT_US
-                if not silent or peer.state not in (State.SUSPECT, State.DEAD):
-                    continue
-                if self._transport.is_split_from(robot):
-                    self._logger.warning("session_split", from_robot=robot)
-                    await anyio.to_thread.run_sync(self._transport.reopen)
-                    # The others need the time to come back before the next look.
-                    await anyio.sleep(2 * SPLIT_US / 1e6)
-                    break
+            linked = self._transport.linked()
+            links = {
+                robot: Sighting(self._transport.heard_us(robot), peer.evidence_us, robot in linked)
+                for robot, peer in self._agent.membership.peers.items()
+                if peer.state is not State.LEFT
+            }
+            for event in watch.look(links, now_us):
+                what = "link_heard" if event.back else "link_silent"
+                self.log("info", what, peer=event.robot, silent_s=event.silent_us / 1e6)
+            rank = sorted([*links, self._config.robot]).index(self._config.robot)
+            split = watch.split(links, rank, now_us)
+            if split is not None:
+                self.log("warning", "session_split", peer=split)
+                await self._reopen()
+                watch.reopened(boottime_us())
+
+    async def _reopen(self) -> None:
+        """Open a new session; the old one may hold its port for some time."""
+        reopen, problem = self._transport.reopen, ""
+        while True:
+            try:
+                return await anyio.to_thread.run_sync(reopen, abandon_on_cancel=True)
+            except TransportError as error:
+                if str(error) != problem:
+                    problem = str(error)
+                    self.log("warning", "session_not_reopened", reason=problem)
+            await anyio.sleep(REOPEN_RETRY_S)
 
     # -- effects --------------------------------------------------------------------------
 

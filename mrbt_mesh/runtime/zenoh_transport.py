@@ -4,16 +4,18 @@ Facts that shaped it (eclipse-zenoh 1.10, measured):
 - A link that both sides dial can merge into a stale one after a one-sided lease expiry, and
   links found by gossip are never dialled again: so every pair is dialled by one side only,
   from explicit endpoints (or multicast scouting with `greater-zid`), and gossip is off.
-- A session can be split for good while its transport looks alive: `check` watches for it and
-  reopens the session.
+- A session can be split for good while its transport looks alive: `link_watch` looks out for
+  it, and the session is reopened.
 - Closing a dead TCP link lingers on a receive thread: there are 16 of them.
-- Closing an isolated session takes 10 s and raises: it happens on a daemon thread.
+- Closing an isolated session may take 10 s and raise: it happens on a daemon thread.
+- A closed QUIC session may hold its port for a second or two.
 - BLOCK can stall the caller and then drop the link: everything is sent with DROP; lost facts
   are repaired by the agents.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import threading
@@ -37,8 +39,10 @@ from mrbt_mesh.core.effects import (
 from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.mission import is_robot_id
 from mrbt_mesh.core.wire import MAX_MESSAGE_BYTES, MAX_NONCE, MessageKind
+from mrbt_mesh.runtime.fencing import boottime_us
 
 LEASE_MS = 2_000
+REOPEN_CLOSE_TIMEOUT_S = 1.0
 OBSERVER = "observer"
 WIRED, WIRELESS = "wired", "wireless"
 # Transport profile -> protocol of its endpoints; docs/transport.md says when to use which.
@@ -157,6 +161,7 @@ class ZenohTransport:
         self._query_number = 0
         self._lock = threading.Lock()
         self._zids: dict[str, str] = {}
+        self._heard_us: dict[str, int] = {}
 
     # -- life of the session --------------------------------------------------------------
 
@@ -203,23 +208,38 @@ class ZenohTransport:
         thread.join(timeout_s)
 
     def reopen(self) -> None:
-        """Replace the session by a new one: the only repair for a split one."""
-        self.close(timeout_s=11)
+        """Replace the session by a new one: the only repair for a split one.
+
+        Raises TransportError while the old one still holds its port; then call it again.
+        """
+        self.close(REOPEN_CLOSE_TIMEOUT_S)
         self.open()
 
-    def is_split_from(self, robot: str) -> bool:
-        """Whether there is a transport to the robot. Without beats for long, it is a split."""
-        session, zid = self._session, self._zids.get(robot)
-        if session is None or zid is None:
-            return False
-        return any(str(peer) == zid for peer in session.info.peers_zid())
+    def heard_us(self, robot: str) -> int | None:
+        """When, on `boottime_us`, a beat last came from the robot itself, over its own link."""
+        return self._heard_us.get(robot)
+
+    def linked(self) -> frozenset[str]:
+        """Robots to which there is a transport, whatever comes over it."""
+        session = self._session
+        if session is None:
+            return frozenset()
+        try:
+            zids = {str(zid) for zid in session.info.peers_zid()}
+        except zenoh.ZError:
+            return frozenset()  # closed in another thread just now
+        return frozenset(robot for robot, zid in self._zids.copy().items() if zid in zids)
 
     # -- sending --------------------------------------------------------------------------
 
     def publish(self, kind: MessageKind, data: bytes) -> None:
         """Send to everybody; what is sent while the session is being reopened is lost."""
-        if self._session is not None:
-            self._session.put(
+        session = self._session
+        if session is None:
+            return
+        # It may be closed in another thread meanwhile.
+        with contextlib.suppress(zenoh.ZError):
+            session.put(
                 f"{self._prefix}/{kind}/{self._config.robot}",
                 data,
                 congestion_control=zenoh.CongestionControl.DROP,
@@ -238,7 +258,8 @@ class ZenohTransport:
     ) -> None:
         """Ask one robot; the pages of its answer, or None if there is none, come to `deliver`."""
         give = deliver or self._deliver
-        if self._session is None:
+        session = self._session
+        if session is None:
             give(AnswerReceived(peer, None), None)
             return
         answered = threading.Event()
@@ -252,39 +273,46 @@ class ZenohTransport:
             if not answered.is_set():
                 give(AnswerReceived(peer, None), None)
 
-        self._session.get(
-            f"{self._prefix}/{kind}/{peer}",
-            Callback(on_reply, on_end, indirect=False),
-            payload=data,
-            timeout=timeout_s,
-            target=zenoh.QueryTarget.BEST_MATCHING,
-            consolidation=zenoh.ConsolidationMode.NONE,
-            congestion_control=zenoh.CongestionControl.DROP,
-            express=True,
-        )
+        try:
+            session.get(
+                f"{self._prefix}/{kind}/{peer}",
+                Callback(on_reply, on_end, indirect=False),
+                payload=data,
+                timeout=timeout_s,
+                target=zenoh.QueryTarget.BEST_MATCHING,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                congestion_control=zenoh.CongestionControl.DROP,
+                express=True,
+            )
+        except zenoh.ZError:
+            give(AnswerReceived(peer, None), None)
 
     def reply(self, query: int, pages: tuple[bytes, ...]) -> None:
         """Answer a query that was delivered as QueryReceived."""
         with self._lock:
             found = self._queries.pop(query, None)
         if found is not None:
-            for page in pages:
-                found.reply(found.key_expr, page)
-            found.drop()
+            # The session that asked may have been replaced meanwhile.
+            with contextlib.suppress(zenoh.ZError):
+                for page in pages:
+                    found.reply(found.key_expr, page)
+                found.drop()
 
     def declare_token(self, incarnation: Incarnation) -> None:
         """Show the liveliness token of this incarnation and take an older one down."""
         self._incarnation = incarnation
-        if self._session is None:
+        session = self._session
+        if session is None:
             return
         old = self._token
         who = self._config.robot or OBSERVER
-        self._token = self._session.liveliness().declare_token(
-            f"{self._prefix}/alive/{who}/{incarnation.counter}/{incarnation.nonce}"
-            f"/{self._session.zid()}"
-        )
-        if old is not None:
-            old.undeclare()
+        with contextlib.suppress(zenoh.ZError):
+            self._token = session.liveliness().declare_token(
+                f"{self._prefix}/alive/{who}/{incarnation.counter}/{incarnation.nonce}"
+                f"/{session.zid()}"
+            )
+            if old is not None:
+                old.undeclare()
 
     # -- receiving, on Zenoh's threads ----------------------------------------------------
 
@@ -294,7 +322,10 @@ class ZenohTransport:
     def _on_sample(self, sample: zenoh.Sample, kind: MessageKind) -> None:
         source = str(sample.key_expr).rpartition("/")[2]
         if is_robot_id(source) and len(sample.payload) <= MAX_MESSAGE_BYTES:
-            key = f"beat/{source}" if kind is MessageKind.BEAT else None
+            key = None
+            if kind is MessageKind.BEAT:
+                key = f"beat/{source}"
+                self._heard_us[source] = boottime_us()
             self._deliver(MessageReceived(kind, source, sample.payload.to_bytes()), key)
 
     def _on_token(self, sample: zenoh.Sample, _: None) -> None:

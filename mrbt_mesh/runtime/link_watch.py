@@ -1,0 +1,112 @@
+"""Watches the links of one robot: which fell silent, which came back, which are split.
+
+A link is *split* when its transport looks alive and nothing comes over it: Zenoh can do that
+for good (see `zenoh_transport`), and nothing but a new session repairs it. A process that
+hangs looks the same from here, but then nobody has news of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """One robot as it is seen now. Times on one clock, None: never.
+
+    `heard_us`: its last beat over its own link; `news_us`: the last of it over any way.
+    """
+
+    heard_us: int | None
+    news_us: int
+    linked: bool
+
+
+@dataclass(frozen=True, slots=True)
+class LinkEvent:
+    """A link that fell silent, or was heard again (`back`), after `silent_us`."""
+
+    robot: str
+    back: bool
+    silent_us: int
+
+
+@dataclass(slots=True)
+class _Link:
+    heard_us: int | None
+    is_silent: bool = False
+    # Since when there has been a transport, and nothing came over it.
+    mute_us: int | None = None
+
+
+class LinkWatch:
+    """Call `look` regularly, then `split`.
+
+    After `lease_us` of silence a link is told to be silent; a dead one has lost its transport
+    by then. After two leases with a transport and without a beat it is split, if others have
+    news of the robot; after five and more if nobody has. Each further reopening must wait
+    twice as long, until no link is split.
+    """
+
+    def __init__(self, lease_us: int) -> None:
+        self._lease_us = lease_us
+        self._links: dict[str, _Link] = {}
+        self._patience_us = 2 * lease_us
+        self._not_before_us = 0
+
+    def look(self, robots: Mapping[str, Sighting], now_us: int) -> list[LinkEvent]:
+        """Take in how the links are now; returns what has changed."""
+        events = []
+        for gone in [robot for robot in self._links if robot not in robots]:
+            del self._links[gone]
+        for robot, sighting in robots.items():
+            event = self._look_at(robot, sighting, now_us)
+            if event is not None:
+                events.append(event)
+        return events
+
+    def _look_at(self, robot: str, sighting: Sighting, now_us: int) -> LinkEvent | None:
+        link = self._links.setdefault(robot, _Link(sighting.heard_us))
+        before_us, link.heard_us = link.heard_us, sighting.heard_us
+        if not sighting.linked or link.heard_us != before_us:
+            link.mute_us = None
+        elif link.mute_us is None:
+            link.mute_us = now_us
+        if link.heard_us is None or before_us is None:
+            return None
+        if link.is_silent and link.heard_us != before_us:
+            link.is_silent = False
+            return LinkEvent(robot, True, link.heard_us - before_us)
+        if not link.is_silent and now_us - link.heard_us >= self._lease_us:
+            link.is_silent = True
+            return LinkEvent(robot, False, now_us - link.heard_us)
+        return None
+
+    def split(self, robots: Mapping[str, Sighting], rank: int, now_us: int) -> str | None:
+        """A robot from which this one is split, so that the session must be reopened now.
+
+        `rank`: this robot's place among all, so that not all reopen at once.
+        """
+        mute = {
+            robot: now_us - link.mute_us
+            for robot, link in sorted(self._links.items())
+            if link.mute_us is not None
+        }
+        if now_us < self._not_before_us:
+            return None
+        if all(mute_us < self._lease_us // 2 for mute_us in mute.values()):
+            self._patience_us = 2 * self._lease_us
+        alone_us = 5 * self._lease_us + rank * self._lease_us // 2
+        for robot, mute_us in mute.items():
+            is_heard = now_us - robots[robot].news_us < self._lease_us // 2
+            if mute_us >= (2 * self._lease_us if is_heard else alone_us):
+                return robot
+        return None
+
+    def reopened(self, now_us: int) -> None:
+        """The session is a new one: all links start anew."""
+        for link in self._links.values():
+            link.mute_us = None
+        self._not_before_us = now_us + self._patience_us
+        self._patience_us *= 2
