@@ -41,7 +41,7 @@ def read(
             entries = journal.open()
             journal.close()
             found[robot] = frozenset(
-                Done(entry.author, *split_name(entry.name)[1:])
+                Done(entry.author, *split_name(entry.name)[1:3])
                 for entry in entries
                 if entry.name.startswith(f"{OUTCOME}/")
                 and isinstance(entry.record, Outcome)

@@ -251,11 +251,14 @@ def test_journals_are_read_from_copies(tmp_path: Path) -> None:
         make_entry(robot, f"{OUTCOME}/x/move_frame", version, [success, None])
         for robot, success in (("C1", True), ("C2", False))
     )
+    # A coalition's outcomes say in their names in which round they are.
+    in_round = make_entry("C2", f"{OUTCOME}/y/move_frame/3", version, [True, None])
+    journal.put([in_round])
     journal.commit()
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     assert any(name.endswith("-wal") for name in before), "not yet in the main file"
     held = read(tmp_path, ["C1", "C2"], "digest", "run")
-    assert held == {"C1": frozenset({C1_DONE}), "C2": frozenset()}
+    assert held == {"C1": {C1_DONE, Done("C2", "y", "move_frame")}, "C2": frozenset()}
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
     journal.close()
 
