@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import signal
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -50,9 +51,13 @@ class Snapshot:
 
 @dataclass
 class Deeds:
-    """All that was done to a team; the judge reads it. `deaths`: pid -> s since 1970."""
+    """All that was done to a team; the judge reads it. `deaths`: pid -> s since 1970.
+
+    `disturbed`: pairs of robots between which packets were lost, in whichever direction.
+    """
 
     done: list[Deed] = field(default_factory=list)
+    disturbed: set[frozenset[str]] = field(default_factory=set)
     deaths: dict[int, float] = field(default_factory=dict)
     freezes: list[Freeze] = field(default_factory=list)
     snapshots: list[Snapshot] = field(default_factory=list)
@@ -202,11 +207,19 @@ class Injector:
         if name == "partition":
             groups = self._groups(fault, sight)
             await anyio.to_thread.run_sync(lambda: network.partition(*groups))
+            self.deeds.disturbed |= {
+                frozenset((one, other))
+                for left, right in itertools.combinations(groups, 2)
+                for one in left
+                for other in right
+            }
             text = " | ".join(" ".join(group) for group in groups)
             self._note(name, (), f"partition: {text}")
             return
         sources, targets = self._ends(fault.source, sight), self._ends(fault.target, sight)
         pairs = [(s, t) for s in sources for t in targets if s != t]
+        if name != "unblock":
+            self.deeds.disturbed |= {frozenset(pair) for pair in pairs}
         match fault:
             case LossModel(permille=permille):
                 await self._on_links(lambda s, t: network.lose(s, t, permille), pairs)

@@ -11,6 +11,7 @@ from mrbt_mesh.core.membership import State
 from mrbt_mesh.core.mission import Mission, type_name
 from mrbt_mesh.drills.inject import Deeds
 from mrbt_mesh.drills.journals import Done
+from mrbt_mesh.drills.links import LinkLine, silent_at_the_end, slow_returns
 from mrbt_mesh.drills.model import DoneModel, ExpectModel, NeverModel, Robots
 from mrbt_mesh.drills.physical import Span, most_at_once, moving, spans
 from mrbt_mesh.drills.triggers import Sight, chosen
@@ -43,6 +44,7 @@ class Evidence:
     blocked: frozenset[str] = frozenset()
     events: list[dict[str, Any]] = field(default_factory=list)
     journals: Mapping[str, frozenset[Done]] = field(default_factory=dict)
+    links: list[LinkLine] = field(default_factory=list)
 
 
 def judge(expect: ExpectModel, mission: Mission, evidence: Evidence) -> list[Verdict]:
@@ -84,6 +86,10 @@ class _Judge:
             found += [self.repeated(expect.repeated), self.lost()]
         if expect.false_deaths is not None:
             found.append(self.false_deaths(expect.false_deaths))
+        if expect.links_back_within_s is not None:
+            found.append(self.links_back(expect.links_back_within_s))
+        if expect.stalls is not None:
+            found.append(self.stalls(expect.stalls))
         return found
 
     # -- the run --------------------------------------------------------------------------
@@ -191,6 +197,32 @@ class _Judge:
         text = ", ".join(f"{t['robot']} at {t['at_s']:.2f} s" for t in false)
         expected = f"at most {most} robots falsely held dead" if most else "no false death"
         return Verdict(expected, len(false) <= most, text or "none")
+
+    # -- links ----------------------------------------------------------------------------------
+
+    def links_back(self, limit_s: float) -> Verdict:
+        """Links of robots whose processes were stopped are left out."""
+        hit = self.deeds.hit()
+        lines = [line for line in self.evidence.links if not line.pair & hit]
+        heals_s = [deed.unix_s for deed in self.deeds.done if deed.fault in ("heal", "unblock")]
+        wrong = [f"{line.robot} hears {line.peer} no more" for line in silent_at_the_end(lines)]
+        wrong += [
+            f"{line.robot} heard {line.peer} after {took_s:.1f} s"
+            for line, took_s in slow_returns(lines, heals_s, limit_s)
+        ]
+        back = sum(line.back for line in lines)
+        text = "; ".join(wrong) or (f"{back} links came back" if back else "no link was lost")
+        return Verdict(f"links heard again within {limit_s:g} s", bool(back) and not wrong, text)
+
+    def stalls(self, most: int) -> Verdict:
+        hit = self.deeds.hit()
+        found = [
+            f"{line.robot} did not hear {line.peer}"
+            for line in self.evidence.links
+            if not line.back and not line.pair & hit and line.pair not in self.deeds.disturbed
+        ]
+        expected = f"at most {most} healthy links stall" if most else "no healthy link stalls"
+        return Verdict(expected, len(found) <= most, "; ".join(found) or "none")
 
     # -- journals -----------------------------------------------------------------------------
 

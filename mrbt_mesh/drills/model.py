@@ -309,7 +309,11 @@ class NeverModel(FileModel):
 
 
 class ExpectModel(FileModel):
-    """What must hold at the end. Beside it, all steps must have been carried out."""
+    """What must hold at the end. Beside it, all steps must have been carried out.
+
+    `links_back_within_s`: every link that fell silent is heard again so soon after the heal
+    before. `stalls`: at most so many links fall silent that no step has disturbed.
+    """
 
     result: Literal["success", "failure", "blocked"] = "success"
     done: list[DoneModel] = []
@@ -323,6 +327,8 @@ class ExpectModel(FileModel):
     takeover_within_s: Seconds | None = None
     repeated: Count | None = None
     false_deaths: Count | None = None
+    links_back_within_s: Seconds | None = None
+    stalls: Count | None = None
 
 
 class TimingModel(FileModel):

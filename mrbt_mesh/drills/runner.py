@@ -15,6 +15,7 @@ from mrbt_mesh.drills.drill_file import Drill
 from mrbt_mesh.drills.inject import Deed, Injector
 from mrbt_mesh.drills.journals import read
 from mrbt_mesh.drills.judge import Evidence, Verdict, judge
+from mrbt_mesh.drills.links import read_links
 from mrbt_mesh.drills.model import ConditionTrigger, Profile
 from mrbt_mesh.drills.network import Network, places
 from mrbt_mesh.drills.physical import read_events
@@ -83,6 +84,7 @@ async def run_drill(
                 await team.end()
     evidence.events = read_events(run_dir.path / EVENTS_FILE)
     robots = run_dir.robots()
+    evidence.links = read_links(run_dir.path, robots)
     evidence.journals = read(run_dir.path, robots, drill.mission.digest, info.run)
     return DrillRun(
         drill.label,

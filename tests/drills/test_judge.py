@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from mrbt_mesh.core.records import OUTCOME
 from mrbt_mesh.drills.inject import Deed, Deeds, Snapshot
 from mrbt_mesh.drills.journals import Done, read
 from mrbt_mesh.drills.judge import Evidence, Verdict, judge, unjournaled
+from mrbt_mesh.drills.links import LinkLine, read_links
 from mrbt_mesh.drills.model import ExpectModel
 from mrbt_mesh.drills.physical import Freeze, moving, read_events, spans
 from mrbt_mesh.runtime.journal import Journal
@@ -177,6 +179,63 @@ def test_robots_that_were_hit_are_those_whose_processes_suffered() -> None:
         for fault, robot in (("kill", "A1"), ("stop", "B1"), ("join", "C2"), ("block", "C1"))
     ]
     assert Deeds(done=done).hit() == {"A1", "B1"}
+
+
+# -- links --------------------------------------------------------------------------------
+
+
+def link(unix_s: float, robot: str, peer: str, *, back: bool) -> LinkLine:
+    return LinkLine(unix_s, robot, peer, back)
+
+
+def cut_until(healed_s: float, *links: LinkLine, disturbed: str = "A1 B1") -> Evidence:
+    heal = Deed(0, healed_s, "heal", (), "")
+    deeds = Deeds(done=[heal], disturbed={frozenset(disturbed.split())})
+    return Evidence("success", deeds, links=list(links))
+
+
+def test_links_come_back_in_time_or_not() -> None:
+    lost = (link(3, "A1", "B1", back=False), link(3, "B1", "A1", back=False))
+    both = (link(6, "A1", "B1", back=True), link(6.5, "B1", "A1", back=True))
+    (good,) = verdicts(cut_until(5, *lost, *both), links_back_within_s=2)
+    assert (good.holds, good.found) == (True, "2 links came back")
+    (late,) = verdicts(cut_until(5, *lost, *both), links_back_within_s=1.2)
+    assert (late.holds, late.found) == (False, "B1 heard A1 after 1.5 s")
+    (never,) = verdicts(cut_until(5, *lost, both[0]), links_back_within_s=2)
+    assert (never.holds, never.found) == (False, "B1 hears A1 no more")
+    (idle,) = verdicts(cut_until(5), links_back_within_s=2)
+    assert (idle.holds, idle.found) == (False, "no link was lost")
+
+
+def test_links_of_robots_that_were_stopped_are_nobodys_fault() -> None:
+    evidence = cut_until(5, link(3, "A1", "C1", back=False), link(6, "A1", "B1", back=True))
+    assert [v.holds for v in verdicts(evidence, links_back_within_s=2, stalls=0)] == [False, False]
+    evidence.deeds.done.append(Deed(0, 2.0, "kill", ("C1",), ""))
+    assert [v.holds for v in verdicts(evidence, links_back_within_s=2, stalls=0)] == [True, True]
+
+
+def test_only_links_that_nobody_disturbed_can_stall() -> None:
+    silent = (link(3, "A1", "B1", back=False), link(3, "B1", "C1", back=False))
+    (stalled,) = verdicts(cut_until(5, *silent), stalls=0)
+    assert (stalled.holds, stalled.found) == (False, "B1 did not hear C1")
+    assert [v.holds for v in verdicts(cut_until(5, *silent), stalls=1)] == [True]
+    cut = cut_until(5, *silent[1:], disturbed="B1 C1")
+    assert [v.holds for v in verdicts(cut, stalls=0)] == [True]
+
+
+def test_link_lines_are_read_from_logs(tmp_path: Path) -> None:
+    (tmp_path / "A1.log").write_text(
+        '{"event": "joined", "timestamp": "2026-01-01T00:00:00Z"}\n'
+        '{"event": "link_silent", "peer": "B1", "timestamp": "2026-01-01T00:00:02.5Z"}\n'
+        '{"event": "link_heard", "peer": "B1", "timestamp": "2026-01-01T00:00:09Z"}\n'
+        '{"event": "link_si'
+    )
+    (tmp_path / "B1.log").write_text(
+        '{"event": "link_silent", "peer": "A1", "timestamp": "2026-01-01T00:00:04Z"}\n'
+    )
+    start_s = datetime(2026, 1, 1, tzinfo=UTC).timestamp()
+    found = [(x.unix_s - start_s, x.robot, x.peer, x.back) for x in read_links(tmp_path, PIDS)]
+    assert found == [(2.5, "A1", "B1", False), (4, "B1", "A1", False), (9, "A1", "B1", True)]
 
 
 # -- journals -----------------------------------------------------------------------------

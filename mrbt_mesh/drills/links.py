@@ -1,0 +1,57 @@
+"""Links as the robots' own logs tell of them: which fell silent, and when they came back."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+
+@dataclass(frozen=True, slots=True)
+class LinkLine:
+    """`robot` has had no beat from `peer` itself for a lease, or (`back`) has one again."""
+
+    unix_s: float
+    robot: str
+    peer: str
+    back: bool
+
+    @property
+    def pair(self) -> frozenset[str]:
+        return frozenset((self.robot, self.peer))
+
+
+def read_links(run_dir: Path, robots: Iterable[str]) -> list[LinkLine]:
+    """What the logs of a run say of links, in order of time."""
+    found = []
+    for robot in robots:
+        try:
+            text = (run_dir / f"{robot}.log").read_text()
+        except OSError:
+            continue
+        # A killed robot's last line may be cut short.
+        for line in map(json.loads, text[: text.rfind("\n") + 1].splitlines()):
+            if line["event"] in ("link_silent", "link_heard"):
+                unix_s = datetime.fromisoformat(line["timestamp"]).timestamp()
+                found.append(LinkLine(unix_s, robot, line["peer"], line["event"] == "link_heard"))
+    return sorted(found, key=lambda line: line.unix_s)
+
+
+def silent_at_the_end(lines: Iterable[LinkLine]) -> list[LinkLine]:
+    """The last word on each link that was not heard again."""
+    last = {(line.robot, line.peer): line for line in lines}
+    return [line for line in last.values() if not line.back]
+
+
+def slow_returns(
+    lines: Iterable[LinkLine], heals_unix_s: Collection[float], limit_s: float
+) -> list[tuple[LinkLine, float]]:
+    """Links that came back later than this after the healing before, with that time in s."""
+    late = []
+    for line in lines:
+        before = [at_s for at_s in heals_unix_s if at_s <= line.unix_s]
+        if line.back and before and line.unix_s - max(before) > limit_s:
+            late.append((line, line.unix_s - max(before)))
+    return late
