@@ -88,7 +88,9 @@ class Checkers:
         for process in self.world.living():
             if process.agent is not None:
                 self._check_done(process, process.agent)
-        if not self.world.network.knobs.is_reliable_at(self.world.clock.now_us):
+        if not self.world.network.is_reliable_at(self.world.clock.now_us):
+            return
+        if any(process.is_slow for process in self.world.living()):
             return
         for component in _components(agents, self.world.network.blocked):
             if self._is_quiet(len(agents) - len(component)):
@@ -128,9 +130,9 @@ class Checkers:
             self._say("I4", f"{agent.me} starts {start.local_task}, which it cannot do")
         if agent.facts.task_status(start.global_task, start.activation) is not Status.RUNNING:
             self._say("I3", f"{agent.me} starts {start.activation}, which it knows to be over")
-        knobs, now_us = self.world.network.knobs, self.world.clock.now_us
-        prompt = knobs.slowest_us < self.world.timing.grace_us // 4
-        if prompt and knobs.is_reliable_at(now_us) and not self.world.cut_off:
+        network, now_us = self.world.network, self.world.clock.now_us
+        prompt = network.slowest_us < self.world.timing.grace_us // 4
+        if prompt and network.is_reliable_at(now_us) and not self.world.cut_off:
             self._check_crowd(agent, start)
 
     def _check_crowd(self, agent: Agent, start: StartAction) -> None:
@@ -196,7 +198,7 @@ class Checkers:
         timing, knobs = self.world.timing, self.world.network.knobs
         # A question may just have been asked in vain; then facts are pulled in at most two steps.
         repair_us = timing.ask_timeout_us + 4 * timing.repair_us + 2 * timing.beat_us
-        repair_us += 6 * knobs.slowest_us
+        repair_us += 6 * self.world.network.slowest_us
         verdict_us = 2 * timing.detection_us + (knobs.token_delay_us or 0)
         if strangers or self.world.network.blocked:
             repair_us *= 2  # facts may have to be handed on by a robot in between

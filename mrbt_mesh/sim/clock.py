@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 import contextvars
 import heapq
+import math
 import selectors
 from collections.abc import Callable
 from contextvars import Context
@@ -74,13 +75,77 @@ class VirtualClock:
         self.on_error(error)
 
 
-class Gate:
-    """Holds back the timers of one robot's code while the robot is frozen.
+class LocalClock:
+    """The two clocks of one robot's computer, as Linux has them, in microseconds.
 
-    Code belongs to the gate that `current_gate` shows in its context; tasks inherit it.
+    `monotonic_us` times its waits and stands still while the computer is suspended;
+    `boottime_us`, which agents go by, does not. Both may run fast or slow by `rate_ppm`, and the
+    boot-time clock may jump ahead (a virtual machine that is resumed). It never goes back.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, clock: VirtualClock) -> None:
+        self._clock = clock
+        self._rate_ppm = 0
+        self._since_us = 0
+        self._monotonic_us = 0
+        self._ahead_us = 0
+        self._suspended_us: int | None = None
+
+    @property
+    def monotonic_us(self) -> int:
+        if self._suspended_us is not None:
+            return self._monotonic_us
+        passed_us = self._clock.now_us - self._since_us
+        return self._monotonic_us + passed_us + passed_us * self._rate_ppm // MICRO
+
+    @property
+    def boottime_us(self) -> int:
+        suspended_us = 0
+        if self._suspended_us is not None:
+            suspended_us = self._clock.now_us - self._suspended_us
+        return self.monotonic_us + self._ahead_us + suspended_us
+
+    def when_us(self, monotonic_us: int) -> int:
+        """The simulation's time when the monotonic clock will show at least `monotonic_us`."""
+        wait_us = max(0, monotonic_us - self.monotonic_us)
+        return self._clock.now_us - (-wait_us * MICRO // (MICRO + self._rate_ppm))
+
+    def set_rate(self, rate_ppm: int) -> None:
+        """Run this much faster (or slower, below 0) than the simulation's time from now on."""
+        self._settle()
+        self._rate_ppm = rate_ppm
+
+    def jump(self, ahead_us: int) -> None:
+        """Let the boot-time clock jump ahead."""
+        self._ahead_us += ahead_us
+
+    def suspend(self) -> None:
+        """Stop the monotonic clock."""
+        self._settle()
+        self._suspended_us = self._clock.now_us
+
+    def resume(self) -> None:
+        """Let the monotonic clock go on; the boot-time clock knows how long it stood."""
+        if self._suspended_us is not None:
+            self._ahead_us += self._clock.now_us - self._suspended_us
+            self._since_us = self._clock.now_us
+            self._suspended_us = None
+
+    def _settle(self) -> None:
+        if self._suspended_us is None:
+            self._monotonic_us = self.monotonic_us
+            self._since_us = self._clock.now_us
+
+
+class Gate:
+    """Holds back the timers of one robot's code while the robot does not run.
+
+    Code belongs to the gate that `current_gate` shows in its context; tasks inherit it. `clock`
+    is the robot's: its code's waits are timed by it.
+    """
+
+    def __init__(self, clock: LocalClock) -> None:
+        self.clock = clock
         self.is_closed = False
         self._held: list[Callable[[], None]] = []
 
@@ -115,7 +180,10 @@ class _VirtualSelector(selectors.SelectSelector):
 
 
 class VirtualLoop(asyncio.SelectorEventLoop):
-    """An asyncio event loop whose `time()` is the virtual clock, in seconds."""
+    """An asyncio event loop in virtual time.
+
+    `time()` is the virtual clock in seconds, for a robot's code the monotonic clock of that robot.
+    """
 
     def __init__(self, clock: VirtualClock) -> None:
         super().__init__(_VirtualSelector(clock))
@@ -124,7 +192,8 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         self._clock_resolution = 1 / MICRO
 
     def time(self) -> float:
-        return self._clock.now_us / MICRO
+        gate = current_gate.get()
+        return (self._clock.now_us if gate is None else gate.clock.monotonic_us) / MICRO
 
     def call_soon(
         self, callback: Callable[[*_Ts], object], *args: *_Ts, context: Context | None = None
@@ -141,19 +210,25 @@ class VirtualLoop(asyncio.SelectorEventLoop):
     ) -> asyncio.TimerHandle:
         self._clock.touched = True
         gate = current_gate.get()
-        if gate is None:
+        if gate is None or when == math.inf:
             return super().call_at(when, callback, *args, context=context)
+        due_us = round(when * MICRO)
         handles: list[asyncio.TimerHandle] = []
 
         def release() -> None:
             if not handles[0].cancelled():
-                self.call_soon(callback, *args, context=context)
+                self.call_soon(fire, context=context)
 
         def fire() -> None:
+            if handles[0].cancelled():
+                return
             if gate.is_closed:
                 gate.hold(release)
+            elif gate.clock.monotonic_us < due_us:  # it was suspended meanwhile
+                self._clock.at(gate.clock.when_us(due_us), release)
             else:
                 callback(*args)
 
-        handles.append(super().call_at(when, fire, context=context))
+        at_s = gate.clock.when_us(due_us) / MICRO
+        handles.append(super().call_at(at_s, fire, context=context))
         return handles[0]

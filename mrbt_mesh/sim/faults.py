@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from itertools import product
 from typing import TypeAlias
 
-from mrbt_mesh.sim.network import Link
+from mrbt_mesh.sim.network import Link, LinkKnobs
 
 
 @dataclass(frozen=True, slots=True)
 class Kill:
-    """SIGKILL: the process and all that it held in memory are gone."""
+    """SIGKILL: the process is gone, and what it had not written to its journal yet."""
 
     robot: str
 
@@ -39,8 +39,15 @@ class Freeze:
 
 
 @dataclass(frozen=True, slots=True)
+class Suspend:
+    """Its computer sleeps: as `Freeze`, but its waits stand still too; `Thaw` wakes it."""
+
+    robot: str
+
+
+@dataclass(frozen=True, slots=True)
 class Thaw:
-    """SIGCONT."""
+    """SIGCONT, or the end of a suspend."""
 
     robot: str
 
@@ -83,6 +90,65 @@ class Unblock:
 
 
 @dataclass(frozen=True, slots=True)
+class Slow:
+    """The robot's event loop comes round every `lag_us` only; 0: it is fast again."""
+
+    robot: str
+    lag_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class ClockRate:
+    """The robot's clocks run faster by `rate_ppm` parts in a million, or slower below 0."""
+
+    robot: str
+    rate_ppm: int
+
+
+@dataclass(frozen=True, slots=True)
+class ClockJump:
+    """The robot's boot-time clock jumps ahead, as when a virtual machine is resumed."""
+
+    robot: str
+    ahead_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class Disturb:
+    """Links behave otherwise from now on: loss, delay, doubling; None: all links."""
+
+    link: LinkKnobs
+    links: frozenset[Link] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Settle:
+    """Links behave as usual again; None: all links."""
+
+    links: frozenset[Link] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """The last `count` messages that `source` had published by `until_us` reach `robot` again."""
+
+    robot: str
+    source: str
+    until_us: int
+    count: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Heal:
+    """All faults end: links, frozen and slow robots, clock rates, lost capabilities, a pause.
+
+    `robots` that do not run are started again, with what their journals kept.
+    """
+
+    robots: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class LoseToken:
     """A liveliness token lies: `seen_by` sees `robot`'s go although the robot lives."""
 
@@ -111,12 +177,20 @@ Fault: TypeAlias = (
     Kill
     | Restart
     | Freeze
+    | Suspend
     | Thaw
+    | Slow
+    | ClockRate
+    | ClockJump
     | Leave
     | Lose
     | Restore
     | Block
     | Unblock
+    | Disturb
+    | Settle
+    | Replay
+    | Heal
     | LoseToken
     | Garbage
     | Command

@@ -65,17 +65,6 @@ class NetworkKnobs:
             return replace(knobs, loss_permille=0, duplicate_permille=0, reorder_permille=0)
         return knobs
 
-    def is_reliable_at(self, now_us: int) -> bool:
-        """Whether no link loses or doubles messages any more."""
-        if self.quiet_from_us is not None and now_us >= self.quiet_from_us:
-            return True
-        return all(knobs.is_reliable for knobs in (self.link, *(self.links or {}).values()))
-
-    @property
-    def slowest_us(self) -> int:
-        """The longest time that a message can take on any link."""
-        return max(knobs.slowest_us for knobs in (self.link, *(self.links or {}).values()))
-
 
 class Network:
     """Decides when messages arrive.
@@ -87,6 +76,8 @@ class Network:
     def __init__(self, knobs: NetworkKnobs, seed: int) -> None:
         self.knobs = knobs
         self.blocked: set[Link] = set()
+        self._disturbed: dict[Link | None, LinkKnobs] = {}
+        self._slowest_us = max(each.slowest_us for each in self._usual())
         self._seed = seed
         self._streams: dict[tuple[str, Link], random.Random] = {}
         self._last_us: dict[Link, int] = {}
@@ -99,10 +90,42 @@ class Network:
         """Let messages pass again; None: everywhere."""
         self.blocked.difference_update(set(self.blocked) if links is None else set(links))
 
+    def disturb(self, knobs: LinkKnobs, links: Iterable[Link] | None = None) -> None:
+        """Let links behave otherwise than usual from now on; None: all links."""
+        self._slowest_us = max(self._slowest_us, knobs.slowest_us)
+        self._disturbed.update(dict.fromkeys([None] if links is None else links, knobs))
+
+    def settle(self, links: Iterable[Link] | None = None) -> None:
+        """Let links behave as usual again; None: all links."""
+        for link in list(self._disturbed) if links is None else links:
+            self._disturbed.pop(link, None)
+
+    def is_reliable_at(self, now_us: int) -> bool:
+        """Whether no link loses or doubles messages any more."""
+        quiet_us = self.knobs.quiet_from_us
+        usual = (quiet_us is not None and now_us >= quiet_us) or all(
+            knobs.is_reliable for knobs in self._usual()
+        )
+        return usual and all(knobs.is_reliable for knobs in self._disturbed.values())
+
+    @property
+    def slowest_us(self) -> int:
+        """The longest time that a message can take, or could since the start, on any link."""
+        return self._slowest_us
+
+    def _usual(self) -> tuple[LinkKnobs, ...]:
+        return (self.knobs.link, *(self.knobs.links or {}).values())
+
+    def _knobs_of(self, link: Link, now_us: int) -> LinkKnobs:
+        if not self._disturbed:
+            return self.knobs.of(link, now_us)
+        everywhere = self._disturbed.get(None)
+        return self._disturbed.get(link) or everywhere or self.knobs.of(link, now_us)
+
     def arrivals_us(self, source: str, target: str, now_us: int) -> list[int]:
         """When a message that is sent now arrives: never, once, or twice."""
         link = (source, target)
-        knobs = self.knobs.of(link, now_us)
+        knobs = self._knobs_of(link, now_us)
         if link in self.blocked or self._happens("loss", link, knobs.loss_permille):
             return []
         arrival_us = self._arrival_us(link, knobs, now_us)

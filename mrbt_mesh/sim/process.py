@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextvars
+from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
@@ -26,11 +27,12 @@ from mrbt_mesh.core.effects import (
 )
 from mrbt_mesh.core.facts import Entry, Incarnation
 from mrbt_mesh.runtime.actions import ActionRunner, Identity
+from mrbt_mesh.runtime.inbox import MAX_WAITING
+from mrbt_mesh.runtime.journal import LAZY_COMMIT_S
 from mrbt_mesh.runtime.program import RobotProgram
-from mrbt_mesh.sim.clock import MICRO, Gate, VirtualClock, current_gate
+from mrbt_mesh.sim.clock import MICRO, Gate, LocalClock, VirtualClock, current_gate
 from mrbt_mesh.sim.effect_log import EffectLog
-
-MAX_INBOX = 1_000
+from mrbt_mesh.sim.journal import SimJournal
 
 
 class Surroundings(Protocol):
@@ -42,7 +44,6 @@ class Surroundings(Protocol):
     def published(self, process: SimProcess, effect: Publish) -> None: ...
     def asked(self, process: SimProcess, effect: Ask) -> None: ...
     def replied(self, process: SimProcess, effect: Reply) -> None: ...
-    def persisted(self, process: SimProcess, entries: tuple[Entry, ...]) -> None: ...
     def declared(self, process: SimProcess, incarnation: Incarnation) -> None: ...
     def stopped(self, process: SimProcess) -> None: ...
     def recorded(self, process: SimProcess, event: Mapping[str, Any]) -> None: ...
@@ -52,8 +53,9 @@ class Surroundings(Protocol):
 class SimProcess:
     """Drives one agent and its program; the simulator's counterpart of the runtime's driver.
 
-    `make_agent` is called at boot with the time. `killed`: nothing of it has any effect any more,
-    not even its own records. `is_over`: killed, or its agent has stopped.
+    `make_agent` is called at boot with the time on the robot's own clock, `local`. `killed`:
+    nothing of it has any effect any more, not even its own records. `is_over`: killed, or its
+    agent has stopped.
     """
 
     def __init__(
@@ -61,6 +63,8 @@ class SimProcess:
         world: Surroundings,
         identity: Identity,
         program: RobotProgram,
+        journal: SimJournal,
+        local: LocalClock,
         make_agent: Callable[[int], Agent],
     ) -> None:
         self.robot = identity.robot
@@ -70,11 +74,18 @@ class SimProcess:
         self.agent: Agent | None = None
         self.killed = False
         self.is_frozen = False
+        self.journal = journal
+        self.local = local
         self._world = world
         self._program = program
         self._make_agent = make_agent
-        self._inbox: list[Input] = []
-        self._gate = Gate()
+        # A bounded queue, as the real one: the oldest are lost.
+        self._inbox: deque[Input] = deque(maxlen=MAX_WAITING)
+        self._gate = Gate(local)
+        self._lag_us = 0
+        self._awakes = False
+        self._commits = False
+        self._ran_us = 0
         self._timer_us: int | None = None
         self._scope: anyio.CancelScope | None = None
         self._runner: ActionRunner | None = None
@@ -85,8 +96,12 @@ class SimProcess:
         return self.killed or self.stop is not None
 
     @property
+    def is_slow(self) -> bool:
+        return self._awakes
+
+    @property
     def runs(self) -> bool:
-        """Whether it is booted, alive and not frozen."""
+        """Whether it is booted, alive and not frozen, though maybe slow."""
         return self.agent is not None and not self.is_over and not self.is_frozen
 
     async def main(self) -> None:
@@ -102,7 +117,8 @@ class SimProcess:
     def _boot(self, group: anyio.abc.TaskGroup) -> None:
         if self.is_over:
             return
-        self.agent = agent = self._make_agent(self._world.clock.now_us)
+        self._ran_us = self.local.boottime_us
+        self.agent = agent = self._make_agent(self._ran_us)
         self._runner = ActionRunner(group, self._program, agent.mission, self.identity, self)
         self._context.run(self._runner.start_background)
         self.deliver(TimerFired())
@@ -110,15 +126,22 @@ class SimProcess:
     # -- inputs -------------------------------------------------------------------------------
 
     def deliver(self, event: Input) -> None:
-        """Hand an input to the agent; it waits while the process is frozen."""
+        """Hand an input to the agent; it waits while the process is frozen or slow."""
         if self.is_over or self.agent is None:
             return
-        if self.is_frozen:
-            # A bounded queue, as the real one: what does not fit any more is lost.
-            if len(self._inbox) < MAX_INBOX:
-                self._inbox.append(event)
+        if self.is_frozen or self._lag_us:
+            self._inbox.append(event)
+        else:
+            self._handle(event)
+
+    def _handle(self, event: Input) -> None:
+        if self.is_over or self.agent is None:
             return
-        effects = self.agent.handle(event, self._world.clock.now_us)
+        now_us = self.local.boottime_us
+        gap_us, self._ran_us = now_us - self._ran_us, now_us
+        if gap_us > self.agent.config.timing.detection_us and not isinstance(event, TimerFired):
+            self._handle(TimerFired())  # as runtime.fencing does
+        effects = self.agent.handle(event, now_us)
         for effect in effects:
             self._world.log.write(self._world.clock.now_us, self.robot, effect)
             self._carry_out(effect)
@@ -130,8 +153,8 @@ class SimProcess:
         match effect:
             case Publish():
                 self._world.published(self, effect)
-            case Persist(entries):
-                self._world.persisted(self, entries)
+            case Persist(entries, synced):
+                self._persist(entries, synced)
             case Ask():
                 self._world.asked(self, effect)
             case Reply():
@@ -144,19 +167,40 @@ class SimProcess:
                 self._world.declared(self, incarnation)
             case Stop():
                 self.stop = effect
+                self.journal.commit()
                 self._end()
                 self._world.stopped(self)
             case Log():
                 pass  # it is in the effect log
 
+    def _persist(self, entries: tuple[Entry, ...], synced: bool) -> None:
+        self.journal.put(entries)
+        if synced:
+            self.journal.commit()
+        elif not self._commits:
+            self._commits = True
+            self._commit_later()
+
+    def _commit_later(self) -> None:
+        clock = self._world.clock
+        clock.at(clock.now_us + round(LAZY_COMMIT_S * MICRO), self._commit)
+
+    def _commit(self) -> None:
+        if self.is_frozen:
+            self._commit_later()
+        elif not self.is_over:
+            self._commits = False
+            self.journal.commit()
+
     def _set_timer(self) -> None:
         if self.agent is None or self.is_over:
             return
-        clock = self._world.clock
-        due_us = self.agent.next_deadline_us(clock.now_us)
+        now_us = self.local.boottime_us
+        due_us = self.agent.next_deadline_us(now_us)
         if self._timer_us is None or due_us < self._timer_us:
             self._timer_us = due_us
-            clock.at(due_us, lambda: self._timer(due_us))
+            at_us = self.local.when_us(self.local.monotonic_us + due_us - now_us)
+            self._world.clock.at(at_us, lambda: self._timer(due_us))
 
     def _timer(self, due_us: int) -> None:
         if self._timer_us != due_us:
@@ -170,22 +214,51 @@ class SimProcess:
     def kill(self) -> None:
         """SIGKILL."""
         self.killed = True
+        self.journal.crash()
         self._end()
 
     def freeze(self) -> None:
-        """SIGSTOP."""
+        """SIGSTOP, or the process' part in a suspend."""
         self.is_frozen = True
         self._gate.close()
 
     def thaw(self) -> None:
         """SIGCONT: the agent looks at the clock before anything else of the process goes on."""
-        if not self.is_frozen:
+        if self.is_frozen:
+            self.is_frozen = False
+            self._inbox.appendleft(TimerFired())
+            self._catch_up()
+
+    def slow(self, lag_us: int) -> None:
+        """Come round only every `lag_us` from now on; 0: be fast again after the next time."""
+        self._lag_us = lag_us
+        if lag_us and not self._awakes:
+            self._awakes = True
+            self._gate.close()
+            self._wake_later()
+
+    def _wake_later(self) -> None:
+        clock = self._world.clock
+        clock.at(clock.now_us + self._lag_us, self._wake)
+
+    def _wake(self) -> None:
+        if self.is_over:
             return
-        self.is_frozen = False
-        waiting, self._inbox = self._inbox, []
-        for event in (TimerFired(), *waiting):
-            self.deliver(event)
+        self._awakes = bool(self._lag_us)
+        if not self.is_frozen:
+            self._catch_up()
+        if self._awakes:
+            self._wake_later()
+
+    def _catch_up(self) -> None:
+        """Handle what has waited, then let the program's timers go on."""
+        waiting = list(self._inbox)
+        self._inbox.clear()
+        for event in waiting:
+            self._handle(event)
         self._gate.open()
+        if self._awakes and not self.is_over:
+            self._gate.close()
 
     def _end(self) -> None:
         if self._scope is not None:

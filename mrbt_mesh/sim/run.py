@@ -113,7 +113,7 @@ def _run(world: World) -> None:
 
 def _result(world: World) -> SimulationResult:
     observer, now_us = world.observer, world.clock.now_us
-    if world.gave_up and not world.cut_off and world.network.knobs.is_reliable_at(now_us):
+    if world.gave_up and not world.cut_off and world.network.is_reliable_at(now_us):
         world.checkers.never_stopped()
     if world.timed_out and observer.record.result is None:
         world.checkers.timed_out()

@@ -14,34 +14,32 @@ import anyio.abc
 from mrbt_mesh.core.agent import Agent
 from mrbt_mesh.core.agent_config import AgentConfig
 from mrbt_mesh.core.assignment import Solver
-from mrbt_mesh.core.commands import command_body
 from mrbt_mesh.core.effects import (
     AnswerReceived,
     Ask,
-    CapabilityChanged,
     Effect,
     Input,
-    LeaveRequested,
     MessageReceived,
     Publish,
     QueryReceived,
     Reply,
     TokenChanged,
 )
-from mrbt_mesh.core.facts import Entry, FactMap, Incarnation
+from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.mission import Mission
 from mrbt_mesh.core.observer import Observer
 from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
 from mrbt_mesh.core.timing import Timing
 from mrbt_mesh.core.tree import Status
-from mrbt_mesh.core.wire import Header, MessageKind, encode
+from mrbt_mesh.core.wire import Header, MessageKind
 from mrbt_mesh.runtime.actions import Identity
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim import faults
 from mrbt_mesh.sim.checkers import Checkers
-from mrbt_mesh.sim.clock import VirtualClock
+from mrbt_mesh.sim.clock import LocalClock, VirtualClock
 from mrbt_mesh.sim.effect_log import EffectLog
-from mrbt_mesh.sim.garbage import Forger
+from mrbt_mesh.sim.injector import Injector, fault_text
+from mrbt_mesh.sim.journal import SimJournal
 from mrbt_mesh.sim.network import Network, NetworkKnobs
 from mrbt_mesh.sim.process import SimProcess
 
@@ -66,6 +64,7 @@ class Setup:
     timing: Timing = field(default_factory=Timing)
     solver: Solver = SOLVERS[DEFAULT_SOLVER]
     speed: float = 1.0
+    exit_when_done: bool = True
     start_spread_us: int = 20_000
     keep_log: bool = False
 
@@ -82,8 +81,7 @@ class _Question:
 class World:
     """Everything that is there, and what happens when. One instance is one run.
 
-    `cut_off`: some robot could not hear all others for a while. `gave_up`: robots outlived the
-    end of the mission.
+    `gave_up`: robots outlived the end of the mission.
     """
 
     def __init__(self, setup: Setup) -> None:
@@ -100,16 +98,16 @@ class World:
         self.over = anyio.Event()
         self.timed_out = False
         self.gave_up = False
-        self.cut_off = False
         self._lives = 0
         self._questions: dict[int, _Question] = {}
         self._observing = False
         self._pending = len(setup.schedule)
-        self._header = Header(setup.mission.digest[:16], setup.mission.name, self.run, "")
-        self._forger = Forger(setup.seed, self._header)
+        header = Header(setup.mission.digest[:16], setup.mission.name, self.run, "")
+        self._injector = Injector(self, header)
         self._never: set[str] = set()
         self._to_launch = len(setup.robots)
-        self.journals = {robot: _empty_journal() for robot in setup.robots}
+        self._journals: dict[str, SimJournal] = {}
+        self._clocks: dict[str, LocalClock] = {}
         self._group: anyio.abc.TaskGroup | None = None
 
     async def main(self) -> None:
@@ -142,6 +140,11 @@ class World:
     def solver(self) -> Solver:
         return self.setup.solver
 
+    @property
+    def cut_off(self) -> bool:
+        """Whether some robot could not hear all others in time for a while."""
+        return self._injector.cut_off
+
     def living(self) -> list[SimProcess]:
         """Processes that run and are not frozen, sorted by robot."""
         return [
@@ -155,10 +158,18 @@ class World:
     def _launch_first(self, robot: str) -> None:
         self._to_launch -= 1
         if robot not in self._never:
-            self._launch(robot)
+            self.launch(robot, keeps_journal=True)
 
-    def _launch(self, robot: str) -> None:
+    def local_clock(self, robot: str) -> LocalClock:
+        """The clock of this robot's computer."""
+        return self._clocks.setdefault(robot, LocalClock(self.clock))
+
+    def launch(self, robot: str, keeps_journal: bool) -> None:
+        """Start a process of this robot, with what its journal kept or without."""
         self._lives += 1
+        journal = self._journals.get(robot) if keeps_journal else None
+        if journal is None:
+            journal = self._journals[robot] = SimJournal()
         setup, life = self.setup, self._lives
         description = setup.mission.robots[robot]
         identity = Identity(robot, description.type, 1_000 + life, setup.speed)
@@ -171,9 +182,9 @@ class World:
             solver=setup.solver,
             timing=setup.timing,
             expected=frozenset(setup.robots),
-            exit_when_done=True,
+            exit_when_done=setup.exit_when_done,
             software="simulator",
-            restored=tuple(self.journals[robot]),
+            restored=journal.read(),
             host="simulator",
             pid=identity.pid,
         )
@@ -184,7 +195,8 @@ class World:
                     self._tell_token(other.robot, other.token, True, robot)
             return Agent(setup.mission, config, now_us)
 
-        process = SimProcess(self, identity, setup.program, make_agent)
+        local = self.local_clock(robot)
+        process = SimProcess(self, identity, setup.program, journal, local, make_agent)
         self.processes[robot] = process
         assert self._group is not None
         self._group.start_soon(process.main)
@@ -197,6 +209,7 @@ class World:
         for target in self.processes:
             if target != process.robot:
                 self._send(process.robot, target, event)
+        self._injector.heard(process.robot, event)
         self.observer.message(effect.kind, process.robot, effect.data, now_us)
         if effect.kind is MessageKind.FACT:
             self.checkers.changed_us = now_us
@@ -204,9 +217,10 @@ class World:
 
     def _send(self, source: str, target: str, event: Input) -> None:
         for arrival_us in self.network.arrivals_us(source, target, self.clock.now_us):
-            self.clock.at(arrival_us, partial(self._arrive, target, event))
+            self.clock.at(arrival_us, partial(self.arrive, target, event))
 
-    def _arrive(self, target: str, event: Input) -> None:
+    def arrive(self, target: str, event: Input) -> None:
+        """Hand an input to a robot's process."""
         self.processes[target].deliver(event)
 
     def asked(self, process: SimProcess, effect: Ask) -> None:
@@ -227,9 +241,6 @@ class World:
             # A query's replies are not duplicated: Zenoh tells them apart.
             for arrival_us in self.network.arrivals_us(source, target, self.clock.now_us)[:1]:
                 self.clock.at(arrival_us, partial(self._answer, question, page))
-
-    def persisted(self, process: SimProcess, entries: tuple[Entry, ...]) -> None:
-        self.journals[process.robot].merge(entries)
 
     def _answer(self, question: _Question, page: bytes | None) -> None:
         if page is None and question.answered:
@@ -261,7 +272,7 @@ class World:
     def _tell_token(self, robot: str, incarnation: Incarnation, held: bool, target: str) -> None:
         at_us = self.clock.now_us + (self.setup.network.token_delay_us or 0)
         event = TokenChanged(robot, incarnation, held)
-        self.clock.at(at_us, partial(self._arrive, target, event))
+        self.clock.at(at_us, partial(self.arrive, target, event))
 
     # -- what processes do --------------------------------------------------------------------
 
@@ -316,59 +327,12 @@ class World:
         self._pending -= 1
         if self.observer.record.result is not None:
             return  # the mission is over, and with it the story
-        self.cut_off |= isinstance(fault, faults.Block | faults.Freeze | faults.Restart)
         self.checkers.fault_us = self.clock.now_us
         self.log.note(self.clock.now_us, "-", f'{{"fault":"{fault_text(fault)}"}}')
-        match fault:
-            case faults.Restart(robot, keeps_journal):
-                self._kill(robot)
-                if not keeps_journal:
-                    self.journals[robot] = _empty_journal()
-                self._launch(robot)
-            case faults.Block(links):
-                self.network.block(links)
-            case faults.Unblock(links):
-                self.network.unblock(links)
-            case _:
-                self._befall_process(fault)
+        self._injector.inject(fault)
 
-    def _befall_process(self, fault: faults.Fault) -> None:
-        assert not isinstance(fault, faults.Restart | faults.Block | faults.Unblock)
-        process = self.processes.get(fault.robot)
-        if isinstance(fault, faults.Kill):
-            self._kill(fault.robot)
-        if process is None or process.is_over:
-            return
-        match fault:
-            case faults.Freeze():
-                process.freeze()
-            case faults.Thaw():
-                process.thaw()
-            case faults.LoseToken(robot, seen_by):
-                if process.token is not None:
-                    self._arrive(seen_by, TokenChanged(robot, process.token, False))
-            case faults.Garbage(_, count):
-                for event in self._forger.inputs(fault.robot, self.setup.robots, count):
-                    self.checkers.garbage(process, event)
-            case _:
-                process.deliver(self._input(fault))
-
-    def _input(self, fault: faults.Fault) -> Input:
-        """What arrives at the robot itself."""
-        match fault:
-            case faults.Leave():
-                return LeaveRequested()
-            case faults.Lose(_, local_task):
-                return CapabilityChanged(local_task, lost=True)
-            case faults.Restore(_, local_task):
-                return CapabilityChanged(local_task, lost=False)
-            case faults.Command(_, command, argument):
-                body = command_body(command, argument)
-                data = encode(self._header, MessageKind.COMMAND, body)
-                return QueryReceived(0, MessageKind.COMMAND, data)
-        raise TypeError(f"unknown fault {fault!r}")
-
-    def _kill(self, robot: str) -> None:
+    def kill(self, robot: str) -> None:
+        """End this robot's process, or the first one before it has begun."""
         process = self.processes.get(robot)
         if process is None:
             self._never.add(robot)  # it dies before it has said a word
@@ -388,19 +352,3 @@ class World:
     def _failed(self, error: Exception) -> None:
         self.error = error
         self.over.set()
-
-
-def fault_text(fault: faults.Fault) -> str:
-    """A fault in one word and its values, in a fixed order: `Kill A1`."""
-    values = []
-    for name in fault.__dataclass_fields__:
-        value = getattr(fault, name)
-        if isinstance(value, frozenset):
-            value = ",".join(f"{source}>{target}" for source, target in sorted(value))
-        values.append(str(value))
-    return " ".join([type(fault).__name__, *values])
-
-
-def _empty_journal() -> FactMap:
-    """A journal as the real one works: it holds what was put, joined."""
-    return FactMap(lambda old, new: None)

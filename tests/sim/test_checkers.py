@@ -25,7 +25,7 @@ SECOND_US = 1_000_000
 class Process:
     """The part of a SimProcess that checkers look at."""
 
-    is_over = False
+    is_over = is_slow = False
 
     def __init__(self, agent: Agent, clock: VirtualClock) -> None:
         self.robot = agent.me

@@ -8,7 +8,14 @@ from collections.abc import Awaitable, Callable
 import anyio
 import pytest
 
-from mrbt_mesh.sim.clock import DeadlockError, Gate, VirtualClock, VirtualLoop, current_gate
+from mrbt_mesh.sim.clock import (
+    DeadlockError,
+    Gate,
+    LocalClock,
+    VirtualClock,
+    VirtualLoop,
+    current_gate,
+)
 
 DAY_S = 86_400
 
@@ -103,7 +110,7 @@ def test_an_error_in_an_event_ends_the_run_and_no_event_follows() -> None:
 
 def test_the_timers_of_a_frozen_robot_wait_for_its_gate() -> None:
     clock = VirtualClock()
-    gate = Gate()
+    gate = Gate(LocalClock(clock))
     seen: list[tuple[str, int]] = []
 
     async def sleeper(name: str, delay_s: float) -> None:
@@ -130,7 +137,7 @@ def test_the_timers_of_a_frozen_robot_wait_for_its_gate() -> None:
 
 def test_a_held_timer_that_is_cancelled_does_not_fire() -> None:
     clock = VirtualClock()
-    gate = Gate()
+    gate = Gate(LocalClock(clock))
     seen: list[str] = []
 
     async def main() -> None:
@@ -145,3 +152,48 @@ def test_a_held_timer_that_is_cancelled_does_not_fire() -> None:
 
     run(clock, main)
     assert seen == []
+
+
+def test_a_fast_or_slow_clock_times_its_robots_waits() -> None:
+    clock = VirtualClock()
+    fast, slow = LocalClock(clock), LocalClock(clock)
+    fast.set_rate(50_000)
+    slow.set_rate(-50_000)
+    seen: list[tuple[str, int]] = []
+
+    async def sleeper(name: str) -> None:
+        await anyio.sleep(1)
+        seen.append((name, clock.now_us))
+
+    async def main() -> None:
+        async with anyio.create_task_group() as group:
+            for name, local in (("fast", fast), ("slow", slow)):
+                context = contextvars.copy_context()
+                context.run(current_gate.set, Gate(local))
+                context.run(group.start_soon, sleeper, name)
+
+    run(clock, main)
+    assert seen == [("fast", 952_381), ("slow", 1_052_632)]
+    assert fast.boottime_us == 1_105_263
+
+
+def test_in_a_suspend_only_the_boot_time_clock_goes_on() -> None:
+    clock = VirtualClock()
+    local = LocalClock(clock)
+    seen: list[int] = []
+
+    async def main() -> None:
+        gate = Gate(local)
+        current_gate.set(gate)
+        clock.at(100, gate.close)
+        clock.at(100, local.suspend)
+        clock.at(5_100, local.resume)
+        clock.at(5_100, gate.open)
+        await anyio.sleep(0.001)
+        seen.append(clock.now_us)
+
+    run(clock, main)
+    assert seen == [6_000]
+    assert (local.monotonic_us, local.boottime_us) == (1_000, 6_000)
+    local.jump(500)
+    assert (local.monotonic_us, local.boottime_us) == (1_000, 6_500)

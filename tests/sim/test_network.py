@@ -85,11 +85,26 @@ def test_links_may_differ_and_faults_may_end() -> None:
     assert net.arrivals_us("A", "B", 499) == []
     assert net.arrivals_us("B", "A", 499) == [1_499]
     assert len(net.arrivals_us("A", "B", 500)) == 1
-    assert not knobs.is_reliable_at(499)
-    assert knobs.is_reliable_at(500)
+    assert not net.is_reliable_at(499)
+    assert net.is_reliable_at(500)
 
 
 @pytest.mark.parametrize("wrong", [{"loss_permille": 1_001}, {"delay_us": -1}])
 def test_senseless_knobs_are_refused(wrong: dict[str, int]) -> None:
     with pytest.raises(ValueError, match=r"chance|negative"):
         LinkKnobs(**wrong)
+
+
+def test_links_are_disturbed_for_a_while() -> None:
+    net = network(QUIET)
+    net.disturb(LinkKnobs(delay_us=5_000, jitter_us=0), [("A", "B")])
+    net.disturb(LinkKnobs(loss_permille=1_000))
+    assert net.arrivals_us("A", "B", 0) == [5_000]
+    assert net.arrivals_us("B", "A", 0) == []
+    assert not net.is_reliable_at(0)
+    assert net.slowest_us == 5_000
+    net.settle([("A", "B")])
+    assert net.arrivals_us("A", "B", 0) == []
+    net.settle()
+    assert net.arrivals_us("A", "B", 9_000) == [10_000]
+    assert net.is_reliable_at(0)

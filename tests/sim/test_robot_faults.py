@@ -1,0 +1,166 @@
+"""What befalls one robot: a lost journal tail, slowness, suspend, skewed clocks, old messages."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from runs import Run, undisturbed
+
+from mrbt_mesh.core.facts import Incarnation, Version, make_entry
+from mrbt_mesh.core.records import OUTCOME
+from mrbt_mesh.sim import (
+    ClockJump,
+    ClockRate,
+    Command,
+    Disturb,
+    Fault,
+    Freeze,
+    Heal,
+    Kill,
+    Lose,
+    Replay,
+    Restart,
+    Slow,
+    Suspend,
+    Thaw,
+    partition,
+)
+from mrbt_mesh.sim.journal import SimJournal
+from mrbt_mesh.sim.network import LinkKnobs
+from tests.physical import of, spans
+
+SECOND_US = 1_000_000
+ROBOTS = ["A1", "A2", "B1", "B2", "C1", "C2"]
+
+
+def entry(name: str, sequence: int) -> Any:
+    return make_entry(
+        "A1", f"{OUTCOME}/x/{name}", Version(Incarnation(1, "n"), sequence), [True, 0]
+    )
+
+
+def test_a_crash_loses_what_was_not_written() -> None:
+    journal = SimJournal()
+    journal.put([entry("a", 1)])
+    journal.commit()
+    journal.put([entry("a", 2), entry("b", 3)])
+    assert not journal.is_clean
+    journal.crash()
+    assert journal.read() == (entry("a", 1),)
+    assert journal.written("A1", f"{OUTCOME}/x/b") is None
+    assert journal.is_clean
+
+
+def outcomes_in_the_journal(run: Run, killed_us: int) -> int:
+    """How many outcomes B1 still has when it is restarted alone, all others gone for good."""
+    schedule: list[tuple[int, Fault]] = [(killed_us, Kill(robot)) for robot in ROBOTS]
+    schedule.append((killed_us + SECOND_US, Restart("B1")))
+    timeout_us = killed_us + 3 * SECOND_US
+    result = run("vehicle_repair", 3, schedule=schedule, expect=None, timeout_us=timeout_us)
+    facts = result.agents["B1"].facts
+    return sum(len(robots) for tasks in facts.outcomes.values() for robots in tasks.values())
+
+
+def test_a_killed_robot_forgets_what_it_heard_a_moment_ago_but_not_what_it_said(run: Run) -> None:
+    screws = [s.end_s for s in of(undisturbed(3), "use_screwdriver")[:2]]
+    heard_us = round(max(screws) * 1e6) + 20_000
+    assert outcomes_in_the_journal(run, heard_us) == 0
+    assert outcomes_in_the_journal(run, heard_us + 150_000) == 2
+    own = min(s.end_s for s in of(undisturbed(3), "do_diagnosis") if s.robot == "B1")
+    assert outcomes_in_the_journal(run, round(own * 1e6) + 1_000) >= 3
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_team_that_is_killed_as_a_whole_goes_on_from_its_journals(run: Run, seed: int) -> None:
+    schedule: list[tuple[int, Fault]] = [(12 * SECOND_US, Kill(robot)) for robot in ROBOTS]
+    schedule += [(14 * SECOND_US + 10_000 * i, Restart(robot)) for i, robot in enumerate(ROBOTS)]
+    result = run("vehicle_repair", seed, schedule=schedule)
+    done = [s for s in spans(result.events) if s.end == "success"]
+    assert len({(s.activation, s.local_task, s.part, s.robot) for s in done}) == len(done)
+
+
+def test_a_slow_robot_is_late_but_does_its_part(run: Run) -> None:
+    schedule = [(SECOND_US, Slow("A1", 150_000)), (10 * SECOND_US, Slow("A1", 0))]
+    result = run("vehicle_repair", 3, schedule=schedule, keep_log=True)
+    assert result.summary["faults"] == []
+    times = [line.split()[0] for line in result.effect_log if line.split()[1] == "A1"]
+    slow = {int(t) for t in times if 2 * SECOND_US < int(t) < 9 * SECOND_US}
+    assert {(t - SECOND_US) % 150_000 for t in slow} == {0}
+
+
+def test_a_robot_that_is_slower_than_the_detection_time_is_given_up(run: Run) -> None:
+    schedule = [(SECOND_US, Slow("A1", 1_600_000)), (20 * SECOND_US, Slow("A1", 0))]
+    result = run("vehicle_repair", 3, schedule=schedule)
+    assert {fault["robot"] for fault in result.summary["faults"]} == {"A1"}
+
+
+@pytest.mark.parametrize("fault", [Freeze("A1"), Suspend("A1")])
+def test_a_suspended_robot_fences_itself_and_its_work_is_cancelled(run: Run, fault: Fault) -> None:
+    before = next(s for s in of(undisturbed(3), "do_diagnosis") if s.robot == "A1")
+    asleep_us = round(before.start_s * 1e6) + 500_000
+    schedule = [(asleep_us, fault), (asleep_us + 5 * SECOND_US, Thaw("A1"))]
+    result = run("vehicle_repair", 3, schedule=schedule, keep_log=True)
+    own = next(s for s in of(spans(result.events), "do_diagnosis", before.part) if s.robot == "A1")
+    assert own.end == "cancel"
+    assert own.end_s == pytest.approx(asleep_us / 1e6 + 5, abs=1e-6)
+    assert sum('"fenced"' in line for line in result.effect_log) == 1
+
+
+def test_a_boot_time_clock_that_jumps_fences_its_robot(run: Run) -> None:
+    schedule = [(4 * SECOND_US, ClockJump("A1", 30 * SECOND_US))]
+    result = run("vehicle_repair", 3, schedule=schedule, keep_log=True)
+    assert sum('"fenced"' in line for line in result.effect_log) == 1
+
+
+def test_clocks_that_run_five_percent_apart_harm_nobody(run: Run) -> None:
+    schedule = [
+        (0, ClockRate("A1", 50_000)),
+        (0, ClockRate("B1", -50_000)),
+        (0, ClockJump("C1", 3_600 * SECOND_US)),
+    ]
+    result = run("vehicle_repair", 3, schedule=schedule)
+    assert result.summary["faults"] == []
+    length = {s.robot: s.end_s - s.start_s for s in of(spans(result.events), "do_diagnosis")}
+    assert length["A1"] == pytest.approx(2 / 1.05, abs=0.01)
+    assert length["B1"] == pytest.approx(6 / 0.95, abs=0.01)
+
+
+def test_old_messages_change_nothing(run: Run) -> None:
+    expected = run("vehicle_repair", 3)
+    schedule = [
+        (at_s * SECOND_US + 7, Replay(robot, source, (at_s - 3) * SECOND_US, 20))
+        for at_s in range(4, 20, 3)
+        for robot in ROBOTS
+        for source in ROBOTS
+        if robot != source
+    ]
+    result = run("vehicle_repair", 3, schedule=schedule)
+    assert result.events == expected.events
+
+
+def test_a_robot_may_come_for_the_first_time_in_the_middle(run: Run) -> None:
+    early = [robot for robot in ROBOTS if robot not in ("A1", "C1")]
+    schedule = [(6 * SECOND_US, Restart("C1")), (8 * SECOND_US, Restart("A1"))]
+    result = run("vehicle_repair", 3, schedule=schedule, robots=early)
+    assert result.summary["duration_s"] > 25
+    assert any(span.robot == "A1" for span in spans(result.events))
+
+
+def test_healing_ends_every_fault(run: Run) -> None:
+    schedule: list[tuple[int, Fault]] = [
+        (SECOND_US, Kill("C1")),
+        (SECOND_US, Freeze("C2")),
+        (SECOND_US, Slow("B1", 400_000)),
+        (SECOND_US, Suspend("B2")),
+        (SECOND_US, Lose("A1", "all")),
+        (SECOND_US, partition(["A1"], ["A2"])),
+        (SECOND_US, Disturb(LinkKnobs(loss_permille=900))),
+        (SECOND_US, ClockRate("A2", 40_000)),
+        (4 * SECOND_US, Command("A2", "order", "pause")),
+    ]
+    timeout_us = 40 * SECOND_US
+    run("vehicle_repair", 3, schedule=schedule, expect="timeout", timeout_us=timeout_us)
+    schedule.append((9 * SECOND_US, Heal(("C1",))))
+    result = run("vehicle_repair", 3, schedule=schedule, timeout_us=timeout_us)
+    assert result.summary["duration_s"] < 34
