@@ -37,6 +37,13 @@ class Planner:
         """Plan anew at the next step, whatever has changed."""
         self._planned = None
 
+    def is_current(self, alive_changes: int) -> bool:
+        """Whether the plan is that of the facts and the alive set as they are now.
+
+        Not so between a step's own last words (a claim) and the next step.
+        """
+        return self.plan is not None and self._planned == (self._facts.changes, alive_changes)
+
     def step(
         self, alive: Callable[[], Mapping[str, Incarnation]], alive_changes: int, now_us: int
     ) -> list[tuple[str, Any]]:

@@ -100,7 +100,7 @@ class Injector:
                     world.arrive(seen_by, TokenChanged(robot, process.token, False))
             case faults.Garbage(robot, count):
                 for event in self._forger.inputs(robot, world.setup.robots, count):
-                    world.checkers.garbage(process, event)
+                    world.checkers.i8.arrives(process, event)
             case faults.Replay(robot, source, until_us, count):
                 past = [m for at_us, m in self._spoken.get(source, ()) if at_us <= until_us]
                 for message in past[-count:]:
@@ -137,9 +137,15 @@ class Injector:
         for robot in robots:
             if robot not in world.processes or world.processes[robot].is_over:
                 world.launch(robot, keeps_journal=True)
+        self._resume()
+
+    def _resume(self) -> None:
+        """The operator says so again as long as a robot comes with an older word."""
+        world = self._world
         for process in world.living():
             if process.agent and process.agent.facts.order() is OrderKind.PAUSE:
                 process.deliver(self._input(faults.Command(process.robot, ORDER, "resume")))
+        world.clock.at(world.clock.now_us + world.timing.detection_us, self._resume)
 
 
 def fault_text(fault: faults.Fault) -> str:

@@ -47,6 +47,8 @@ class Surroundings(Protocol):
     def declared(self, process: SimProcess, incarnation: Incarnation) -> None: ...
     def stopped(self, process: SimProcess) -> None: ...
     def recorded(self, process: SimProcess, event: Mapping[str, Any]) -> None: ...
+    def booted(self, process: SimProcess) -> None: ...
+    def handling(self, process: SimProcess, event: Input) -> None: ...
     def handled(self, process: SimProcess, event: Input, effects: list[Effect]) -> None: ...
 
 
@@ -121,6 +123,7 @@ class SimProcess:
         self.agent = agent = self._make_agent(self._ran_us)
         self._runner = ActionRunner(group, self._program, agent.mission, self.identity, self)
         self._context.run(self._runner.start_background)
+        self._world.booted(self)
         self.deliver(TimerFired())
 
     # -- inputs -------------------------------------------------------------------------------
@@ -141,6 +144,7 @@ class SimProcess:
         gap_us, self._ran_us = now_us - self._ran_us, now_us
         if gap_us > self.agent.config.timing.detection_us and not isinstance(event, TimerFired):
             self._handle(TimerFired())  # as runtime.fencing does
+        self._world.handling(self, event)
         effects = self.agent.handle(event, now_us)
         for effect in effects:
             self._world.log.write(self._world.clock.now_us, self.robot, effect)

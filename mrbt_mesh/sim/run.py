@@ -19,6 +19,7 @@ from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim.clock import VirtualLoop
 from mrbt_mesh.sim.faults import Schedule
 from mrbt_mesh.sim.network import NetworkKnobs
+from mrbt_mesh.sim.scenario import Scenario
 from mrbt_mesh.sim.world import Setup, World
 
 DEFAULT_TIMEOUT_US = 600_000_000
@@ -34,7 +35,8 @@ class SimulationResult:
 
     `summary` is what `mrbt up --json` prints, `events` what the robots recorded themselves (the
     lines of events.jsonl), `violations` the invariants that did not hold, `checks` how often each
-    one was checked, `stops` why each agent stopped: (exit code, reason). `agents` are those of
+    one was checked, `done_twice` how many local tasks succeeded more often than their `max`,
+    `stops` why each agent stopped: (exit code, reason). `agents` are those of
     the last processes, for a closer look.
     """
 
@@ -46,6 +48,7 @@ class SimulationResult:
     effect_log: list[str]
     violations: list[str]
     checks: Mapping[str, int]
+    done_twice: int
     stops: Mapping[str, tuple[int, str]]
     agents: Mapping[str, Agent]
     observer: Observer
@@ -68,6 +71,7 @@ def simulate(
     timing: Timing | None = None,
     timeout_us: int = DEFAULT_TIMEOUT_US,
     speed: float = 1.0,
+    exit_when_done: bool = True,
     keep_log: bool = False,
 ) -> SimulationResult:
     """Run `mission` with the robots (all of the file by default) in virtual time.
@@ -94,11 +98,30 @@ def simulate(
         network=network or NetworkKnobs(),
         timing=timing or Timing(),
         speed=speed,
+        exit_when_done=exit_when_done,
         keep_log=keep_log,
     )
     world = World(setup)
     _run(world)
     return _result(world)
+
+
+def run_scenario(
+    mission: Mission, program: RobotProgram, scenario: Scenario, *, keep_log: bool = False
+) -> SimulationResult:
+    """`simulate` with the faults, the network and the robots of a scenario."""
+    return simulate(
+        mission,
+        program,
+        seed=scenario.seed,
+        robots=scenario.robots,
+        schedule=scenario.steps,
+        network=scenario.network,
+        timeout_us=scenario.timeout_us,
+        speed=scenario.speed,
+        exit_when_done=not scenario.stays,
+        keep_log=keep_log,
+    )
 
 
 def _run(world: World) -> None:
@@ -114,9 +137,9 @@ def _run(world: World) -> None:
 def _result(world: World) -> SimulationResult:
     observer, now_us = world.observer, world.clock.now_us
     if world.gave_up and not world.cut_off and world.network.is_reliable_at(now_us):
-        world.checkers.never_stopped()
+        world.checkers.i6.never_stopped()
     if world.timed_out and observer.record.result is None:
-        world.checkers.timed_out()
+        world.checkers.i6.timed_out()
     plan = observer.plan
     if observer.record.result is not None:
         result = "success" if observer.record.result is Status.SUCCESS else "failure"
@@ -133,6 +156,7 @@ def _result(world: World) -> SimulationResult:
         effect_log=world.log.lines,
         violations=world.checkers.violations,
         checks=dict(world.checkers.checks),
+        done_twice=world.checkers.i6.done_twice,
         stops={r: (p.stop.code, p.stop.reason) for r, p in processes.items() if p.stop},
         agents={r: p.agent for r, p in processes.items() if p.agent},
         observer=observer,

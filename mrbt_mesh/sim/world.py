@@ -81,7 +81,7 @@ class _Question:
 class World:
     """Everything that is there, and what happens when. One instance is one run.
 
-    `gave_up`: robots outlived the end of the mission.
+    `gave_up`: robots outlived the end of the mission. `healed_us`: when all faults ended.
     """
 
     def __init__(self, setup: Setup) -> None:
@@ -98,6 +98,7 @@ class World:
         self.over = anyio.Event()
         self.timed_out = False
         self.gave_up = False
+        self.healed_us: int | None = None
         self._lives = 0
         self._questions: dict[int, _Question] = {}
         self._observing = False
@@ -141,6 +142,10 @@ class World:
         return self.setup.solver
 
     @property
+    def speed(self) -> float:
+        return self.setup.speed
+
+    @property
     def cut_off(self) -> bool:
         """Whether some robot could not hear all others in time for a while."""
         return self._injector.cut_off
@@ -170,6 +175,7 @@ class World:
         journal = self._journals.get(robot) if keeps_journal else None
         if journal is None:
             journal = self._journals[robot] = SimJournal()
+            self.checkers.i9.lost_journal(robot)
         setup, life = self.setup, self._lives
         description = setup.mission.robots[robot]
         identity = Identity(robot, description.type, 1_000 + life, setup.speed)
@@ -212,7 +218,7 @@ class World:
         self._injector.heard(process.robot, event)
         self.observer.message(effect.kind, process.robot, effect.data, now_us)
         if effect.kind is MessageKind.FACT:
-            self.checkers.changed_us = now_us
+            self.checkers.findings.changed_us = now_us
         self._observe_soon()
 
     def _send(self, source: str, target: str, event: Input) -> None:
@@ -288,8 +294,14 @@ class World:
     def recorded(self, process: SimProcess, event: Mapping[str, Any]) -> None:
         self.events.append(dict(event))
 
+    def booted(self, process: SimProcess) -> None:
+        self.checkers.booted(process)
+
+    def handling(self, process: SimProcess, event: Input) -> None:
+        self.checkers.handling(process, event)
+
     def handled(self, process: SimProcess, event: Input, effects: list[Effect]) -> None:
-        self.checkers.handled(process, effects)
+        self.checkers.handled(process, event, effects)
 
     # -- the observer -------------------------------------------------------------------------
 
@@ -311,6 +323,8 @@ class World:
     def _observe_regularly(self) -> None:
         self._observe()
         self.checkers.sample()
+        if self.checkers.i6.is_settled:
+            self.over.set()
         next_us = self.clock.now_us + self.setup.timing.beat_us
         self.clock.at(next_us, self._observe_regularly)
 
@@ -325,11 +339,13 @@ class World:
 
     def _befall(self, fault: faults.Fault) -> None:
         self._pending -= 1
-        if self.observer.record.result is not None:
+        if self.setup.exit_when_done and self.observer.record.result is not None:
             return  # the mission is over, and with it the story
-        self.checkers.fault_us = self.clock.now_us
+        self.checkers.findings.fault_us = self.clock.now_us
         self.log.note(self.clock.now_us, "-", f'{{"fault":"{fault_text(fault)}"}}')
         self._injector.inject(fault)
+        if isinstance(fault, faults.Heal):
+            self.healed_us = self.clock.now_us
 
     def kill(self, robot: str) -> None:
         """End this robot's process, or the first one before it has begun."""

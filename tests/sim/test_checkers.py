@@ -26,6 +26,7 @@ class Process:
     """The part of a SimProcess that checkers look at."""
 
     is_over = is_slow = False
+    runs = True
 
     def __init__(self, agent: Agent, clock: VirtualClock) -> None:
         self.robot = agent.me
@@ -40,6 +41,8 @@ class Team:
     """Agents, long after the last change, as the checkers see a world."""
 
     cut_off = False
+    healed_us = None
+    speed = 1.0
 
     def __init__(self, agents: Iterable[Agent]) -> None:
         self.clock = VirtualClock()
@@ -76,7 +79,9 @@ def test_a_team_at_rest_breaks_nothing(team: Team) -> None:
 
 
 def test_i1_plans_that_differ_on_the_same_facts(team: Team) -> None:
-    team.agents[0].facts.run = "another"
+    facts = team.agents[0].facts
+    facts.run = "another"
+    facts.changes += 1
     assert "I1" in team.sample()
 
 
@@ -92,7 +97,7 @@ def test_i2_waits_until_the_network_is_quiet(team: Team) -> None:
     facts = team.agents[0].facts.map
     entry = next(entry for entry in facts if entry.name.startswith(OUTCOME))
     facts.drop(entry.author, entry.name)
-    team.checkers.changed_us = team.clock.now_us - SECOND_US
+    team.checkers.findings.changed_us = team.clock.now_us - SECOND_US
     assert team.sample() == []
 
 
@@ -119,7 +124,7 @@ def start(team: Team, robot: str, global_task: str, local_task: str) -> list[str
     activation = str(process.agent.planner.evaluator.current_scope(node.index, process.agent.facts))
     incarnation = process.agent.incarnation
     effect = StartAction(9, activation, global_task, local_task, (), 1, incarnation)
-    team.checkers.handled(process, [effect])  # type: ignore[arg-type]
+    team.checkers.handled(process, TimerFired(), [effect])  # type: ignore[arg-type]
     return [text.partition(" at ")[0] for text in team.checkers.violations]
 
 
@@ -158,6 +163,7 @@ def test_i4_bounds_that_are_not_met(run: Run) -> None:
     team.solver = lambda problem: None
     for agent in team.agents:
         agent.facts.claims.clear()
+        agent.facts.changes += 1
         agent.work.claim = None
     assert "I4" in team.sample()
     assert any(
@@ -174,14 +180,14 @@ def test_i6_a_mission_that_is_not_finished_in_time() -> None:
 
 
 def test_i6_robots_that_do_not_stop(team: Team) -> None:
-    team.checkers.never_stopped()
+    team.checkers.i6.never_stopped()
     assert "A1, A2, B1, B2, C2 did not stop" in team.checkers.violations[0]
 
 
 def test_i8_input_that_leaves_a_trace(team: Team) -> None:
     team.clock.now_us = 9 * SECOND_US + 1
     process: Any = team.processes[0]
-    team.checkers.garbage(process, TimerFired())
+    team.checkers.i8.arrives(process, TimerFired())
     assert team.checkers.violations == []
-    team.checkers.garbage(process, CapabilityChanged("replace_hw", lost=True))
+    team.checkers.i8.arrives(process, CapabilityChanged("replace_hw", lost=True))
     assert team.checkers.violations[0].startswith("I8")

@@ -1,0 +1,100 @@
+"""What must always hold, checked while a run goes on: one class per invariant.
+
+I1 same facts and same alive set give the same plan; I2 facts converge; I3 nothing that is done is
+undone; I4 nobody works on what it cannot do, and at rest the bounds of every demand hold; I6 what
+can be finished is finished; I7 assignments are optimal and canonical; I8 garbage changes nothing;
+I9 a restart resumes from the journal.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from mrbt_mesh.core.effects import Effect, Input, StartAction
+from mrbt_mesh.sim.checkers.facts import Convergence, GarbageChangesNothing, NothingUndone
+from mrbt_mesh.sim.checkers.findings import Findings, View, components, joined
+from mrbt_mesh.sim.checkers.plans import OptimalAssignment, SamePlan
+from mrbt_mesh.sim.checkers.restarts import Resumption
+from mrbt_mesh.sim.checkers.work import Bounds, Progress
+from mrbt_mesh.sim.process import SimProcess
+
+__all__ = ["Checkers", "Findings", "View"]
+
+
+class Checkers:
+    """Tells each checker what happens, at the moments that could break its invariant."""
+
+    def __init__(self, world: View) -> None:
+        self.world = world
+        self.findings = Findings(world)
+        self.i1 = SamePlan(self.findings)
+        self.i2 = Convergence(self.findings)
+        self.i3 = NothingUndone(self.findings)
+        self.i4 = Bounds(self.findings)
+        self.i6 = Progress(self.findings)
+        self.i7 = OptimalAssignment(self.findings)
+        self.i8 = GarbageChangesNothing(self.findings)
+        self.i9 = Resumption(self.findings)
+        self._sampled: list[tuple[str, int, int]] = []
+
+    @property
+    def violations(self) -> list[str]:
+        return self.findings.violations
+
+    @property
+    def checks(self) -> Counter[str]:
+        return self.findings.checks
+
+    def booted(self, process: SimProcess) -> None:
+        """A process has read its journal and has an agent."""
+        assert process.agent is not None
+        self.i9.booted(process, process.agent)
+
+    def handling(self, process: SimProcess, event: Input) -> None:
+        """Before a step of an agent."""
+        assert process.agent is not None
+        self.i6.finishing(process.agent, event)
+
+    def handled(self, process: SimProcess, event: Input, effects: list[Effect]) -> None:
+        """After every step of an agent."""
+        agent = process.agent
+        assert agent is not None
+        for effect in effects:
+            if isinstance(effect, StartAction):
+                self.i3.started(agent, effect)
+                self.i4.started(agent, effect)
+        if effects:
+            self.i6.handled(process, event, effects)
+            self.i9.handled(process, effects)
+        self.i3.check(process, agent)
+
+    def sample(self) -> None:
+        """Now and then: what can only be seen of the team as a whole."""
+        agents = joined(self.world)
+        versions = [(a.me, a.facts.changes, a.membership.changes) for a in agents]
+        if versions != self._sampled:
+            self._sampled = versions
+            self.i1.sample(agents)
+            self.i7.sample(agents)
+        for process in self.world.living():
+            if process.agent is not None:
+                self.i3.check(process, process.agent)
+        self.i2.sample(agents)
+        self.i6.sample()
+        if self.findings.is_tolerable:
+            for component in components(agents, self.world.network.blocked):
+                strangers = len(agents) - len(component)
+                if self._is_quiet(strangers) and self.i2.at_rest(component):
+                    self.i4.at_rest(component)
+
+    def _is_quiet(self, strangers: int) -> bool:
+        """Whether all repairs must be done: nothing was written or befell for long enough."""
+        findings, network = self.findings, self.world.network
+        repair_us = findings.repair_us
+        if strangers or network.blocked:
+            repair_us *= 2  # facts may have to be handed on by a robot in between
+        now_us, quiet_us = self.world.clock.now_us, network.knobs.quiet_from_us or 0
+        return (
+            now_us - max(findings.changed_us, quiet_us) > repair_us
+            and now_us - max(findings.fault_us, quiet_us) > repair_us + findings.verdict_us
+        )

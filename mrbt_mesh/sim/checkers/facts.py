@@ -1,0 +1,168 @@
+"""I2: facts converge. I3: nothing that is done is undone. I8: garbage changes nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from mrbt_mesh.core.agent import Agent
+from mrbt_mesh.core.effects import Input, StartAction, TimerFired
+from mrbt_mesh.core.evaluate import parse_scope
+from mrbt_mesh.core.facts import Entry, FactMap, join
+from mrbt_mesh.core.records import OUTCOME, split_name
+from mrbt_mesh.core.tree import Status
+from mrbt_mesh.sim.checkers.findings import Findings, alive_set
+from mrbt_mesh.sim.process import SimProcess
+
+_SCOPED = (OUTCOME, "verdict", "attempt", "expired")
+
+
+class Convergence:
+    """I2: once no message is lost, everybody holds what anybody held, within a bounded time.
+
+    Also while new facts are written all the time; and where none is, all facts and views of
+    who is alive are equal.
+    """
+
+    def __init__(self, findings: Findings) -> None:
+        self._findings = findings
+        self._noted_us = 0
+        self._noted: FactMap | None = None
+        self._holders: list[Agent] = []
+
+    def at_rest(self, agents: Sequence[Agent]) -> bool:
+        """Nothing was written or befell for long; returns whether all is equal."""
+        self._findings.checks["I2"] += 1
+        digests = {agent.facts.map.digest() for agent in agents}
+        if len(digests) > 1:
+            names = ", ".join(f"{a.me}={a.facts.map.digest().hex()[:8]}" for a in agents)
+            self._findings.say("I2", f"facts still differ: {names}")
+        alive = {agent.me: agent.incarnation for agent in agents}
+        if any(alive_set(agent) != alive for agent in agents):
+            views = "; ".join(f"{a.me}: {' '.join(sorted(alive_set(a)))}" for a in agents)
+            known = " ".join(alive)
+            self._findings.say("I2", f"views of who is alive still differ from {known}: {views}")
+            return False
+        return True
+
+    def sample(self, agents: Sequence[Agent]) -> None:
+        """While facts keep coming: what anybody held a while ago has reached everybody."""
+        findings, now_us = self._findings, self._findings.world.clock.now_us
+        if not findings.is_tolerable or findings.world.network.blocked or not agents:
+            self._noted = None
+            return
+        period_us = 2 * findings.repair_us + findings.verdict_us
+        if self._noted is None or findings.fault_us > self._noted_us:
+            self._note(agents, now_us)
+        elif now_us > self._noted_us + period_us:
+            for agent in agents:
+                if any(agent is holder for holder in self._holders):
+                    self._check(agent, self._noted)
+            self._note(agents, now_us)
+
+    def _note(self, agents: Sequence[Agent], now_us: int) -> None:
+        self._noted_us, self._holders = now_us, list(agents)
+        self._noted = FactMap(lambda old, new: None)
+        for agent in agents:
+            self._noted.merge(agent.facts.map)
+
+    def _check(self, agent: Agent, noted: FactMap) -> None:
+        self._findings.checks["I2"] += 1
+        for entry in noted:
+            if not stands(agent, entry) and not is_obsolete(agent, entry):
+                text = f"{agent.me} still lacks {entry.name} {entry.version} of {entry.author}"
+                self._findings.say("I2", text)
+
+
+def stands(agent: Agent, entry: Entry) -> bool:
+    """Whether the agent holds this entry, or one that goes before it."""
+    mine = agent.facts.map.get(entry.author, entry.name)
+    if mine is None:
+        return False
+    newest = join(mine, entry)
+    return (newest.version, newest.packed) == (mine.version, mine.packed)
+
+
+def is_obsolete(agent: Agent, entry: Entry) -> bool:
+    """Whether the agent may have dropped this entry, because nothing can reach it any more."""
+    parts = split_name(entry.name)
+    if parts[0] not in _SCOPED:
+        return False
+    return agent.planner.evaluator.is_obsolete(parse_scope(parts[1]), agent.facts)
+
+
+class NothingUndone:
+    """I3: a process never loses an outcome, and what is finished stays finished."""
+
+    def __init__(self, findings: Findings) -> None:
+        self._findings = findings
+        self._outcomes: dict[SimProcess, dict[tuple[str, str, str], bool]] = {}
+        self._finished: dict[SimProcess, set[str]] = {}
+        self._seen: dict[SimProcess, tuple[int, int]] = {}
+
+    def started(self, agent: Agent, start: StartAction) -> None:
+        if agent.facts.task_status(start.global_task, start.activation) is not Status.RUNNING:
+            text = f"{agent.me} starts {start.activation}, which it knows to be over"
+            self._findings.say("I3", text)
+
+    def check(self, process: SimProcess, agent: Agent) -> None:
+        """After a step, or at a sample: cheap while nothing has changed."""
+        facts, evaluator = agent.facts, agent.planner.evaluator
+        seen = (facts.outcome_changes, len(facts.map))
+        if self._seen.get(process) == seen:
+            return
+        self._seen[process] = seen
+        now = {
+            (activation, local_task, robot): success
+            for activation, tasks in facts.outcomes.items()
+            for local_task, robots in tasks.items()
+            for robot, success in robots.items()
+        }
+        for key, success in self._outcomes.get(process, {}).items():
+            if now.get(key, False) < success or key not in now:
+                activation, local_task, robot = key
+                if not evaluator.is_obsolete(parse_scope(activation), facts):
+                    text = f"{agent.me} has lost {robot}'s {local_task} of {activation}"
+                    self._findings.say("I3", text)
+        self._outcomes[process] = now
+        self._findings.checks["I3"] += len(now)
+        finished = self._finished.setdefault(process, set())
+        for activation in sorted(finished | facts.outcomes.keys()):
+            scope = parse_scope(activation)
+            if facts.task_status(scope.subject, activation) is Status.SUCCESS:
+                finished.add(activation)
+            elif activation in finished:
+                finished.discard(activation)
+                if not evaluator.is_obsolete(scope, facts):
+                    text = f"for {agent.me} {activation} is not finished any more"
+                    self._findings.say("I3", text)
+
+
+class GarbageChangesNothing:
+    """I8: nothing malformed, foreign or forged stops an agent or leaves a trace."""
+
+    def __init__(self, findings: Findings) -> None:
+        self._findings = findings
+
+    def arrives(self, process: SimProcess, event: Input) -> None:
+        """Let garbage arrive, and see that nothing of it stays."""
+        process.deliver(TimerFired())
+        if process.runs and not process.is_slow:
+            self._findings.checks["I8"] += 1
+        before = _state(process)
+        process.deliver(event)
+        if before != _state(process):
+            self._findings.say("I8", f"{process.robot} was changed by garbage {event!r:.200}")
+
+
+def _state(process: SimProcess) -> tuple[object, ...]:
+    agent = process.agent
+    if agent is None:
+        return (process.is_over,)
+    return (
+        process.is_over,
+        agent.facts.map.digest(),
+        dict(agent.membership.states()),
+        agent.membership.changes,
+        agent.work.claim,
+        agent.description.lost,
+    )

@@ -1,0 +1,117 @@
+"""What all checkers share: their view of the world, and where they note what they find."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Protocol
+
+from mrbt_mesh.core.agent import Agent
+from mrbt_mesh.core.assignment import Solver
+from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.core.plan import Plan, make_plan
+from mrbt_mesh.core.timing import Timing
+from mrbt_mesh.sim.clock import VirtualClock
+from mrbt_mesh.sim.network import Link, Network
+from mrbt_mesh.sim.process import SimProcess
+
+MAX_VIOLATIONS = 50
+
+
+class View(Protocol):
+    """What the checkers see of a world."""
+
+    @property
+    def clock(self) -> VirtualClock: ...
+    @property
+    def network(self) -> Network: ...
+    @property
+    def mission(self) -> Mission: ...
+    @property
+    def timing(self) -> Timing: ...
+    @property
+    def solver(self) -> Solver: ...
+    @property
+    def speed(self) -> float: ...
+    @property
+    def cut_off(self) -> bool: ...
+    @property
+    def healed_us(self) -> int | None: ...
+    def living(self) -> list[SimProcess]: ...
+
+
+class Findings:
+    """Collects violations; `changed_us` is when a fact was last written, `fault_us` when a fault
+    last befell.
+
+    `checks` counts how often there was something to check, per invariant: no violation of what
+    was never checked means nothing.
+    """
+
+    def __init__(self, world: View) -> None:
+        self.world = world
+        self.changed_us = 0
+        self.fault_us = 0
+        self.violations: list[str] = []
+        self.checks: Counter[str] = Counter()
+
+    def say(self, invariant: str, text: str) -> None:
+        """Note a violation."""
+        if len(self.violations) < MAX_VIOLATIONS:
+            at_s = self.world.clock.now_us / 1e6
+            self.violations.append(f"{invariant} at {at_s:.6f} s: {text}")
+
+    @property
+    def repair_us(self) -> int:
+        """How long facts may take to reach everybody, when no message is lost."""
+        timing = self.world.timing
+        # A question may just have been asked in vain; then facts are pulled in at most two steps.
+        repair_us = timing.ask_timeout_us + 4 * timing.repair_us + 2 * timing.beat_us
+        return repair_us + 6 * self.world.network.slowest_us
+
+    @property
+    def verdict_us(self) -> int:
+        """How long it may take until all agree on who is alive, and newcomers have joined."""
+        knobs = self.world.network.knobs
+        return 2 * self.world.timing.detection_us + (knobs.token_delay_us or 0)
+
+    @property
+    def is_tolerable(self) -> bool:
+        """Whether nothing is broken now: liveness may be demanded."""
+        world = self.world
+        reliable = world.network.is_reliable_at(world.clock.now_us)
+        return reliable and not any(process.is_slow for process in world.living())
+
+
+def alive_set(agent: Agent) -> dict[str, Incarnation]:
+    """The (robot, incarnation) pairs that this agent's plan counts on."""
+    return agent.membership.alive() | {agent.me: agent.incarnation}
+
+
+def current_plan(agent: Agent, solver: Solver) -> Plan:
+    """The plan that follows from the agent's facts and alive set as they are now."""
+    if agent.plan is not None and agent.planner.is_current(agent.membership.changes):
+        return agent.plan
+    return make_plan(agent.planner.evaluator, agent.facts, alive_set(agent), solver)
+
+
+def joined(world: View) -> list[Agent]:
+    """The agents of living processes that have taken their place in the team."""
+    return [p.agent for p in world.living() if p.agent and p.agent.joining is None]
+
+
+def components(agents: list[Agent], blocked: set[Link]) -> list[list[Agent]]:
+    """The robots that hear one another both ways, directly or over others."""
+    rest, found = list(agents), []
+    while rest:
+        component = [rest.pop(0)]
+        for agent in component:
+            near = [
+                other
+                for other in rest
+                if (agent.me, other.me) not in blocked and (other.me, agent.me) not in blocked
+            ]
+            component += near
+            rest = [other for other in rest if other not in near]
+        found.append(sorted(component, key=lambda agent: agent.me))
+    return found

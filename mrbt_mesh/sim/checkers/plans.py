@@ -1,0 +1,106 @@
+"""I1: same facts and same alive set give the same plan. I7: assignments are optimal, canonical."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+from mrbt_mesh.core.agent import Agent
+from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, solve
+from mrbt_mesh.core.plan import make_plan
+from mrbt_mesh.sim.checkers.findings import Findings, alive_set, current_plan
+
+MAX_CHOICES = 2_000
+
+
+class SamePlan:
+    """I1: robots with the same facts and the same alive set hold the same plan."""
+
+    def __init__(self, findings: Findings) -> None:
+        self._findings = findings
+
+    def sample(self, agents: Iterable[Agent]) -> None:
+        groups: dict[tuple[object, ...], list[Agent]] = {}
+        for agent in agents:
+            key = (agent.facts.map.digest(), tuple(sorted(alive_set(agent).items())))
+            groups.setdefault(key, []).append(agent)
+        for group in groups.values():
+            if len(group) > 1:
+                self._findings.checks["I1"] += 1
+                solver = self._findings.world.solver
+                plans = {current_plan(agent, solver).packed for agent in group}
+                if len(plans) > 1:
+                    names = ", ".join(agent.me for agent in group)
+                    self._findings.say("I1", f"{names} have the same facts, but plan differently")
+
+
+class OptimalAssignment:
+    """I7: what is assigned is what trying out everything finds first, on cases that are small.
+
+    Looks at one robot's plan per sample, in turn; it must also be the plan that follows from
+    the facts as they are now.
+    """
+
+    def __init__(self, findings: Findings) -> None:
+        self._findings = findings
+        self._turn = 0
+
+    def sample(self, agents: Sequence[Agent]) -> None:
+        if not agents:
+            return
+        self._turn += 1
+        agent = agents[self._turn % len(agents)]
+        problems: list[AssignmentProblem] = []
+
+        def noting(problem: AssignmentProblem) -> Sequence[int] | None:
+            problems.append(problem)
+            return self._findings.world.solver(problem)
+
+        plan = make_plan(agent.planner.evaluator, agent.facts, alive_set(agent), noting)
+        if current_plan(agent, self._findings.world.solver).packed != plan.packed:
+            self._findings.say("I7", f"the plan of {agent.me} is not that of its facts")
+        for problem in problems:
+            self._check(agent, problem)
+
+    def _check(self, agent: Agent, problem: AssignmentProblem) -> None:
+        if math.prod(len(options) + 1 for options in problem.performance) > MAX_CHOICES:
+            return
+        self._findings.checks["I7"] += 1
+        best = brute_force(problem)
+        found = solve(problem, self._findings.world.solver)
+        if best != found:
+            text = f"{agent.me} assigns {found}, the first of the best is {best}, of {problem}"
+            self._findings.say("I7", text)
+        if list(problem.robots) != sorted(problem.robots):
+            self._findings.say("I7", f"{agent.me} assigns robots in the order {problem.robots}")
+
+
+def brute_force(problem: AssignmentProblem) -> tuple[int, ...] | None:
+    """The canonical optimum by trying out everything, in the order that the rule names."""
+    demands, count = problem.demands, len(problem.robots)
+    counts = [0] * len(demands)
+    options = [
+        [*((d, p[d]) for d in sorted(p)), (UNASSIGNED, 0)] for p in map(dict, problem.performance)
+    ]
+    best: tuple[int, tuple[int, ...]] | None = None
+    choice = [UNASSIGNED] * count
+
+    def go(robot: int, total: int) -> None:
+        nonlocal best
+        if robot == count:
+            fits = all(n >= demand.lower for n, demand in zip(counts, demands, strict=True))
+            if fits and (best is None or total > best[0]):
+                best = total, tuple(choice)
+            return
+        for demand, value in options[robot]:
+            if demand == UNASSIGNED:
+                choice[robot] = UNASSIGNED
+                go(robot + 1, total)
+            elif counts[demand] < demands[demand].upper:
+                counts[demand] += 1
+                choice[robot] = demand
+                go(robot + 1, total + value)
+                counts[demand] -= 1
+
+    go(0, 0)
+    return None if best is None else best[1]

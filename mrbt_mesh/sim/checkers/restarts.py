@@ -1,0 +1,56 @@
+"""I9: a robot that is started again resumes from its journal, and repeats nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from mrbt_mesh.core.agent import Agent
+from mrbt_mesh.core.effects import Effect, Persist, StartAction
+from mrbt_mesh.core.facts import Entry, Version
+from mrbt_mesh.core.records import OUTCOME
+from mrbt_mesh.sim.checkers.facts import stands
+from mrbt_mesh.sim.checkers.findings import Findings
+from mrbt_mesh.sim.process import SimProcess
+
+
+class Resumption:
+    """Keeps its own account of what each robot has synced, over all its lives.
+
+    What was synced is known after a restart; no version is ever used for two contents; and no
+    robot starts a local task again of which it has journaled an outcome.
+    """
+
+    def __init__(self, findings: Findings) -> None:
+        self._findings = findings
+        self._synced: dict[str, dict[tuple[str, str], Entry]] = {}
+        self._versions: dict[tuple[str, str, Version], bytes] = {}
+
+    def lost_journal(self, robot: str) -> None:
+        """The robot's disk is gone: nothing of it can come back."""
+        self._synced.pop(robot, None)
+
+    def booted(self, process: SimProcess, agent: Agent) -> None:
+        """A process has read its journal."""
+        for entry in self._synced.get(process.robot, {}).values():
+            self._findings.checks["I9"] += 1
+            if not stands(agent, entry):
+                text = f"{agent.me} had synced {entry.name} {entry.version}, but starts without it"
+                self._findings.say("I9", text)
+
+    def handled(self, process: SimProcess, effects: Iterable[Effect]) -> None:
+        for effect in effects:
+            if isinstance(effect, Persist) and effect.synced:
+                for entry in effect.entries:
+                    self._write(process.robot, entry)
+            elif isinstance(effect, StartAction):
+                name = f"{OUTCOME}/{effect.activation}/{effect.local_task}"
+                if (process.robot, name) in self._synced.get(process.robot, {}):
+                    text = f"{process.robot} starts {name} again, of which it has the outcome"
+                    self._findings.say("I9", text)
+
+    def _write(self, robot: str, entry: Entry) -> None:
+        known = self._versions.setdefault((robot, entry.name, entry.version), entry.packed)
+        if known != entry.packed:
+            text = f"{robot} uses version {entry.version} of {entry.name} for two contents"
+            self._findings.say("I9", text)
+        self._synced.setdefault(robot, {})[entry.author, entry.name] = entry

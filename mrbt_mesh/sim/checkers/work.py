@@ -1,0 +1,228 @@
+"""I4: nobody works on what it cannot do, and bounds hold. I6: what can be finished is finished."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+
+from mrbt_mesh.core.agent import Agent
+from mrbt_mesh.core.demand import Consistency, demands_of, workers
+from mrbt_mesh.core.effects import ActionFinished, Effect, Input, Persist, StartAction
+from mrbt_mesh.core.evaluate import Request
+from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.mission import MICRO, Mission, performance, type_name
+from mrbt_mesh.core.records import Attempt, ConditionValue, Latch, OrderKind, Outcome, Phase
+from mrbt_mesh.core.team import TeamFacts, capability
+from mrbt_mesh.core.tree import Status
+from mrbt_mesh.sim.checkers.findings import Findings, alive_set, current_plan, joined
+from mrbt_mesh.sim.process import SimProcess
+
+_OVER = (Status.SUCCESS, Status.FAILURE)
+
+
+class Bounds:
+    """I4: nobody works on what it cannot do; nu and mu hold where all hear one another."""
+
+    def __init__(self, findings: Findings) -> None:
+        self._findings = findings
+
+    def started(self, agent: Agent, start: StartAction) -> None:
+        member = agent.facts.members[agent.me][0]
+        if capability(member, start.local_task) is None:
+            text = f"{agent.me} starts {start.local_task}, which it cannot do"
+            self._findings.say("I4", text)
+        world = self._findings.world
+        prompt = world.network.slowest_us < world.timing.grace_us // 4
+        if prompt and world.network.is_reliable_at(world.clock.now_us) and not world.cut_off:
+            self._check_crowd(agent, start)
+
+    def _check_crowd(self, agent: Agent, start: StartAction) -> None:
+        """Where all hear one another in time, mu holds at every moment."""
+        place = (start.activation, start.local_task)
+        robots = [
+            process.robot
+            for process in self._findings.world.living()
+            if process.agent is not None
+            and (action := process.agent.work.action) is not None
+            and (action.activation, action.local_task) == place
+        ]
+        needs = agent.mission.global_tasks[start.global_task].needs
+        most = next((n.max_robots for n in needs if n.local_task == start.local_task), 0)
+        if len(robots) > most:
+            who = ", ".join(robots)
+            self._findings.say(
+                "I4", f"{who} are on {place[1]} of {place[0]}, at most {most} may be"
+            )
+
+    def at_rest(self, agents: Sequence[Agent]) -> None:
+        """Everybody does its line of the one plan, and the bounds of every demand hold."""
+        self._findings.checks["I4"] += 1
+        agent, alive = agents[0], {agent.me: agent.incarnation for agent in agents}
+        plan = current_plan(agent, self._findings.world.solver)
+        for each in agents:
+            line, claim = plan.lines.get(each.me), each.work.claim
+            wanted = (line.activation, line.local_task) if line else None
+            runs = claim is not None and claim.phase is Phase.RUNNING
+            found = (claim.activation, claim.local_task) if claim and runs else None
+            if wanted != found:
+                text = f"{each.me} works on {found}, by the plan on {wanted}"
+                self._findings.say("I4", text)
+        if plan.order is not OrderKind.RESUME:
+            return
+        waiting = {w.activation for w in plan.waiting}
+        on = Counter((line.activation, line.local_task) for line in plan.lines.values())
+        team = workers(agent.facts, alive)
+        for group in demands_of(agent.facts, plan.evaluation.requests, team):
+            for demand in group:
+                place = (demand.request.activation, demand.local_task)
+                low = 0 if place[0] in waiting else demand.lower
+                if not low <= on[place] <= demand.upper:
+                    bounds = f"{place[0]}: {low}..{demand.upper}"
+                    text = f"{on[place]} robots on {demand.local_task} of {bounds}"
+                    self._findings.say("I4", text)
+
+
+class Progress:
+    """I6: after the last fault the mission goes on, as long as the living can serve a request.
+
+    `is_settled`: the mission is over, or rests for good because nothing that it asks for can be
+    served. `done_twice` counts successes beyond mu of a local task: what a partition or a crash
+    may cost where a task is not exclusive.
+    """
+
+    def __init__(self, findings: Findings) -> None:
+        self._findings = findings
+        self._progress_us = 0
+        self._longest_us = longest_us(findings.world.mission, findings.world.speed)
+        self._successes: Counter[tuple[str, str, str]] = Counter()
+        self.is_settled = False
+
+    @property
+    def done_twice(self) -> int:
+        tasks = self._findings.world.mission.global_tasks
+        most = {(t.id, n.local_task): n.max_robots for t in tasks.values() for n in t.needs}
+        return sum(
+            max(0, count - most[task, local_task])
+            for (task, local_task, _), count in self._successes.items()
+        )
+
+    def handled(self, process: SimProcess, event: Input, effects: Iterable[Effect]) -> None:
+        for effect in effects:
+            if isinstance(effect, Persist) and effect.synced:
+                kinds = (Outcome, Attempt, Latch, ConditionValue)
+                if any(isinstance(entry.record, kinds) for entry in effect.entries):
+                    self._progress_us = self._findings.world.clock.now_us
+
+    def finishing(self, agent: Agent, event: Input) -> None:
+        """Before a step: an action is about to end."""
+        action = agent.work.action
+        if isinstance(event, ActionFinished) and action and action.number == event.ticket:
+            key = (action.global_task, action.local_task, action.activation)
+            self._successes[key] += event.success
+
+    def sample(self) -> None:
+        world, findings = self._findings.world, self._findings
+        healed_us, now_us = world.healed_us, world.clock.now_us
+        if healed_us is None or not findings.is_tolerable or world.network.blocked:
+            return
+        still_us = now_us - max(self._progress_us, healed_us, findings.fault_us)
+        if still_us <= findings.repair_us + findings.verdict_us:
+            return
+        agents = joined(world)
+        if not agents or len(agents) < len(world.living()):
+            return
+        findings.checks["I6"] += 1
+        if all(agent.plan and agent.plan.result in _OVER for agent in agents):
+            self.is_settled = True
+            return
+        patience_us = 2 * (findings.repair_us + findings.verdict_us + self._longest_us)
+        if still_us <= patience_us:
+            return
+        for agent in agents:
+            waits = agent.planner.watches.next_deadline_us() is not None
+            request = servable(agent, alive_set(agent))
+            if request is not None:
+                text = f"for {agent.me}, {request} could be served, but nothing was finished "
+                findings.say("I6", text + f"for {still_us / 1e6:.1f} s after the last fault")
+                self.is_settled = True
+            elif waits or agent.facts.order() is OrderKind.PAUSE:
+                return
+        self.is_settled = True
+
+    def never_stopped(self) -> None:
+        """Some time after robots stopped because the mission is over."""
+        names = ", ".join(process.robot for process in self._findings.world.living())
+        if names:
+            self._findings.say("I6", f"the mission is over, but {names} did not stop")
+
+    def timed_out(self) -> None:
+        """After a run without a result: the living could not have finished the mission."""
+        world = self._findings.world
+        agents = [process.agent for process in world.living() if process.agent is not None]
+        if not agents or world.network.blocked or world.healed_us is not None:
+            return
+        if can_finish(agents[0], {agent.me: agent.incarnation for agent in agents}):
+            text = "the living robots could finish the mission, but did not in time"
+            self._findings.say("I6", text)
+
+
+def longest_us(mission: Mission, speed: float) -> int:
+    """How long the slowest robot takes for the longest local task of the mission."""
+    longest = 0
+    for task in mission.global_tasks.values():
+        for need in task.needs:
+            kind = mission.local_tasks[type_name(need.local_task)]
+            able = (performance(r.capabilities, need.local_task) for r in mission.robots.values())
+            for value in filter(None, able):
+                longest = max(longest, kind.work * MICRO // value)
+    return round(longest / speed)
+
+
+def servable(agent: Agent, alive: Mapping[str, Incarnation]) -> str | None:
+    """A request of T_G that the living could serve, whoever else may wait; None if there is none.
+
+    Found by trying out who could do what, without the planner.
+    """
+    facts = agent.facts
+    if facts.order() is not OrderKind.RESUME:
+        return None
+    for request in agent.planner.evaluator.evaluate(facts).requests:
+        if _can_serve(facts, request, alive):
+            return request.activation
+    return None
+
+
+def _can_serve(facts: TeamFacts, request: Request, alive: Mapping[str, Incarnation]) -> bool:
+    slots: list[list[str]] = []
+    for need in facts.mission.global_tasks[request.subject].needs:
+        results = facts.results(request.activation, need.local_task)
+        able = []
+        for robot, incarnation in sorted(alive.items()):
+            known = facts.members.get(robot)
+            if known is None or known[1] != incarnation or known[0].leaving:
+                continue
+            if robot not in results and capability(known[0], need.local_task) is not None:
+                able.append(robot)
+        slots += [able] * max(0, need.min_robots - sum(results.values()))
+
+    def seat(number: int, taken: frozenset[str]) -> bool:
+        if number == len(slots):
+            return True
+        return any(seat(number + 1, taken | {r}) for r in slots[number] if r not in taken)
+
+    slots.sort(key=len)
+    return seat(0, frozenset())
+
+
+def can_finish(agent: Agent, alive: Mapping[str, Incarnation]) -> bool:
+    """Whether the living could serve every global task of the tree: more than they may need."""
+    mission = agent.mission
+    if agent.facts.order() is not OrderKind.RESUME:
+        return False
+    team = workers(agent.facts, alive)
+    for node in mission.tree.actions():
+        request = Request(node.index, node.subject, "")
+        (group,) = demands_of(agent.facts, [request], team)
+        if not Consistency(team).keep(0, group, {}):
+            return False
+    return True
