@@ -227,7 +227,9 @@ class World:
 
     def arrive(self, target: str, event: Input) -> None:
         """Hand an input to a robot's process."""
-        self.processes[target].deliver(event)
+        process = self.processes.get(target)
+        if process is not None:  # else it has not been started yet
+            process.deliver(event)
 
     def asked(self, process: SimProcess, effect: Ask) -> None:
         number = len(self._questions) + 1

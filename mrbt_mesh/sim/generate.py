@@ -1,0 +1,182 @@
+"""Random missions: trees of all kinds of nodes, robots, capabilities, policies. One seed, one file.
+
+They are written as mission files and read like any other, so that whatever fails can be kept,
+looked at and cut down by hand.
+"""
+
+from __future__ import annotations
+
+import io
+import random
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+
+from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.core.tree import Kind
+from mrbt_mesh.formats.build import mission_from_yaml
+from mrbt_mesh.runtime.program import RobotProgram
+from mrbt_mesh.sim import random_robot
+
+PROGRAM_FILE = Path(random_robot.__file__)
+PROGRAM: RobotProgram = random_robot.robot
+MAX_DEPTH = 4
+# Node kinds by how often they are chosen.
+_COMPOSITES = (Kind.SEQUENCE,) * 4 + (Kind.PARALLEL,) * 4 + (Kind.FALLBACK,) * 3
+_DECORATORS = (
+    *(Kind.RETRY,) * 3,
+    *(Kind.REPEAT,) * 2,
+    *(Kind.TIMEOUT,) * 2,
+    *(Kind.INVERTER,) * 2,
+    *(Kind.FORCE_SUCCESS,) * 2,
+    Kind.FORCE_FAILURE,
+    Kind.KEEP_RUNNING_UNTIL_FAILURE,
+)
+
+
+@dataclass(frozen=True)
+class Generated:
+    """A mission and the text of its file."""
+
+    text: str
+    mission: Mission
+
+
+def generate_mission(seed: int) -> Generated:
+    """The mission of one seed; `program` is the file next to it when it is kept."""
+    data = _Generator(seed).mission()
+    stream = io.StringIO()
+    yaml = YAML()
+    yaml.default_flow_style = None
+    yaml.dump(data, stream)
+    text = f"# Generated: mrbt sim --generated --seed {seed}\n{stream.getvalue()}"
+    return Generated(
+        text, mission_from_yaml(text, f"generated mission {seed}", PROGRAM_FILE.parent)
+    )
+
+
+class _Generator:
+    def __init__(self, seed: int) -> None:
+        self.seed = seed
+        self.pick = random.Random(f"{seed}/mission")
+        self.conditions = [f"c{i}" for i in range(self.pick.randint(1, 4))]
+        self.local_tasks = [f"t{i}" for i in range(self.pick.randint(1, 6))]
+        self.global_tasks: dict[str, Any] = {}
+        self.leaves = 0
+        count = self.pick.randint(9, 16) if self.chance(0.04) else self.pick.randint(2, 8)
+        self.robots = [f"R{i}" for i in range(1, count + 1)]
+        self.types = {f"T{i}": self.capabilities() for i in range(self.pick.randint(1, 3))}
+        self.type_of = {robot: self.pick.choice(sorted(self.types)) for robot in self.robots}
+        # Every local task is somebody's.
+        for task in self.local_tasks:
+            if not any(task in self.types[kind] for kind in self.type_of.values()):
+                self.types[self.type_of[self.pick.choice(self.robots)]][task] = 1.0
+
+    def chance(self, chance: float) -> bool:
+        return self.pick.random() < chance
+
+    def mission(self) -> dict[str, Any]:
+        tree = self.composite(1)
+        return {
+            "mission": f"generated_{self.seed}",
+            "program": PROGRAM_FILE.name,
+            "parameters": {
+                "salt": self.seed,
+                "tasks": {task: self.behaviour() for task in self.local_tasks},
+                "sensors": self.sensors(),
+            },
+            "local_tasks": {
+                task: {"work": self.pick.choice([0.2, 0.5, 1.0, 1.0, 2.0])}
+                for task in self.local_tasks
+            },
+            "conditions": {name: {"default": self.chance(0.3)} for name in self.conditions},
+            "robot_types": {name: {"capabilities": able} for name, able in self.types.items()},
+            "robots": dict(self.type_of),
+            "global_tasks": self.global_tasks,
+            "tree": tree,
+        }
+
+    def capabilities(self) -> dict[str, float]:
+        """Few different performances, so that many assignments are equally good."""
+        able = [task for task in self.local_tasks if self.chance(0.6)]
+        able = able or [self.pick.choice(self.local_tasks)]
+        return {task: self.pick.choice([0.5, 1.0, 1.0, 2.0]) for task in able}
+
+    def behaviour(self) -> dict[str, Any]:
+        behaviour: dict[str, Any] = {}
+        if self.chance(0.35):
+            behaviour["fails_permille"] = self.pick.choice([50, 200, 500])
+            behaviour["raises"] = self.chance(0.3)
+        if self.chance(0.1):
+            behaviour["loses_permille"] = 100
+        if self.chance(0.3):
+            behaviour["sets"] = {self.pick.choice(self.conditions): self.chance(0.7)}
+        return behaviour
+
+    def sensors(self) -> dict[str, list[list[Any]]]:
+        """Conditions that change by themselves, in the first seconds of a robot's life."""
+        sensors = {}
+        for robot in self.robots:
+            if self.chance(0.2):
+                times = sorted(self.pick.randrange(80) / 10 for _ in range(self.pick.randint(1, 3)))
+                sensors[robot] = [
+                    [at_s, self.pick.choice(self.conditions), self.chance(0.5)] for at_s in times
+                ]
+        return sensors
+
+    # -- the tree -----------------------------------------------------------------------------
+
+    def node(self, depth: int) -> Any:
+        if depth >= MAX_DEPTH or self.chance(0.35):
+            return self.leaf()
+        return self.decorator(depth) if self.chance(0.35) else self.composite(depth)
+
+    def leaf(self) -> Any:
+        if self.chance(0.2):
+            return {str(Kind.CONDITION): self.pick.choice(self.conditions)}
+        if self.global_tasks and (self.leaves >= 10 or self.chance(0.15)):
+            return self.pick.choice(sorted(self.global_tasks))  # one task at two places
+        self.leaves += 1
+        name = f"g{self.leaves}"
+        self.global_tasks[name] = self.global_task()
+        return name
+
+    def composite(self, depth: int) -> Any:
+        kind = self.pick.choice(_COMPOSITES)
+        children = [self.node(depth + 1) for _ in range(self.pick.randint(1 + (depth == 1), 3))]
+        if kind is not Kind.PARALLEL:
+            return {str(kind): children}
+        success = self.pick.choice(["all", "all", "any", self.pick.randint(1, len(children))])
+        return {str(kind): {"success": success, "children": children}}
+
+    def decorator(self, depth: int) -> Any:
+        kind = self.pick.choice(_DECORATORS)
+        child = self.node(depth + 1)
+        limit = -1 if self.chance(0.1) else self.pick.randint(1, 3)
+        match kind:
+            case Kind.RETRY:
+                return {str(kind): {"attempts": limit, "do": child}}
+            case Kind.REPEAT:
+                return {str(kind): {"cycles": limit, "do": child}}
+            case Kind.TIMEOUT:
+                return {str(kind): {"seconds": self.pick.choice([0.5, 2.0, 10.0]), "do": child}}
+        return {str(kind): child}
+
+    def global_task(self) -> dict[str, Any]:
+        count = min(self.pick.choice([1, 1, 1, 2]), len(self.local_tasks))
+        chosen = self.pick.sample(self.local_tasks, count)
+        task: dict[str, Any] = {"needs": {name: self.need(name) for name in chosen}}
+        if self.chance(0.3):
+            task["failure"] = "paper"
+        if self.chance(0.15):
+            task["blocked"] = {"fail_after_s": self.pick.choice([1.0, 4.0])}
+        if self.chance(0.15):
+            task["preemptive"] = True
+        return task
+
+    def need(self, local_task: str) -> dict[str, int]:
+        able = sum(local_task in self.types[kind] for kind in self.type_of.values())
+        least = min(self.pick.choice([1, 1, 1, 2, 2, 3]), able + self.chance(0.03))
+        return {"min": least, "max": least + self.pick.choice([0, 0, 0, 1, 2])}

@@ -1,0 +1,79 @@
+"""The robots of generated missions: work that takes time, fails now and then, sets conditions.
+
+What they do is in the mission file's parameters, so that the file says it all:
+
+    parameters:
+      salt: 7
+      tasks:
+        t1: {fails_permille: 200, raises: true, sets: {c0: true}, loses: 30}
+      sensors:
+        R1: [[1.5, c0, true]]      # seconds after the robot's start
+
+Whether a local task fails is decided by the salt, the robot and the activation: the same work
+by the same robot always ends the same way, however often it is begun.
+"""
+
+from __future__ import annotations
+
+import hashlib
+
+import anyio
+
+from mrbt_mesh import RobotProgram, TaskContext
+
+robot = RobotProgram()
+STEPS = 3
+
+
+def _permille(task: TaskContext, purpose: str) -> int:
+    salt = task.parameters.get("salt", 0)
+    text = f"{salt}/{purpose}/{task.robot}/{task.activation}/{task.local_task}"
+    return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=4).digest(), "big") % 1_000
+
+
+def _record(task: TaskContext, event: str, outcome: str | None = None) -> None:
+    task.record_event(
+        {
+            "t": task.unix_time_s(),
+            "robot": task.robot,
+            "pid": task.pid,
+            "event": event,
+            "outcome": outcome,
+            "activation": task.activation,
+            "local_task": task.local_task,
+        }
+    )
+
+
+@robot.local_task("*")
+async def work(task: TaskContext, *arguments: str) -> bool:
+    """Take as long as this robot needs, then end as the mission file says."""
+    behaviour = task.parameters.get("tasks", {}).get(task.local_task.partition("(")[0], {})
+    _record(task, "start")
+    try:
+        for step in range(1, STEPS + 1):
+            await anyio.sleep(task.work / (task.performance * task.speed) / STEPS)
+            task.report_progress(step / STEPS)
+    except BaseException:
+        _record(task, "cancel")
+        raise
+    success = bool(_permille(task, "fails") >= behaviour.get("fails_permille", 0))
+    _record(task, "end", "success" if success else "failure")
+    if _permille(task, "loses") < behaviour.get("loses_permille", 0):
+        task.lose_capability(task.local_task.partition("(")[0])
+    if not success and behaviour.get("raises", False):
+        raise RuntimeError(f"{task.local_task} broke")
+    if success:
+        for name, value in behaviour.get("sets", {}).items():
+            task.set_condition(name, value)
+    return success
+
+
+@robot.background
+async def sense(task: TaskContext) -> None:
+    """Set conditions at set times."""
+    passed_s = 0.0
+    for at_s, name, value in task.parameters.get("sensors", {}).get(task.robot, []):
+        await anyio.sleep(max(0.0, at_s - passed_s))
+        passed_s = max(passed_s, at_s)
+        task.set_condition(name, value)
