@@ -5,16 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
+from mrbt_mesh.cli.chaos import Options, make_source, parse_seeds, read_schedule, run_chaos
 from mrbt_mesh.cli.common import (
     EXIT_OF_RESULT,
     FAILURE,
     InputError,
     JsonOption,
-    MissionArgument,
     RobotsOption,
     checked_program,
     chosen_robots,
@@ -27,15 +27,20 @@ from mrbt_mesh.cli.common import (
 )
 from mrbt_mesh.cli.summary import render_summary
 from mrbt_mesh.core.mission import Mission, performance, type_name
+from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import faults
+from mrbt_mesh.sim.generate import PROGRAM, generate_mission
 from mrbt_mesh.sim.network import LinkKnobs, NetworkKnobs
-from mrbt_mesh.sim.run import SimulationError, SimulationResult, simulate
+from mrbt_mesh.sim.run import SimulationError, SimulationResult, run_scenario, simulate
 
 _WHEN = re.compile(r"(?P<what>[^@]+)@(?P<at_s>\d+(?:\.\d+)?)")
 _TIMES = "robot@seconds; repeat it or separate with commas"
 
 
+OptionalMissionArgument = Annotated[
+    Path | None, typer.Argument(help="Mission file (.yaml).", metavar="MISSION")
+]
 Times = list[str] | None
 KillOption = Annotated[Times, typer.Option(metavar="A1@12.5,...", help=f"SIGKILL: {_TIMES}.")]
 RestartOption = Annotated[Times, typer.Option(metavar="A1@14,...", help="Start it again.")]
@@ -60,7 +65,7 @@ ProgramOption = Annotated[
 
 
 def sim(
-    mission: MissionArgument,
+    mission: OptionalMissionArgument = None,
     seed: Annotated[int, typer.Option(help="The same seed gives the same run.")] = 0,
     robots: RobotsOption = None,
     program: ProgramOption = None,
@@ -80,6 +85,25 @@ def sim(
     speed: Annotated[float, typer.Option(help="Robots work this many times faster.")] = 1.0,
     events: EventsOption = None,
     log: LogOption = None,
+    chaos: Annotated[
+        bool, typer.Option("--chaos", help="Random faults, many seeds; see --seeds.")
+    ] = False,
+    seeds: Annotated[
+        str, typer.Option(metavar="FIRST:END", help="The seeds of --chaos.")
+    ] = "0:100",
+    jobs: Annotated[int, typer.Option(min=1, help="Processes for --chaos.")] = 1,
+    generated: Annotated[
+        bool, typer.Option("--generated", help="No MISSION: a random one for each seed.")
+    ] = False,
+    keep: Annotated[
+        Path, typer.Option(metavar="DIR", help="Where --chaos writes what fails.")
+    ] = Path("chaos-failures"),
+    minimise: Annotated[
+        float, typer.Option(metavar="SECONDS", help="Time to cut down each failing schedule.")
+    ] = 60.0,
+    schedule_file: Annotated[
+        Path | None, typer.Option("--schedule", metavar="FILE", help="Replay what --chaos wrote.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Run a mission in virtual time: seconds of work in milliseconds, the same for the same seed.
@@ -87,10 +111,38 @@ def sim(
     Times count from the launch of the team. Exit status: 0 the mission succeeded, 1 it failed,
     2 bad input, 3 not finished in time or blocked at the end.
 
+    With --chaos, every seed draws its own faults (crashes, partitions, loss, slow robots, skewed
+    clocks and more) and what must always hold is checked: exit status 1 if anything did not. A
+    failure is written to --keep, cut down to the faults that it takes.
+
     Example: mrbt sim examples/vehicle_repair/mission.yaml --seed 7 --kill A1@12.5
     --freeze B1@3 --thaw B1@8 --loss 0.1
+
+    Example: mrbt sim --generated --chaos --seeds 0:1000 --jobs 2
+
+    Example: mrbt sim --schedule chaos-failures/seed-17-minimised.json
     """
-    model = read_mission(mission)
+    with input_errors():
+        _check_mode(mission, generated, chaos, schedule_file)
+    if chaos:
+        with input_errors():
+            source = make_source(mission, program, speed)
+            numbers = parse_seeds(seeds)
+        run_chaos(Options(mission, source, numbers, jobs, keep, minimise, as_json))
+    if schedule_file is not None:
+        with input_errors():
+            scenario_mission, scenario_code, scenario = read_schedule(
+                schedule_file, mission, program
+            )
+        _finish(
+            lambda: run_scenario(
+                scenario_mission, scenario_code, scenario, keep_log=log is not None
+            ),
+            events,
+            log,
+            as_json,
+        )
+    model, code = _load(mission, program, robots, seed)
     with input_errors():
         schedule = _schedule(
             model,
@@ -106,9 +158,8 @@ def sim(
         team = chosen_robots(robots, model)
         if not timeout > 0 or not speed > 0:
             raise InputError("--timeout and --speed are above 0")
-        code = load_program(checked_program(model, team, program))
-    try:
-        result = simulate(
+    _finish(
+        lambda: simulate(
             model,
             code,
             seed=seed,
@@ -118,14 +169,45 @@ def sim(
             timeout_us=round(timeout * 1e6),
             speed=speed,
             keep_log=log is not None,
-        )
+        ),
+        events,
+        log,
+        as_json,
+    )
+
+
+def _check_mode(mission: Path | None, generated: bool, chaos: bool, schedule: Path | None) -> None:
+    if mission is not None and generated:
+        raise InputError("give a MISSION or --generated, not both")
+    if mission is None and not generated and schedule is None:
+        raise InputError("give a MISSION, or --generated for random ones")
+    if chaos and schedule is not None:
+        raise InputError("--chaos draws schedules, --schedule replays one; give one of them")
+
+
+def _load(
+    mission: Path | None, program: str | None, robots: str | None, seed: int
+) -> tuple[Mission, RobotProgram]:
+    """The mission and its robots' program; None: the generated one of this seed."""
+    if mission is None:
+        return generate_mission(seed).mission, PROGRAM
+    model = read_mission(mission)
+    with input_errors():
+        return model, load_program(checked_program(model, chosen_robots(robots, model), program))
+
+
+def _finish(
+    run: Callable[[], SimulationResult], events: Path | None, log: Path | None, as_json: bool
+) -> NoReturn:
+    try:
+        result = run()
     except SimulationError as error:
         fail(str(error), FAILURE)
     _write_files(result, events, log)
     _show(result, as_json)
 
 
-def _show(result: SimulationResult, as_json: bool) -> None:
+def _show(result: SimulationResult, as_json: bool) -> NoReturn:
     if as_json:
         extra = {"effect_log_digest": result.effect_log_digest, "seed": result.seed}
         print_json({**result.summary, **extra, "violations": result.violations})

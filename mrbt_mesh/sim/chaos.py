@@ -39,10 +39,10 @@ class ChaosKnobs:
     a killed robot is started again before the end of the chaos, `revived` otherwise after it.
     """
 
-    chaos_us: int = 10 * SECOND_US
+    chaos_us: int = 6 * SECOND_US
     quiet_us: int = 60 * SECOND_US
     endless_us: int = 15 * SECOND_US
-    longest_us: int = 5 * SECOND_US
+    longest_us: int = 3 * SECOND_US
     max_down: int = 2
     returns: float = 0.7
     revived: float = 0.7

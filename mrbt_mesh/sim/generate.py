@@ -22,7 +22,7 @@ from mrbt_mesh.sim import random_robot
 
 PROGRAM_FILE = Path(random_robot.__file__)
 PROGRAM: RobotProgram = random_robot.robot
-MAX_DEPTH = 4
+MAX_DEPTH = 5
 # Node kinds by how often they are chosen.
 _COMPOSITES = (Kind.SEQUENCE,) * 4 + (Kind.PARALLEL,) * 4 + (Kind.FALLBACK,) * 3
 _DECORATORS = (
@@ -78,7 +78,7 @@ class _Generator:
         return self.pick.random() < chance
 
     def mission(self) -> dict[str, Any]:
-        tree = self.composite(1)
+        tree = self.root()
         return {
             "mission": f"generated_{self.seed}",
             "program": PROGRAM_FILE.name,
@@ -88,7 +88,7 @@ class _Generator:
                 "sensors": self.sensors(),
             },
             "local_tasks": {
-                task: {"work": self.pick.choice([0.2, 0.5, 1.0, 1.0, 2.0])}
+                task: {"work": self.pick.choice([0.3, 1.0, 1.0, 2.0, 3.0])}
                 for task in self.local_tasks
             },
             "conditions": {name: {"default": self.chance(0.3)} for name in self.conditions},
@@ -128,15 +128,25 @@ class _Generator:
 
     # -- the tree -----------------------------------------------------------------------------
 
+    def root(self) -> Any:
+        """Several stages, most of which cannot fail, so that the mission takes its time."""
+        stages = []
+        for _ in range(self.pick.randint(2, 4)):
+            stage = self.composite(2)
+            stages.append(stage if self.chance(0.3) else {str(Kind.FORCE_SUCCESS): stage})
+        if self.chance(0.75):
+            return {str(Kind.SEQUENCE): stages}
+        return {str(Kind.PARALLEL): {"success": "all", "children": stages}}
+
     def node(self, depth: int) -> Any:
         if depth >= MAX_DEPTH or self.chance(0.35):
             return self.leaf()
         return self.decorator(depth) if self.chance(0.35) else self.composite(depth)
 
     def leaf(self) -> Any:
-        if self.chance(0.2):
+        if self.chance(0.15):
             return {str(Kind.CONDITION): self.pick.choice(self.conditions)}
-        if self.global_tasks and (self.leaves >= 10 or self.chance(0.15)):
+        if self.global_tasks and (self.leaves >= 12 or self.chance(0.15)):
             return self.pick.choice(sorted(self.global_tasks))  # one task at two places
         self.leaves += 1
         name = f"g{self.leaves}"
@@ -145,7 +155,7 @@ class _Generator:
 
     def composite(self, depth: int) -> Any:
         kind = self.pick.choice(_COMPOSITES)
-        children = [self.node(depth + 1) for _ in range(self.pick.randint(1 + (depth == 1), 3))]
+        children = [self.node(depth + 1) for _ in range(self.pick.choice([1, 2, 2, 3]))]
         if kind is not Kind.PARALLEL:
             return {str(kind): children}
         success = self.pick.choice(["all", "all", "any", self.pick.randint(1, len(children))])

@@ -32,6 +32,7 @@ _ISOLATING = (
     | faults.ClockJump
     | faults.Disturb
     | faults.Replay
+    | faults.LoseToken  # a suspect is left out when agreement is counted
 )
 
 

@@ -125,13 +125,14 @@ class Progress:
         healed_us, now_us = world.healed_us, world.clock.now_us
         if healed_us is None or not findings.is_tolerable or world.network.blocked:
             return
-        still_us = now_us - max(self._progress_us, healed_us, findings.fault_us)
-        if still_us <= findings.repair_us + findings.verdict_us:
-            return
         agents = joined(world)
         if not agents or len(agents) < len(world.living()):
             return
-        findings.checks["I6"] += 1
+        if not findings.checks["I6"] and servable(agents[0], alive_set(agents[0])):
+            findings.checks["I6"] += 1  # from now on it is demanded
+        still_us = now_us - max(self._progress_us, healed_us, findings.fault_us)
+        if still_us <= findings.repair_us + findings.verdict_us:
+            return
         if all(agent.plan and agent.plan.result in _OVER for agent in agents):
             self.is_settled = True
             return
