@@ -42,7 +42,7 @@ class ChaosKnobs:
     chaos_us: int = 6 * SECOND_US
     quiet_us: int = 60 * SECOND_US
     endless_us: int = 15 * SECOND_US
-    longest_us: int = 3 * SECOND_US
+    longest_us: int = 6 * SECOND_US
     max_down: int = 2
     returns: float = 0.7
     revived: float = 0.7
@@ -196,7 +196,7 @@ class _Chaos:
     def _span(self) -> tuple[int, int]:
         """When something begins and ends."""
         start_us = self._time()
-        return start_us, start_us + self._length(20 * MS, self.knobs.longest_us)
+        return start_us, start_us + self._length(100 * MS, self.knobs.longest_us)
 
     def _robot(self) -> str:
         return self.pick.choice(self.robots)
@@ -287,6 +287,9 @@ class _Chaos:
         if self.pick.random() < 0.5:  # a robot that speaks, but does not hear, or hears only
             robot, side = self._robot(), self.pick.choice([0, 1])
             links = frozenset(link for link in self.links if link[side] == robot)
+        if self.pick.random() < 0.3:  # until the end
+            self.steps.append((self._time(), faults.Block(links)))
+            return
         self._during(faults.Block(links), faults.Unblock(links))
 
     def _disturb(self) -> None:

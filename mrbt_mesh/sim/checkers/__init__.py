@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections import Counter
 
-from mrbt_mesh.core.effects import Effect, Input, StartAction
+from mrbt_mesh.core.effects import CancelAction, Effect, Input, StartAction
+from mrbt_mesh.core.records import Claim
 from mrbt_mesh.sim.checkers.facts import Convergence, GarbageChangesNothing, NothingUndone
 from mrbt_mesh.sim.checkers.findings import Findings, View, components, joined
 from mrbt_mesh.sim.checkers.plans import OptimalAssignment, SamePlan
@@ -36,6 +37,7 @@ class Checkers:
         self.i8 = GarbageChangesNothing(self.findings)
         self.i9 = Resumption(self.findings)
         self._sampled: list[tuple[str, int, int]] = []
+        self._running: Claim | None = None
 
     @property
     def violations(self) -> list[str]:
@@ -52,14 +54,18 @@ class Checkers:
 
     def handling(self, process: SimProcess, event: Input) -> None:
         """Before a step of an agent."""
-        assert process.agent is not None
-        self.i6.finishing(process.agent, event)
+        agent = process.agent
+        assert agent is not None
+        self.i6.finishing(agent, event)
+        self._running = agent.work.claim if agent.work.action is not None else None
 
     def handled(self, process: SimProcess, event: Input, effects: list[Effect]) -> None:
         """After every step of an agent."""
         agent = process.agent
         assert agent is not None
         for effect in effects:
+            if isinstance(effect, CancelAction) and self._running is not None:
+                self.i4.cancelled(agent, self._running)
             if isinstance(effect, StartAction):
                 self.i3.started(agent, effect)
                 self.i4.started(agent, effect)

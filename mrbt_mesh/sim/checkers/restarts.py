@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.effects import Effect, Persist, StartAction
+from mrbt_mesh.core.effects import Effect, Persist, Publish, StartAction
 from mrbt_mesh.core.facts import Entry, Version
 from mrbt_mesh.core.records import OUTCOME
+from mrbt_mesh.core.wire import MessageKind, decode, parse_entries
 from mrbt_mesh.sim.checkers.facts import stands
 from mrbt_mesh.sim.checkers.findings import Findings
 from mrbt_mesh.sim.process import SimProcess
@@ -16,8 +17,9 @@ from mrbt_mesh.sim.process import SimProcess
 class Resumption:
     """Keeps its own account of what each robot has synced, over all its lives.
 
-    What was synced is known after a restart; no version is ever used for two contents; and no
-    robot starts a local task again of which it has journaled an outcome.
+    Nothing is told before it is synced; what was synced is known after a restart; no version is
+    ever used for two contents; and no robot starts a local task again of which it has journaled
+    an outcome.
     """
 
     def __init__(self, findings: Findings) -> None:
@@ -42,11 +44,21 @@ class Resumption:
             if isinstance(effect, Persist) and effect.synced:
                 for entry in effect.entries:
                     self._write(process.robot, entry)
+            elif isinstance(effect, Publish) and effect.kind is MessageKind.FACT:
+                self._check_told(process, effect.data)
             elif isinstance(effect, StartAction):
                 name = f"{OUTCOME}/{effect.activation}/{effect.local_task}"
                 if (process.robot, name) in self._synced.get(process.robot, {}):
                     text = f"{process.robot} starts {name} again, of which it has the outcome"
                     self._findings.say("I9", text)
+
+    def _check_told(self, process: SimProcess, data: bytes) -> None:
+        assert process.agent is not None
+        _, body = decode(data, process.agent.replica.header, MessageKind.FACT)
+        for entry in parse_entries(body)[0]:
+            if (entry.author, entry.name, entry.version) not in self._versions:
+                text = f"{process.robot} tells {entry.name} {entry.version} before it is synced"
+                self._findings.say("I9", text)
 
     def _write(self, robot: str, entry: Entry) -> None:
         known = self._versions.setdefault((robot, entry.name, entry.version), entry.packed)

@@ -11,7 +11,8 @@ from mrbt_mesh.core.effects import ActionFinished, Effect, Input, Persist, Start
 from mrbt_mesh.core.evaluate import Request
 from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.mission import MICRO, Mission, performance, type_name
-from mrbt_mesh.core.records import Attempt, ConditionValue, Latch, OrderKind, Outcome, Phase
+from mrbt_mesh.core.plan import Plan
+from mrbt_mesh.core.records import Attempt, Claim, ConditionValue, Latch, OrderKind, Outcome, Phase
 from mrbt_mesh.core.team import TeamFacts, capability
 from mrbt_mesh.core.tree import Status
 from mrbt_mesh.sim.checkers.findings import Findings, alive_set, current_plan, joined
@@ -21,10 +22,38 @@ _OVER = (Status.SUCCESS, Status.FAILURE)
 
 
 class Bounds:
-    """I4: nobody works on what it cannot do; nu and mu hold where all hear one another."""
+    """I4: nobody works on what it cannot do; nu and mu hold where all hear one another.
+
+    And nobody is taken off what it runs while the plan serves the same request.
+    """
 
     def __init__(self, findings: Findings) -> None:
         self._findings = findings
+        tasks = findings.world.mission.global_tasks.values()
+        self._preempts = any(task.preemptive for task in tasks)
+
+    def cancelled(self, agent: Agent, claim: Claim) -> None:
+        """The agent has just given up what it was running under `claim`."""
+        facts, plan = agent.facts, agent.plan
+        if self._preempts or plan is None or plan.order is not OrderKind.RESUME:
+            return
+        if agent.joining is not None or agent.leaving or not is_served(plan, claim.activation):
+            return
+        member, results = facts.members[agent.me][0], facts.results(*_place(claim))
+        if agent.me in results or capability(member, claim.local_task) is None:
+            return
+        needs = agent.mission.global_tasks[claim.global_task].needs
+        need = next(need for need in needs if need.local_task == claim.local_task)
+        room = max(need.min_robots - sum(results.values()), need.max_robots - len(results), 0)
+        before = 0
+        for robot in workers(facts, alive_set(agent)):
+            other = facts.valid_claim(robot)
+            if other and robot not in results and _place(other) == _place(claim):
+                running = other.phase is Phase.RUNNING and robot != agent.me
+                before += running and (other.since, robot) < (claim.since, agent.me)
+        if before < room:
+            text = f"{agent.me} is taken off {claim.local_task} of {claim.activation}"
+            self._findings.say("I4", f"{text}, which it runs and the plan serves")
 
     def started(self, agent: Agent, start: StartAction) -> None:
         member = agent.facts.members[agent.me][0]
@@ -80,6 +109,16 @@ class Bounds:
                     bounds = f"{place[0]}: {low}..{demand.upper}"
                     text = f"{on[place]} robots on {demand.local_task} of {bounds}"
                     self._findings.say("I4", text)
+
+
+def _place(claim: Claim) -> tuple[str, str]:
+    return claim.activation, claim.local_task
+
+
+def is_served(plan: Plan, activation: str) -> bool:
+    """Whether the plan keeps the request of this activation."""
+    requested = any(request.activation == activation for request in plan.evaluation.requests)
+    return requested and all(waiting.activation != activation for waiting in plan.waiting)
 
 
 class Progress:
