@@ -234,6 +234,52 @@ OPERATIONS = st.one_of(
 )
 
 
+class Contest:
+    """Two robots that both want the task, and messages that arrive whenever they like."""
+
+    def __init__(self, robots: list[Robot]) -> None:
+        self.robots = robots
+        self.now_us = 0
+        self.mail: list[tuple[Robot, str, Beat]] = []
+        for holder in robots[:2]:
+            holder.grants.seek(NAME, TOKENS[holder.id])
+
+    def do(self, kind: str, first: int, second: int) -> None:
+        getattr(self, kind)(first, second)
+        for robot in self.robots:
+            robot.pass_to(self.now_us)
+
+    def robot(self, number: int) -> Robot:
+        return self.robots[number % len(self.robots)]
+
+    def chosen(self, mask: int, but: Robot) -> list[Robot]:
+        return [r for i, r in enumerate(self.robots) if mask >> i & 1 and r is not but]
+
+    def wait(self, duration_us: int, _: int) -> None:
+        self.now_us += duration_us
+
+    def exchange(self, holder: int, mask: int) -> None:
+        for other in self.chosen(mask, self.robot(holder)):
+            exchange(self.robot(holder), other, self.now_us)
+
+    def send(self, sender: int, mask: int) -> None:
+        beat = self.robot(sender).beat(self.now_us)
+        receivers = self.chosen(mask, self.robot(sender))
+        self.mail += [(receiver, self.robot(sender).id, beat) for receiver in receivers]
+
+    def arrive(self, number: int, _: int) -> None:
+        if self.mail:  # in any order, perhaps again
+            receiver, source, beat = self.mail[number % len(self.mail)]
+            receiver.hear(source, beat, self.now_us)
+
+    def restart(self, number: int, _: int) -> None:
+        """The journal has all of the facts; an action dies with its process."""
+        self.robot(number).start(self.now_us)
+
+    def share(self, one: int, other: int) -> None:
+        self.robot(one).facts.map.merge(list(self.robot(other).facts.map))
+
+
 @settings(max_examples=300)
 @given(
     st.integers(3, 5),
@@ -246,35 +292,8 @@ def test_two_robots_never_hold_one_task_at_the_same_time(
 ) -> None:
     """Whatever is lost, late, doubled or restarted, with clocks that run 10 % fast or slow."""
     shared = mission(count, InDoubt.RETRY)
-    robots = [
-        Robot(name, shared, rate, offset)
-        for name, rate, offset in zip(shared.robots, rates, offsets, strict=False)
-    ]
-    mail: list[tuple[int, str, Beat]] = []
-    now_us = 0
-    for holder in robots[:2]:
-        holder.grants.seek(NAME, TOKENS[holder.id])
-    for kind, first, second in operations:
-        if kind == "wait":
-            now_us += first
-        elif kind == "exchange":
-            for i in range(count):
-                if second >> i & 1 and i != first:
-                    exchange(robots[first], robots[i], now_us)
-        elif kind == "send":
-            sender = robots[first % count]
-            beat = sender.beat(now_us)
-            mail += [(i, sender.id, beat) for i in range(count) if second >> i & 1]
-        elif kind == "arrive" and mail:
-            index, source, beat = mail[first % len(mail)]  # in any order, perhaps again
-            if robots[index].id != source:
-                robots[index].hear(source, beat, now_us)
-        elif kind == "restart":
-            robots[first % count].start(now_us)
-            if first % count < 2:
-                robots[first % count].grants.seek(NAME, None)  # its action died with it
-        elif kind == "share":
-            robots[first % count].facts.map.merge(list(robots[second % count].facts.map))
-        for robot in robots:
-            robot.pass_to(now_us)
-        assert sum(robot.holds(now_us) for robot in robots) <= 1
+    clocks = zip(shared.robots, rates, offsets, strict=False)
+    contest = Contest([Robot(name, shared, rate, offset) for name, rate, offset in clocks])
+    for operation in operations:
+        contest.do(*operation)
+        assert sum(robot.holds(contest.now_us) for robot in contest.robots) <= 1

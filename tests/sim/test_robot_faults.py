@@ -9,6 +9,7 @@ from runs import Run, undisturbed
 
 from mrbt_mesh.core.facts import Incarnation, Version, make_entry
 from mrbt_mesh.core.records import OUTCOME
+from mrbt_mesh.drills.physical import of, spans
 from mrbt_mesh.sim import (
     ClockJump,
     ClockRate,
@@ -28,7 +29,6 @@ from mrbt_mesh.sim import (
 )
 from mrbt_mesh.sim.journal import SimJournal
 from mrbt_mesh.sim.network import LinkKnobs
-from tests.physical import of, spans
 
 SECOND_US = 1_000_000
 ROBOTS = ["A1", "A2", "B1", "B2", "C1", "C2"]
