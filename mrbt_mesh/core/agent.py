@@ -364,6 +364,9 @@ class Agent:
 
         while latched := self.planner.step(self.alive, self.membership.changes, now_us):
             self.write(latched, now_us)
+        if self.planner.dropped:
+            self._effects.append(fx.Forget(tuple(self.planner.dropped)))
+            self.planner.dropped = []
 
     def _finish_mission(self, now_us: int) -> None:
         """Stop once every living robot has come to the same result, and has heard so."""

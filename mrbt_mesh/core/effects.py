@@ -131,6 +131,13 @@ class Persist:
 
 
 @dataclass(frozen=True, slots=True)
+class Forget:
+    """These entries, by author and name, can no longer be reached: the journal may drop them."""
+
+    keys: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Ask:
     """Send a PULL to one peer; its answer comes back as AnswerReceived."""
 
@@ -195,5 +202,14 @@ class Stop:
 
 
 Effect: TypeAlias = (
-    Publish | Persist | Ask | Reply | StartAction | CancelAction | DeclareToken | Log | Stop
+    Publish
+    | Persist
+    | Forget
+    | Ask
+    | Reply
+    | StartAction
+    | CancelAction
+    | DeclareToken
+    | Log
+    | Stop
 )

@@ -18,7 +18,10 @@ from mrbt_mesh.core.watches import Watches
 
 
 class Planner:
-    """Plans when facts or the alive set have changed, and ticks T_A for each plan."""
+    """Plans when facts or the alive set have changed, and ticks T_A for each plan.
+
+    `dropped`: author and name of entries that no evaluation can reach any more.
+    """
 
     def __init__(
         self, me: str, tree: Tree, facts: TeamFacts, solver: Solver, robot_tree: RobotTree
@@ -27,6 +30,7 @@ class Planner:
         self.evaluator = Evaluator(tree)
         self.watches = Watches()
         self.plan: Plan | None = None
+        self.dropped: list[tuple[str, str]] = []
         self._facts = facts
         self._solver = solver
         self._robot_tree = robot_tree
@@ -49,7 +53,7 @@ class Planner:
     ) -> list[tuple[str, Any]]:
         """Bring the plan up to date; returns facts to write, after which to step again."""
         facts = self._facts
-        facts.prune(self.evaluator)
+        self.dropped += facts.prune(self.evaluator)
         state = (facts.changes, alive_changes)
         latched: list[tuple[str, Any]] = []
         if self.plan is None or self._planned != state:

@@ -201,11 +201,11 @@ class TeamFacts:
 
     # -- keeping the indices --------------------------------------------------------------
 
-    def prune(self, evaluator: Evaluator) -> int:
+    def prune(self, evaluator: Evaluator) -> list[tuple[str, str]]:
         """Drop what no evaluation can reach any more; every replica drops the same.
 
-        Returns how many. Everything is looked at again only after a condition or an attempt
-        number has changed; otherwise what has come since is enough.
+        Returns authors and names. Everything is looked at again only after a condition or an
+        attempt number has changed; otherwise what has come since is enough.
         """
         if self._pruned_at != self.reach_changes:
             self._fresh = list(self.map)
@@ -220,7 +220,7 @@ class TeamFacts:
             self.map.drop(entry.author, entry.name)
         # Dropping what is out of reach changes the reach of nothing.
         self._pruned_at = self.reach_changes
-        return len(obsolete)
+        return [(entry.author, entry.name) for entry in obsolete]
 
     def accepts(self, entry: Entry) -> str | None:
         """Why this entry has no place in this mission, or None if it has one."""

@@ -20,6 +20,7 @@ from mrbt_mesh.core.effects import (
     CancelAction,
     DeclareToken,
     Effect,
+    Forget,
     Input,
     LeaveRequested,
     Log,
@@ -195,6 +196,8 @@ class Driver:
                 self._transport.publish(kind, data)
             case Persist(entries, synced):
                 self._persist(entries, synced)
+            case Forget(keys):
+                self._forget(keys)
             case Ask(peer, data):
                 timeout_s = self._config.timing.ask_timeout_us / 1e6
                 self._transport.ask(peer, MessageKind.PULL, data, timeout_s)
@@ -220,7 +223,16 @@ class Driver:
         self._journal.put(entries)
         if synced:
             self._journal.commit()
-        elif self._commit is None:
+        else:
+            self._commit_later()
+
+    def _forget(self, keys: tuple[tuple[str, str], ...]) -> None:
+        if self._journal is not None:
+            self._journal.forget(keys)
+            self._commit_later()
+
+    def _commit_later(self) -> None:
+        if self._commit is None:
             self._commit = self._loop.call_later(LAZY_COMMIT_S, self._commit_lazily)
 
     def _commit_lazily(self) -> None:

@@ -46,7 +46,7 @@ class Journal:
             "robot": robot,
         }
         self._log = log
-        self._pending: dict[tuple[str, str], Entry] = {}
+        self._pending: dict[tuple[str, str], Entry | None] = {}
         self._failing = False
         self._database: sqlite3.Connection | None = None
 
@@ -102,6 +102,11 @@ class Journal:
         for entry in entries:
             self._pending[entry.author, entry.name] = entry
 
+    def forget(self, keys: Iterable[tuple[str, str]]) -> None:
+        """Drop entries, by author and name; they are gone from disk after the next `commit`."""
+        for key in keys:
+            self._pending[key] = None
+
     @property
     def is_clean(self) -> bool:
         """Whether everything that was put has been written."""
@@ -116,12 +121,15 @@ class Journal:
         rows = [
             (e.author, e.name, *e.version.incarnation, e.version.sequence, e.packed)
             for e in self._pending.values()
+            if e is not None
         ]
+        gone = [key for key, entry in self._pending.items() if entry is None]
         try:
             self._database.execute("BEGIN IMMEDIATE")
             self._database.executemany(
                 "INSERT OR REPLACE INTO entries VALUES (?, ?, ?, ?, ?, ?)", rows
             )
+            self._database.executemany("DELETE FROM entries WHERE author = ? AND name = ?", gone)
             self._database.execute("COMMIT")
         except sqlite3.Error as error:
             if self._database.in_transaction:

@@ -16,7 +16,7 @@ class SimJournal:
 
     def __init__(self) -> None:
         self._written: dict[tuple[str, str], Entry] = {}
-        self._pending: dict[tuple[str, str], Entry] = {}
+        self._pending: dict[tuple[str, str], Entry | None] = {}
 
     @property
     def is_clean(self) -> bool:
@@ -28,9 +28,18 @@ class SimJournal:
         for entry in entries:
             self._pending[entry.author, entry.name] = entry
 
+    def forget(self, keys: Iterable[tuple[str, str]]) -> None:
+        """Drop entries; they are gone from disk after the next `commit`."""
+        for key in keys:
+            self._pending[key] = None
+
     def commit(self) -> None:
-        """Write and sync everything that was put."""
-        self._written.update(self._pending)
+        """Write and sync everything that was put or forgotten."""
+        for key, entry in self._pending.items():
+            if entry is None:
+                self._written.pop(key, None)
+            else:
+                self._written[key] = entry
         self._pending.clear()
 
     def crash(self) -> None:

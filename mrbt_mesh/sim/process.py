@@ -16,6 +16,7 @@ from mrbt_mesh.core.effects import (
     CancelAction,
     DeclareToken,
     Effect,
+    Forget,
     Input,
     Log,
     Persist,
@@ -159,6 +160,9 @@ class SimProcess:
                 self._world.published(self, effect)
             case Persist(entries, synced):
                 self._persist(entries, synced)
+            case Forget(keys):
+                self.journal.forget(keys)
+                self._commit_soon()
             case Ask():
                 self._world.asked(self, effect)
             case Reply():
@@ -181,7 +185,11 @@ class SimProcess:
         self.journal.put(entries)
         if synced:
             self.journal.commit()
-        elif not self._commits:
+        else:
+            self._commit_soon()
+
+    def _commit_soon(self) -> None:
+        if not self._commits:
             self._commits = True
             self._commit_later()
 

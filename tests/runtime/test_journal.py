@@ -65,6 +65,18 @@ def test_a_newer_entry_of_a_key_replaces_the_older_one(tmp_path: Path) -> None:
     assert found.version.sequence == 2
 
 
+def test_what_is_forgotten_is_gone_and_may_come_back(tmp_path: Path) -> None:
+    path = tmp_path / "A1.journal"
+    first = journal(path)
+    first.open()
+    first.put([outcome(1), outcome(2)])
+    first.commit()
+    first.forget([("A1", outcome(1).name), ("A1", outcome(2).name), ("A1", "never/there")])
+    first.put([outcome(2)])
+    first.close()
+    assert [found.name for found in journal(path).open()] == [outcome(2).name]
+
+
 @settings(max_examples=40, deadline=None)
 @given(cut=st.integers(0, 100), noise=st.binary(max_size=64))
 def test_a_torn_or_corrupt_journal_never_stops_a_robot(
