@@ -166,6 +166,8 @@ class Agent:
                 self.log("info", "robot_heard", robot=source, incarnation=str(beat.incarnation))
             self.replica.compare(source, beat.fact_digest, now_us)
             self.write(self.grants.heard(source, beat, now_us, self._may_grant), now_us)
+            if self.membership.is_asked(beat, mine):
+                self.gossip.hurry(len(self.membership.peers), now_us)
         if self.joining is not None:
             self.joining.heard(source)
         reason = self.identity.relayed(source, beat, mine, starting, members, now_us)
@@ -284,7 +286,7 @@ class Agent:
             self.membership.slowed(lag_us, now_us)
         self._deadline_us = max(self._deadline_us, now_us)
         silent_us = now_us - self.gossip.last_beat_us
-        if self.joining is None and silent_us > self.config.timing.detection_us:
+        if self.joining is None and silent_us > self.config.timing.fence_us:
             self.log("warning", "fenced", silent_s=silent_us / 1e6)
             heard = self.replica.next_incarnation(0)
             self._effects.append(fx.DeclareToken(heard))
@@ -334,6 +336,8 @@ class Agent:
             self.log(level, f"robot_{after}", robot=robot, before=str(before))
             if after in (State.DEAD, State.LEFT):
                 self.replica.forget(robot)
+        if self.membership.is_seeking:
+            self.gossip.hurry(len(self.membership.peers), now_us)
 
     def _try_to_join(self, now_us: int) -> None:
         assert self.joining is not None

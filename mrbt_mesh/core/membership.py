@@ -1,9 +1,11 @@
 """Who is alive: beats decide, liveliness tokens hint, others are heard before a verdict.
 
 Every beat relays the newest beats that its sender knows, and its suspicions. That is SWIM's
-indirect probe without a question: a robot that anybody still hears is alive for everybody,
-and a robot whose token everybody lost at once is dead without waiting for a timeout. Death is
-a local judgement about one incarnation; a newer beat of it revives it.
+indirect probe: a robot that anybody still hears is alive for everybody, and a robot whose
+token everybody lost at once is dead without waiting for a timeout. How long a robot may be
+silent follows from how regularly news of it came so far (`hearing`, `Timing.limit_us`). After
+half of that it is sought: all beat faster, those who hear it and itself as well. Death is a
+local judgement about one incarnation; a newer beat of it revives it.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.hearing import Hearing
 from mrbt_mesh.core.timing import Timing
 from mrbt_mesh.core.wire import Accusation, Beat, Heard
 
@@ -31,8 +34,9 @@ class State(enum.StrEnum):
 class Peer:
     """What is known of one robot's newest incarnation.
 
-    `evidence_us` is when a newer beat than before arrived, from itself or relayed; `accusers`
-    are the robots that lost its token too.
+    `evidence_us` is when a newer beat than before arrived, from itself or relayed; after
+    `limit_us` of silence it is dead. `accusers` are the robots that lost its token too,
+    `buriers` those that hold it for dead. `sought`: it was silent for half of its limit.
     """
 
     incarnation: Incarnation
@@ -41,10 +45,19 @@ class Peer:
     plan_digest: bytes
     joined: bool
     result: int
+    hearing: Hearing
+    limit_us: int
     beat: Beat | None = None
+    sought: bool = False
     token_lost: bool = False
     state: State = State.ALIVE
     accusers: set[str] = field(default_factory=set)
+    buriers: set[str] = field(default_factory=set)
+
+    @property
+    def seek_us(self) -> int:
+        """The silence after which it is sought, and left out when agreement is counted."""
+        return self.limit_us // 2
 
 
 class Membership:
@@ -82,8 +95,9 @@ class Membership:
             self._accused(robot, accusation)
         accused = {accusation.robot for accusation in beat.accusations}
         for name, peer in self.peers.items():
-            if robot in peer.accusers and name not in accused:
+            if name not in accused and (robot in peer.accusers or robot in peer.buriers):
                 peer.accusers.discard(robot)
+                peer.buriers.discard(robot)
                 self._hints += 1
         return True
 
@@ -97,16 +111,11 @@ class Membership:
                 return peer.state not in (State.DEAD, State.LEFT)
             return False
         if peer is None or heard.incarnation != peer.incarnation:
-            peer = Peer(
-                heard.incarnation,
-                heard.number,
-                now_us,
-                heard.plan_digest,
-                heard.joined,
-                heard.result,
-            )
+            peer = self._newcomer(heard, peer, now_us)
             self.peers[heard.robot] = peer
             self.changes += 1
+        else:
+            self._listen(peer, now_us)
         peer.number, peer.evidence_us = heard.number, now_us
         peer.plan_digest, peer.result = heard.plan_digest, heard.result
         if heard.joined != peer.joined:
@@ -124,6 +133,30 @@ class Membership:
             self._set(peer, State.ALIVE)
         return True
 
+    def _newcomer(self, heard: Heard, before: Peer | None, now_us: int) -> Peer:
+        """A robot's new life is heard over the same network as the one before."""
+        hearing = before.hearing if before is not None else Hearing.unknown(self.timing)
+        return Peer(
+            heard.incarnation,
+            heard.number,
+            now_us,
+            heard.plan_digest,
+            heard.joined,
+            heard.result,
+            hearing,
+            self.timing.limit_us(hearing.silence_permille),
+        )
+
+    def _listen(self, peer: Peer, now_us: int) -> None:
+        """Learn from the time between two pieces of news; an outage is none of the network's."""
+        if peer.state not in (State.DEAD, State.LEFT):
+            peer.hearing.gap(now_us - peer.evidence_us, self.timing)
+        peer.limit_us = self.timing.limit_us(peer.hearing.silence_permille)
+        peer.sought = False
+        peer.buriers.clear()
+        # The limit may have become shorter.
+        self._at_peace_until_us = min(self._at_peace_until_us, now_us + peer.seek_us)
+
     def _accused(self, accuser: str, accusation: Accusation) -> None:
         peer = self.peers.get(accusation.robot)
         if peer is not None and accusation.incarnation == peer.incarnation:
@@ -132,6 +165,29 @@ class Membership:
                 peer.accusers.add(accuser)
             else:
                 peer.accusers.discard(accuser)
+            if accusation.dead:
+                peer.buriers.add(accuser)
+            else:
+                peer.buriers.discard(accuser)
+
+    def is_asked(self, beat: Beat, mine: Incarnation) -> bool:
+        """Whether the sender seeks a robot of which this one has news: others, or itself."""
+        for accusation in beat.accusations:
+            if accusation.sought:
+                peer = self.peers.get(accusation.robot)
+                asked = accusation.robot == self.me and accusation.incarnation == mine
+                if asked or (
+                    peer is not None
+                    and peer.state is State.ALIVE
+                    and peer.incarnation == accusation.incarnation
+                ):
+                    return True
+        return False
+
+    @property
+    def is_seeking(self) -> bool:
+        """Whether a robot that is not given up has been silent for too long."""
+        return any(peer.sought for peer in self.peers.values())
 
     def token(self, robot: str, incarnation: Incarnation, held: bool) -> None:
         """A liveliness token came (held) or went. Its presence proves nothing."""
@@ -155,18 +211,20 @@ class Membership:
         before = {robot: peer.state for robot, peer in self.peers.items()}
         silent = 0
         for peer in self.peers.values():
-            quiet_us = now_us - peer.evidence_us
-            if peer.state not in (State.DEAD, State.LEFT):
-                silent += quiet_us >= self.timing.suspect_us
-                if quiet_us >= self.timing.suspect_us or peer.token_lost:
-                    self._set(peer, State.SUSPECT)
-        limit_us = self._limit_us(silent)
+            present = peer.state not in (State.DEAD, State.LEFT)
+            peer.sought = present and now_us - peer.evidence_us >= peer.seek_us
+            silent += peer.sought
+            if peer.sought or (present and peer.token_lost):
+                self._set(peer, State.SUSPECT)
+        extra_us = self._extra_us(silent)
         for robot in sorted(self.peers):
             peer = self.peers[robot]
             if peer.state is State.SUSPECT and (
-                now_us - peer.evidence_us >= limit_us or self._everybody_lost(robot, peer)
+                now_us - peer.evidence_us >= self._patience_us(peer) + extra_us
+                or self._everybody_lost(robot, peer)
             ):
                 self._set(peer, State.DEAD)
+                peer.sought = False
         self._judged = (self.changes, self._hints)
         self._at_peace_until_us = self._next_judgement_us(now_us)
         return [
@@ -175,10 +233,18 @@ class Membership:
             if before[robot] is not self.peers[robot].state
         ]
 
-    def _limit_us(self, silent: int) -> int:
+    def _extra_us(self, silent: int) -> int:
         """When most peers fall silent together, the fault is probably here: wait once more."""
         present = sum(p.state not in (State.DEAD, State.LEFT) for p in self.peers.values())
-        return self.timing.detection_us * (2 if silent > 1 and 2 * silent > present else 1)
+        return self.timing.detection_us if silent > 1 and 2 * silent > present else 0
+
+    def _patience_us(self, peer: Peer) -> int:
+        """The silence after which a suspect is dead: less if another robot has buried it."""
+        buried = any(
+            other is not None and other.state is State.ALIVE
+            for other in map(self.peers.get, peer.buriers)
+        )
+        return max(self.timing.detection_us, peer.seek_us) if buried else peer.limit_us
 
     def _everybody_lost(self, robot: str, peer: Peer) -> bool:
         """Whether all others that are in good standing lost this robot's token as well."""
@@ -207,7 +273,9 @@ class Membership:
     def accusations(self) -> tuple[Accusation, ...]:
         """What this robot's next beat says of those it does not trust."""
         return tuple(
-            Accusation(robot, peer.incarnation, peer.token_lost, peer.state is State.DEAD)
+            Accusation(
+                robot, peer.incarnation, peer.token_lost, peer.state is State.DEAD, peer.sought
+            )
             for robot, peer in sorted(self.peers.items())
             if peer.state in (State.SUSPECT, State.DEAD)
         )
@@ -245,15 +313,15 @@ class Membership:
         return self._at_peace_until_us
 
     def _next_judgement_us(self, now_us: int) -> int:
-        suspect_us, detection_us = self.timing.suspect_us, self.timing.detection_us
-        earliest_us = now_us + detection_us
+        earliest_us = now_us + self.timing.detection_us
         for peer in self.peers.values():
             if peer.state in (State.DEAD, State.LEFT):
                 continue
-            for wait_us in (suspect_us, detection_us, 2 * detection_us):
-                if peer.evidence_us + wait_us > now_us:
-                    earliest_us = min(earliest_us, peer.evidence_us + wait_us)
-                    break
+            for wait_us in (peer.seek_us, self.timing.detection_us, peer.limit_us):
+                for extra_us in (0, self.timing.detection_us):
+                    if peer.evidence_us + wait_us + extra_us > now_us:
+                        earliest_us = min(earliest_us, peer.evidence_us + wait_us + extra_us)
+                        break
         return earliest_us
 
     def states(self) -> Mapping[str, State]:

@@ -7,13 +7,20 @@ from dataclasses import dataclass
 SECOND_US = 1_000_000
 
 
+# A verdict waits until the odds of that much silence, by what was measured, are below 1 in 2**20.
+ODDS_BITS = 20
+# While a robot is sought, nobody receives more than about this many beats per beat period.
+CROWD = 32
+
+
 @dataclass(frozen=True, slots=True)
 class Timing:
     """`beat_us`: heartbeat period. `detection_us`: silence after which a robot is dead.
 
-    A frozen robot is replaced within `detection_us` plus one message delay; a killed one,
-    whose liveliness token the system takes down, within two message delays, if at least one
-    other robot confirms. Raises ValueError if a detection time has less than 3 beats.
+    That is on a good network; `limit_us` says how long it takes on a bad one. A frozen robot
+    is replaced within that time plus one message delay; a killed one, whose liveliness token
+    the system takes down, within two message delays, if at least one other robot confirms.
+    Raises ValueError if a detection time has less than 3 beats.
     """
 
     beat_us: int = 200_000
@@ -23,10 +30,35 @@ class Timing:
         if self.beat_us < 1_000 or 3 * self.beat_us > self.detection_us:
             raise ValueError("the detection time must be at least 3 beat periods, a beat 1 ms")
 
+    def limit_us(self, silence_permille: int) -> int:
+        """Silence after which a robot is dead of which, so far, no news came in that share of
+        the beat periods: so many periods that chance explains it with odds below 2**-20.
+
+        At least the detection time, at most `max_limit_us`.
+        """
+        odds, beats, most = 1 << 40, 0, self.max_limit_us // self.beat_us
+        while odds > 1 << (40 - ODDS_BITS) and beats < most:
+            odds = odds * silence_permille // 1_000
+            beats += 1
+        return max(self.detection_us, beats * self.beat_us)
+
     @property
-    def suspect_us(self) -> int:
-        """Silence after which a robot is suspect, left out when agreement is counted."""
-        return self.detection_us // 2
+    def max_limit_us(self) -> int:
+        """The longest silence that a robot survives."""
+        return 3 * self.detection_us
+
+    @property
+    def longest_verdict_us(self) -> int:
+        """The longest time to a verdict: the worst network, and most peers vanish together."""
+        return self.max_limit_us + self.detection_us
+
+    @property
+    def fence_us(self) -> int:
+        """A robot that was silent for longer takes it that it was replaced.
+
+        The shortest time in which others may do that by silence alone, whatever they measured.
+        """
+        return self.detection_us
 
     @property
     def grace_us(self) -> int:
@@ -59,3 +91,7 @@ class Timing:
     def repeats_us(self) -> tuple[int, ...]:
         """After a changed plan is beaten out at once: when it is repeated, as offsets."""
         return (self.beat_us // 8, self.beat_us // 4, self.beat_us // 2)
+
+    def hurry_us(self, robots: int) -> int:
+        """The beat period while a robot is sought; more robots relay more, and need less haste."""
+        return min(self.beat_us, max(self.beat_us // 4, self.beat_us * robots // CROWD))

@@ -56,13 +56,19 @@ class Header:
 class Accusation:
     """The sender suspects this incarnation; `token_lost`: its liveliness token is gone here.
 
-    `dead`: the sender has given its verdict.
+    `dead`: the sender has given its verdict. `sought`: it has had no news for too long, and asks
+    everybody for some.
     """
 
     robot: str
     incarnation: Incarnation
     token_lost: bool
     dead: bool
+    sought: bool
+
+    @property
+    def flags(self) -> int:
+        return int(self.token_lost) + 2 * int(self.dead) + 4 * int(self.sought)
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,7 +207,7 @@ def beat_body(beat: Beat) -> list[Any]:
         list(beat.statuses),
         beat.result,
         beat.progress,
-        [[a.robot, *a.incarnation, int(a.token_lost) + 2 * int(a.dead)] for a in beat.accusations],
+        [[a.robot, *a.incarnation, a.flags] for a in beat.accusations],
         [
             [h.robot, *h.incarnation, h.number, h.plan_digest, int(h.joined), h.result]
             for h in beat.heard
@@ -239,7 +245,9 @@ def parse_beat(body: Any, is_news: Callable[[list[Any]], bool] = _all_is_news) -
         _count(result, 3),
         _count(progress, 100),
         tuple(
-            Accusation(_robot(r), _incarnation(c, n), bool(_count(f, 3) & 1), bool(f & 2))
+            Accusation(
+                _robot(r), _incarnation(c, n), bool(_count(f, 7) & 1), bool(f & 2), bool(f & 4)
+            )
             for r, c, n, f in _rows(accused, 4)
         ),
         tuple(

@@ -89,7 +89,7 @@ class Driver:
 
         The session is closed in the background at the end: end the process with `os._exit`.
         """
-        selector = FencingSelector(self._config.timing.detection_us)
+        selector = FencingSelector(self._config.timing.fence_us)
         selector.on_gap = lambda: self.submit(TimerFired())
         options = {"loop_factory": lambda: asyncio.SelectorEventLoop(selector)}
         return anyio.run(self._main, backend_options=options)

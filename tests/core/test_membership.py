@@ -27,6 +27,7 @@ class View:
         self.members = Membership("M", TIMING)
         self.ms = 0
         self.numbers: dict[str, int] = {}
+        self.asked = False
         for robot in robots:
             self.hear(robot)
 
@@ -41,6 +42,8 @@ class View:
         robot: str,
         *,
         accuses: Iterable[str] = (),
+        seeks: Iterable[str] = (),
+        buries: Iterable[str] = (),
         relays: dict[str, int] | None = None,
         life: int = 1,
         number: int | None = None,
@@ -49,9 +52,16 @@ class View:
         plan: bytes = PLAN,
         result: Status = Status.RUNNING,
     ) -> bool:
-        """A beat of `robot`; it accuses robots whose token it lost, relays newer beats."""
+        """A beat of `robot`; it accuses robots whose token it lost, seeks those it has no news of,
+        buries those that it holds for dead, and relays newer beats.
+        """
         self.numbers[robot] = self.numbers.get(robot, 0) + 1 if number is None else number
-        accusations = tuple(Accusation(each, Incarnation(1, "n"), True, False) for each in accuses)
+        one = Incarnation(1, "n")
+        accusations = (
+            *(Accusation(each, one, True, False, False) for each in accuses),
+            *(Accusation(each, one, False, False, True) for each in seeks),
+            *(Accusation(each, one, False, True, False) for each in buries),
+        )
         heard = tuple(
             Heard(each, Incarnation(1, "n"), n, plan, True, int(result))
             for each, n in (relays or {}).items()
@@ -70,6 +80,7 @@ class View:
             heard,
         )
         news = self.members.beat(robot, beat, self.ms * MS)
+        self.asked = self.members.is_asked(beat, Incarnation(5, "m"))
         self.members.judge(self.ms * MS)
         return news
 
@@ -365,6 +376,128 @@ def test_being_slow_moves_no_evidence_into_the_future() -> None:
     assert view.at(1500)["A"] is SUSPECT
 
 
+# -- how long a silence may last ---------------------------------------------------------------
+
+
+def test_a_robot_that_is_heard_badly_may_be_silent_for_longer() -> None:
+    view = View("A", "B", "C")
+    last_ms = {}
+    for step in range(120):
+        view.ms = 100 * step
+        for robot in "ABC" if step % 3 == 0 else "BC":
+            view.hear(robot)
+            last_ms[robot] = view.ms
+    limit_ms = TIMING.limit_us(view.members.peers["A"].hearing.silence_permille) // MS
+    assert 1_500 < limit_ms <= 3_000
+    for ms in range(view.ms, last_ms["A"] + limit_ms, 100):
+        view.ms = ms
+        view.hear("B")
+        view.hear("C")
+        assert view["A"] is (SUSPECT if ms >= last_ms["A"] + limit_ms // 2 else ALIVE)
+    view.ms = last_ms["A"] + limit_ms
+    view.hear("B")
+    assert view["A"] is DEAD
+
+
+def test_a_new_life_is_heard_over_the_same_network() -> None:
+    view = View("A", "B")
+    hearing = view.members.peers["A"].hearing
+    view.hear("A", life=2, number=1)
+    assert view.members.peers["A"].hearing is hearing
+
+
+def test_an_outage_that_ended_in_a_verdict_is_no_measure_of_the_network() -> None:
+    view = View("A", "B")
+    view.ms = 900
+    view.hear("B")
+    before = view.members.peers["A"].hearing.watched_us
+    view.at(1_000)
+    view.ms = 9_000
+    view.hear("A")
+    assert view["A"] is ALIVE
+    assert view.members.peers["A"].hearing.watched_us == before
+
+
+def test_a_verdict_follows_that_of_another_robot_if_there_was_silence_here_as_well() -> None:
+    view = View("A", "B", "C")
+    for _ in range(40):
+        view.ms += 300  # two beats of three are lost
+        for robot in "ABC":
+            view.hear(robot)
+    start_ms = view.ms
+    assert view.members.peers["A"].limit_us > 2_000 * MS
+    for ms in range(200, 1_600, 200):
+        view.ms = start_ms + ms
+        view.hear("C")
+        view.hear("B", buries="A")
+        assert view["A"] is (DEAD if ms * MS >= view.members.peers["A"].limit_us // 2 else ALIVE)
+
+
+def test_a_verdict_of_another_robot_alone_kills_nobody() -> None:
+    view = View("A", "B", "C")
+    for ms in range(100, 3_000, 100):
+        view.ms = ms
+        view.hear("A")
+        view.hear("B", buries="A")
+        assert view["A"] is ALIVE
+    view.at(view.ms + 999)
+    view.hear("C")
+    assert view["A"] is SUSPECT
+
+
+def test_half_of_the_limit_without_news_and_a_robot_is_sought() -> None:
+    view = View("A", "B")
+    view.ms = 499
+    view.hear("B")
+    assert not view.members.is_seeking
+    view.at(500)
+    assert view.members.is_seeking
+    assert [(a.robot, a.sought) for a in view.members.accusations()] == [("A", True)]
+    view.hear("A")
+    assert not view.members.is_seeking
+
+
+def test_the_dead_are_sought_no_more() -> None:
+    view = View("A", "B")
+    view.ms = 900
+    view.hear("B")
+    view.at(1_000)
+    assert view["A"] is DEAD
+    assert not view.members.is_seeking
+    assert [(a.dead, a.sought) for a in view.members.accusations()] == [(True, False)]
+
+
+def test_a_robot_whose_token_is_lost_but_whose_beats_come_is_not_sought() -> None:
+    view = View("A", "B")
+    view.lose_token("A")
+    assert view["A"] is SUSPECT
+    assert not view.members.is_seeking
+
+
+def test_who_has_news_of_a_sought_robot_is_asked_for_it() -> None:
+    view = View("A", "B")
+    view.hear("B", seeks="A")
+    assert view.asked
+    view.hear("B", seeks="Z")
+    assert not view.asked, "of whom it knows nothing"
+    view.hear("B", accuses="A", buries="A")
+    assert not view.asked, "nobody seeks it"
+    view.ms = 600
+    view.hear("B", seeks="A")
+    assert view["A"] is SUSPECT
+    view.hear("B", seeks="A")
+    assert not view.asked, "it has no news either"
+
+
+def test_a_robot_that_is_sought_itself_is_asked_if_this_life_of_it_is_meant() -> None:
+    view = View("B")
+    view.hear("B", seeks="M")
+    assert not view.asked, "an earlier life"
+    beat = view.members.peers["B"].beat
+    assert beat is not None
+    assert view.members.is_asked(beat, Incarnation(1, "n"))
+
+
 # -- what is told to others -------------------------------------------------------------------
 
 
@@ -458,5 +591,6 @@ def test_a_detection_time_of_less_than_three_beats_is_refused(beat: int, detecti
 
 
 def test_what_follows_from_beat_and_detection_time() -> None:
-    assert (TIMING.suspect_us, TIMING.grace_us) == (500 * MS, 300 * MS)
+    assert (TIMING.limit_us(0), TIMING.grace_us) == (1_000 * MS, 300 * MS)
+    assert TIMING.fence_us == min(TIMING.limit_us(silence) for silence in range(1_001))
     assert all(0 < offset < TIMING.beat_us for offset in TIMING.repeats_us())

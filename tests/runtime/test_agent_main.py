@@ -58,5 +58,6 @@ def test_a_run_directory_has_one_process_per_robot(tmp_path: Path) -> None:
 
 def test_the_knobs_follow_their_formulas() -> None:
     timing = Timing(beat_us=200_000, detection_us=1_000_000)
-    assert (timing.suspect_us, timing.grace_us) == (500_000, 300_000)
+    assert (timing.limit_us(0), timing.grace_us) == (1_000_000, 300_000)
+    assert (timing.fence_us, timing.max_limit_us) == (1_000_000, 3_000_000)
     assert max(timing.repeats_us()) < timing.beat_us

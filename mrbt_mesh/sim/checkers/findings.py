@@ -73,7 +73,7 @@ class Findings:
     def verdict_us(self) -> int:
         """How long it may take until all agree on who is alive, and newcomers have joined."""
         knobs = self.world.network.knobs
-        return 2 * self.world.timing.detection_us + (knobs.token_delay_us or 0)
+        return self.world.timing.longest_verdict_us + (knobs.token_delay_us or 0)
 
     @property
     def is_tolerable(self) -> bool:
