@@ -97,7 +97,7 @@ class Agent:
         deadlines = [
             self.gossip.next_beat_us,
             self.membership.next_deadline_us(now_us),
-            self.replica.next_deadline_us(),
+            self.replica.next_deadline_us(now_us),
             self.planner.watches.next_deadline_us(),
             self.grants.next_deadline_us(),
         ]
@@ -341,19 +341,19 @@ class Agent:
 
     def _try_to_join(self, now_us: int) -> None:
         assert self.joining is not None
-        for robot, state in self.membership.states().items():
-            waits = self.joining.wants(robot, state)
-            if waits and not self.replica.is_asking(robot, now_us):
-                self._ask(robot, now_us)
+        wanted = self.joining.wanted(self.membership.peers, self.facts.map.digest())
+        for robot in self.replica.askable(wanted, now_us):
+            self._ask(robot, now_us)
         awaited = self.joining.first and self.identity.is_relayed
-        if not self.joining.is_done(self.membership.states(), awaited, now_us):
+        if wanted or not self.joining.is_done(awaited, now_us):
             return
         if self.joining.first:
             if self.joining.foreign and not self.membership.peers:
                 self._stop(2, f"the team runs something else: {self.joining.foreign}")
                 return
             others = self.mission.robots.keys() - {self.me}
-            if self.joining.has_asked(others) and not self.facts.map.of_author(self.me):
+            is_known = bool(self.facts.map.of_author(self.me))
+            if self.joining.knows_all_of(others, self.membership.peers) and not is_known:
                 self.grants.is_new()
             incarnation = self.replica.next_incarnation(self.identity.rival)
             self._effects.append(fx.DeclareToken(incarnation))

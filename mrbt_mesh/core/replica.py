@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -21,14 +22,22 @@ from mrbt_mesh.core.wire import (
 )
 
 PAGE_BYTES = 1 << 20
+# One answer holds all that is lacking; so few are asked, and then, message loss allowing for,
+# every `Timing.repair_us` as many more.
+QUESTIONS = 3
+PAST_DIGESTS = 64
 
 
 @dataclass(slots=True)
 class _Repair:
-    """What is known of one peer's replica: since when it differs, since when it was asked."""
+    """A peer whose facts differ: since when, and since when it was asked.
+
+    `is_behind`: it holds what this replica held before, so it is the one to ask.
+    """
 
     differs_us: int | None = None
     asked_us: int | None = None
+    is_behind: bool = False
 
 
 @dataclass(slots=True)
@@ -54,6 +63,8 @@ class Replica:
         self.incarnation = Incarnation(0, nonce)
         self._sequence = 0
         self._repairs: dict[str, _Repair] = {}
+        self._past: deque[bytes] = deque(maxlen=PAST_DIGESTS)
+        self._next_us = 0  # nobody is to be asked before, if anybody is
         self.changed_us = 0
 
     @property
@@ -174,20 +185,50 @@ class Replica:
 
     def compare(self, peer: str, digest: bytes, now_us: int) -> None:
         """A peer's beat told the digest of its facts."""
+        mine = self.facts.map.digest()
+        if not self._past or self._past[-1] != mine:
+            self._past.append(mine)
+        if digest == mine:
+            self._repairs.pop(peer, None)
+            return
         repair = self._repairs.setdefault(peer, _Repair())
-        if digest == self.facts.map.digest():
-            repair.differs_us = None
-        elif repair.differs_us is None:
+        before = (repair.differs_us, repair.is_behind)
+        repair.is_behind = digest in self._past
+        if repair.differs_us is None:
             repair.differs_us = now_us
+        if before != (repair.differs_us, repair.is_behind):
+            self._next_us = min(self._next_us, now_us + self.timing.repair_us)
 
     def due(self, now_us: int) -> list[str]:
         """Peers to ask now: their facts have differed for a while, or their answer is overdue."""
-        peers = []
-        for peer in sorted(self._repairs):
-            deadline_us = self._deadline_us(self._repairs[peer])
+        if now_us < self._next_us or not self._repairs:
+            return []
+        ready = []
+        # Who has to wait for others is looked at again soon.
+        self._next_us = now_us + self.timing.ask_timeout_us
+        for peer, repair in self._repairs.items():
+            deadline_us = self._deadline_us(repair)
             if deadline_us is not None and deadline_us <= now_us:
-                peers.append(peer)
-        return peers
+                ready.append(peer)
+                deadline_us = now_us + self.timing.repair_us
+            if deadline_us is not None:
+                self._next_us = min(self._next_us, deadline_us)
+        return self.askable(ready, now_us)
+
+    def askable(self, peers: Iterable[str], now_us: int) -> list[str]:
+        """Those of the peers to ask now: few at a time, first who was not asked for longest."""
+        just_us = now_us - self.timing.repair_us
+        free = QUESTIONS - sum(
+            repair.asked_us is not None and repair.asked_us > just_us
+            for repair in self._repairs.values()
+        )
+        waiting = []
+        for peer in peers:
+            if not self.is_asking(peer, now_us):
+                repair = self._repairs.get(peer)
+                asked_us = repair.asked_us if repair is not None else None
+                waiting.append((asked_us is not None, asked_us or 0, peer))
+        return [peer for _, _, peer in sorted(waiting)[: max(0, free)]]
 
     def asked(self, peer: str, now_us: int) -> None:
         self._repairs.setdefault(peer, _Repair()).asked_us = now_us
@@ -200,9 +241,7 @@ class Replica:
         return now_us < repair.asked_us + self.timing.ask_timeout_us
 
     def answered(self, peer: str) -> None:
-        repair = self._repairs.get(peer)
-        if repair is not None:
-            repair.asked_us = repair.differs_us = None
+        self._repairs.pop(peer, None)
 
     def unanswered(self, peer: str, now_us: int) -> None:
         """The peer could not be asked: try again soon, it may be only just connecting."""
@@ -210,6 +249,7 @@ class Replica:
         if repair is not None and repair.asked_us is not None:
             retry_us = now_us - self.timing.ask_timeout_us + self.timing.repair_us
             repair.asked_us = min(repair.asked_us, retry_us)
+            self._next_us = min(self._next_us, now_us + self.timing.repair_us)
 
     def forget(self, peer: str) -> None:
         """A dead peer answers nothing."""
@@ -220,13 +260,13 @@ class Replica:
             return None
         # What has just changed here is probably on its way there, and the other way round;
         # but a team that is never quiet is repaired all the same.
-        wait_us = self.timing.repair_us
+        wait_us = self.timing.ask_timeout_us if repair.is_behind else self.timing.repair_us
         quiet_us = max(repair.differs_us, self.changed_us) + wait_us
-        quiet_us = min(quiet_us, repair.differs_us + 4 * wait_us)
+        quiet_us = min(quiet_us, repair.differs_us + max(wait_us, 4 * self.timing.repair_us))
         if repair.asked_us is not None:
             return max(quiet_us, repair.asked_us + self.timing.ask_timeout_us)
         return quiet_us
 
-    def next_deadline_us(self) -> int | None:
-        deadlines = (self._deadline_us(repair) for repair in self._repairs.values())
-        return min((d for d in deadlines if d is not None), default=None)
+    def next_deadline_us(self, now_us: int) -> int | None:
+        """When, after `now_us`, somebody may have to be asked."""
+        return max(self._next_us, now_us + 1) if self._repairs else None

@@ -96,7 +96,7 @@ def test_facts_that_differ_are_asked_for_after_a_while_and_again_if_no_answer_co
     mine = replica("A")
     mine.compare("B", b"another!", 1_000 * MS)
     assert mine.due(1_000 * MS) == []
-    deadline_us = mine.next_deadline_us()
+    deadline_us = mine.next_deadline_us(1_000 * MS)
     assert deadline_us == 1_000 * MS + TIMING.repair_us
     assert mine.due(deadline_us) == ["B"]
     mine.asked("B", deadline_us)
@@ -109,7 +109,7 @@ def test_facts_that_came_to_agree_by_themselves_are_not_asked_for() -> None:
     mine = replica("A")
     mine.compare("B", b"another!", 0)
     mine.compare("B", mine.facts.map.digest(), 10)
-    assert mine.next_deadline_us() is None
+    assert mine.next_deadline_us(10) is None
 
 
 def test_a_team_that_is_never_quiet_is_repaired_all_the_same() -> None:
