@@ -341,7 +341,7 @@ class Agent:
 
     def _try_to_join(self, now_us: int) -> None:
         assert self.joining is not None
-        wanted = self.joining.wanted(self.membership.peers, self.facts.map.digest())
+        wanted = self.joining.wanted(self.membership.peers, self.facts.map.digest(), now_us)
         for robot in self.replica.askable(wanted, now_us):
             self._ask(robot, now_us)
         awaited = self.joining.first and self.identity.is_relayed
@@ -353,7 +353,8 @@ class Agent:
                 return
             others = self.mission.robots.keys() - {self.me}
             is_known = bool(self.facts.map.of_author(self.me))
-            if self.joining.knows_all_of(others, self.membership.peers) and not is_known:
+            peers, digest = self.membership.peers, self.facts.map.digest()
+            if self.joining.knows_all_of(others, peers, digest) and not is_known:
                 self.grants.is_new()
             incarnation = self.replica.next_incarnation(self.identity.rival)
             self._effects.append(fx.DeclareToken(incarnation))

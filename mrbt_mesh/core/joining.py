@@ -2,8 +2,9 @@
 
 Otherwise the first process up would agree with itself and start, and one that was replaced
 while it slept would carry on with stale facts. Facts are exchanged with a peer once it has
-answered or, after another one has, tells the same digest: what it wrote may come from others,
-and one that does not hear the newcomer holds up nobody.
+answered or, after another one has, tells the same digest: what it wrote may come from others.
+One that never answers, since it does not hear the newcomer, holds it up for the longest
+detection time.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ class Joining:
         self, timing: Timing, expected: frozenset[str], now_us: int, first: bool = True
     ) -> None:
         self.deadline_us = now_us + timing.detection_us
+        self._patient_until_us = now_us + timing.max_limit_us
         self.first = first
         self.foreign = ""
         self._expected = expected
@@ -40,17 +42,23 @@ class Joining:
         """`robot` has answered with its facts."""
         self._exchanged.add(robot)
 
-    def knows_all_of(self, robots: Collection[str], peers: Mapping[str, Peer]) -> bool:
-        """Whether each of these robots lives and was heard: nobody who is missing knows more.
+    def knows_all_of(
+        self, robots: Collection[str], peers: Mapping[str, Peer], digest: bytes
+    ) -> bool:
+        """Whether this robot has all that these know, with `digest` over its own facts."""
+        return bool(self._exchanged) and all(
+            robot in self._exchanged
+            or (peer := peers.get(robot)) is not None
+            and peer.beat is not None
+            and peer.beat.fact_digest == digest
+            for robot in robots
+        )
 
-        To be asked where nobody's facts are wanted any more.
-        """
-        living = {r for r in robots if r in peers and peers[r].state in (State.ALIVE, State.SUSPECT)}
-        return living == set(robots) and self._heard.issuperset(robots)
-
-    def wanted(self, peers: Mapping[str, Peer], digest: bytes) -> list[str]:
+    def wanted(self, peers: Mapping[str, Peer], digest: bytes, now_us: int) -> list[str]:
         """The robots whose facts are still needed, with `digest` over one's own."""
         caught_up = bool(self._exchanged)  # before that, equal digests may be equally old
+        if caught_up and now_us >= self._patient_until_us:
+            return []
         return [
             robot
             for robot in sorted(self._heard - self._exchanged)

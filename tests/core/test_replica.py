@@ -118,3 +118,54 @@ def test_a_team_that_is_never_quiet_is_repaired_all_the_same() -> None:
     for now_us in range(0, 4 * TIMING.repair_us + 1, TIMING.repair_us // 2):
         mine.write([("claim", None)], now_us)
     assert mine.due(4 * TIMING.repair_us) == ["B"]
+
+
+def test_few_are_asked_at_a_time_and_more_while_none_has_answered() -> None:
+    mine = replica("A")
+    for peer in "BCDEFGH":
+        mine.compare(peer, b"another!", 0)
+    asked: list[str] = []
+    for now_us in range(0, 5 * TIMING.repair_us, TIMING.repair_us):
+        peers = mine.due(now_us)
+        assert len(peers) <= 3
+        for peer in peers:
+            mine.asked(peer, now_us)
+        asked += peers
+    assert asked == list("BCDEFGH")
+
+
+def test_who_was_not_asked_comes_before_who_did_not_answer() -> None:
+    mine = replica("A")
+    for peer in "BCDE":
+        mine.compare(peer, b"another!", 0)
+    for peer in mine.due(TIMING.repair_us):
+        mine.asked(peer, TIMING.repair_us)
+    later_us = TIMING.repair_us + TIMING.ask_timeout_us
+    assert mine.due(later_us) == ["E", "B", "C"]
+
+
+def test_a_peer_that_holds_what_this_replica_held_before_is_left_time_to_ask_itself() -> None:
+    mine = replica("A")
+    before = mine.facts.map.digest()
+    mine.compare("B", before, 0)
+    mine.write([("claim", None)], 0)
+    mine.compare("B", before, 0)
+    mine.compare("C", b"another!", 0)
+    assert mine.due(TIMING.repair_us) == ["C"]
+    mine.compare("C", mine.facts.map.digest(), TIMING.repair_us)
+    assert mine.due(TIMING.ask_timeout_us - 1) == []
+    assert mine.due(TIMING.ask_timeout_us) == ["B"]
+
+
+def test_a_peer_that_was_behind_and_now_holds_something_else_is_asked_soon() -> None:
+    mine = replica("A")
+    before = mine.facts.map.digest()
+    mine.compare("B", before, 0)
+    mine.write([("claim", None)], 0)
+    mine.compare("B", before, 0)
+    assert mine.due(TIMING.repair_us) == []
+    mine.compare("B", b"another!", TIMING.repair_us)
+    due_us = mine.next_deadline_us(TIMING.repair_us)
+    assert due_us is not None
+    assert due_us <= 2 * TIMING.repair_us
+    assert mine.due(due_us) == ["B"]

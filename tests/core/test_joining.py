@@ -1,0 +1,85 @@
+"""When a newcomer has heard and asked enough."""
+
+from __future__ import annotations
+
+from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.joining import Joining
+from mrbt_mesh.core.membership import Membership
+from mrbt_mesh.core.timing import Timing
+from mrbt_mesh.core.wire import Beat
+
+MS = 1_000
+TIMING = Timing(100 * MS, 1_000 * MS)
+MINE, OTHER = b"mine____", b"other___"
+
+
+class Newcomer:
+    """A robot M that joins at time 0 and expects `robots`."""
+
+    def __init__(self, robots: str) -> None:
+        self.joining = Joining(TIMING, frozenset(robots), 0)
+        self.members = Membership("M", TIMING)
+        self.number = 0
+
+    def hear(self, robot: str, digest: bytes = OTHER, ms: int = 0) -> None:
+        self.number += 1
+        life = Incarnation(1, "n")
+        beat = Beat(life, self.number, True, False, b"p" * 8, digest, (0, 0, 0, 0), 0, 0, (), ())
+        self.members.beat(robot, beat, ms * MS)
+        self.joining.heard(robot)
+
+    def wants(self, ms: int = 0) -> list[str]:
+        self.members.judge(ms * MS)
+        return self.joining.wanted(self.members.peers, MINE, ms * MS)
+
+
+def test_everybody_that_is_heard_is_asked() -> None:
+    new = Newcomer("AB")
+    assert new.wants() == []
+    new.hear("B")
+    new.hear("A")
+    assert new.wants() == ["A", "B"]
+    new.joining.exchanged("A")
+    assert new.wants() == ["B"]
+
+
+def test_an_equal_digest_counts_once_somebody_has_answered() -> None:
+    """Before that it may be as old as one's own facts: of the time before a long sleep."""
+    new = Newcomer("ABC")
+    new.hear("A", MINE)
+    new.hear("B", MINE)
+    new.hear("C")
+    assert new.wants() == ["A", "B", "C"]
+    new.joining.exchanged("A")
+    assert new.wants() == ["C"]
+    new.hear("C", MINE)
+    assert new.wants() == []
+
+
+def test_the_dead_are_not_asked() -> None:
+    new = Newcomer("AB")
+    new.hear("A")
+    for ms in range(0, 1_100, 100):
+        new.hear("B", OTHER, ms)
+    assert new.wants(1_000) == ["B"]
+
+
+def test_who_never_answers_is_waited_for_no_longer_than_the_longest_detection_time() -> None:
+    new = Newcomer("AB")
+    for ms in range(0, 3_100, 100):
+        new.hear("A", OTHER, ms)
+        new.hear("B", OTHER, ms)
+        assert new.wants(ms) == ["A", "B"], "nobody has answered yet"
+    new.joining.exchanged("B")
+    assert new.wants(2_999) == ["A"]
+    assert new.wants(3_000) == []
+
+
+def test_all_must_be_heard_or_one_detection_time_pass() -> None:
+    new = Newcomer("AB")
+    new.hear("A")
+    assert not new.joining.is_done(False, 999 * MS)
+    assert new.joining.is_done(False, 1_000 * MS)
+    new.hear("B")
+    assert new.joining.is_done(False, 10 * MS)
+    assert not new.joining.is_done(True, 10 * MS), "others still hear an earlier life"
