@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint check-lock lock drills bench-failover bench-resume clean
+.PHONY: help setup demo test lint check-lock lock drills bench-failover bench-resume bench-membership clean
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
@@ -15,6 +15,7 @@ help:
 	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
 	@echo "make bench-failover  time from a kill or a freeze until the replacement has started"
 	@echo "make bench-resume    50 rounds of killing the whole team and resuming it"
+	@echo "make bench-membership false deaths, detection and agreement on bad networks"
 	@echo "make lock            write requirements.lock again from pyproject.toml"
 	@echo "make clean           remove .venv and caches"
 
@@ -48,6 +49,9 @@ bench-resume: $(READY)
 
 bench-failover: $(READY)
 	$(BIN)/python benchmarks/failover.py
+
+bench-membership: $(READY)
+	$(BIN)/python benchmarks/membership.py --json membership.json
 
 lock:
 	$(BIN)/python -m pip install --quiet uv

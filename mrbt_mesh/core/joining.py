@@ -46,11 +46,13 @@ class Joining:
         self, robots: Collection[str], peers: Mapping[str, Peer], digest: bytes
     ) -> bool:
         """Whether this robot has all that these know, with `digest` over its own facts."""
-        return bool(self._exchanged) and all(
+        return (bool(self._exchanged) or not robots) and all(
             robot in self._exchanged
-            or (peer := peers.get(robot)) is not None
-            and peer.beat is not None
-            and peer.beat.fact_digest == digest
+            or (
+                (peer := peers.get(robot)) is not None
+                and peer.beat is not None
+                and peer.beat.fact_digest == digest
+            )
             for robot in robots
         )
 
