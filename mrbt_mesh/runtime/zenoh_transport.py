@@ -4,6 +4,9 @@ Facts that shaped it (eclipse-zenoh 1.10, measured):
 - A link that both sides dial can merge into a stale one after a one-sided lease expiry, and
   links found by gossip are never dialled again: so every pair is dialled by one side only,
   from explicit endpoints (or multicast scouting with `greater-zid`), and gossip is off.
+- With `greater-zid` only the session of the greater id dials whom it discovers, and sessions
+  look around less and less often, down to every 8 s. Ids grow with time, so that a newcomer
+  dials everybody at once; with clocks that differ, it may be found 8 s later.
 - A session can be split for good while its transport looks alive: `link_watch` looks out for
   it, and the session is reopened.
 - Closing a dead TCP link lingers on a receive thread: there are 16 of them.
@@ -18,7 +21,9 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import secrets
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -85,6 +90,15 @@ class TransportConfig:
             raise TransportError(f"the team's key {self.key} cannot be read")
 
 
+def session_id(unix_ns: int) -> str:
+    """A Zenoh session id, random but greater than those of earlier times.
+
+    Zenoh compares ids from their least significant byte on, and wants no leading zero.
+    """
+    noise = secrets.token_bytes(7) + bytes([0x80 | secrets.randbelow(0x80)])
+    return f"{int.from_bytes(unix_ns.to_bytes(8, 'big') + noise, 'little'):x}"
+
+
 def session_config(config: TransportConfig) -> zenoh.Config:
     """The Zenoh configuration; raises TransportError for a locator that Zenoh refuses."""
     scouting: dict[str, Any] = {"enabled": False}
@@ -133,6 +147,8 @@ def session_config(config: TransportConfig) -> zenoh.Config:
             "enable_mtls": True,
             "verify_name_on_connect": False,
         }
+    if config.multicast_interface is not None:
+        settings["id"] = session_id(time.time_ns())
     result = zenoh.Config()
     for key, value in settings.items():
         try:

@@ -1,0 +1,47 @@
+"""Sessions that discover each other by multicast: the newcomer dials, and nobody else."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from mrbt_mesh.runtime.launcher import free_endpoints
+from tests.processes.conftest import ROOT
+
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(120)]
+
+# In a process of its own: Zenoh sessions in the tests' process would outlive them.
+SESSIONS = """
+import os, sys, threading
+from mrbt_mesh.runtime.zenoh_transport import TransportConfig, session_config, zenoh
+
+def session(*listen):
+    return zenoh.open(session_config(TransportConfig("team", "", listen, (), "lo")))
+
+first = session(sys.argv[1])
+for _ in range(5):
+    newcomer = session("tcp/127.0.0.1:0")
+    while not (links := [k for k in newcomer.info.links() if str(k.zid) == str(first.zid())]):
+        threading.Event().wait(0.01)
+    sys.stdout.write(" ".join(str(link.dst) for link in links) + "\\n")
+    newcomer.close()
+sys.stdout.flush()
+os._exit(0)
+"""
+
+
+def test_a_newcomer_dials_whom_it_discovers() -> None:
+    """It looks around at once; those that are there already do so only every few seconds."""
+    (endpoint,) = free_endpoints(1)
+    done = subprocess.run(
+        [sys.executable, "-c", SESSIONS, endpoint],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == [endpoint] * 5
