@@ -42,6 +42,7 @@ from mrbt_mesh.runtime.journal import LAZY_COMMIT_S, Journal
 from mrbt_mesh.runtime.link_watch import LinkWatch, Sighting
 from mrbt_mesh.runtime.log import robot_logger
 from mrbt_mesh.runtime.program import RobotProgram
+from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.zenoh_transport import (
     LEASE_MS,
     TransportConfig,
@@ -76,6 +77,7 @@ class Driver:
         self._program = program
         self._transport_config = transport
         self._speed = speed
+        self._run_dir = RunDir(run_dir) if run_dir is not None else None
         self._events = run_dir / EVENTS_FILE if run_dir is not None else None
         self._logger = robot_logger(config.robot)
         self._agent = Agent(mission, config, boottime_us())
@@ -106,6 +108,7 @@ class Driver:
                 self._runner = ActionRunner(group, self._program, self._mission, identity, self)
                 self._runner.start_background()
                 group.start_soon(self._watch_links)
+                group.start_soon(self._mark_alive)
                 group.start_soon(self._watch_signals)
                 self.submit(TimerFired())
                 await self._stopped.wait()
@@ -153,6 +156,11 @@ class Driver:
                 with anyio.move_on_after(LEAVE_TIMEOUT_S):
                     await self._stopped.wait()
                 self._carry_out(Stop(0, "left without waiting for its action to stop"))
+
+    async def _mark_alive(self) -> None:
+        while self._run_dir is not None:
+            self._run_dir.mark_alive(self._config.robot)
+            await anyio.sleep(WATCH_S)
 
     async def _watch_links(self) -> None:
         """Tell which links fall silent and come back; reopen a session that is split."""

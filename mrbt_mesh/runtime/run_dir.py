@@ -3,7 +3,8 @@
 run.json            how the run was started (RunInfo)
 mission.json        the compiled mission
 team.pem            the team's key, for the transport profile `wireless`
-<robot>.process     pid and start time of the robot's process, written by itself
+<robot>.process     pid and start time of the robot's process, written by itself; its
+                    modification time is the last sign of life
 <robot>.log         its log, JSON lines; <robot>.out: what it printed
 events.jsonl        the physical truth, written by the robots
 summary.json        written by `up` at the end
@@ -11,6 +12,7 @@ summary.json        written by `up` at the end
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 from collections.abc import Mapping
@@ -155,6 +157,11 @@ class RunDir:
         started_s = psutil.Process().create_time()
         text = json.dumps({"pid": os.getpid(), "started_unix_s": started_s})
         write_atomically(self.path / f"{robot}.process", text)
+
+    def mark_alive(self, robot: str) -> None:
+        """Called about once a second by a robot whose event loop turns, for health checks."""
+        with contextlib.suppress(OSError):
+            os.utime(self.path / f"{robot}.process")
 
     def process(self, robot: str) -> psutil.Process | None:
         """The robot's process if it runs; a recycled pid is not mistaken for it."""
