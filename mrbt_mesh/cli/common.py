@@ -18,6 +18,8 @@ from mrbt_mesh.formats.mission_file import MissionError, load_mission
 from mrbt_mesh.runtime.program import ProgramError
 from mrbt_mesh.runtime.program_loader import check_program, load_program
 from mrbt_mesh.runtime.run_dir import RunDirError
+from mrbt_mesh.runtime.team_address import AddressError
+from mrbt_mesh.runtime.zenoh_transport import TransportError
 
 SUCCESS, FAILURE, BAD_INPUT, NOT_FINISHED = 0, 1, 2, 3
 EXIT_OF_RESULT = {
@@ -60,7 +62,14 @@ def input_errors() -> Iterator[None]:
     """Turn every kind of bad input into a message and exit status 2."""
     try:
         yield
-    except (MissionError, ProgramError, RunDirError, InputError) as error:
+    except (
+        MissionError,
+        ProgramError,
+        RunDirError,
+        AddressError,
+        TransportError,
+        InputError,
+    ) as error:
         fail(str(error))
 
 

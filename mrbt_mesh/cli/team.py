@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import anyio
 import psutil
@@ -25,6 +25,7 @@ from mrbt_mesh.cli.common import (
     print_json,
 )
 from mrbt_mesh.cli.live_view import STATE_STYLES
+from mrbt_mesh.cli.team_options import on_a_team
 from mrbt_mesh.core.commands import DECIDE, FAULT, LEAVE, ORDER, RESTORE, Decision
 from mrbt_mesh.core.membership import State
 from mrbt_mesh.core.mission import is_robot_id
@@ -32,8 +33,9 @@ from mrbt_mesh.core.observer import Observer
 from mrbt_mesh.core.timing import SECOND_US
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.run_dir import RunDir
-from mrbt_mesh.runtime.team import Team, watching_run
-from mrbt_mesh.runtime.watcher import Watcher
+from mrbt_mesh.runtime.team import Team
+from mrbt_mesh.runtime.team_address import TeamAddress
+from mrbt_mesh.runtime.watcher import Watcher, watching
 from mrbt_mesh.runtime.zenoh_transport import TransportError
 
 CONNECT_TIMEOUT_S = 3.0
@@ -86,114 +88,126 @@ def thaw(robot: RobotArgument, run_dir: RunDirOption = None) -> None:
 # -- words to robots ----------------------------------------------------------------------
 
 
-async def _with_team(run_dir: RunDir, act: Callable[[Watcher], Awaitable[int]]) -> int:
-    """Attach to the team of a run, and act once a robot is heard."""
-    info = run_dir.info()
-    mission = load_mission(run_dir.mission_path)
-    async with watching_run(run_dir, info, mission) as watcher:
-        with anyio.move_on_after(CONNECT_TIMEOUT_S):
-            while not _caught_up(watcher.observer):
-                await watcher.wait_for_change(info.beat_s)
-        return await act(watcher)
+def _with_team(team: TeamAddress, act: Callable[[Watcher], Awaitable[int]]) -> NoReturn:
+    """Attach to a team, act once a robot is heard, and end the process with what comes back."""
+
+    async def attach() -> int:
+        async with watching(team) as watcher:
+            with anyio.move_on_after(CONNECT_TIMEOUT_S):
+                while not _caught_up(watcher.observer):
+                    await watcher.wait_for_change(team.timing.beat_us / SECOND_US)
+            return await act(watcher)
+
+    try:
+        code = anyio.run(attach)
+    except TransportError as error:
+        fail(str(error))
+    end_process(code)
 
 
 def _caught_up(observer: Observer) -> bool:
-    """Whether this observer has heard a robot and holds the same facts as all that it hears."""
-    beats = [p.beat for p in observer.membership.peers.values() if p.beat and p.joined]
+    """Whether this observer hears whoever the robots hear, and holds the same facts as they."""
+    peers = observer.membership.peers.values()
+    beats = [p.beat for p in peers if p.joined and p.state is State.ALIVE]
     digest = observer.facts.map.digest()
-    return bool(beats) and all(beat.fact_digest == digest for beat in beats)
+    return bool(beats) and all(beat is not None and beat.fact_digest == digest for beat in beats)
 
 
-def _command(run_dir: Path | None, robot: str | None, command: str, argument: str = "") -> None:
+def _command(team: TeamAddress, robot: str | None, command: str, argument: str = "") -> NoReturn:
     async def act(watcher: Watcher) -> int:
-        target = robot
-        if target is None:
-            living = list(watcher.observer.membership.alive())
-            if not living:
-                fail("no robot answers", FAILURE)
-            target = living[0]
-        good, text = await watcher.command(target, command, argument)
+        living = list(watcher.observer.membership.alive())
+        if not living:
+            fail(_nobody(watcher), FAILURE)
+        if robot is not None and robot not in watcher.observer.robots():
+            fail(f"the team has no robot {robot} ({', '.join(watcher.observer.robots())})")
+        good, text = await watcher.command(robot or living[0], command, argument)
         if not good:
             fail(text, FAILURE)
         console.print(text, highlight=False)
         return 0
 
-    with input_errors():
-        found = RunDir.find(run_dir)
-        if robot is not None and robot not in found.robots():
-            known = ", ".join(found.robots()) or "none"
-            raise InputError(f"no robot {robot} in {found.path} (robots: {known})")
-        try:
-            code = anyio.run(_with_team, found, act)
-        except TransportError as error:
-            raise InputError(str(error)) from error
-    end_process(code)
+    _with_team(team, act)
 
 
+def _nobody(watcher: Watcher) -> str:
+    """Why nobody is heard, as far as it can be told."""
+    team = watcher.address
+    text = f"no robot of team {team.transport.team}, run {team.run}, answers"
+    refused = watcher.observer.refused
+    return "; ".join([text, *(f"{robot}: {refused[robot]}" for robot in sorted(refused))])
+
+
+@on_a_team
 def fault(
+    team: TeamAddress,
     robot: RobotArgument,
     lose: Annotated[
         str, typer.Option("--lose", help="Local task that the robot can no longer do, or `all`.")
     ],
-    run_dir: RunDirOption = None,
 ) -> None:
     """A minor fault: a robot loses a capability.
 
     Example: mrbt fault A1 --lose replace_hw
     """
-    _command(run_dir, robot, FAULT, lose)
+    _command(team, robot, FAULT, lose)
 
 
+@on_a_team
 def restore(
+    team: TeamAddress,
     robot: RobotArgument,
     local_task: Annotated[
         str, typer.Argument(help="Local task; default: all that are lost.")
     ] = "all",
-    run_dir: RunDirOption = None,
 ) -> None:
     """A robot can do again what it had lost.
 
     Example: mrbt restore A1 replace_hw
     """
-    _command(run_dir, robot, RESTORE, local_task)
+    _command(team, robot, RESTORE, local_task)
 
 
-def leave(robot: RobotArgument, run_dir: RunDirOption = None) -> None:
+@on_a_team
+def leave(team: TeamAddress, robot: RobotArgument) -> None:
     """A robot leaves on purpose: its work is handed over at once.
 
     Example: mrbt leave B1
     """
-    _command(run_dir, robot, LEAVE)
+    _command(team, robot, LEAVE)
 
 
-def pause(run_dir: RunDirOption = None) -> None:
+@on_a_team
+def pause(team: TeamAddress) -> None:
     """Stop all work until `mrbt resume`.
 
     Example: mrbt pause
     """
-    _command(run_dir, None, ORDER, "pause")
+    _command(team, None, ORDER, "pause")
 
 
-def resume(run_dir: RunDirOption = None) -> None:
+@on_a_team
+def resume(team: TeamAddress) -> None:
     """Go on after `mrbt pause`.
 
     Example: mrbt resume
     """
-    _command(run_dir, None, ORDER, "resume")
+    _command(team, None, ORDER, "resume")
 
 
-def abort(run_dir: RunDirOption = None) -> None:
+@on_a_team
+def abort(team: TeamAddress) -> None:
     """End the mission as failed. It cannot be taken back.
 
     Example: mrbt abort
     """
-    _command(run_dir, None, ORDER, "abort")
+    _command(team, None, ORDER, "abort")
 
 
+@on_a_team
 def decide(
+    team: TeamAddress,
     global_task: Annotated[str, typer.Argument(help="An exclusive task that is in doubt.")],
     decision: Annotated[Decision, typer.Argument(help="What became of it.")],
-    run_dir: RunDirOption = None,
 ) -> None:
     """Say how an exclusive task goes on whose robot vanished in the middle of it.
 
@@ -201,7 +215,7 @@ def decide(
 
     Example: mrbt decide "dose(2)" done
     """
-    _command(run_dir, None, DECIDE, f"{global_task} {decision}")
+    _command(team, None, DECIDE, f"{global_task} {decision}")
 
 
 # -- joining ------------------------------------------------------------------------------
@@ -254,39 +268,36 @@ def join(
 # -- status -------------------------------------------------------------------------------
 
 
-def status(as_json: JsonOption = False, run_dir: RunDirOption = None) -> None:
+@on_a_team
+def status(team: TeamAddress, as_json: JsonOption = False) -> None:
     """Who does what, what is blocked, and whether all agree.
 
     Example: mrbt status --json
     """
-    with input_errors():
-        found = RunDir.find(run_dir)
 
-        async def act(watcher: Watcher) -> int:
-            # Two beats tell who is silent, and what the others say of it.
-            with anyio.move_on_after(SETTLE_BEATS * watcher.timing.beat_us / SECOND_US):
-                while True:
-                    await watcher.wait_for_change(0.05)
-            watcher.refresh()
-            data = status_data(found, watcher.observer)
-            if as_json:
-                print_json(data)
-            else:
-                _print_status(data)
-            return 0
+    async def act(watcher: Watcher) -> int:
+        if team.run_dir is None and not watcher.observer.robots():
+            fail(_nobody(watcher), FAILURE)
+        # Two beats tell who is silent, and what the others say of it.
+        with anyio.move_on_after(SETTLE_BEATS * watcher.timing.beat_us / SECOND_US):
+            while True:
+                await watcher.wait_for_change(0.05)
+        watcher.refresh()
+        data = status_data(watcher)
+        if as_json:
+            print_json(data)
+        else:
+            _print_status(data)
+        return 0
 
-        summary = found.summary()
-        if summary is not None and not any(found.process(robot) for robot in found.robots()):
-            if as_json:
-                print_json(_final_status(summary))
-            else:
-                console.print(f"the run is over: {summary['result']}", highlight=False)
-            raise typer.Exit(0)
-        try:
-            code = anyio.run(_with_team, found, act)
-        except TransportError as error:
-            raise InputError(str(error)) from error
-    end_process(code)
+    found = team.run_dir
+    summary = found.summary() if found is not None else None
+    if found is None or summary is None or any(found.process(r) for r in found.robots()):
+        _with_team(team, act)
+    if as_json:
+        print_json(_final_status(summary))
+    else:
+        console.print(f"the run is over: {summary['result']}", highlight=False)
 
 
 def _final_status(summary: dict[str, Any]) -> dict[str, Any]:
@@ -297,19 +308,25 @@ def _final_status(summary: dict[str, Any]) -> dict[str, Any]:
     return {**summary, "over": True, "robots": robots, "blocked": [], "agreement": True}
 
 
-def status_data(run_dir: RunDir, observer: Observer) -> dict[str, Any]:
+def status_data(watcher: Watcher) -> dict[str, Any]:
     """The status as plain data."""
+    observer, run_dir = watcher.observer, watcher.address.run_dir
+    started = run_dir.robots() if run_dir is not None else []
     robots: dict[str, Any] = {}
-    for robot in sorted({*observer.robots(), *run_dir.robots()}):
+    for robot in sorted({*observer.robots(), *started}):
         member = observer.facts.members.get(robot)
         claim = observer.claim(robot)
-        process = run_dir.process(robot)
         state = observer.robot_state(robot)
-        if process is None and state in (State.ALIVE, State.SUSPECT):
-            # Its own record says it is gone, and nobody has heard it since.
-            state = state if robot not in run_dir.robots() else State.SUSPECT
+        pid = member[0].pid if member is not None and state is not State.DEAD else None
+        if run_dir is not None:
+            process = run_dir.process(robot)
+            pid = process.pid if process is not None else None
+            if process is None and robot in started and state is State.ALIVE:
+                # Its own record says it is gone, and nobody has heard it since.
+                state = State.SUSPECT
         robots[robot] = {
-            "pid": process.pid if process else None,
+            "host": member[0].host if member else None,
+            "pid": pid,
             "state": str(state),
             "type": member[0].type if member else None,
             "local_task": claim.local_task if claim else None,
@@ -337,16 +354,18 @@ def status_data(run_dir: RunDir, observer: Observer) -> dict[str, Any]:
         ],
         "waiting": [w.global_task for w in (plan.waiting if plan else ()) if not w.is_blocked],
         "agreement": observer.agreement,
-        "run_dir": str(run_dir.path),
+        "run_dir": str(run_dir.path) if run_dir is not None else None,
     }
 
 
 def _print_status(data: dict[str, Any]) -> None:
-    table = Table("robot", "type", "pid", "state", "works on", "lost", box=None, header_style="dim")
+    headings = ("robot", "type", "host", "pid", "state", "works on", "lost")
+    table = Table(*headings, box=None, header_style="dim")
     for robot, row in data["robots"].items():
         table.add_row(
             Text(robot, style="bold"),
             row["type"] or "",
+            row["host"] or "",
             str(row["pid"] or ""),
             Text(row["state"], style=STATE_STYLES[State(row["state"])]),
             row["local_task"] or Text("nothing", style="dim"),

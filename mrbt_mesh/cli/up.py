@@ -26,7 +26,6 @@ from mrbt_mesh.cli.common import (
     JsonOption,
     MissionArgument,
     RobotsOption,
-    RunDirOption,
     checked_program,
     chosen_robots,
     console,
@@ -39,12 +38,14 @@ from mrbt_mesh.cli.common import (
 )
 from mrbt_mesh.cli.live_view import render_live
 from mrbt_mesh.cli.summary import render_summary
+from mrbt_mesh.cli.team_options import on_a_team
 from mrbt_mesh.core.mission import Mission
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.run_dir import SUMMARY_FILE, RunDir, RunInfo, state_dir, write_atomically
-from mrbt_mesh.runtime.team import Team, new_run, watching_run
-from mrbt_mesh.runtime.watcher import Watcher
+from mrbt_mesh.runtime.team import Team, address_of, new_run
+from mrbt_mesh.runtime.team_address import TeamAddress
+from mrbt_mesh.runtime.watcher import Watcher, watching
 from mrbt_mesh.runtime.zenoh_transport import TransportError
 
 FRAME_S = 0.1
@@ -53,6 +54,9 @@ STOPPED = "stopped by the operator"
 SpeedOption = Annotated[
     float,
     typer.Option("--speed", min=0.01, max=1000, help="Simulated robots work this much faster."),
+]
+HeadlessOption = Annotated[
+    bool, typer.Option("--headless", help="Lines as things happen, no live view.")
 ]
 TimeoutOption = Annotated[
     float | None, typer.Option("--timeout", min=0, help="End the run after this many seconds.")
@@ -65,9 +69,7 @@ def up(
     run_dir: Annotated[
         Path | None, typer.Option("--run-dir", help="Folder for logs, events and the summary.")
     ] = None,
-    headless: Annotated[
-        bool, typer.Option("--headless", help="Lines as things happen, no live view.")
-    ] = False,
+    headless: HeadlessOption = False,
     as_json: JsonOption = False,
     timeout_s: TimeoutOption = None,
     speed: SpeedOption = 1.0,
@@ -99,37 +101,48 @@ def up(
     with input_errors():
         names = chosen_robots(robots, loaded)
         reference = checked_program(loaded, names, program)
-        try:
-            info = new_run(
-                loaded,
-                mission,
-                names,
-                reference,
-                beat_s=beat_s,
-                detection_s=detection_s,
-                speed=speed,
-                transport=transport,
-            )
-        except ValueError as error:
-            raise InputError(str(error)) from error
+        info = new_run(
+            loaded,
+            mission,
+            names,
+            reference,
+            beat_s=beat_s,
+            detection_s=detection_s,
+            speed=speed,
+            transport=transport,
+        )
         created = _resumed(run_dir, info, loaded) if resume else _created(run_dir, info, loaded)
-    show = "json" if as_json else "lines" if headless or not console.is_terminal else "live"
     with input_errors():
-        code = anyio.run(_run, created, loaded, detach, show, timeout_s)
+        code = anyio.run(_run, created, loaded, detach, _show(headless, as_json), timeout_s)
     end_process(code)
 
 
-def watch(run_dir: RunDirOption = None, timeout_s: TimeoutOption = None) -> None:
-    """Watch a team that runs already; ending the view leaves the team alone.
+@on_a_team
+def watch(
+    team: TeamAddress,
+    headless: HeadlessOption = False,
+    as_json: JsonOption = False,
+    timeout_s: TimeoutOption = None,
+) -> None:
+    """Watch a team that runs already, or is yet to come; ending the view leaves it alone.
+
+    Exit status: as of `mrbt up`.
 
     Example: mrbt up MISSION --detach; mrbt watch
     """
-    with input_errors():
-        found = RunDir.find(run_dir)
-        info = found.info()
-        loaded = load_mission(found.mission_path)
-    show = "live" if console.is_terminal else "lines"
-    end_process(anyio.run(_watch, Team(found, info, loaded), show, timeout_s))
+    found = team.run_dir
+    processes = Team(found, found.info(), team.mission) if found is not None else None
+    show = _show(headless, as_json)
+    if processes is None and show == "lines":
+        where = f"team {team.transport.team}, run {team.run}"
+        console.print(f"listening for {where}", highlight=False, soft_wrap=True)
+    end_process(anyio.run(_watch, team, processes, show, timeout_s))
+
+
+def _show(headless: bool, as_json: bool) -> str:
+    if as_json:
+        return "json"
+    return "lines" if headless or not console.is_terminal else "live"
 
 
 def _created(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
@@ -171,18 +184,24 @@ async def _run(
         console.print(f"run directory: {run_dir.path}", highlight=False, soft_wrap=True)
         return SUCCESS
     try:
-        return await _watch(team, show, timeout_s)
+        return await _watch(address_of(run_dir), team, show, timeout_s)
     finally:
         with anyio.CancelScope(shield=True):
             await team.end()
 
 
-async def _watch(team: Team, show: str, timeout_s: float | None) -> int:
-    """Watch until the mission is over, time is up, nobody is left, or the operator stops it."""
+async def _watch(
+    address: TeamAddress, team: Team | None, show: str, timeout_s: float | None
+) -> int:
+    """Watch until the mission is over, time is up, nobody is left, or the operator stops it.
+
+    `team`: its processes, if they are of this machine; of others robots may yet come.
+    """
     try:
-        async with watching_run(team.run_dir, team.info, team.mission) as watcher:
+        async with watching(address) as watcher:
             async with anyio.create_task_group() as group:
-                group.start_soon(team.note_exits, watcher)
+                if team is not None:
+                    group.start_soon(team.note_exits, watcher)
                 why = await _until_over(team, watcher, show, timeout_s)
                 group.cancel_scope.cancel()
             return _report(team, watcher, show, why)
@@ -213,7 +232,7 @@ async def _display(watcher: Watcher, show: str) -> AsyncIterator[Any]:
 
 
 async def _until_over(
-    team: Team, watcher: Watcher, show: str, timeout_s: float | None
+    team: Team | None, watcher: Watcher, show: str, timeout_s: float | None
 ) -> str | None:
     """Why watching ended before the mission did, or None if the mission is over."""
     deadline = anyio.current_time() + timeout_s if timeout_s is not None else float("inf")
@@ -239,16 +258,16 @@ async def _until_over(
                 why = STOPPED
             elif now > checked + 1:
                 checked = now
-                if not team.living():
+                if team is not None and not team.living():
                     why = "no robot is left"
         refresh()
         group.cancel_scope.cancel()
     return why
 
 
-def _report(team: Team, watcher: Watcher, show: str, why: str | None) -> int:
+def _report(team: Team | None, watcher: Watcher, show: str, why: str | None) -> int:
     """Print the summary and write summary.json; returns the exit status."""
-    refused = team.refusals()
+    refused = team.refusals() if team is not None else []
     observer = watcher.observer
     if observer.record.started_us is None and refused:
         for text in refused:
@@ -256,10 +275,11 @@ def _report(team: Team, watcher: Watcher, show: str, why: str | None) -> int:
         return BAD_INPUT
     result = observer.result
     summary = observer.record.summary(result, boottime_us())
-    summary["run_dir"] = str(team.run_dir.path)
     if why is not None:
         summary["ended_because"] = why
-    write_atomically(team.run_dir.path / SUMMARY_FILE, json.dumps(summary, indent=2) + "\n")
+    if team is not None:
+        summary["run_dir"] = str(team.run_dir.path)
+        write_atomically(team.run_dir.path / SUMMARY_FILE, json.dumps(summary, indent=2) + "\n")
     if show == "json":
         print_json(summary)
     else:

@@ -18,7 +18,15 @@ from mrbt_mesh.core.replica import Replica
 from mrbt_mesh.core.team import TeamFacts
 from mrbt_mesh.core.timing import Timing
 from mrbt_mesh.core.tree import Status
-from mrbt_mesh.core.wire import Beat, Header, MessageKind, WireError, decode, parse_beat
+from mrbt_mesh.core.wire import (
+    Beat,
+    Header,
+    IncompatibleError,
+    MessageKind,
+    WireError,
+    decode,
+    parse_beat,
+)
 
 
 class Observer:
@@ -51,7 +59,7 @@ class Observer:
             else:
                 self._facts_changed(self.replica.receive(source, data, now_us).changed, now_us)
         except WireError as error:
-            self.refused[source] = str(error)
+            self._refuse(source, error, now_us)
 
     def state(self, source: str, data: bytes, now_us: int) -> None:
         """A robot's answer to `replica.pull()`."""
@@ -61,7 +69,13 @@ class Observer:
             if not received.more:
                 self.replica.answered(source)
         except WireError as error:
-            self.refused[source] = str(error)
+            self._refuse(source, error, now_us)
+
+    def _refuse(self, source: str, error: WireError, now_us: int) -> None:
+        """Whoever watches the wrong run, or with another mission file, is told so once."""
+        if isinstance(error, IncompatibleError) and source not in self.refused:
+            self.record.say(now_us, f"{source} is not of this run: {error}")
+        self.refused[source] = str(error)
 
     def token(self, robot: str, incarnation: Incarnation, held: bool) -> None:
         """A liveliness token came or went."""

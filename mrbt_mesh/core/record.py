@@ -262,8 +262,10 @@ class RunRecord:
     # -- the summary ----------------------------------------------------------------------
 
     def seconds(self, at_us: int | None) -> float | None:
-        """A time of this record as seconds from the start."""
-        return None if at_us is None else round((at_us - (self.started_us or 0)) / 1e6, 6)
+        """A time of this record as seconds from the start; None if nobody has joined yet."""
+        if at_us is None or self.started_us is None:
+            return None
+        return round((at_us - self.started_us) / 1e6, 6)
 
     def summary(self, result: str, now_us: int) -> dict[str, Any]:
         """The summary of the run as plain data; `result` is success, failure, timeout, blocked.
@@ -301,7 +303,7 @@ class RunRecord:
                 name: {"status": task.status.name.lower(), "robots": sorted(task.robots)}
                 for name, task in self.tasks.items()
             },
-            "faults": sorted(faults, key=lambda fault: (fault["at_s"], fault["robot"])),
+            "faults": sorted(faults, key=lambda fault: (fault["at_s"] or 0, fault["robot"])),
             "blocked": [
                 {
                     "request": episode.request,

@@ -24,8 +24,8 @@ from mrbt_mesh.formats.mission_file import compile_mission
 from mrbt_mesh.runtime.driver import EVENTS_FILE
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.run_dir import Place, RunDir, RunInfo
-from mrbt_mesh.runtime.team import Team, new_run, watching_run
-from mrbt_mesh.runtime.watcher import Watcher
+from mrbt_mesh.runtime.team import Team, address_of, new_run
+from mrbt_mesh.runtime.watcher import Watcher, watching
 
 FRAME_S = 0.1
 
@@ -77,7 +77,7 @@ async def run_drill(
         try:
             for robot in drill.robots:
                 await team.start(robot)
-            async with watching_run(run_dir, info, drill.mission) as watcher:
+            async with watching(address_of(run_dir)) as watcher:
                 evidence = await run.to_the_end(watcher)
         finally:
             with anyio.CancelScope(shield=True):

@@ -19,7 +19,6 @@ from mrbt_mesh import __version__
 from mrbt_mesh.core.agent_config import AgentConfig
 from mrbt_mesh.core.mission import Mission, is_robot_id
 from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
-from mrbt_mesh.core.timing import SECOND_US, Timing
 from mrbt_mesh.formats.mission_file import MissionError, load_mission
 from mrbt_mesh.runtime.driver import Driver
 from mrbt_mesh.runtime.journal import Journal
@@ -27,17 +26,22 @@ from mrbt_mesh.runtime.log import configure_log, robot_logger
 from mrbt_mesh.runtime.program import ProgramError
 from mrbt_mesh.runtime.program_loader import check_program, load_program
 from mrbt_mesh.runtime.run_dir import RunDir
-from mrbt_mesh.runtime.zenoh_transport import (
-    PROTOCOLS,
-    WIRED,
-    TransportConfig,
-    TransportError,
+from mrbt_mesh.runtime.team_address import (
+    DEFAULT_BEAT_S,
+    DEFAULT_DETECTION_S,
+    MISSION_VARIABLE,
+    RUN_VARIABLE,
+    TEAM_VARIABLE,
+    on_network,
 )
+from mrbt_mesh.runtime.zenoh_transport import PROTOCOLS, WIRED, TransportError
 
 EXAMPLE = """\
 example, two robots on two machines that find each other by multicast:
   mrbt agent --mission examples/explore/mission.yaml --robot R1
   mrbt agent --mission examples/explore/mission.yaml --robot R2
+
+The variables MRBT_MISSION, MRBT_TEAM and MRBT_RUN stand for the options of these names.
 
 exit status: 0 mission succeeded or left on purpose, 1 mission failed, 2 bad input or refused
 """
@@ -56,12 +60,17 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = result.add_argument
-    add("--mission", type=Path, required=True, help="mission file, or a compiled mission (.json)")
+    variable = os.environ.get
+    mission = variable(MISSION_VARIABLE)
+    text = "mission file, or a compiled mission (.json)"
+    add("--mission", type=Path, required=mission is None, default=mission, help=text)
     add("--robot", required=True, help="this robot's id")
     add("--type", help="robot type, for a robot that the mission file does not list")
     add("--program", help="robot program FILE.py[:NAME]; default: the mission's")
-    add("--team", help="name of the team on the network; default: the mission's name")
-    add("--run", help="run id; robots of different runs ignore each other; default: fixed")
+    text = "name of the team on the network; default: the mission's name"
+    add("--team", default=variable(TEAM_VARIABLE), help=text)
+    text = "run id; robots of different runs ignore each other; default: one of the mission"
+    add("--run", default=variable(RUN_VARIABLE), help=text)
     add("--expect", help="robots to hear before starting, A1,B1; default: all of the mission")
     transport = "wired: TCP (default); wireless: QUIC, for lossy networks, needs --key"
     add("--transport", choices=tuple(PROTOCOLS), default=WIRED, help=transport)
@@ -71,8 +80,10 @@ def parser() -> argparse.ArgumentParser:
     add("--connect", action="append", default=[], help="endpoint of another robot to dial")
     add("--multicast", help="interface for discovery; default: auto, unless endpoints are given")
     add("--run-dir", type=Path, help="folder for the log and for events.jsonl")
-    add("--beat", type=float, default=0.2, help="heartbeat period in s (default 0.2)")
-    add("--detection", type=float, default=1.0, help="silence until dead in s (default 1.0)")
+    text = f"heartbeat period in s (default {DEFAULT_BEAT_S})"
+    add("--beat", type=float, default=DEFAULT_BEAT_S, help=text)
+    text = f"silence until dead in s (default {DEFAULT_DETECTION_S})"
+    add("--detection", type=float, default=DEFAULT_DETECTION_S, help=text)
     add("--speed", type=float, default=1.0, help="simulated robots work this much faster")
     add("--takeover", action="store_true", help="replace a live robot of the same id")
     add("--exit-when-done", action="store_true", help="stop once the team has the result")
@@ -109,21 +120,29 @@ def make_driver(options: argparse.Namespace) -> Driver:
     lacking = check_program(program, mission, capabilities)
     if lacking:
         raise AgentInputError(f"{reference} has no local task {', '.join(lacking)} for type {kind}")
-    for option, value in (("--team", options.team), ("--run", options.run)):
-        if value is not None and not is_robot_id(value):
-            text = "1 to 32 letters, digits, '_' or '-', it becomes part of keys"
-            raise AgentInputError(f"{option} {value!r}: {text}")
-    run = options.run or mission.digest[:8]
-    journal = open_journal(options.run_dir, mission, run, options.robot)
+    address = on_network(
+        mission,
+        robot=options.robot,
+        team=options.team,
+        run=options.run,
+        listen=options.listen,
+        connect=options.connect,
+        multicast=options.multicast,
+        beat_s=options.beat,
+        detection_s=options.detection,
+        profile=options.transport,
+        key=options.key,
+    )
+    journal = open_journal(options.run_dir, mission, address.run, options.robot)
     expected = options.expect.split(",") if options.expect else list(mission.robots)
     config = AgentConfig(
         robot=options.robot,
         type=kind,
         capabilities=dict(capabilities),
-        run=run,
+        run=address.run,
         nonce=secrets.token_hex(4),
         solver=SOLVERS[DEFAULT_SOLVER],
-        timing=Timing(round(options.beat * SECOND_US), round(options.detection * SECOND_US)),
+        timing=address.timing,
         expected=frozenset(expected),
         takeover=options.takeover,
         exit_when_done=options.exit_when_done,
@@ -132,22 +151,10 @@ def make_driver(options: argparse.Namespace) -> Driver:
         pid=os.getpid(),
         restored=journal.open() if journal is not None else (),
     )
-    multicast = options.multicast
-    if multicast is None and not options.listen and not options.connect:
-        multicast = "auto"
-    transport = TransportConfig(
-        options.team or mission.name,
-        options.robot,
-        tuple(options.listen),
-        tuple(options.connect),
-        multicast,
-        options.transport,
-        options.key,
-    )
     return Driver(
         mission,
         config,
-        transport,
+        address.transport,
         program,
         speed=options.speed,
         run_dir=options.run_dir,
@@ -172,7 +179,8 @@ def claim_run_dir(run_dir: Path, robot: str, takeover: bool) -> None:
     run_dir.mkdir(parents=True, exist_ok=True)
     found = RunDir(run_dir)
     running = found.process(robot)
-    if running is not None and not takeover:
+    # In a container that was started again, the last life may have had this very pid.
+    if running is not None and running.pid != os.getpid() and not takeover:
         raise AgentInputError(
             f"robot {robot} is already running here (pid {running.pid}): stop it first, "
             "or start with --takeover to replace it"

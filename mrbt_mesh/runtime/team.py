@@ -6,7 +6,6 @@ import contextlib
 import secrets
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 
 import anyio
@@ -14,7 +13,7 @@ import anyio.abc
 import psutil
 
 from mrbt_mesh.core.mission import Mission
-from mrbt_mesh.core.timing import SECOND_US, Timing
+from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.launcher import (
     PORT,
     agent_command,
@@ -27,7 +26,8 @@ from mrbt_mesh.runtime.launcher import (
     with_newcomer,
 )
 from mrbt_mesh.runtime.run_dir import Place, RunDir, RunInfo
-from mrbt_mesh.runtime.watcher import Watcher, watching
+from mrbt_mesh.runtime.team_address import TeamAddress, timing_of
+from mrbt_mesh.runtime.watcher import Watcher
 from mrbt_mesh.runtime.zenoh_transport import PROTOCOLS, WIRED
 
 END_TIMEOUT_S = 3.0
@@ -50,7 +50,7 @@ def new_run(
     """A run of its own: fresh ids and free endpoints.
 
     `places`: where each robot runs that takes part or may join later; default: on loopback.
-    Raises ValueError for a beat period and a detection time that do not fit together.
+    Raises AddressError for a beat period and a detection time that do not fit together.
     """
     if places:
         endpoints = {r: f"{PROTOCOLS[transport]}/{places[r].address}:{PORT}" for r in robots}
@@ -72,20 +72,23 @@ def new_run(
         transport=transport,
         places=places or {},
     )
-    timing_of(info)
+    timing_of(beat_s, detection_s)
     return info
 
 
-def timing_of(info: RunInfo) -> Timing:
-    """The knobs of membership of a run."""
-    return Timing(round(info.beat_s * SECOND_US), round(info.detection_s * SECOND_US))
+def address_of(run_dir: RunDir) -> TeamAddress:
+    """Where an observer finds the team of a run directory.
 
-
-def watching_run(
-    run_dir: RunDir, info: RunInfo, mission: Mission
-) -> AbstractAsyncContextManager[Watcher]:
-    """An open Watcher of a run; raises TransportError."""
-    return watching(mission, info.run, timing_of(info), observer_transport(run_dir, info))
+    Raises RunDirError or MissionError for a damaged one, TransportError without the team's key.
+    """
+    info = run_dir.info()
+    return TeamAddress(
+        load_mission(run_dir.mission_path),
+        info.run,
+        timing_of(info.beat_s, info.detection_s),
+        observer_transport(run_dir, info),
+        run_dir,
+    )
 
 
 class Team:

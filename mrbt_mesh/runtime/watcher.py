@@ -12,14 +12,13 @@ import anyio
 from mrbt_mesh.core.commands import command_body
 from mrbt_mesh.core.effects import AnswerReceived, Input, MessageReceived, TokenChanged
 from mrbt_mesh.core.facts import Incarnation
-from mrbt_mesh.core.mission import Mission
 from mrbt_mesh.core.observer import Observer
 from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
-from mrbt_mesh.core.timing import Timing
 from mrbt_mesh.core.wire import MessageKind, WireError, decode, encode
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.inbox import Inbox
-from mrbt_mesh.runtime.zenoh_transport import TransportConfig, ZenohTransport
+from mrbt_mesh.runtime.team_address import TeamAddress
+from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
 
 CLOSE_TIMEOUT_S = 0.5
 COMMAND_TIMEOUT_S = 2.0
@@ -28,17 +27,20 @@ COMMAND_TIMEOUT_S = 2.0
 class Watcher:
     """Use it as `async with watching(...) as watcher`; then read `watcher.observer`."""
 
-    def __init__(self, mission: Mission, run: str, timing: Timing) -> None:
-        self.observer = Observer(mission, run, timing, SOLVERS[DEFAULT_SOLVER])
-        self.timing = timing
+    def __init__(self, address: TeamAddress) -> None:
+        self.address = address
+        self.timing = address.timing
+        self.observer = Observer(
+            address.mission, address.run, address.timing, SOLVERS[DEFAULT_SOLVER]
+        )
         self.changed = anyio.Event()
         self._asked: set[tuple[str, Incarnation]] = set()
         self._transport: ZenohTransport
 
-    async def open(self, transport: TransportConfig) -> None:
+    async def open(self) -> None:
         """Open the session; raises TransportError."""
         inbox = Inbox(asyncio.get_running_loop(), lambda: self._drain(inbox))
-        self._transport = ZenohTransport(transport, inbox.put)
+        self._transport = ZenohTransport(self.address.transport, inbox.put)
         await anyio.to_thread.run_sync(self._transport.open)
         self._transport.declare_token(Incarnation(0, secrets.token_hex(4)))
 
@@ -109,12 +111,10 @@ class Watcher:
 
 
 @asynccontextmanager
-async def watching(
-    mission: Mission, run: str, timing: Timing, transport: TransportConfig
-) -> AsyncIterator[Watcher]:
+async def watching(address: TeamAddress) -> AsyncIterator[Watcher]:
     """An open Watcher; raises TransportError if the session cannot be opened."""
-    watcher = Watcher(mission, run, timing)
-    await watcher.open(transport)
+    watcher = Watcher(address)
+    await watcher.open()
     try:
         yield watcher
     finally:

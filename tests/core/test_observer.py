@@ -6,7 +6,10 @@ from typing import Any
 
 from mrbt_mesh.core.membership import State
 from mrbt_mesh.core.observer import Observer
+from mrbt_mesh.core.solvers import min_cost_flow
+from mrbt_mesh.core.timing import Timing
 from mrbt_mesh.core.tree import Status
+from mrbt_mesh.core.wire import MessageKind, encode
 from tests.core.harness import Script
 
 TEAM = """
@@ -111,6 +114,19 @@ def test_claims_of_the_living_are_shown() -> None:
     assert observer.claim("B") is None
     script.block(["kill A", "pass 100"])
     assert observer.claim("A") is None
+
+
+def test_who_watches_another_run_is_told_so_once_per_robot() -> None:
+    script, observer = watched()
+    stranger = Observer(observer.mission, "another", Timing(), min_cost_flow)
+    message = encode(observer.replica.header, MessageKind.FACT, [])
+    for _ in range(3):
+        stranger.message(MessageKind.FACT, "A", message, script.team.now_us)
+        stranger.message(MessageKind.FACT, "A", b"noise", script.team.now_us)
+    assert [text for _, text in stranger.record.timeline] == [
+        f"A is not of this run: run {observer.replica.header.run!r} (ours is 'another')"
+    ]
+    assert stranger.record.summary("timeout", script.team.now_us)["duration_s"] is None
 
 
 def test_noise_is_noted_and_harms_nothing() -> None:

@@ -28,7 +28,7 @@ class Team:
         self.run_dir = folder / "run"
         self.environment = os.environ | {"MRBT_STATE_DIR": str(folder), "COLUMNS": "120"}
         self._up: subprocess.Popen[str] | None = None
-        self._agents: list[subprocess.Popen[str]] = []
+        self._started: list[subprocess.Popen[str]] = []
         self._tick = threading.Event()
 
     def command(self, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -64,12 +64,19 @@ class Team:
 
     def agent(self, mission: Path, robot: str, *options: str) -> subprocess.Popen[str]:
         """Start one agent by hand, without a launcher."""
-        command = [sys.executable, "-m", "mrbt_mesh", "agent"]
-        command += ["--mission", str(mission), "--robot", robot, *options]
+        return self.start("agent", "--mission", str(mission), "--robot", robot, *options)
+
+    def start(self, *arguments: str) -> subprocess.Popen[str]:
+        """Start `mrbt ...` in the background."""
         process = subprocess.Popen(
-            command, env=self.environment, cwd=ROOT, stderr=subprocess.PIPE, text=True
+            [sys.executable, "-m", "mrbt_mesh", *arguments],
+            env=self.environment,
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
         )
-        self._agents.append(process)
+        self._started.append(process)
         return process
 
     def end(self) -> tuple[int, dict[str, Any]]:
@@ -143,7 +150,7 @@ class Team:
                     process.kill()
             except psutil.Error:
                 continue
-        for started in (*self._agents, *([self._up] if self._up else [])):
+        for started in (*self._started, *([self._up] if self._up else [])):
             if started.poll() is None:
                 started.kill()
             if started.stderr is not None and not started.stderr.closed:

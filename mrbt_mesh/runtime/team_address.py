@@ -1,0 +1,77 @@
+"""Where a team is and how to hear it: in a run directory, or somewhere on the network."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mrbt_mesh.core.mission import Mission, is_robot_id
+from mrbt_mesh.core.timing import SECOND_US, Timing
+from mrbt_mesh.runtime.run_dir import RunDir
+from mrbt_mesh.runtime.zenoh_transport import WIRED, TransportConfig
+
+DEFAULT_BEAT_S, DEFAULT_DETECTION_S = 0.2, 1.0
+# Environment variables that stand for the options of the same names.
+MISSION_VARIABLE, TEAM_VARIABLE, RUN_VARIABLE = "MRBT_MISSION", "MRBT_TEAM", "MRBT_RUN"
+
+
+class AddressError(ValueError):
+    """What a team is looked for by cannot be right; the message says what would be."""
+
+
+@dataclass(frozen=True)
+class TeamAddress:
+    """All that a robot or an observer must know to be heard by a team, and to hear it.
+
+    `run_dir`: where the robots' processes are found, if they are of this machine.
+    """
+
+    mission: Mission
+    run: str
+    timing: Timing
+    transport: TransportConfig
+    run_dir: RunDir | None = None
+
+
+def on_network(
+    mission: Mission,
+    *,
+    robot: str = "",
+    team: str | None = None,
+    run: str | None = None,
+    listen: Sequence[str] = (),
+    connect: Sequence[str] = (),
+    multicast: str | None = None,
+    beat_s: float = DEFAULT_BEAT_S,
+    detection_s: float = DEFAULT_DETECTION_S,
+    profile: str = WIRED,
+    key: Path | None = None,
+) -> TeamAddress:
+    """The team that everybody finds who has the same mission and says the same of the rest.
+
+    `robot` is empty for an observer. Without endpoints they find each other by multicast.
+    Raises AddressError or TransportError.
+    """
+    for option, value in (("--team", team), ("--run", run)):
+        if value is not None and not is_robot_id(value):
+            text = "1 to 32 letters, digits, '_' or '-', it becomes part of keys"
+            raise AddressError(f"{option} {value!r}: {text}")
+    if multicast is None and not listen and not connect:
+        multicast = "auto"
+    return TeamAddress(
+        mission,
+        run or mission.digest[:8],
+        timing_of(beat_s, detection_s),
+        TransportConfig(
+            team or mission.name, robot, tuple(listen), tuple(connect), multicast, profile, key
+        ),
+    )
+
+
+def timing_of(beat_s: float, detection_s: float) -> Timing:
+    """The knobs of membership; raises AddressError if they do not fit together."""
+    try:
+        return Timing(round(beat_s * SECOND_US), round(detection_s * SECOND_US))
+    except ValueError as error:
+        raise AddressError(str(error)) from error
