@@ -29,7 +29,6 @@ from mrbt_mesh.cli.team_options import on_a_team
 from mrbt_mesh.core.commands import DECIDE, FAULT, LEAVE, ORDER, RESTORE, Decision
 from mrbt_mesh.core.membership import State
 from mrbt_mesh.core.mission import is_robot_id
-from mrbt_mesh.core.observer import Observer
 from mrbt_mesh.core.timing import SECOND_US
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.run_dir import RunDir
@@ -93,9 +92,7 @@ def _with_team(team: TeamAddress, act: Callable[[Watcher], Awaitable[int]]) -> N
 
     async def attach() -> int:
         async with watching(team) as watcher:
-            with anyio.move_on_after(CONNECT_TIMEOUT_S):
-                while not _caught_up(watcher.observer):
-                    await watcher.wait_for_change(team.timing.beat_us / SECOND_US)
+            await watcher.catch_up(CONNECT_TIMEOUT_S)
             return await act(watcher)
 
     try:
@@ -103,14 +100,6 @@ def _with_team(team: TeamAddress, act: Callable[[Watcher], Awaitable[int]]) -> N
     except TransportError as error:
         fail(str(error))
     end_process(code)
-
-
-def _caught_up(observer: Observer) -> bool:
-    """Whether this observer hears whoever the robots hear, and holds the same facts as they."""
-    peers = observer.membership.peers.values()
-    beats = [p.beat for p in peers if p.joined and p.state is State.ALIVE]
-    digest = observer.facts.map.digest()
-    return bool(beats) and all(beat is not None and beat.fact_digest == digest for beat in beats)
 
 
 def _command(team: TeamAddress, robot: str | None, command: str, argument: str = "") -> NoReturn:

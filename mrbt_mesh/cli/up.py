@@ -49,6 +49,7 @@ from mrbt_mesh.runtime.watcher import Watcher, watching
 from mrbt_mesh.runtime.zenoh_transport import TransportError
 
 FRAME_S = 0.1
+CATCH_UP_S = 1.0
 STOPPED = "stopped by the operator"
 
 SpeedOption = Annotated[
@@ -260,6 +261,8 @@ async def _until_over(
                 checked = now
                 if team is not None and not team.living():
                     why = "no robot is left"
+        # Who came late may know the result before what led to it.
+        await watcher.catch_up(CATCH_UP_S)
         refresh()
         group.cancel_scope.cancel()
     return why

@@ -48,6 +48,7 @@ class Observer:
         self.refused: dict[str, str] = {}
         self._solver = solver
         self._planned: tuple[int, int] = (-1, -1)
+        self._has_caught_up = False
 
     def message(self, kind: MessageKind, source: str, data: bytes, now_us: int) -> None:
         """A published beat or batch; malformed or foreign ones are noted in `refused`."""
@@ -115,8 +116,11 @@ class Observer:
     def _is_settled(self, plan: Plan) -> bool:
         """Whether this plan is the team's: nobody is joining, and a robot reports the same.
 
-        One that comes late, or has not caught up, sees a team that is not there.
+        One that comes late, and has not caught up yet, sees a team that is not there.
         """
+        self._has_caught_up = self._has_caught_up or self.caught_up
+        if not self._has_caught_up:
+            return False
         good = [p for p in self.membership.peers.values() if p.state is State.ALIVE]
         return all(p.joined for p in good) and any(p.plan_digest == plan.digest for p in good)
 
@@ -137,6 +141,14 @@ class Observer:
         waiting = self.plan.waiting if self.plan else ()
         blocked = any(w.is_blocked for w in waiting) or not self.membership.alive()
         return "blocked" if blocked else "timeout"
+
+    @property
+    def caught_up(self) -> bool:
+        """Whether it hears whoever the robots hear, and holds the same facts as they."""
+        peers = self.membership.peers.values()
+        beats = [p.beat for p in peers if p.joined and p.state is State.ALIVE]
+        digest = self.facts.map.digest()
+        return bool(beats) and all(b is not None and b.fact_digest == digest for b in beats)
 
     @property
     def agreement(self) -> bool:

@@ -14,6 +14,7 @@ from mrbt_mesh.core.effects import AnswerReceived, Input, MessageReceived, Token
 from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.observer import Observer
 from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
+from mrbt_mesh.core.timing import SECOND_US
 from mrbt_mesh.core.wire import MessageKind, WireError, decode, encode
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.inbox import Inbox
@@ -67,6 +68,12 @@ class Watcher:
             await self.changed.wait()
         self.changed = anyio.Event()
         self.refresh()
+
+    async def catch_up(self, timeout_s: float) -> None:
+        """Wait until the observer holds what the team does, at most `timeout_s`."""
+        with anyio.move_on_after(timeout_s):
+            while not self.observer.caught_up:
+                await self.wait_for_change(self.timing.beat_us / SECOND_US)
 
     def _drain(self, inbox: Inbox) -> None:
         for event in inbox.take():

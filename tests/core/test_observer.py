@@ -116,6 +116,19 @@ def test_claims_of_the_living_are_shown() -> None:
     assert observer.claim("A") is None
 
 
+def test_a_late_observer_of_a_finished_mission_reports_nothing_as_blocked() -> None:
+    """Nothing is left to do, so its plan without any facts is the robots' plan."""
+    script = Script()
+    script.block(TEAM.replace("observe\n", "").strip().splitlines())
+    script.block(["succeed A", "pass 100", "succeed A", "succeed B", "pass 500"])
+    script.block(["observe", "pass 500"])
+    observer = script.team.observer
+    assert observer is not None
+    assert observer.team_result is Status.SUCCESS
+    assert not observer.caught_up
+    assert observer.record.blocked == []
+
+
 def test_who_watches_another_run_is_told_so_once_per_robot() -> None:
     script, observer = watched()
     stranger = Observer(observer.mission, "another", Timing(), min_cost_flow)
