@@ -6,11 +6,12 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint check-lock lock drills bench-failover bench-resume bench-membership clean
+.PHONY: help setup demo test test-docker lint check-lock lock drills bench-failover bench-resume bench-membership clean
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
-	@echo "make test            checks and tests, as CI runs them"
+	@echo "make test            checks and tests"
+	@echo "make test-docker     the docker-compose demo; as root, installs Debian's docker.io if missing"
 	@echo "make lint            ruff, mypy, import-linter"
 	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
 	@echo "make bench-failover  time from a kill or a freeze until the replacement has started"
@@ -39,7 +40,10 @@ lint: $(READY)
 # Teams of real processes have the machine to themselves; everything else shares it.
 test: lint
 	$(BIN)/pytest -n auto -m "not processes"
-	$(BIN)/pytest -m processes
+	$(BIN)/pytest -m "processes and not docker"
+
+test-docker: $(READY)
+	$(BIN)/pytest -m docker -rs tests/docker
 
 drills: $(READY)
 	$(BIN)/mrbt drill --all --brief --junit drills.xml
