@@ -102,7 +102,9 @@ def engine(say: Callable[[str], None]) -> Iterator[dict[str, str]]:
     ):
         fcntl.flock(lock, fcntl.LOCK_EX)
         socket = f"unix://{folder}/socket"
-        command = ["dockerd", "--host", socket, "--data-root", str(data)]
+        # An engine must not outlive tests that were killed: it would hold on to its data.
+        command = ["setpriv", "--pdeathsig", "TERM"]
+        command += ["dockerd", "--host", socket, "--data-root", str(data)]
         command += ["--exec-root", f"{folder}/exec", "--pidfile", f"{folder}/pid"]
         command += ["--bridge=none", "--iptables=false", "--ip-forward=false", "--ip-masq=false"]
         say("starting dockerd")
