@@ -158,12 +158,17 @@ def main() -> None:
     duration_s = undisturbed_s()
     say(f"an undisturbed team needs {duration_s:.1f} s")
     rounds = []
-    for number in range(options.rounds):
-        done = play(mission, options.seed + number, duration_s)
+    seed = options.seed
+    while len(rounds) < options.rounds:
+        done = play(mission, seed, duration_s)
+        seed += 1
+        if not done.killed_at_s:
+            say(f"seed {done.seed}: the mission was over before the kill; another one")
+            continue
         rounds.append(done)
-        at = ", ".join(f"{at_s:.2f} s" for at_s in done.killed_at_s) or "not at all"
+        at = ", ".join(f"{at_s:.2f} s" for at_s in done.killed_at_s)
         say(
-            f"round {number + 1}/{options.rounds} (seed {done.seed}): killed at {at}; "
+            f"round {len(rounds)}/{options.rounds} (seed {done.seed}): killed at {at}; "
             f"{done.result}; {done.journaled} journaled, {done.lost} lost, "
             f"{done.repeated} repeated, {done.in_gap} in gap"
         )
