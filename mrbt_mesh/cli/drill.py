@@ -38,7 +38,7 @@ from mrbt_mesh.runtime.zenoh_transport import TransportError
 
 PathsArgument = Annotated[
     list[Path] | None,
-    typer.Argument(help="Drill files, or folders of them.", metavar="[DRILL.yaml]..."),
+    typer.Argument(help="Drill files, or folders of them.", metavar="DRILL.yaml"),
 ]
 
 

@@ -92,7 +92,7 @@ async def run_drill(
         evidence.result,
         time.monotonic() - begun_s,
         judge(drill.model.expect, drill.mission, evidence),
-        run.timeline,
+        sorted(run.timeline, key=lambda line: line.at_s),
         evidence.takeovers,
         run_dir.path,
     )

@@ -139,17 +139,3 @@ def test_what_cannot_be_run_here_is_skipped_with_the_reason(team: Team) -> None:
     assert re.search(r"need Linux|need root|\(package iproute2\)", reason)
     assert f"skipped: {reason}" in done.stdout
     assert "0 green, 0 red, 1 skipped" in done.stdout
-
-
-def test_bad_input_is_told_with_status_2(team: Team) -> None:
-    path = small(team, steps="[{at: 1, kil: R1}]")
-    bad = team.command("drill", str(path))
-    assert bad.returncode == 2
-    assert "small.yaml:4: steps[1]/kil: unknown key 'kil'; did you mean 'kill'?" in bad.stderr
-    for arguments, message in (
-        ((), "name a drill, or say --all"),
-        (("--all", str(path)), "not both"),
-        ((str(team.folder / "none.yaml"),), "there is no such file"),
-    ):
-        bad = team.command("drill", *arguments)
-        assert (bad.returncode, message in bad.stderr) == (2, True), bad.stderr
