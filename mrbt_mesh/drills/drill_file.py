@@ -21,6 +21,7 @@ from mrbt_mesh.drills.model import (
     CapabilityModel,
     ConditionTrigger,
     CycleModel,
+    DecisionModel,
     DrillModel,
     GlobalTaskTrigger,
     LinksModel,
@@ -243,6 +244,8 @@ class _Checker:
                 self.robots((*path, "robots"), robots)
                 if task != "all":
                     self.local_task((*path, "local_task"), task)
+            case DecisionModel(global_task=task):
+                self.global_task((*path, "global_task"), task)
             case LinksModel(source=source, target=target):
                 self.robots((*path, "from"), source)
                 self.robots((*path, "to"), target)

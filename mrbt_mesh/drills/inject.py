@@ -12,10 +12,11 @@ from typing import Any
 import anyio
 import psutil
 
-from mrbt_mesh.core.commands import FAULT, LEAVE, RESTORE
+from mrbt_mesh.core.commands import DECIDE, FAULT, LEAVE, RESTORE
 from mrbt_mesh.drills.journals import Done, read
 from mrbt_mesh.drills.model import (
     CapabilityModel,
+    DecisionModel,
     DelayModel,
     LossModel,
     Robots,
@@ -108,6 +109,10 @@ class Injector:
                 command = FAULT if name == "lose_capability" else RESTORE
                 robots = chosen(fault.robots, sight, self.deeds.fates)
                 await self._order(name, robots, command, fault.local_task)
+            elif isinstance(fault, DecisionModel):
+                living = sorted(self._watcher.observer.membership.alive())
+                argument = f"{fault.global_task} {fault.decision}"
+                await self._order(name, living[:1], DECIDE, argument)
             else:
                 await self._disturb(name, fault, sight)
 

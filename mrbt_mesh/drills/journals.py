@@ -17,11 +17,15 @@ SUFFIX = ".journal"
 
 @dataclass(frozen=True, order=True, slots=True)
 class Done:
-    """A success of one robot for one local task of one activation."""
+    """A success of one robot for one local task of one activation.
+
+    `coalition`: the one with which it was done, where the global task asks for that.
+    """
 
     robot: str
     activation: str
     local_task: str
+    coalition: str = ""
 
 
 def read(
@@ -41,7 +45,7 @@ def read(
             entries = journal.open()
             journal.close()
             found[robot] = frozenset(
-                Done(entry.author, *split_name(entry.name)[1:3])
+                Done(entry.author, *split_name(entry.name)[1:])
                 for entry in entries
                 if entry.name.startswith(f"{OUTCOME}/")
                 and isinstance(entry.record, Outcome)

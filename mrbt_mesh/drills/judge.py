@@ -251,7 +251,8 @@ def needed(mission: Mission) -> Callable[[str, str], int]:
 def repeats(mission: Mission, found: Iterable[Span], deeds: Deeds) -> list[Span]:
     """Executions that began although journals of robots killed before held their end.
 
-    That is: a success of the same robot, or as many successes as the local task needs.
+    That is: as many successes as the local task needs, of one coalition where it asks for that,
+    or else a success of the same robot.
     """
     least = needed(mission)
     result = []
@@ -264,8 +265,10 @@ def repeats(mission: Mission, found: Iterable[Span], deeds: Deeds) -> list[Span]
             for done in held
             if (done.activation, done.local_task) == (span.activation, span.ground)
         }
-        own = any(done.robot == span.robot for done in known)
-        if own or len(known) >= least(span.global_task, span.ground):
+        own = any(done.robot == span.robot and not done.coalition for done in known)
+        together = Counter(done.coalition for done in known)
+        enough = max(together.values(), default=0) >= least(span.global_task, span.ground)
+        if own or enough:
             result.append(span)
     return result
 
@@ -288,6 +291,7 @@ def unjournaled(found: Iterable[Span], deeds: Deeds) -> list[Span]:
         for robot, held in snapshot.journals.items():
             ends = [s for s in listed if s.robot == robot and s.end == "success"]
             ends = [s for s in ends if s.end_s <= snapshot.unix_s]
-            result += [s for s in ends if Done(robot, s.activation, s.ground) not in held]
+            known = {(done.robot, done.activation, done.local_task) for done in held}
+            result += [s for s in ends if (robot, s.activation, s.ground) not in known]
     # One that is missing at a first kill is missing at the next as well.
     return list(Counter(result))

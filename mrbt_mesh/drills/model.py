@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 from pydantic import Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
+from mrbt_mesh.core.commands import Decision
 from mrbt_mesh.core.mission import MAX_ROBOTS
 from mrbt_mesh.core.records import Phase
 from mrbt_mesh.core.tree import Status
@@ -132,9 +133,10 @@ class TakeoverTrigger(FileModel):
 
 
 class BlockedTrigger(FileModel):
-    """A global task is blocked."""
+    """A global task is blocked; `reason`: and this is part of the reason, e.g. in doubt."""
 
     blocked: GroundText
+    reason: str = ""
 
 
 _TRIGGERS = ("global_task", "local_task", "robot", "condition", "takeover", "blocked")
@@ -170,6 +172,13 @@ class CapabilityModel(FileModel):
 
     robots: Robots
     local_task: GroundText = "all"
+
+
+class DecisionModel(FileModel):
+    """The operator's word on an exclusive task that is in doubt."""
+
+    global_task: GroundText
+    decision: _in(tuple(Decision))  # type: ignore[valid-type]
 
 
 class LinksModel(FileModel):
@@ -211,6 +220,7 @@ class StepModel(FileModel):
     resume_team: Yes | None = None
     lose_capability: CapabilityModel | None = None
     restore_capability: CapabilityModel | None = None
+    decide: DecisionModel | None = None
     partition: Annotated[list[Robots], Field(min_length=1)] | None = None
     block: LinksModel | None = None
     unblock: LinksModel | None = None

@@ -16,6 +16,7 @@ from mrbt_mesh.drills.model import (
     BlockedTrigger,
     CapabilityModel,
     ConditionTrigger,
+    DecisionModel,
     GlobalTaskTrigger,
     LinksModel,
     LocalTaskTrigger,
@@ -42,7 +43,7 @@ class Sight:
     """What the observer sees at one moment. `claims` are those of living robots.
 
     `claimed` are all that were ever seen, with the time: some stand for a moment only. `done`
-    are (robot, local task) with an outcome, successful or not.
+    are (robot, local task) with an outcome, successful or not. `blocked`: global task -> reason.
     """
 
     now_us: int
@@ -54,7 +55,7 @@ class Sight:
     states: Mapping[str, State] = field(default_factory=dict)
     conditions: Mapping[str, bool] = field(default_factory=dict)
     takeovers: tuple[Takeover, ...] = ()
-    blocked: frozenset[str] = frozenset()
+    blocked: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, observer: Observer, conditions: Sequence[str], now_us: int) -> Sight:
@@ -80,7 +81,7 @@ class Sight:
                 for f in record.major
                 if f.held and f.replacement and f.reassigned_us is not None
             ),
-            frozenset(episode.request for episode in record.blocked if episode.to_us is None),
+            {e.request: e.reason for e in record.blocked if e.to_us is None},
         )
 
 
@@ -136,8 +137,8 @@ def holds(when: Any, sight: Sight, fates: Fates, since_us: int) -> bool:
             return bool(sight.conditions[name] == value)
         case TakeoverTrigger(takeover=task):
             return any(t.at_us >= since_us and _is(t.local_task, task) for t in sight.takeovers)
-        case BlockedTrigger(blocked=task):
-            return task in sight.blocked
+        case BlockedTrigger(blocked=task, reason=reason):
+            return reason in sight.blocked.get(task, "") and task in sight.blocked
     raise TypeError(f"no trigger: {when!r}")
 
 
@@ -210,7 +211,7 @@ def _robots_of(step: StepModel) -> list[Robots]:
     found: list[Robots] = []
     for name, fault in step.faults():
         match fault:
-            case True:
+            case True | DecisionModel():
                 pass
             case CapabilityModel(robots=robots):
                 found.append(robots)

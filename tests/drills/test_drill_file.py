@@ -38,6 +38,7 @@ steps:
     restart: $robot
   - when: {condition: broken(2), is: true}
     lose_capability: {robots: B2, local_task: replace_hw}
+    decide: {global_task: fix_hw(2), decision: retry}
   - cycles: 2
     steps:
       - after: 0.1
@@ -117,15 +118,17 @@ def test_cycles_are_written_out(tmp_path: Path) -> None:
         ("{local_task: replace_hw($part), robot", "{robot", 19, "unknown key 'phase'"),
         ("{robot: $robot, state: dead}", "{state: dead}", 21, "a trigger with one of global_task"),
         ("condition: broken(2)", "condition: borken(2)", 23, "no condition 'borken(2)'"),
+        ("decision: retry", "decision: again", 25, "one of done, failed, retry is expected"),
+        ("decide: {global_task: fix_hw(2)", "decide: {global_task: fix", 25, "no global task"),
         ("permille: 300", "permille: 1001", 20, "a number of at most 1000 is expected"),
         ("network: namespaces\n", "", 19, "lose needs `network: namespaces`"),
-        ("      - after: 0.1", "      - at: 0.1", 27, "a step that is repeated has no `at`"),
-        ("heal: true", "heal: false", 30, "true is expected, found false"),
+        ("      - after: 0.1", "      - at: 0.1", 28, "a step that is repeated has no `at`"),
+        ("heal: true", "heal: false", 31, "true is expected, found false"),
         ("restart: $robot", "join: $robot", 22, "A1 is in the team from the start"),
         ("restart: $robot", "join: {killed}", 22, "a robot, or a list of robots, is expected"),
-        ("times: 1", "times: 1, at_most: 2", 35, "times, or at_least and at_most, or one of them"),
-        ("do_diagnosis}", "do_it}", 37, "no local task 'do_it' in this mission"),
-        ("result: success", "result: good", 32, "success, failure or blocked is expected"),
+        ("times: 1", "times: 1, at_most: 2", 36, "times, or at_least and at_most, or one of them"),
+        ("do_diagnosis}", "do_it}", 38, "no local task 'do_it' in this mission"),
+        ("result: success", "result: good", 33, "success, failure or blocked is expected"),
     ],
 )
 def test_what_is_wrong_is_said_with_its_line(

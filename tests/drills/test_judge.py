@@ -284,6 +284,17 @@ def test_anybody_who_does_again_what_as_many_as_needed_had_done_repeats() -> Non
     assert repeated.holds
 
 
+def test_successes_of_different_coalitions_do_not_add_up() -> None:
+    """Who was in a coalition that broke does it again with the next one."""
+    again = event(4.0, "C1", "start", "move_frame", pid=99)
+    apart = {Done("C1", "x", "move_frame", "t1"), Done("C2", "x", "move_frame", "t2")}
+    repeated, _ = verdicts(killed(apart, apart, again), repeated=0)
+    assert repeated.holds
+    together = {Done("C1", "x", "move_frame", "t1"), Done("C2", "x", "move_frame", "t1")}
+    repeated, _ = verdicts(killed(together, together, again), repeated=0)
+    assert not repeated.holds
+
+
 def test_a_journaled_success_that_is_gone_is_lost() -> None:
     _, lost = verdicts(killed({C1_DONE, C2_DONE}, {C1_DONE}), repeated=0)
     assert lost == Verdict("nothing journaled is lost", False, "move_frame by C2")
@@ -310,14 +321,14 @@ def test_journals_are_read_from_copies(tmp_path: Path) -> None:
         make_entry(robot, f"{OUTCOME}/x/move_frame", version, [success, None])
         for robot, success in (("C1", True), ("C2", False))
     )
-    # A coalition's outcomes say in their names in which round they are.
-    in_round = make_entry("C2", f"{OUTCOME}/y/move_frame/3", version, [True, None])
-    journal.put([in_round])
+    # The names of a coalition's outcomes end with the coalition.
+    together = make_entry("C2", f"{OUTCOME}/y/move_frame/t1", version, [True, None])
+    journal.put([together])
     journal.commit()
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     assert any(name.endswith("-wal") for name in before), "not yet in the main file"
     held = read(tmp_path, ["C1", "C2"], "digest", "run")
-    assert held == {"C1": {C1_DONE, Done("C2", "y", "move_frame")}, "C2": frozenset()}
+    assert held == {"C1": {C1_DONE, Done("C2", "y", "move_frame", "t1")}, "C2": frozenset()}
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
     journal.close()
 

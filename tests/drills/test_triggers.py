@@ -35,7 +35,7 @@ SIGHT = Sight(
     states={"A1": State.ALIVE, "A2": State.DEAD, "B1": State.SUSPECT},
     conditions={"wet": True},
     takeovers=(Takeover("A2", "weld(2)", "A1", 9 * S), Takeover("C1", "lift", "B1", 5 * S)),
-    blocked=frozenset({"close"}),
+    blocked={"close": "blocked: lift needs 2, 1 alive"},
 )
 
 
@@ -74,6 +74,8 @@ def when(**keys: Any) -> Any:
         ({"takeover": "weld"}, True),
         ({"takeover": "lift"}, False),
         ({"blocked": "close"}, True),
+        ({"blocked": "close", "reason": "lift needs 2"}, True),
+        ({"blocked": "close", "reason": "in doubt"}, False),
         ({"blocked": "fix"}, False),
     ],
 )
@@ -128,7 +130,7 @@ def test_a_trigger_is_latched_and_after_counts_from_it() -> None:
     schedule = Schedule([step(when={"blocked": "fix"}, after=1, kill="A1")])
     fates = Fates()
     assert schedule.due(at(3), fates) is None
-    assert schedule.due(at(4, blocked=frozenset({"fix"})), fates) is None
+    assert schedule.due(at(4, blocked={"fix": ""}), fates) is None
     assert schedule.due(at(4.9), fates) is None
     assert schedule.due(at(5.0), fates) is schedule.steps[0]
 
@@ -138,7 +140,7 @@ def test_steps_keep_their_order_although_a_later_trigger_holds_first() -> None:
     schedule = Schedule(steps)
     fates = Fates()
     assert schedule.due(at(5), fates) is None
-    assert schedule.due(at(6, blocked=frozenset({"fix"})), fates) is steps[0]
+    assert schedule.due(at(6, blocked={"fix": ""}), fates) is steps[0]
     schedule.carried_out(6 * S)
     assert schedule.due(at(6), fates) is steps[1]
 
