@@ -85,6 +85,7 @@ class Driver:
         self._timer: asyncio.TimerHandle | None = None
         self._commit: asyncio.TimerHandle | None = None
         self._stop: Stop | None = None
+        self._is_ready = False
 
     def run(self) -> Stop:
         """Run until the agent stops; raises TransportError if the session cannot be opened.
@@ -110,7 +111,9 @@ class Driver:
                 group.start_soon(self._watch_links)
                 group.start_soon(self._mark_alive)
                 group.start_soon(self._watch_signals)
+                self._is_ready = True
                 self.submit(TimerFired())
+                self._drain(inbox)
                 await self._stopped.wait()
                 group.cancel_scope.cancel()
         finally:
@@ -126,8 +129,11 @@ class Driver:
     # -- inputs ---------------------------------------------------------------------------
 
     def submit(self, event: Input) -> None:
-        """Hand one input to the agent and carry out what comes back."""
-        if self._stop is not None:
+        """Hand one input to the agent and carry out what comes back.
+
+        Nothing is taken before all is there that effects need, however long that takes.
+        """
+        if self._stop is not None or not self._is_ready:
             return
         now_us = boottime_us()
         for effect in self._agent.handle(event, now_us):
@@ -135,6 +141,8 @@ class Driver:
         self._set_timer()
 
     def _drain(self, inbox: Inbox) -> None:
+        if not self._is_ready:
+            return  # what has come stays there until it can be taken
         if inbox.dropped:
             self._logger.warning("inbox_overflow", dropped=inbox.dropped)
             inbox.dropped = 0

@@ -1,0 +1,45 @@
+"""The driver around an agent, on a transport that is only slow."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mrbt_mesh.runtime import driver
+from mrbt_mesh.runtime.agent_main import make_driver, parser
+
+EXPLORE = Path(__file__).resolve().parents[2] / "examples" / "explore" / "mission.yaml"
+
+
+class SlowTransport:
+    """Takes longer to open than the detection time, as on a machine that is very busy."""
+
+    def __init__(self, config: Any, deliver: Any) -> None:
+        self.is_open = False
+        self.told: list[str] = []
+
+    def open(self) -> None:
+        threading.Event().wait(0.6)
+        self.is_open = True
+
+    def __getattr__(self, name: str) -> Any:
+        def used(*arguments: Any) -> list[str]:
+            assert self.is_open, f"{name} before the session is open"
+            self.told.append(name)
+            return []
+
+        return used
+
+
+def test_a_robot_whose_start_takes_long_starts_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(driver, "ZenohTransport", SlowTransport)
+    arguments = ["--mission", str(EXPLORE), "--robot", "R1", "--expect", "R1", "--speed", "100"]
+    arguments += ["--run-dir", str(tmp_path), "--listen", "tcp/127.0.0.1:0", "--exit-when-done"]
+    arguments += ["--beat", "0.1", "--detection", "0.3"]
+    stop = make_driver(parser().parse_args(arguments)).run()
+    assert (stop.code, stop.reason) == (0, "mission success")
