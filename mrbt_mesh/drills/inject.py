@@ -140,8 +140,9 @@ class Injector:
         processes = self._processes(fault, robots)
         at_us = boottime_us()
         for robot, process in processes.items():
-            process.send_signal(signal.SIGKILL)
+            # Noted before, not after: on a busy machine the next line may come much later.
             self.deeds.deaths[process.pid] = time.time()
+            process.send_signal(signal.SIGKILL)
             self._watcher.observer.record.exited(robot, at_us)
         self._note(fault, processes, "killed (SIGKILL)", at_us)
         await self._died(processes)
@@ -160,8 +161,8 @@ class Injector:
 
     async def _stop(self, fault: str, robots: Sequence[str]) -> None:
         for robot, process in self._processes(fault, robots).items():
-            process.send_signal(signal.SIGSTOP)
             self.deeds.freezes.append(Freeze(process.pid, time.time()))
+            process.send_signal(signal.SIGSTOP)
             self.deeds.fates.stopped.append(robot)
             self._note(fault, [robot], "frozen (SIGSTOP)")
 

@@ -32,13 +32,15 @@ class Verdict:
 class Evidence:
     """What is known of a run. `journals` as at the end.
 
-    `takeovers` as in summary.json, with `inflicted`: whether the drill did that to the robot.
+    `takeovers` as in summary.json, with `inflicted`: whether the drill did that to the robot,
+    and `ended`: whether its process had really ended.
     """
 
     result: str
     deeds: Deeds = field(default_factory=Deeds)
     ended_because: str | None = None
     steps_left: list[str] = field(default_factory=list)
+    crashes: list[str] = field(default_factory=list)
     states: Mapping[str, State] = field(default_factory=dict)
     takeovers: list[dict[str, Any]] = field(default_factory=list)
     blocked: frozenset[str] = frozenset()
@@ -62,7 +64,7 @@ class _Judge:
 
     def verdicts(self) -> list[Verdict]:
         expect = self.expect
-        found = [self.result(), self.steps()]
+        found = [self.result(), self.steps(), self.crashes()]
         found += [verdict for done in expect.done for verdict in self.done(done)]
         found += [verdict for never in expect.never for verdict in self.never(never)]
         for word, robots, states in (
@@ -105,6 +107,10 @@ class _Judge:
         wrong = [f"{step}: its moment never came" for step in self.evidence.steps_left]
         wrong += self.deeds.problems
         return Verdict("all faults carried out", not wrong, "; ".join(wrong) or "yes")
+
+    def crashes(self) -> Verdict:
+        crashes = self.evidence.crashes
+        return Verdict("no robot ended by an error", not crashes, "; ".join(crashes) or "none")
 
     def states(self, word: str, robots: Robots, good: Iterable[State]) -> Verdict:
         listed = self.robots(robots)
@@ -193,7 +199,8 @@ class _Judge:
         return Verdict(f"{word} within {limit_s:g} s", holds, text or "no fault was noticed")
 
     def false_deaths(self, most: int) -> Verdict:
-        false = [t for t in self.evidence.takeovers if not t["inflicted"]]
+        # At the end of a mission those who are done first are gone before the others are.
+        false = [t for t in self.evidence.takeovers if not t["inflicted"] and not t["ended"]]
         text = ", ".join(f"{t['robot']} at {t['at_s']:.2f} s" for t in false)
         expected = f"at most {most} robots falsely held dead" if most else "no false death"
         return Verdict(expected, len(false) <= most, text or "none")

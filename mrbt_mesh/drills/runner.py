@@ -82,6 +82,7 @@ async def run_drill(
         finally:
             with anyio.CancelScope(shield=True):
                 await team.end()
+    evidence.crashes = team.crashes()
     evidence.events = read_events(run_dir.path / EVENTS_FILE)
     robots = run_dir.robots()
     evidence.links = read_links(run_dir.path, robots)
@@ -154,8 +155,10 @@ class _Run:
             deeds=deeds,
             states={robot: observer.robot_state(robot) for robot in observer.robots()},
             takeovers=[
-                takeover | {"inflicted": takeover["robot"] in deeds.hit()}
-                for takeover in record.summary(result, boottime_us())["takeovers"]
+                takeover | {"inflicted": fault.robot in deeds.hit(), "ended": fault.exact}
+                for takeover, fault in zip(
+                    record.summary(result, boottime_us())["takeovers"], record.major, strict=True
+                )
             ],
             blocked=frozenset(episode.request for episode in record.blocked),
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import secrets
+import signal
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -31,8 +32,8 @@ from mrbt_mesh.runtime.watcher import Watcher
 from mrbt_mesh.runtime.zenoh_transport import PROTOCOLS, WIRED
 
 END_TIMEOUT_S = 3.0
-# The exit status of a robot that refuses its input.
-REFUSED = 2
+# Exit statuses of a robot: its mission has failed, it refuses its input.
+FAILED, REFUSED = 1, 2
 
 
 def new_run(
@@ -141,6 +142,24 @@ class Team:
             if process.returncode == REFUSED:
                 with contextlib.suppress(OSError):
                     found.append((self.run_dir.path / f"{robot}.out").read_text().strip())
+        return found
+
+    def crashes(self) -> list[str]:
+        """Robots that were started from here and ended by an error, and their last words.
+
+        Ended by a refusal is none, nor by SIGTERM or SIGKILL, nor with status 1 and no word:
+        that is how a robot of a mission that has failed ends.
+        """
+        found = []
+        for robot, process in sorted(self.processes.items()):
+            status = process.returncode
+            if status in (None, 0, REFUSED, -signal.SIGTERM, -signal.SIGKILL):
+                continue
+            with contextlib.suppress(OSError):
+                words = (self.run_dir.path / f"{robot}.out").read_text().strip().splitlines()
+                if words or status != FAILED:
+                    last = words[-1] if words else "no word"
+                    found.append(f"{robot} ended with status {status}: {last}")
         return found
 
     async def note_exits(self, watcher: Watcher) -> None:

@@ -51,11 +51,10 @@ KILLED_AT_WORK = [
 
 
 def verdicts(evidence: Evidence, **expect: Any) -> list[Verdict]:
-    """Those on what a test expects; the two that are always there come first and must hold."""
-    result, steps, *found = judge(ExpectModel.model_validate(expect), MISSION, evidence)
-    assert result.holds
-    assert steps.holds
-    return found
+    """Those on what a test expects; the three that are always there come first and must hold."""
+    found = judge(ExpectModel.model_validate(expect), MISSION, evidence)
+    assert all(verdict.holds for verdict in found[:3])
+    return found[3:]
 
 
 def one(evidence: Evidence, **expect: Any) -> Verdict:
@@ -66,7 +65,11 @@ def one(evidence: Evidence, **expect: Any) -> Verdict:
 def test_the_result_and_the_steps_are_always_judged() -> None:
     evidence = Evidence("timeout", ended_because="not over after 60 s", steps_left=["step 2 of 2"])
     evidence.deeds.problems.append("kill: A1 had no process any more")
-    result, steps = judge(ExpectModel(), MISSION, evidence)
+    evidence.crashes.append("C1 ended with status 1: KeyError: 3")
+    result, steps, crashes = judge(ExpectModel(), MISSION, evidence)
+    assert crashes == Verdict(
+        "no robot ended by an error", False, "C1 ended with status 1: KeyError: 3"
+    )
     assert result == Verdict("result success", False, "timeout (not over after 60 s)")
     assert not steps.holds
     assert "step 2 of 2: its moment never came; kill: A1 had no process" in steps.found
@@ -158,7 +161,8 @@ def test_states_at_the_end() -> None:
 
 def takeover(robot: str, inflicted: bool, **more: Any) -> dict[str, Any]:
     given = {"at_s": 1.0, "detected_s": 0.02, "reassigned_s": 0.03, "held": "replace_hw(2)"}
-    return {"robot": robot, "inflicted": inflicted, "replacement": "B1", **given, **more}
+    flags = {"inflicted": inflicted, "ended": inflicted, "replacement": "B1"}
+    return {"robot": robot, **flags, **given, **more}
 
 
 def test_times_of_what_the_drill_did_and_deaths_that_it_did_not_cause() -> None:
@@ -171,6 +175,8 @@ def test_times_of_what_the_drill_did_and_deaths_that_it_did_not_cause() -> None:
     assert [v.holds for v in verdicts(idle, **expect)] == [True, False, True]
     false = Evidence("success", takeovers=[takeover("A1", True), takeover("C1", False)])
     assert [v.holds for v in verdicts(false, **expect)] == [True, True, False]
+    gone = Evidence("success", takeovers=[takeover("A1", True), takeover("C1", False, ended=True)])
+    assert [v.holds for v in verdicts(gone, **expect)] == [True, True, True]
 
 
 def test_robots_that_were_hit_are_those_whose_processes_suffered() -> None:

@@ -78,6 +78,32 @@ def test_what_did_not_hold_is_told_and_the_run_is_kept(team: Team) -> None:
     assert leftovers(team) == []
 
 
+def test_a_robot_that_ends_by_an_error_is_red_with_its_last_words(team: Team) -> None:
+    program = team.folder / "robot.py"
+    explore = ROOT / "agents" / "explore.py"
+    program.write_text(
+        f"import os, sys\nsys.path.insert(0, {str(explore.parent)!r})\n"
+        "from explore import robot\n\n"
+        "@robot.background\n"
+        "async def fails(task):\n"
+        "    import anyio\n"
+        "    await anyio.sleep(1)\n"
+        "    if task.robot == 'R2':\n"
+        "        sys.stderr.write('the battery is empty\\n')\n"
+        "        sys.stderr.flush()\n"
+        "        os._exit(7)\n"
+    )
+    mission = (ROOT / "examples" / "explore" / "mission.yaml").read_text()
+    (team.folder / "mission.yaml").write_text(
+        mission.replace("../../agents/explore.py", str(program))
+    )
+    path = small(team, mission="mission.yaml", steps="[]", expect="{}")
+    code, data = report(team, path)
+    assert code == 1
+    (wrong,) = [e for e in data["runs"][0]["expectations"] if not e["holds"]]
+    assert wrong["found"] == "R2 ended with status 7: the battery is empty"
+
+
 def test_steps_whose_moment_never_comes_are_red(team: Team) -> None:
     path = small(team, steps="[{at: 100, kill: R1}]", expect="{}")
     code, data = report(team, path)
