@@ -1,6 +1,6 @@
 """Time from a fault until the replacement has started, on real processes.
 
-    python benchmarks/failover.py [--kills 20] [--freezes 5] [--json FILE]
+    python benchmarks/failover.py [--kills 20] [--freezes 5] [--transport wireless] [--json FILE]
 
 For each trial a team of the vehicle repair is started, and the robot that has just begun its
 longest task is killed (SIGKILL) or frozen (SIGSTOP) while a capable robot is free. The time
@@ -55,13 +55,15 @@ def team(mission: Path, *options: str) -> Iterator[Run]:
             run.stop()
 
 
-def failover_s(number: signal.Signals) -> float:
+def failover_s(number: signal.Signals, transport: str) -> float:
     """Seconds from the signal to the replacement's start.
 
     The victim is the robot that replaces the hardware of part 2; both B robots are free then
     and can do it.
     """
-    with team(REPAIR, "--speed", "4", "--detection", str(DETECTION_S)) as run:
+    with team(
+        REPAIR, "--speed", "4", "--detection", str(DETECTION_S), "--transport", transport
+    ) as run:
         begun = run.wait_for("replace_hw", "start", args=["2"])
         pid = run.processes()[begun["robot"]].pid
         # In the middle of the action, so that the fault is not mixed up with the start.
@@ -78,7 +80,7 @@ def failover_s(number: signal.Signals) -> float:
     raise TimeoutError("nobody took over")
 
 
-def at_rest(count: int) -> dict[str, float]:
+def at_rest(count: int, transport: str) -> dict[str, float]:
     """Resident memory (MB) and CPU share (%) of one process, of `count` at rest."""
     robots = ", ".join(f"R{i:02d}: R" for i in range(count))
     with tempfile.TemporaryDirectory(prefix="mrbt-bench-") as folder:
@@ -92,7 +94,7 @@ def at_rest(count: int) -> dict[str, float]:
             "    pass\n"
         )
         mission.write_text(REST_MISSION.format(program=program.name, robots=robots))
-        with team(mission) as run:
+        with team(mission, "--transport", transport) as run:
             run.wait_for_processes(count)
             time.sleep(5.0)
             processes = list(run.processes().values())
@@ -123,11 +125,11 @@ def spread(times_s: list[float]) -> dict[str, float]:
     }
 
 
-def trials(number: signal.Signals, count: int, name: str) -> dict[str, float]:
+def trials(number: signal.Signals, count: int, name: str, transport: str) -> dict[str, float]:
     """Several failovers, with progress."""
     times_s = []
     for index in range(count):
-        times_s.append(failover_s(number))
+        times_s.append(failover_s(number, transport))
         say(f"{name} {index + 1}/{count}: {1e3 * times_s[-1]:.1f} ms")
     return spread(times_s)
 
@@ -137,21 +139,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--freezes", type=int, default=5)
+    parser.add_argument("--transport", choices=("wired", "wireless"), default="wired")
     parser.add_argument("--json", type=Path, help="also write the result here")
     options = parser.parse_args()
     result: dict[str, Any] = {
         "machine": machine(),
         "load_before": os.getloadavg()[0],
         "detection_s": DETECTION_S,
+        "transport": options.transport,
     }
     if options.kills:
-        result["kill"] = trials(signal.SIGKILL, options.kills, "kill")
+        result["kill"] = trials(signal.SIGKILL, options.kills, "kill", options.transport)
     if options.freezes:
-        result["freeze"] = trials(signal.SIGSTOP, options.freezes, "freeze")
+        result["freeze"] = trials(signal.SIGSTOP, options.freezes, "freeze", options.transport)
     result["at_rest"] = []
     for count in (6, 24):
         say(f"{count} processes at rest ...")
-        result["at_rest"].append(at_rest(count))
+        result["at_rest"].append(at_rest(count, options.transport))
     text = json.dumps(result, indent=2)
     sys.stdout.write(text + "\n")
     if options.json:

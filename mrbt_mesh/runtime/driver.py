@@ -55,6 +55,8 @@ CLOSE_TIMEOUT_S = 1.0
 LEAVE_TIMEOUT_S = 3.0
 WATCH_S = 0.25
 REOPEN_RETRY_S = 0.1
+# A link on which so many beats are missing is silent, but not before a dead one lost its lease.
+SILENT_BEATS = 5
 RETRY_COMMIT_S = 1.0
 
 
@@ -172,7 +174,7 @@ class Driver:
 
     async def _watch_links(self) -> None:
         """Tell which links fall silent and come back; reopen a session that is split."""
-        watch = LinkWatch(LEASE_MS * 1_000)
+        watch = LinkWatch(max(LEASE_MS * 1_000, SILENT_BEATS * self._config.timing.beat_us))
         while True:
             await anyio.sleep(WATCH_S)
             now_us = boottime_us()

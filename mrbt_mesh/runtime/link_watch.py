@@ -43,10 +43,10 @@ class _Link:
 class LinkWatch:
     """Call `look` regularly, then `split`.
 
-    After `lease_us` of silence a link is told to be silent; a dead one has lost its transport
-    by then. After two leases with a transport and without a beat it is split, if others have
-    news of the robot; after five and more if nobody has. Each further reopening must wait
-    twice as long, until no link is split.
+    After `lease_us` of silence a link is told to be silent; it must be long enough for a dead
+    one to have lost its transport. After two leases with a transport and without a beat it is
+    split, if others have news of the robot; after five and more if nobody has. Each further
+    reopening must wait twice as long, until no link is split.
     """
 
     def __init__(self, lease_us: int) -> None:

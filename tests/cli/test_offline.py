@@ -1,4 +1,4 @@
-"""validate, plan, assign, new: what they print and how they end."""
+"""validate, plan, assign, new, key: what they print and how they end."""
 
 from __future__ import annotations
 
@@ -33,6 +33,23 @@ def assign(tmp_path: Path, problem: Any) -> tuple[int, dict[str, Any]]:
     code, output, problems = mrbt("assign", str(path), "--json")
     assert not problems
     return code, json.loads(output)
+
+
+# -- key ----------------------------------------------------------------------------------
+
+
+def test_a_key_is_made_once_and_never_overwritten(tmp_path: Path) -> None:
+    path = tmp_path / "team.pem"
+    code, output, _ = mrbt("key", str(path))
+    assert (code, output.partition(";")[0]) == (0, f"wrote {path}")
+    made = path.read_bytes()
+    code, _, problems = mrbt("key", str(path))
+    assert code == 2
+    assert "exists already" in problems
+    assert path.read_bytes() == made
+    code, _, problems = mrbt("key", str(tmp_path / "nowhere" / "team.pem"))
+    assert code == 2
+    assert "cannot write" in problems
 
 
 # -- assign -------------------------------------------------------------------------------

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import ssl
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -16,7 +18,8 @@ from mrbt_mesh.runtime.team import new_run
 from mrbt_mesh.runtime.team_key import write_team_key
 from mrbt_mesh.runtime.zenoh_transport import TransportConfig, TransportError, session_config
 
-REPAIR = Path(__file__).resolve().parents[2] / "examples" / "vehicle_repair" / "mission.yaml"
+ROOT = Path(__file__).resolve().parents[2]
+REPAIR = ROOT / "examples" / "vehicle_repair" / "mission.yaml"
 PLACES = {r: Place(f"198.18.0.{i}", ("enter", r)) for i, r in enumerate(("A1", "A2", "B1"), 1)}
 
 
@@ -112,3 +115,9 @@ def test_a_run_on_loopback_has_ports_of_its_own() -> None:
         newcomer = launcher.with_newcomer(info, "C1").endpoints["C1"]
         assert newcomer not in info.endpoints.values()
         assert dataclasses.replace(info, team="x").places == {}
+
+
+def test_a_robots_process_does_without_the_library_that_makes_keys() -> None:
+    code = "import sys; import mrbt_mesh.runtime.agent_main; print('cryptography' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.stdout.strip() == "False", done.stderr

@@ -1,0 +1,53 @@
+"""Teams over QUIC on loopback: kills, joins, and who holds another key."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+import pytest
+
+from mrbt_mesh.runtime.launcher import free_endpoints
+from mrbt_mesh.runtime.team_key import write_team_key
+from tests.processes.conftest import REPAIR, ROOT, Team
+
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
+
+EXPLORE = ROOT / "examples" / "explore" / "mission.yaml"
+
+
+def test_a_killed_robot_is_replaced_and_comes_back(team: Team) -> None:
+    """QUIC tells nobody of a death: it is noticed by missing beats alone."""
+    team.up(REPAIR, "--speed", "2", "--transport", "wireless")
+    begun = team.wait_for_event("replace_hw", args=["2"])
+    team.signal(begun["robot"], signal.SIGKILL)
+
+    def taken_over() -> bool:
+        return any(
+            line["activation"] == begun["activation"] and line["robot"] != begun["robot"]
+            for line in team.events()
+        )
+
+    team.wait_until(taken_over, "somebody takes over")
+    team.mrbt("join", begun["robot"])
+    code, summary = team.end()
+    assert code == 0, team.logs()
+    assert [t["robot"] for t in summary["takeovers"]] == [begun["robot"]]
+    assert summary["robots"][begun["robot"]]["state"] == "alive"
+
+
+def test_robots_with_different_keys_never_meet(team: Team, tmp_path: Path) -> None:
+    """Each does the whole mission alone, though one dials the other all the time."""
+    first, second = free_endpoints(2, "wireless")
+    agents = []
+    for robot, listen, connect in (("R1", first, ()), ("R2", second, ("--connect", first))):
+        key = tmp_path / f"{robot}.pem"
+        write_team_key(key)
+        options = ["--transport", "wireless", "--key", str(key), "--listen", listen, *connect]
+        options += ["--team", "keys", "--speed", "5", "--exit-when-done"]
+        agents.append(team.agent(EXPLORE, robot, *options))
+    for agent in agents:
+        _, told = agent.communicate(timeout=60)
+        assert agent.returncode == 0, told
+        assert told.count("local_task_finished") == 2
+        assert "robot_heard" not in told
