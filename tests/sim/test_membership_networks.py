@@ -99,6 +99,19 @@ def test_no_living_robot_is_thought_dead(
         assert all(node.agent.joining is None for node in team.living()), f"seed {seed}"
 
 
+def test_the_more_is_lost_the_more_patient_robots_become() -> None:
+    """Three robots, two of them without a link, and four beats of ten lost: with the detection
+    time of a good network, some of these runs have false verdicts.
+    """
+    for seed in range(6):
+        team = mesh(3, seed, loss=400, jitter_us=200_000)
+        verdicts = Verdicts(team)
+        team.run_until(10 * SECOND_US)
+        team.network.block(pairs("0-1"))
+        team.run_until(100 * SECOND_US)
+        assert not verdicts.of_living, f"seed {seed}: {verdicts.of_living}"
+
+
 def found_dead_us(team: Mesh, victim: str, at_us: int) -> list[int]:
     """After how long each of the others has given its verdict."""
     verdicts = Verdicts(team)
