@@ -52,6 +52,7 @@ INVARIANTS = {
     "I2": "facts converge",
     "I3": "nothing done is undone",
     "I4": "nobody beyond its means, bounds hold",
+    "I5": "an exclusive task has one coalition",
     "I6": "what can be finished is finished",
     "I7": "assignments optimal and canonical",
     "I8": "garbage changes nothing",
@@ -157,6 +158,7 @@ def _totals(verdicts: Sequence[Verdict], took_s: float) -> dict[str, Any]:
         "checks": {name: checks[name] for name in sorted(checks)},
         "seeds_checked": {name: seeds[name] for name in sorted(checks)},
         "done_twice": sum(v.done_twice for v in verdicts),
+        "exclusive_done_twice": sum(v.exclusive_done_twice for v in verdicts),
     }
 
 
@@ -241,8 +243,11 @@ def _show(totals: dict[str, Any], reports: Iterable[dict[str, Any]], failed: int
         seeds = totals["seeds_checked"][name]
         table.add_row(name, INVARIANTS.get(name, ""), f"{count:,}", f"{seeds:,}")
     console.print(table)
-    text = "local tasks that were done more often than their max, in partitions and after crashes"
-    console.print(f"[dim]{totals['done_twice']} {text}[/]", highlight=False)
+    text = (
+        f"done more often than their max, in partitions and after crashes: {totals['done_twice']} "
+        f"local tasks, {totals['exclusive_done_twice']} of exclusive ones"
+    )
+    console.print(f"[dim]{text}[/]", highlight=False, soft_wrap=True)
     for report in reports:
         _show_failure(report)
 

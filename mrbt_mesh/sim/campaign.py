@@ -65,6 +65,7 @@ class Verdict:
     violations: Sequence[str] = ()
     checks: Mapping[str, int] = field(default_factory=dict)
     done_twice: int = 0
+    exclusive_done_twice: int = 0
 
     @property
     def invariants(self) -> frozenset[str]:
@@ -84,6 +85,7 @@ def judge(mission: Mission, program: RobotProgram, scenario: Scenario) -> Verdic
         tuple(result.violations),
         result.checks,
         result.done_twice,
+        result.exclusive_done_twice,
     )
 
 

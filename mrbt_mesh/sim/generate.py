@@ -65,6 +65,8 @@ class _Generator:
         self.local_tasks = [f"t{i}" for i in range(self.pick.randint(1, 6))]
         self.global_tasks: dict[str, Any] = {}
         self.leaves = 0
+        # Coalitions and grants are in one mission of three, not to hide the rest.
+        self.special = self.chance(0.35)
         count = self.pick.randint(9, 16) if self.chance(0.04) else self.pick.randint(2, 8)
         self.robots = [f"R{i}" for i in range(1, count + 1)]
         self.types = {f"T{i}": self.capabilities() for i in range(self.pick.randint(1, 3))}
@@ -184,6 +186,11 @@ class _Generator:
             task["blocked"] = {"fail_after_s": self.pick.choice([1.0, 4.0])}
         if self.chance(0.15):
             task["preemptive"] = True
+        if self.special and self.chance(0.4):
+            task["simultaneous"] = True
+        if self.special and self.chance(0.3):
+            task["exclusive"] = True
+            task["in_doubt"] = self.pick.choice(["hold", "fail", "retry"])
         return task
 
     def need(self, local_task: str) -> dict[str, int]:

@@ -35,9 +35,9 @@ class SimulationResult:
 
     `summary` is what `mrbt up --json` prints, `events` what the robots recorded themselves (the
     lines of events.jsonl), `violations` the invariants that did not hold, `checks` how often each
-    one was checked, `done_twice` how many local tasks succeeded more often than their `max`,
-    `stops` why each agent stopped: (exit code, reason). `agents` are those of
-    the last processes, for a closer look.
+    one was checked. `done_twice` counts local tasks that succeeded more often than their `max`,
+    `exclusive_done_twice` exclusive tasks that did. `stops` says why each agent stopped: (exit
+    code, reason). `agents` are those of the last processes, for a closer look.
     """
 
     seed: int
@@ -49,6 +49,7 @@ class SimulationResult:
     violations: list[str]
     checks: Mapping[str, int]
     done_twice: int
+    exclusive_done_twice: int
     stops: Mapping[str, tuple[int, str]]
     agents: Mapping[str, Agent]
     observer: Observer
@@ -157,6 +158,7 @@ def _result(world: World) -> SimulationResult:
         violations=world.checkers.violations,
         checks=dict(world.checkers.checks),
         done_twice=world.checkers.i6.done_twice,
+        exclusive_done_twice=world.checkers.i5.done_twice,
         stops={r: (p.stop.code, p.stop.reason) for r, p in processes.items() if p.stop},
         agents={r: p.agent for r, p in processes.items() if p.agent},
         observer=observer,

@@ -1,9 +1,10 @@
 """What must always hold, checked while a run goes on: one class per invariant.
 
 I1 same facts and same alive set give the same plan; I2 facts converge; I3 nothing that is done is
-undone; I4 nobody works on what it cannot do, and at rest the bounds of every demand hold; I6 what
-can be finished is finished; I7 assignments are optimal and canonical; I8 garbage changes nothing;
-I9 a restart resumes from the journal.
+undone; I4 nobody works on what it cannot do, and at rest the bounds of every demand hold; I5 an
+exclusive task has one coalition at a time, and is not begun again; I6 what can be finished is
+finished; I7 assignments are optimal and canonical; I8 garbage changes nothing; I9 a restart
+resumes from the journal.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections import Counter
 
 from mrbt_mesh.core.effects import CancelAction, Effect, Input, StartAction
 from mrbt_mesh.core.records import Claim
+from mrbt_mesh.sim.checkers.exclusive import Exclusive
 from mrbt_mesh.sim.checkers.facts import Convergence, GarbageChangesNothing, NothingUndone
 from mrbt_mesh.sim.checkers.findings import Findings, View, components, joined
 from mrbt_mesh.sim.checkers.plans import OptimalAssignment, SamePlan
@@ -32,6 +34,7 @@ class Checkers:
         self.i2 = Convergence(self.findings)
         self.i3 = NothingUndone(self.findings)
         self.i4 = Bounds(self.findings)
+        self.i5 = Exclusive(self.findings)
         self.i6 = Progress(self.findings)
         self.i7 = OptimalAssignment(self.findings)
         self.i8 = GarbageChangesNothing(self.findings)
@@ -56,6 +59,7 @@ class Checkers:
         """Before a step of an agent."""
         agent = process.agent
         assert agent is not None
+        self.i5.handling(process, agent, event)
         self.i6.finishing(agent, event)
         self._running = agent.work.claim if agent.work.action is not None else None
 
@@ -70,6 +74,7 @@ class Checkers:
                 self.i3.started(agent, effect)
                 self.i4.started(agent, effect)
         if effects:
+            self.i5.handled(process, effects)
             self.i6.handled(process, event, effects)
             self.i9.handled(process, effects)
         self.i3.check(process, agent)

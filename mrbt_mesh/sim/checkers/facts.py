@@ -8,12 +8,21 @@ from mrbt_mesh.core.agent import Agent
 from mrbt_mesh.core.effects import Input, StartAction, TimerFired
 from mrbt_mesh.core.evaluate import parse_scope
 from mrbt_mesh.core.facts import Entry, FactMap, join
-from mrbt_mesh.core.records import OUTCOME, split_name
+from mrbt_mesh.core.records import (
+    ATTEMPT,
+    COALITION_KINDS,
+    DONE,
+    EXPIRED,
+    OUTCOME,
+    VERDICT,
+    Outcome,
+    split_name,
+)
 from mrbt_mesh.core.tree import Status
 from mrbt_mesh.sim.checkers.findings import Findings, alive_set
 from mrbt_mesh.sim.process import SimProcess
 
-_SCOPED = (OUTCOME, "verdict", "attempt", "expired")
+_SCOPED = COALITION_KINDS | {OUTCOME, VERDICT, ATTEMPT, EXPIRED, DONE}
 
 
 class Convergence:
@@ -95,7 +104,7 @@ class NothingUndone:
 
     def __init__(self, findings: Findings) -> None:
         self._findings = findings
-        self._outcomes: dict[SimProcess, dict[tuple[str, str, str], bool]] = {}
+        self._outcomes: dict[SimProcess, dict[tuple[str, str], bool]] = {}
         self._finished: dict[SimProcess, set[str]] = {}
         self._seen: dict[SimProcess, tuple[int, int]] = {}
 
@@ -112,21 +121,19 @@ class NothingUndone:
             return
         self._seen[process] = seen
         now = {
-            (activation, local_task, robot): success
-            for activation, tasks in facts.outcomes.items()
-            for local_task, robots in tasks.items()
-            for robot, success in robots.items()
+            (entry.author, entry.name): entry.record.success
+            for entry in facts.map
+            if isinstance(entry.record, Outcome)
         }
         for key, success in self._outcomes.get(process, {}).items():
             if now.get(key, False) < success or key not in now:
-                activation, local_task, robot = key
-                if not evaluator.is_obsolete(parse_scope(activation), facts):
-                    text = f"{agent.me} has lost {robot}'s {local_task} of {activation}"
-                    self._findings.say("I3", text)
+                robot, name = key
+                if not evaluator.is_obsolete(parse_scope(split_name(name)[1]), facts):
+                    self._findings.say("I3", f"{agent.me} has lost {name} of {robot}")
         self._outcomes[process] = now
         self._findings.checks["I3"] += len(now)
         finished = self._finished.setdefault(process, set())
-        for activation in sorted(finished | facts.outcomes.keys()):
+        for activation in sorted(finished | facts.begun()):
             scope = parse_scope(activation)
             if facts.task_status(scope.subject, activation) is Status.SUCCESS:
                 finished.add(activation)

@@ -10,7 +10,7 @@ from mrbt_mesh.core.demand import Consistency, demands_of, workers
 from mrbt_mesh.core.effects import ActionFinished, Effect, Input, Persist, StartAction
 from mrbt_mesh.core.evaluate import Request
 from mrbt_mesh.core.facts import Incarnation
-from mrbt_mesh.core.mission import MICRO, Mission, performance, type_name
+from mrbt_mesh.core.mission import MICRO, InDoubt, Mission, performance, type_name
 from mrbt_mesh.core.plan import Plan
 from mrbt_mesh.core.records import Attempt, Claim, ConditionValue, Latch, OrderKind, Outcome, Phase
 from mrbt_mesh.core.team import TeamFacts, capability
@@ -35,6 +35,8 @@ class Bounds:
     def cancelled(self, agent: Agent, claim: Claim) -> None:
         """The agent has just given up what it was running under `claim`."""
         facts, plan = agent.facts, agent.plan
+        if agent.mission.global_tasks[claim.global_task].by_coalition:
+            return  # it stops with the others
         if self._preempts or plan is None or plan.order is not OrderKind.RESUME:
             return
         if agent.joining is not None or agent.leaving or not is_served(plan, claim.activation):
@@ -227,15 +229,29 @@ def servable(agent: Agent, alive: Mapping[str, Incarnation]) -> str | None:
     if facts.order() is not OrderKind.RESUME:
         return None
     for request in agent.planner.evaluator.evaluate(facts).requests:
-        if _can_serve(facts, request, alive):
+        if not _is_excepted(facts, request, alive) and _can_serve(facts, request, alive):
             return request.activation
     return None
 
 
+def _is_excepted(facts: TeamFacts, request: Request, alive: Mapping[str, Incarnation]) -> bool:
+    """An exclusive task without a living majority, or held in doubt after it was granted once."""
+    task = facts.mission.global_tasks[request.subject]
+    if not task.exclusive:
+        return False
+    present = sum(robot in facts.mission.robots for robot in alive)
+    granted = bool(facts.coalitions(request.activation).grants)
+    held = granted and task.in_doubt is InDoubt.HOLD
+    return held or 2 * present <= len(facts.mission.robots)
+
+
 def _can_serve(facts: TeamFacts, request: Request, alive: Mapping[str, Incarnation]) -> bool:
     slots: list[list[str]] = []
-    for need in facts.mission.global_tasks[request.subject].needs:
+    task = facts.mission.global_tasks[request.subject]
+    for need in task.needs:
         results = facts.results(request.activation, need.local_task)
+        if task.by_coalition:  # all of it is done by one coalition; who has failed is in none
+            results = {robot: False for robot, success in results.items() if not success}
         able = []
         for robot, incarnation in sorted(alive.items()):
             known = facts.members.get(robot)
@@ -259,6 +275,8 @@ def can_finish(agent: Agent, alive: Mapping[str, Incarnation]) -> bool:
     mission = agent.mission
     if agent.facts.order() is not OrderKind.RESUME:
         return False
+    if agent.plan is not None and any(waiting.obstacle for waiting in agent.plan.waiting):
+        return False  # an exclusive task in doubt, or without a majority that lives
     team = workers(agent.facts, alive)
     for node in mission.tree.actions():
         request = Request(node.index, node.subject, "")

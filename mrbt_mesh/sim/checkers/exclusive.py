@@ -1,0 +1,97 @@
+"""I5: an exclusive task has one coalition at a time, and is not begun again once it was.
+
+Judged by what the robots' actions do, not by what anybody believes: a robot works from the
+start of its action until that has ended, or its process is gone. One that is frozen does
+nothing meanwhile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from mrbt_mesh.core.agent import Agent
+from mrbt_mesh.core.effects import ActionFinished, ActionStopped, Effect, Input, StartAction
+from mrbt_mesh.core.mission import GlobalTask, InDoubt
+from mrbt_mesh.sim.checkers.findings import Findings
+from mrbt_mesh.sim.process import SimProcess
+
+
+@dataclass
+class _Coalition:
+    """Who has begun, who is still at it, and how the others ended (None: without an outcome)."""
+
+    tasks: dict[SimProcess, str] = field(default_factory=dict)
+    tickets: dict[SimProcess, int] = field(default_factory=dict)
+    ends: dict[SimProcess, bool | None] = field(default_factory=dict)
+
+    def at_work(self) -> list[str]:
+        return [
+            process.robot
+            for process in self.tickets
+            if process.runs and not process.is_slow and process not in self.ends
+        ]
+
+    def has_succeeded(self, task: GlobalTask) -> bool:
+        done = [self.tasks[process] for process, success in self.ends.items() if success]
+        return all(done.count(need.local_task) >= need.min_robots for need in task.needs)
+
+    def is_resolved(self) -> bool:
+        """Whether everybody who has begun has ended with an outcome."""
+        return all(self.ends.get(process) is not None for process in self.tasks)
+
+
+class Exclusive:
+    """I5, over all exclusive activations of a run.
+
+    `done_twice` counts the coalitions that succeeded after another one: there must be none.
+    """
+
+    def __init__(self, findings: Findings) -> None:
+        self._findings = findings
+        tasks = findings.world.mission.global_tasks.values()
+        self._tasks = {task.id: task for task in tasks if task.exclusive}
+        self._coalitions: dict[tuple[str, str], dict[str, _Coalition]] = {}
+
+    def handling(self, process: SimProcess, agent: Agent, event: Input) -> None:
+        """Before a step: an action may be about to end."""
+        action = agent.work.action
+        if not isinstance(event, ActionFinished | ActionStopped) or action is None:
+            return
+        if action.global_task in self._tasks and action.number == event.ticket:
+            success = event.success if isinstance(event, ActionFinished) else None
+            known = self._coalitions[action.global_task, action.activation]
+            known[action.coalition].ends[process] = success
+
+    def handled(self, process: SimProcess, effects: Iterable[Effect]) -> None:
+        for effect in effects:
+            if isinstance(effect, StartAction) and effect.global_task in self._tasks:
+                self._start(process, effect)
+
+    def _start(self, process: SimProcess, start: StartAction) -> None:
+        findings, task = self._findings, self._tasks[start.global_task]
+        findings.checks["I5"] += 1
+        known = self._coalitions.setdefault((start.global_task, start.activation), {})
+        for token, other in known.items():
+            if token == start.coalition:
+                continue
+            who = f"{process.robot} begins {start.activation} ({start.coalition})"
+            if others := other.at_work():
+                text = f"{who} while {', '.join(others)} are at it ({token})"
+            elif other.has_succeeded(task):
+                text = f"{who}, which was finished ({token})"
+            elif not other.is_resolved() and task.in_doubt is not InDoubt.RETRY:
+                text = f"{who}, which was left in doubt ({token})"
+            else:
+                continue
+            findings.say("I5", text)
+        mine = known.setdefault(start.coalition, _Coalition())
+        mine.tasks[process] = start.local_task
+        mine.tickets[process] = start.ticket
+
+    @property
+    def done_twice(self) -> int:
+        return sum(
+            max(0, sum(c.has_succeeded(self._tasks[task]) for c in known.values()) - 1)
+            for (task, _), known in self._coalitions.items()
+        )
