@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 from mrbt_mesh.core.agent import Agent
 from mrbt_mesh.core.demand import Consistency, demands_of, workers
@@ -53,7 +54,7 @@ class Bounds:
             if other and robot not in results and _place(other) == _place(claim):
                 running = other.phase is Phase.RUNNING and robot != agent.me
                 before += running and (other.since, robot) < (claim.since, agent.me)
-        if before < room:
+        if before < room and keeps_pin(agent, plan, claim):
             text = f"{agent.me} is taken off {claim.local_task} of {claim.activation}"
             self._findings.say("I4", f"{text}, which it runs and the plan serves")
 
@@ -115,6 +116,29 @@ class Bounds:
 
 def _place(claim: Claim) -> tuple[str, str]:
     return claim.activation, claim.local_task
+
+
+def keeps_pin(agent: Agent, plan: Plan, claim: Claim) -> bool:
+    """Whether the claim's request can be met with all running robots left where they are.
+
+    Otherwise pins may yield, also this one.
+    """
+    facts = agent.facts
+    team = workers(facts, alive_set(agent))
+    groups = demands_of(facts, plan.evaluation.requests, team)
+    obstacles = {waiting.activation for waiting in plan.waiting if waiting.obstacle}
+    for index, group in enumerate(groups):
+        for number, demand in enumerate(group):
+            if (demand.request.activation, demand.local_task) == _place(claim):
+                others = [robot for robot in demand.pinned if robot != agent.me]
+                groups[index][number] = replace(demand, pinned=(*others, agent.me))
+    pinned = {r: i for i, group in enumerate(groups) for d in group for r in d.pinned}
+    check = Consistency(team)
+    return any(
+        check.keep(index, group, pinned) and group[0].request.activation == claim.activation
+        for index, group in enumerate(groups)
+        if group[0].request.activation not in obstacles
+    )
 
 
 def is_served(plan: Plan, activation: str) -> bool:
