@@ -113,7 +113,7 @@ def new(
     except (FolderInUseError, OSError) as error:
         fail(str(error))
     for path in written:
-        console.print(f"wrote {path}", highlight=False)
+        console.print(f"wrote {path}", highlight=False, soft_wrap=True)
     console.print(f"\nnow: [bold]mrbt up {folder / 'mission.yaml'}[/]", highlight=False)
 
 
@@ -134,7 +134,7 @@ def key(
         fail(f"{path} exists already: choose another name, or remove it first")
     except OSError as error:
         fail(f"cannot write {path}: {error.strerror}")
-    console.print(f"wrote {path}; keep it as secret as a password", highlight=False)
+    console.print(f"wrote {path}; keep it as secret as a password", highlight=False, soft_wrap=True)
 
 
 def assign(
