@@ -223,6 +223,10 @@ class RunRecord:
         fault = MajorFault(robot, incarnation, at_us, claim, exact=exact)
         self.major.append(fault)
         self.robots[robot]["state"] = State.DEAD
+        # The robots knew first: word of the replacement may have come before word of the death.
+        for since_us, other, taken in self.claims:
+            if since_us >= at_us and other != robot and taken.phase is Phase.RUNNING:
+                self._takes_over(fault, other, taken, since_us)
         return fault
 
     def _lost(
@@ -248,11 +252,16 @@ class RunRecord:
         self._took_part(robot, claim.activation)
         self.say(now_us, f"{robot}: {claim.local_task} for {claim.global_task}")
         for fault in self.major:
-            held = fault.held
-            if held is None or fault.reassigned_us is not None or fault.robot == robot:
-                continue
-            if (held.activation, held.local_task) == (claim.activation, claim.local_task):
-                fault.reassigned_us, fault.replacement = now_us, robot
+            if fault.robot != robot:
+                self._takes_over(fault, robot, claim, now_us)
+
+    def _takes_over(self, fault: MajorFault, robot: str, claim: Claim, now_us: int) -> None:
+        """The robot runs `claim`: if that is what the dead one held, it is its replacement."""
+        held = fault.held
+        if held is None or fault.reassigned_us is not None:
+            return
+        if (held.activation, held.local_task) == (claim.activation, claim.local_task):
+            fault.reassigned_us, fault.replacement = now_us, robot
 
     def _took_part(self, robot: str, activation: str) -> None:
         task = self.tasks.get(parse_scope(activation).subject)

@@ -7,7 +7,7 @@ import pytest
 from mrbt_mesh.core.facts import Entry, Incarnation, Version, make_entry
 from mrbt_mesh.core.membership import State
 from mrbt_mesh.core.record import RunRecord
-from mrbt_mesh.core.records import MEMBER, Member
+from mrbt_mesh.core.records import CLAIM, MEMBER, Claim, Member, Phase
 from tests.core.build import action, make_mission
 
 FIRST, SECOND = Incarnation(1, "n"), Incarnation(2, "m")
@@ -63,3 +63,23 @@ def test_the_end_of_a_life_says_nothing_of_the_next_one(record: RunRecord) -> No
     record.verdict("A", SECOND, 9 * S)
     (fault,) = record.major
     assert fault.at_us == 9 * S
+
+
+def test_a_replacement_that_is_heard_of_before_the_death_took_over_all_the_same(
+    record: RunRecord,
+) -> None:
+    """The robots knew first: their claims may overtake the word of the death."""
+
+    def running(robot: str, at_us: int) -> None:
+        value = Claim("r:0:weld::0", "weld", "weld", Phase.RUNNING, 1).to_value()
+        record.fact(make_entry(robot, CLAIM, Version(FIRST, at_us), value), at_us)
+
+    for robot in ("A", "B", "C"):
+        record.robot_seen(robot, FIRST, 0)
+    running("C", S)
+    running("A", 2 * S)
+    record.exited("A", 3 * S)
+    running("B", 3 * S + 20_000)
+    record.verdict("A", FIRST, 3 * S + 30_000)
+    (fault,) = record.major
+    assert (fault.replacement, fault.reassigned_us) == ("B", 3 * S + 20_000)
