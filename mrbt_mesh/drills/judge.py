@@ -30,7 +30,8 @@ class Verdict:
 
 @dataclass
 class Evidence:
-    """What is known of a run. `journals` as at the end.
+    """What is known of a run. `journals` as at the end, when `is_obsolete` says of an activation
+    that no evaluation can reach it any more.
 
     `takeovers` as in summary.json, with `inflicted`: whether the drill did that to the robot,
     and `ended`: whether its process had really ended.
@@ -46,6 +47,7 @@ class Evidence:
     blocked: frozenset[str] = frozenset()
     events: list[dict[str, Any]] = field(default_factory=list)
     journals: Mapping[str, frozenset[Done]] = field(default_factory=dict)
+    is_obsolete: Callable[[str], bool] = lambda activation: False
     links: list[LinkLine] = field(default_factory=list)
 
 
@@ -240,7 +242,8 @@ class _Judge:
         return Verdict(expected, len(found) <= most, text or "none")
 
     def lost(self) -> Verdict:
-        found = losses(self.deeds, self.evidence.journals)
+        gone = losses(self.deeds, self.evidence.journals)
+        found = [done for done in gone if not self.evidence.is_obsolete(done.activation)]
         text = ", ".join(f"{done.local_task} by {done.robot}" for done in found)
         return Verdict("nothing journaled is lost", not found, text or "none")
 
@@ -281,7 +284,10 @@ def repeats(mission: Mission, found: Iterable[Span], deeds: Deeds) -> list[Span]
 
 
 def losses(deeds: Deeds, journals: Mapping[str, frozenset[Done]]) -> list[Done]:
-    """Successes that a robot's journal held when it was killed and no journal holds now."""
+    """Successes that a robot's journal held when it was killed and no journal holds now.
+
+    Those of obsolete activations are forgotten on purpose.
+    """
     kept = frozenset(done for held in journals.values() for done in held)
     then = {done for s in deeds.snapshots for held in s.journals.values() for done in held}
     return sorted(then - kept)

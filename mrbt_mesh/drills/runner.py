@@ -10,6 +10,7 @@ from typing import Any
 
 import anyio
 
+from mrbt_mesh.core.evaluate import parse_scope
 from mrbt_mesh.core.observer import Observer
 from mrbt_mesh.drills.drill_file import Drill
 from mrbt_mesh.drills.inject import Deed, Injector
@@ -161,6 +162,9 @@ class _Run:
                 )
             ],
             blocked=frozenset(episode.request for episode in record.blocked),
+            is_obsolete=lambda activation: observer.evaluator.is_obsolete(
+                parse_scope(activation), observer.facts
+            ),
         )
 
     async def _until_over(

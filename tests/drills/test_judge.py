@@ -304,6 +304,10 @@ def test_successes_of_different_coalitions_do_not_add_up() -> None:
 def test_a_journaled_success_that_is_gone_is_lost() -> None:
     _, lost = verdicts(killed({C1_DONE, C2_DONE}, {C1_DONE}), repeated=0)
     assert lost == Verdict("nothing journaled is lost", False, "move_frame by C2")
+    forgotten = killed({C1_DONE, C2_DONE}, {C1_DONE})
+    forgotten.is_obsolete = lambda activation: activation == "x"
+    _, lost = verdicts(forgotten, repeated=0)
+    assert lost.holds
 
 
 def test_what_ended_in_the_world_and_not_in_the_journal() -> None:
