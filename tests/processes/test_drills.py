@@ -117,7 +117,7 @@ def test_repeat_timeline_and_keep(team: Team) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
     assert "2/2 small  wired" in done.stdout
     assert done.stdout.count("killed (SIGKILL)") == 2
-    assert done.stdout.count("taken over by R") == 2
+    assert done.stdout.count("↻ R") == 2
     assert "✔ explore(A) done 1×: 1 (R" in done.stdout
     assert "2 green, 0 red, 0 skipped" in done.stdout
     assert len(list((team.folder / "drills").iterdir())) == 2
