@@ -167,7 +167,7 @@ class Agent:
             self.replica.compare(source, beat.fact_digest, now_us)
             self.write(self.grants.heard(source, beat, now_us, self._may_grant), now_us)
             if self.membership.is_asked(beat, mine):
-                self.gossip.hurry(len(self.membership.peers), now_us)
+                self.gossip.hurry(self.membership.present, now_us)
         if self.joining is not None:
             self.joining.heard(source)
         reason = self.identity.relayed(source, beat, mine, starting, members, now_us)
@@ -337,7 +337,7 @@ class Agent:
             if after in (State.DEAD, State.LEFT):
                 self.replica.forget(robot)
         if self.membership.is_seeking:
-            self.gossip.hurry(len(self.membership.peers), now_us)
+            self.gossip.hurry(self.membership.present, now_us)
 
     def _try_to_join(self, now_us: int) -> None:
         assert self.joining is not None

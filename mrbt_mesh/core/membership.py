@@ -185,6 +185,11 @@ class Membership:
         return False
 
     @property
+    def present(self) -> int:
+        """How many others there are, neither dead nor gone."""
+        return sum(p.state not in (State.DEAD, State.LEFT) for p in self.peers.values())
+
+    @property
     def is_seeking(self) -> bool:
         """Whether a robot that is not given up has been silent for too long."""
         return any(peer.sought for peer in self.peers.values())
@@ -235,8 +240,8 @@ class Membership:
 
     def _extra_us(self, silent: int) -> int:
         """When most peers fall silent together, the fault is probably here: wait once more."""
-        present = sum(p.state not in (State.DEAD, State.LEFT) for p in self.peers.values())
-        return self.timing.detection_us if silent > 1 and 2 * silent > present else 0
+        most = silent > 1 and 2 * silent > self.present
+        return self.timing.detection_us if most else 0
 
     def _patience_us(self, peer: Peer) -> int:
         """The silence after which a suspect is dead: less if another robot has buried it."""
