@@ -185,8 +185,7 @@ class Driver:
                 if peer.state is not State.LEFT
             }
             for event in watch.look(links, now_us):
-                what = "link_heard" if event.back else "link_silent"
-                self.log("info", what, peer=event.robot, silent_s=event.silent_us / 1e6)
+                self.log("info", event.what, peer=event.robot, silent_s=event.silent_us / 1e6)
             rank = sorted([*links, self._config.robot]).index(self._config.robot)
             split = watch.split(links, rank, now_us)
             if split is not None:

@@ -25,10 +25,10 @@ class Sighting:
 
 @dataclass(frozen=True, slots=True)
 class LinkEvent:
-    """A link that fell silent, or was heard again (`back`), after `silent_us`."""
+    """`what` is link_up (heard for the first time), link_silent, or link_heard (again)."""
 
+    what: str
     robot: str
-    back: bool
     silent_us: int
 
 
@@ -67,20 +67,22 @@ class LinkWatch:
         return events
 
     def _look_at(self, robot: str, sighting: Sighting, now_us: int) -> LinkEvent | None:
-        link = self._links.setdefault(robot, _Link(sighting.heard_us))
+        link = self._links.setdefault(robot, _Link(None))
         before_us, link.heard_us = link.heard_us, sighting.heard_us
         if not sighting.linked or link.heard_us != before_us:
             link.mute_us = None
         elif link.mute_us is None:
             link.mute_us = now_us
-        if link.heard_us is None or before_us is None:
+        if link.heard_us is None:
             return None
+        if before_us is None:
+            return LinkEvent("link_up", robot, 0)
         if link.is_silent and link.heard_us != before_us:
             link.is_silent = False
-            return LinkEvent(robot, True, link.heard_us - before_us)
+            return LinkEvent("link_heard", robot, link.heard_us - before_us)
         if not link.is_silent and now_us - link.heard_us >= self._lease_us:
             link.is_silent = True
-            return LinkEvent(robot, False, now_us - link.heard_us)
+            return LinkEvent("link_silent", robot, now_us - link.heard_us)
         return None
 
     def split(self, robots: Mapping[str, Sighting], rank: int, now_us: int) -> str | None:

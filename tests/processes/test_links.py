@@ -89,7 +89,7 @@ class Crew:
 
     def hears(self, robot: str) -> bool:
         log = self.team.log(robot)
-        heard = {line["robot"] for line in log if line["event"] == "robot_heard"}
+        heard = {line["peer"] for line in log if line["event"] == "link_up"}
         return heard == {*self.robots} - {robot} and any(line["event"] == "joined" for line in log)
 
     def wait(self, holds: Callable[[], Any], what: str) -> Any:

@@ -7,6 +7,7 @@ from mrbt_mesh.runtime.link_watch import LinkEvent, LinkWatch, Sighting
 SECOND_US = 1_000_000
 LEASE_US = 2 * SECOND_US
 TICK_US = SECOND_US // 4
+UP = LinkEvent("link_up", "B1", 0)
 
 
 class Story:
@@ -37,22 +38,23 @@ class Story:
 
 def test_a_link_that_beats_is_never_told() -> None:
     story = Story().goes(60, beats=True, news=True)
-    assert (story.events, story.splits) == ([], [])
+    assert (story.events, story.splits) == ([UP], [])
 
 
 def test_silence_of_a_lease_is_told_once_and_so_is_the_return() -> None:
     story = Story().goes(5, beats=False, news=True, linked=False).goes(5, beats=True, news=True)
     assert story.events == [
-        LinkEvent("B1", False, LEASE_US),
-        LinkEvent("B1", True, 5 * SECOND_US + TICK_US),
+        UP,
+        LinkEvent("link_silent", "B1", LEASE_US),
+        LinkEvent("link_heard", "B1", 5 * SECOND_US + TICK_US),
     ]
     assert story.splits == [], "no transport, no split: it will be dialled again"
 
 
 def test_a_transport_without_beats_is_split_if_others_have_news() -> None:
     story = Story().goes(4.5, beats=False, news=True)
-    assert story.splits == [4.25], "two leases after the first look without a beat"
-    assert story.goes(10, beats=True, news=True).splits == [4.25]
+    assert story.splits == [4.5], "two leases after the first silent look"
+    assert story.goes(10, beats=True, news=True).splits == [4.5]
 
 
 def test_a_link_that_has_just_come_back_is_given_time() -> None:
@@ -63,8 +65,8 @@ def test_a_link_that_has_just_come_back_is_given_time() -> None:
 def test_a_robot_of_which_nobody_has_news_probably_hangs_and_is_waited_for() -> None:
     hanging = Story().goes(9.5, beats=False, news=False).goes(9, beats=True, news=True)
     assert hanging.splits == []
-    assert Story().goes(11, beats=False, news=False).splits == [10.25]
-    assert Story(rank=3).goes(14, beats=False, news=False).splits == [13.25], "not all at once"
+    assert Story().goes(11, beats=False, news=False).splits == [10.5]
+    assert Story(rank=3).goes(14, beats=False, news=False).splits == [13.5], "not all at once"
 
 
 def test_reopening_in_vain_becomes_rarer() -> None:
