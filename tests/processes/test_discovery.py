@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from mrbt_mesh.runtime.launcher import free_endpoints
+from mrbt_mesh.runtime.zenoh_transport import WIRED
 from tests.processes.conftest import ROOT
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(120)]
@@ -34,7 +35,7 @@ os._exit(0)
 
 def test_a_newcomer_dials_whom_it_discovers() -> None:
     """It looks around at once; those that are there already do so only every few seconds."""
-    (endpoint,) = free_endpoints(1)
+    (endpoint,) = free_endpoints(1, WIRED)
     done = subprocess.run(
         [sys.executable, "-c", SESSIONS, endpoint],
         cwd=ROOT,

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.runtime.launcher import free_endpoints
+from mrbt_mesh.runtime.zenoh_transport import WIRED
 from tests.processes.conftest import ROOT, Team
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
@@ -40,8 +41,10 @@ def test_a_team_found_by_multicast_is_watched_asked_and_told(team: Team) -> None
     name = ["--team", f"multicast-{id(team)}", "--run", "first", "--multicast", "lo"]
     where = ["--mission", str(EXPLORE), *name]
     observer = team.start("watch", "--json", *where)
-    started = robots(team, *name)
+    started = robots(team, "--speed", "0.5", *name)
     team.wait_until(lambda: events(team, "R1") and events(team, "R2"), "both robots work")
+    assert "pause is the team's order" in team.mrbt("pause", *where)
+    team.wait_until(lambda: ("cancel", None) in events(team, "R1"), "R1 pauses")
     process_file = team.folder / "R1" / "R1.process"
     first_sign_ns = process_file.stat().st_mtime_ns
     found = status(team, *where)
@@ -52,10 +55,8 @@ def test_a_team_found_by_multicast_is_watched_asked_and_told(team: Team) -> None
     assert found["run_dir"] is None
     assert "R2 has lost explore" in team.mrbt("fault", "R2", "--lose", "explore", *where)
     assert status(team, *where)["robots"]["R2"]["lost"] == ["explore"]
-    assert "pause is the team's order" in team.mrbt("pause", *where)
-    team.wait_until(lambda: ("cancel", None) in events(team, "R1"), "R1 pauses")
-    team.mrbt("resume", *where)
     team.mrbt("restore", "R2", *where)
+    team.mrbt("resume", *where)
     assert "no robot R9 (R1, R2)" in team.command("leave", "R9", *where).stderr
     output, problems = observer.communicate(timeout=60)
     assert observer.returncode == 0, problems
@@ -72,9 +73,10 @@ def test_a_team_found_by_multicast_is_watched_asked_and_told(team: Team) -> None
 
 
 def test_a_team_with_endpoints_is_watched_by_dialling_them(team: Team) -> None:
-    first, second = free_endpoints(2)
+    first, second = free_endpoints(2, WIRED)
     for robot, options in (("R1", ["--listen", first]), ("R2", ["--listen", second])):
-        team.agent(EXPLORE, robot, *options, *(["--connect", first] if robot == "R2" else []))
+        options += ["--speed", "0.1", *(["--connect", first] if robot == "R2" else [])]
+        team.agent(EXPLORE, robot, *options)
     where = ["--mission", str(EXPLORE), "--connect", first, "--connect", second]
     observer = team.start("watch", "--headless", *where)
     team.wait_until(lambda: len(status(team, *where)["robots"]) == 2, "both are heard")
