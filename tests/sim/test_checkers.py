@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import random
 from collections.abc import Iterable
 from typing import Any
 
@@ -9,13 +11,28 @@ import pytest
 from runs import Run, example
 
 from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.effects import CapabilityChanged, Input, StartAction, TimerFired
-from mrbt_mesh.core.records import OUTCOME, Claim, Phase
+from mrbt_mesh.core.assignment import AssignmentProblem, Bounds, SolverError, solve
+from mrbt_mesh.core.effects import (
+    ActionFinished,
+    ActionStopped,
+    CancelAction,
+    CapabilityChanged,
+    Input,
+    Persist,
+    Publish,
+    StartAction,
+    TimerFired,
+)
+from mrbt_mesh.core.facts import Incarnation, Version, make_entry
+from mrbt_mesh.core.mission import InDoubt
+from mrbt_mesh.core.records import OUTCOME, Claim, OrderKind, Phase
 from mrbt_mesh.core.solvers import min_cost_flow
 from mrbt_mesh.core.timing import Timing
+from mrbt_mesh.core.wire import MessageKind
 from mrbt_mesh.core.work import Ticket
 from mrbt_mesh.sim import Kill, NetworkKnobs, simulate
 from mrbt_mesh.sim.checkers import Checkers
+from mrbt_mesh.sim.checkers.plans import brute_force
 from mrbt_mesh.sim.clock import VirtualClock
 from mrbt_mesh.sim.network import Network
 
@@ -191,3 +208,224 @@ def test_i8_input_that_leaves_a_trace(team: Team) -> None:
     assert team.checkers.violations == []
     team.checkers.i8.arrives(process, CapabilityChanged("replace_hw", lost=True))
     assert team.checkers.violations[0].startswith("I8")
+
+
+def test_i2_what_somebody_held_long_ago_and_another_still_lacks(team: Team) -> None:
+    """Also where new facts keep coming, so that the digests never have to be equal."""
+    facts = team.agents[0].facts.map
+    entry = next(entry for entry in facts if entry.name.startswith(OUTCOME))
+    facts.drop(entry.author, entry.name)
+    for _ in range(40):
+        team.clock.now_us += SECOND_US // 5
+        team.checkers.findings.changed_us = team.clock.now_us
+        team.checkers.sample()
+    lacking = [text for text in team.checkers.violations if text.startswith("I2")]
+    assert lacking
+    assert all(f"A1 still lacks {entry.name}" in text for text in lacking)
+
+
+def test_i4_a_robot_that_is_taken_off_what_it_runs(run: Run) -> None:
+    mission, program = example("explore")
+    result = simulate(mission, program, seed=1, timeout_us=2 * SECOND_US)
+    team = Team(agent for _, agent in sorted(result.agents.items()))
+    process, ticket = team.processes[0], team.agents[0].work.action
+    assert ticket is not None
+    assert team.agents[0].plan is not None
+    team.checkers.handling(process, TimerFired())  # type: ignore[arg-type]
+    cancel = [CancelAction(ticket.number)]
+    team.checkers.handled(process, TimerFired(), cancel)  # type: ignore[arg-type]
+    assert "R1 is taken off explore(A)" in team.checkers.violations[0]
+    # Not so if the operator says that everybody rests.
+    team.checkers.violations.clear()
+    team.agents[0].order(OrderKind.PAUSE, 3 * SECOND_US)
+    team.agents[0].handle(TimerFired(), 3 * SECOND_US)
+    team.checkers.handled(process, TimerFired(), cancel)  # type: ignore[arg-type]
+    assert team.checkers.violations == []
+
+
+def test_i6_a_request_that_could_be_served_but_is_not(team: Team) -> None:
+    """The cover needs two robots of type C; only C2 is there, until both can do it."""
+    team.healed_us = 0
+
+    def samples(count: int) -> None:
+        for _ in range(count):
+            team.clock.now_us += SECOND_US
+            team.checkers.i6.sample()
+
+    samples(60)
+    assert team.checkers.violations == []
+    assert team.checkers.i6.is_settled
+    team.checkers.i6.is_settled = False
+    for agent in team.agents:
+        member, incarnation = agent.facts.members["A1"]
+        able = dict(member.capabilities) | {"move_frame": 1_000_000}
+        agent.facts.members["A1"] = dataclasses.replace(member, capabilities=able), incarnation
+    samples(60)
+    assert team.checkers.checks["I6"] == 1
+    assert "I6" in {text[:2] for text in team.checkers.violations}
+    assert "remove_cover::0 could be served" in team.checkers.violations[0]
+
+
+def problem(*performance: dict[int, int], bounds: list[tuple[int, int]]) -> AssignmentProblem:
+    robots = tuple(f"R{i}" for i in range(len(performance)))
+    demands = tuple(Bounds(f"d{i}", *each) for i, each in enumerate(bounds))
+    return AssignmentProblem(robots, demands, performance)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_i7_brute_force_and_the_product_find_the_same(seed: int) -> None:
+    choose = random.Random(seed)
+    count = choose.randint(1, 3)
+    performance = [
+        {d: choose.choice([1, 2, 2]) for d in range(count) if choose.random() < 0.7}
+        for _ in range(choose.randint(1, 5))
+    ]
+    bounds = [(low := choose.randint(0, 2), low + choose.randint(0, 2)) for _ in range(count)]
+    given = problem(*performance, bounds=bounds)
+    assert brute_force(given) == solve(given, min_cost_flow)
+
+
+def test_i7_brute_force_takes_the_first_of_the_best() -> None:
+    given = problem({0: 1, 1: 1}, {0: 1, 1: 1}, bounds=[(0, 1), (0, 1)])
+    assert brute_force(given) == (0, 1)
+    assert brute_force(problem({0: 1}, bounds=[(2, 2)])) is None
+
+
+def test_i7_an_assignment_that_is_not_the_canonical_one(team: Team) -> None:
+    team.solver = lambda problem: [-1] * len(problem.robots)
+    with pytest.raises(SolverError):
+        team.checkers.i7.sample([_waiting_for_work()])
+
+
+def _waiting_for_work() -> Agent:
+    """An agent whose plan has something to assign: two areas, and nobody is at them."""
+    mission, program = example("explore")
+    result = simulate(mission, program, seed=1, timeout_us=2 * SECOND_US)
+    agent = result.agents["R1"]
+    agent.facts.claims.clear()
+    agent.facts.changes += 1
+    return agent
+
+
+def test_i7_a_plan_that_is_not_that_of_its_facts() -> None:
+    agent = _waiting_for_work()
+    team = Team([agent])
+    team.checkers.i7.sample([agent])
+    assert team.checkers.violations == []
+    assert team.checkers.checks["I7"] == 1
+    assert agent.plan is not None
+    agent.facts.changes -= 1
+    agent.planner.plan = dataclasses.replace(agent.plan, lines={})
+    team.checkers.i7.sample([agent])
+    assert "the plan of R1 is not that of its facts" in team.checkers.violations[0]
+
+
+def test_i9_what_was_synced_is_known_after_a_restart(team: Team) -> None:
+    process: Any = team.processes[0]
+    facts, checker = process.agent.facts.map, team.checkers.i9
+    entry = next(entry for entry in facts if entry.name.startswith(OUTCOME))
+    checker.handled(process, [Persist((entry,), synced=True)])
+    checker.booted(process, process.agent)
+    assert team.checkers.violations == []
+    facts.drop(entry.author, entry.name)
+    checker.booted(process, process.agent)
+    assert "A1 had synced outcome/" in team.checkers.violations[0]
+    # A robot whose disk is gone has synced nothing.
+    team.checkers.violations.clear()
+    checker.lost_journal("A1")
+    checker.booted(process, process.agent)
+    assert team.checkers.violations == []
+
+
+def test_i9_no_version_has_two_contents(team: Team) -> None:
+    process: Any = team.processes[0]
+    version = Version(Incarnation(1, "n"), 1)
+    for stamp in (3, 4):
+        entry = make_entry("A1", "order", version, ["pause", stamp])
+        team.checkers.i9.handled(process, [Persist((entry,), synced=True)])
+    assert "for two contents" in team.checkers.violations[0]
+
+
+def test_i9_nothing_is_told_before_it_is_synced(team: Team) -> None:
+    process: Any = team.processes[0]
+    data, entries = process.agent.replica.write([("order", ["pause", 9])], 0)
+    publish = Publish(MessageKind.FACT, data)
+    team.checkers.i9.handled(process, [Persist(entries, synced=True), publish])
+    assert team.checkers.violations == []
+    data, entries = process.agent.replica.write([("order", ["pause", 10])], 0)
+    publish = Publish(MessageKind.FACT, data)
+    team.checkers.i9.handled(process, [publish, Persist(entries, synced=True)])
+    assert "A1 tells order" in team.checkers.violations[0]
+
+
+def test_i9_a_finished_local_task_that_is_begun_again(team: Team) -> None:
+    process: Any = team.processes[-1]
+    facts = process.agent.facts.map
+    entry = next(e for e in facts if e.name.startswith(OUTCOME) and e.author == process.robot)
+    _, activation, local_task = entry.name.split("/")
+    team.checkers.i9.handled(process, [Persist((entry,), synced=True)])
+    again = StartAction(9, activation, "remove_screws", local_task, (), 1, Incarnation(1, "n"))
+    team.checkers.i9.handled(process, [again])
+    assert "C2 starts outcome/" in team.checkers.violations[0]
+
+
+class Dosing:
+    """Robots at an exclusive task, as the checker of I5 sees them."""
+
+    def __init__(self, run: Run, in_doubt: InDoubt = InDoubt.HOLD) -> None:
+        mission, program = example("dispense")
+        tasks = dict(mission.global_tasks)
+        tasks["dose(a)"] = dataclasses.replace(tasks["dose(a)"], in_doubt=in_doubt)
+        result = simulate(mission, program, seed=1, timeout_us=SECOND_US)
+        self.team = Team(agent for _, agent in sorted(result.agents.items()))
+        self.team.mission = dataclasses.replace(mission, global_tasks=tasks)
+        self.team.checkers = Checkers(self.team)  # type: ignore[arg-type]
+        self.processes: dict[str, Any] = {p.robot: p for p in self.team.processes}
+
+    def begin(self, robot: str, token: str) -> list[str]:
+        process = self.processes[robot]
+        start = StartAction(7, "a:1", "dose(a)", "dose(a)", (), 1, process.agent.incarnation, token)
+        self.team.checkers.i5.handled(process, [start])
+        process.agent.work.action = Ticket(7, "a:1", "dose(a)", "dose(a)", token)
+        return [text.partition("which ")[2] or text for text in self.team.checkers.violations]
+
+    def end(self, robot: str, event: Input) -> None:
+        process = self.processes[robot]
+        self.team.checkers.i5.handling(process, process.agent, event)
+
+
+def test_i5_two_coalitions_at_once(run: Run) -> None:
+    dosing = Dosing(run)
+    assert dosing.begin("D1", "t1") == []
+    (text,) = dosing.begin("D2", "t2")
+    assert "D2 begins a:1 (t2) while D1 are at it (t1)" in text
+
+
+def test_i5_two_coalitions_one_after_the_other_only_if_the_first_has_failed(run: Run) -> None:
+    dosing = Dosing(run)
+    dosing.begin("D1", "t1")
+    dosing.end("D1", ActionFinished(7, success=False))
+    assert dosing.begin("D2", "t2") == []
+    dosing.end("D2", ActionFinished(7, success=True))
+    assert dosing.begin("D1", "t3") == ["was finished (t2)"]
+    assert dosing.team.checkers.i5.done_twice == 0
+    dosing.end("D1", ActionFinished(7, success=True))
+    assert dosing.team.checkers.i5.done_twice == 1
+
+
+@pytest.mark.parametrize(
+    ("policy", "found"),
+    [(InDoubt.HOLD, ["was left in doubt (t1)"]), (InDoubt.RETRY, [])],
+)
+def test_i5_a_task_in_doubt(run: Run, policy: InDoubt, found: list[str]) -> None:
+    dosing = Dosing(run, policy)
+    dosing.begin("D1", "t1")
+    dosing.end("D1", ActionStopped(7))
+    assert dosing.begin("D2", "t2") == found
+
+
+def test_i5_whoever_is_gone_or_frozen_does_nothing(run: Run) -> None:
+    dosing = Dosing(run, InDoubt.RETRY)
+    dosing.begin("D1", "t1")
+    dosing.processes["D1"].runs = False
+    assert dosing.begin("D2", "t2") == []
