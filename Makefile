@@ -6,7 +6,8 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-docker lint check-lock lock drills bench-failover bench-resume bench-membership clean
+.PHONY: help setup demo test test-docker lint check-lock lock drills soak clean \
+	bench-failover bench-resume bench-membership
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
@@ -17,6 +18,7 @@ help:
 	@echo "make bench-failover  time from a kill or a freeze until the replacement has started"
 	@echo "make bench-resume    50 rounds of killing the whole team and resuming it"
 	@echo "make bench-membership false deaths, detection and agreement on bad networks"
+	@echo "make soak            chaos in the simulator on seeds of its own, MINUTES=30"
 	@echo "make lock            write requirements.lock again from pyproject.toml"
 	@echo "make clean           remove .venv and caches"
 
@@ -56,6 +58,10 @@ bench-failover: $(READY)
 
 bench-membership: $(READY)
 	$(BIN)/python benchmarks/membership.py --json membership.json
+MINUTES := 30
+JOBS := 2
+soak: $(READY)
+	$(BIN)/mrbt sim --generated --chaos --seeds $$(date +%s)000 --minutes $(MINUTES) --jobs $(JOBS)
 
 lock:
 	$(BIN)/python -m pip install --quiet uv

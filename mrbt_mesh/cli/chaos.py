@@ -6,8 +6,9 @@ import json
 import shutil
 import time
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import count, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +79,10 @@ def parse_seeds(text: str) -> list[int]:
 
 @dataclass(frozen=True)
 class Options:
-    """How a campaign is run; `mission` is the file as given, None for generated ones."""
+    """How a campaign is run; `mission` is the file as given, None for generated ones.
+
+    With `minutes` it goes on with the seeds that follow until so much time has passed.
+    """
 
     mission: Path | None
     source: Source
@@ -87,6 +91,15 @@ class Options:
     keep: Path
     budget_s: float
     as_json: bool
+    minutes: float | None = None
+
+    def all_seeds(self) -> Iterator[int]:
+        """The seeds to run, in order."""
+        if self.minutes is None:
+            yield from self.seeds
+            return
+        until_s = time.monotonic() + 60 * self.minutes
+        yield from takewhile(lambda _: time.monotonic() < until_s, count(self.seeds[0]))
 
 
 def make_source(mission: Path | None, program: str | None, speed: float) -> Source:
@@ -127,10 +140,11 @@ def _run_all(options: Options) -> tuple[list[Verdict], bool]:
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )
+    total = len(options.seeds) if options.minutes is None else None
     with Progress(*columns, console=errors, transient=True) as bar:
-        task = bar.add_task("chaos", total=len(options.seeds), rate=0.0, failures="")
+        task = bar.add_task("chaos", total=total, rate=0.0, failures="")
         started_s = time.monotonic()
-        runs = campaign(options.source, options.seeds, options.jobs)
+        runs = campaign(options.source, options.all_seeds(), options.jobs)
         try:
             for verdict in runs:
                 verdicts.append(verdict)
@@ -231,7 +245,7 @@ def _minimise(
 
 
 def _show(totals: dict[str, Any], reports: Iterable[dict[str, Any]], failed: int) -> None:
-    results = ", ".join(f"{count} {name}" for name, count in sorted(totals["results"].items()))
+    results = ", ".join(f"{number} {name}" for name, number in sorted(totals["results"].items()))
     rate = totals["seeds"] / max(0.001, totals["took_s"])
     line = f"{totals['seeds']} seeds in {totals['took_s']:.1f} s, {rate:.1f} a second: {results}"
     mark = f"[bold red]✘ {failed} failed[/]" if failed else "[bold green]✔ no invariant broken[/]"
@@ -239,9 +253,9 @@ def _show(totals: dict[str, Any], reports: Iterable[dict[str, Any]], failed: int
     table = Table(box=None, padding=(0, 2, 0, 0))
     for title, justify in (("", "left"), ("", "left"), ("checks", "right"), ("in seeds", "right")):
         table.add_column(title, justify=justify)  # type: ignore[arg-type]
-    for name, count in totals["checks"].items():
+    for name, checked in totals["checks"].items():
         seeds = totals["seeds_checked"][name]
-        table.add_row(name, INVARIANTS.get(name, ""), f"{count:,}", f"{seeds:,}")
+        table.add_row(name, INVARIANTS.get(name, ""), f"{checked:,}", f"{seeds:,}")
     console.print(table)
     text = (
         f"done more often than their max, in partitions and after crashes: {totals['done_twice']} "

@@ -63,6 +63,43 @@ ProgramOption = Annotated[
     str | None, typer.Option(metavar="FILE[:NAME]", help="Default: the mission's program.")
 ]
 
+_CHAOS = "Chaos: random faults"
+ChaosOption = Annotated[
+    bool, typer.Option("--chaos", rich_help_panel=_CHAOS, help="Random faults, for many seeds.")
+]
+SeedsOption = Annotated[
+    str, typer.Option(metavar="FIRST:END", rich_help_panel=_CHAOS, help="The seeds of --chaos.")
+]
+MinutesOption = Annotated[
+    float | None,
+    typer.Option(rich_help_panel=_CHAOS, help="Instead: all seeds from FIRST on, for this long."),
+]
+JobsOption = Annotated[
+    int, typer.Option(min=1, rich_help_panel=_CHAOS, help="In so many processes.")
+]
+GeneratedOption = Annotated[
+    bool,
+    typer.Option(
+        "--generated", rich_help_panel=_CHAOS, help="No MISSION: a random one for each seed."
+    ),
+]
+KeepOption = Annotated[
+    Path,
+    typer.Option(metavar="DIR", rich_help_panel=_CHAOS, help="What fails is written there."),
+]
+MinimiseOption = Annotated[
+    float,
+    typer.Option(
+        metavar="SECONDS", rich_help_panel=_CHAOS, help="Time to cut down a failing schedule."
+    ),
+]
+ScheduleOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--schedule", metavar="FILE", rich_help_panel=_CHAOS, help="Replay what --chaos wrote."
+    ),
+]
+
 
 def sim(
     mission: OptionalMissionArgument = None,
@@ -85,25 +122,14 @@ def sim(
     speed: Annotated[float, typer.Option(help="Robots work this many times faster.")] = 1.0,
     events: EventsOption = None,
     log: LogOption = None,
-    chaos: Annotated[
-        bool, typer.Option("--chaos", help="Random faults, many seeds; see --seeds.")
-    ] = False,
-    seeds: Annotated[
-        str, typer.Option(metavar="FIRST:END", help="The seeds of --chaos.")
-    ] = "0:100",
-    jobs: Annotated[int, typer.Option(min=1, help="Processes for --chaos.")] = 1,
-    generated: Annotated[
-        bool, typer.Option("--generated", help="No MISSION: a random one for each seed.")
-    ] = False,
-    keep: Annotated[
-        Path, typer.Option(metavar="DIR", help="Where --chaos writes what fails.")
-    ] = Path("chaos-failures"),
-    minimise: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Time to cut down each failing schedule.")
-    ] = 60.0,
-    schedule_file: Annotated[
-        Path | None, typer.Option("--schedule", metavar="FILE", help="Replay what --chaos wrote.")
-    ] = None,
+    chaos: ChaosOption = False,
+    seeds: SeedsOption = "0:100",
+    minutes: MinutesOption = None,
+    jobs: JobsOption = 1,
+    generated: GeneratedOption = False,
+    keep: KeepOption = Path("chaos-failures"),
+    minimise: MinimiseOption = 60.0,
+    schedule_file: ScheduleOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Run a mission in virtual time: seconds of work in milliseconds, the same for the same seed.
@@ -128,7 +154,7 @@ def sim(
         with input_errors():
             source = make_source(mission, program, speed)
             numbers = parse_seeds(seeds)
-        run_chaos(Options(mission, source, numbers, jobs, keep, minimise, as_json))
+        run_chaos(Options(mission, source, numbers, jobs, keep, minimise, as_json, minutes))
     if schedule_file is not None:
         with input_errors():
             scenario_mission, scenario_code, scenario = read_schedule(

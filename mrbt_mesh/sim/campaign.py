@@ -5,9 +5,10 @@ from __future__ import annotations
 import functools
 import multiprocessing
 import signal
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 
 from mrbt_mesh.core.mission import Mission
@@ -95,7 +96,7 @@ def run_seed(source: Source, seed: int) -> Verdict:
     return judge(mission, program, source.scenario(seed, mission))
 
 
-def campaign(source: Source, seeds: Sequence[int], jobs: int) -> Iterator[Verdict]:
+def campaign(source: Source, seeds: Iterable[int], jobs: int) -> Iterator[Verdict]:
     """The verdicts of all seeds, in the order in which they are done.
 
     With several `jobs` in as many processes, started afresh; they are gone when the iterator
@@ -105,7 +106,8 @@ def campaign(source: Source, seeds: Sequence[int], jobs: int) -> Iterator[Verdic
         yield from (run_seed(source, seed) for seed in seeds)
         return
     context = multiprocessing.get_context("spawn")
-    chunks = iter([seeds[i : i + CHUNK] for i in range(0, len(seeds), CHUNK)])
+    rest = iter(seeds)
+    chunks = iter(lambda: list(islice(rest, CHUNK)), [])
     pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_ignore_interrupts)
     try:
         running: set[Future[list[Verdict]]] = set()

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections import Counter
 
 from mrbt_mesh.core.effects import CancelAction, Effect, Input, StartAction
+from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.records import Claim
 from mrbt_mesh.sim.checkers.exclusive import Exclusive
 from mrbt_mesh.sim.checkers.facts import Convergence, GarbageChangesNothing, NothingUndone
@@ -41,6 +42,7 @@ class Checkers:
         self.i9 = Resumption(self.findings)
         self._sampled: list[tuple[str, int, int]] = []
         self._running: Claim | None = None
+        self._life: Incarnation | None = None
 
     @property
     def violations(self) -> list[str]:
@@ -62,13 +64,15 @@ class Checkers:
         self.i5.handling(process, agent, event)
         self.i6.finishing(agent, event)
         self._running = agent.work.claim if agent.work.action is not None else None
+        self._life = agent.incarnation
 
     def handled(self, process: SimProcess, event: Input, effects: list[Effect]) -> None:
         """After every step of an agent."""
         agent = process.agent
         assert agent is not None
         for effect in effects:
-            if isinstance(effect, CancelAction) and self._running is not None:
+            fenced = agent.incarnation != self._life
+            if isinstance(effect, CancelAction) and self._running is not None and not fenced:
                 self.i4.cancelled(agent, self._running)
             if isinstance(effect, StartAction):
                 self.i3.started(agent, effect)
