@@ -41,7 +41,7 @@ class ChaosKnobs:
 
     chaos_us: int = 6 * SECOND_US
     quiet_us: int = 60 * SECOND_US
-    endless_us: int = 15 * SECOND_US
+    endless_us: int = 10 * SECOND_US
     longest_us: int = 6 * SECOND_US
     max_down: int = 2
     returns: float = 0.7
@@ -212,7 +212,9 @@ class _Chaos:
 
     def _during(self, start: faults.Fault, end: faults.Fault) -> None:
         start_us, end_us = self._span()
-        self.steps += [(start_us, start), (end_us, end)]
+        self.steps.append((start_us, start))
+        if self.pick.random() < 0.75:  # else it lasts until the healing
+            self.steps.append((end_us, end))
 
     def _some_links(self) -> frozenset[Link]:
         count = self.pick.randint(1, max(1, len(self.links) // 2))
@@ -290,9 +292,6 @@ class _Chaos:
         if self.pick.random() < 0.5:  # a robot that speaks, but does not hear, or hears only
             robot, side = self._robot(), self.pick.choice([0, 1])
             links = frozenset(link for link in self.links if link[side] == robot)
-        if self.pick.random() < 0.3:  # until the end
-            self.steps.append((self._time(), faults.Block(links)))
-            return
         self._during(faults.Block(links), faults.Unblock(links))
 
     def _disturb(self) -> None:

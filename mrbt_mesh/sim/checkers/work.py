@@ -201,7 +201,7 @@ class Progress:
         if all(agent.plan and agent.plan.result in _OVER for agent in agents):
             self.is_settled = True
             return
-        patience_us = 2 * (findings.repair_us + findings.verdict_us + self._longest_us)
+        patience_us = 2 * (findings.repair_us + findings.verdict_us) + self._longest_us
         if still_us <= patience_us:
             return
         for agent in agents:
