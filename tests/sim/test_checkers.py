@@ -17,6 +17,7 @@ from mrbt_mesh.core.effects import (
     ActionStopped,
     CancelAction,
     CapabilityChanged,
+    Forget,
     Input,
     Persist,
     Publish,
@@ -334,6 +335,21 @@ def test_i9_what_was_synced_is_known_after_a_restart(team: Team) -> None:
     team.checkers.violations.clear()
     checker.lost_journal("A1")
     checker.booted(process, process.agent)
+    assert team.checkers.violations == []
+
+
+def test_i9_only_what_nothing_can_reach_is_forgotten(team: Team) -> None:
+    process: Any = team.processes[0]
+    agent, checker = process.agent, team.checkers.i9
+    entry = next(entry for entry in agent.facts.map if entry.name.startswith(OUTCOME))
+    forget = Forget(((entry.author, entry.name),))
+    checker.handled(process, [Persist((entry,), synced=True), forget])
+    assert "A1 forgets outcome/" in team.checkers.violations[0]
+    team.checkers.violations.clear()
+    agent.facts.run = "another"  # to which the entry does not belong
+    checker.handled(process, [Persist((entry,), synced=True), forget])
+    agent.facts.map.drop(entry.author, entry.name)
+    checker.booted(process, agent)
     assert team.checkers.violations == []
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.effects import Effect, Persist, Publish, StartAction
+from mrbt_mesh.core.effects import Effect, Forget, Persist, Publish, StartAction
 from mrbt_mesh.core.facts import Entry, Version
 from mrbt_mesh.core.records import OUTCOME
 from mrbt_mesh.core.wire import MessageKind, decode, parse_entries
-from mrbt_mesh.sim.checkers.facts import stands
+from mrbt_mesh.sim.checkers.facts import is_obsolete, stands
 from mrbt_mesh.sim.checkers.findings import Findings
 from mrbt_mesh.sim.process import SimProcess
 
@@ -17,9 +17,9 @@ from mrbt_mesh.sim.process import SimProcess
 class Resumption:
     """Keeps its own account of what each robot has synced, over all its lives.
 
-    Nothing is told before it is synced; what was synced is known after a restart; no version is
-    ever used for two contents; and no robot starts a local task again of which it has journaled
-    an outcome.
+    Nothing is told before it is synced; what was synced is known after a restart, unless it was
+    forgotten because nothing can reach it; no version is ever used for two contents; and no robot
+    starts a local task again of which it has journaled an outcome.
     """
 
     def __init__(self, findings: Findings) -> None:
@@ -44,6 +44,8 @@ class Resumption:
             if isinstance(effect, Persist) and effect.synced:
                 for entry in effect.entries:
                     self._write(process.robot, entry)
+            elif isinstance(effect, Forget):
+                self._forget(process, effect.keys)
             elif isinstance(effect, Publish) and effect.kind is MessageKind.FACT:
                 self._check_told(process, effect.data)
             elif isinstance(effect, StartAction):
@@ -51,6 +53,15 @@ class Resumption:
                 if (process.robot, name) in self._synced.get(process.robot, {}):
                     text = f"{process.robot} starts {name} again, of which it has the outcome"
                     self._findings.say("I9", text)
+
+    def _forget(self, process: SimProcess, keys: Iterable[tuple[str, str]]) -> None:
+        assert process.agent is not None
+        synced = self._synced.get(process.robot, {})
+        for key in keys:
+            entry = synced.pop(key, None)
+            if entry is not None and not is_obsolete(process.agent, entry):
+                text = f"{process.robot} forgets {entry.name}, which can still be reached"
+                self._findings.say("I9", text)
 
     def _check_told(self, process: SimProcess, data: bytes) -> None:
         assert process.agent is not None
