@@ -334,7 +334,7 @@ def jobs(full: bool) -> Iterator[Job]:
     """Long ones first. Sizes: (robots, networks, seconds at rest, runs, victims)."""
     some = [Net(), Net(30), BAD, *(net for net in BROKEN if net.loss_percent)]
     sizes: list[tuple[int, Iterable[Net], int, int, int]] = [
-        (64, (BAD,), 600 if full else 10, 1, 4),
+        (64, (BAD,), 600 if full else 10, 1, 4 if full else 1),
         (32, GRADED + BROKEN if full else some, 600 if full else 12, 2 if full else 1, 4),
         (6, GRADED + BROKEN, 600, 20 if full else 1, 2),
         (6, GRADED + BROKEN, 20, 50 if full else 12, 2),
@@ -343,13 +343,18 @@ def jobs(full: bool) -> Iterator[Job]:
         (2, GRADED, 600, 100 if full else 3, 1),
         (2, GRADED, 20, 200 if full else 40, 1),
     ]
-    for robots in (64, 32, 6):
+    yield Job("traffic", 64, Net(), (1,))
+    for robots, net, runs, events in (
+        (32, BAD, 20 if full else 2, 18),
+        (32, Net(), 5 if full else 1, 6),
+        (6, BAD, 100 if full else 10, 18),
+        (6, Net(), 10, 18),
+    ):
+        for seed in range(runs):
+            yield Job("agreement", robots, net, (events, seed))
+    for robots in (32, 6):
         for net in (Net(), BAD):
             yield Job("traffic", robots, net, (1,))
-    for robots, networks, runs in ((32, (BAD, Net()), 20 if full else 2), (6, (BAD, Net()), 10)):
-        for net in networks:
-            for seed in range(runs):
-                yield Job("agreement", robots, net, (18, seed))
     for robots, nets, rest_s, runs, victims in sizes:
         for net in nets:
             for seed in range(runs):
