@@ -12,13 +12,12 @@ from dataclasses import replace
 from typing import Any
 from unittest import mock
 
-from mrbt_mesh.core import assignment, coalition, demand, grants, plan
+from mrbt_mesh.core import assignment, demand, plan
 from mrbt_mesh.core.agent import Agent
 from mrbt_mesh.core.effects import Persist
 from mrbt_mesh.core.facts import Entry, FactMap, Incarnation
-from mrbt_mesh.core.grants import Grants
 from mrbt_mesh.core.membership import Membership
-from mrbt_mesh.core.records import GRANT, Claim, ConditionValue, Outcome
+from mrbt_mesh.core.records import ConditionValue, Outcome
 from mrbt_mesh.core.replica import Replica
 from mrbt_mesh.core.team import TeamFacts
 
@@ -96,13 +95,6 @@ def outcomes_dropped_at_restart() -> Iterator[None]:
 
 
 @mutation
-def no_relays() -> Iterator[None]:
-    """Beats do not say whom else their sender hears: there is no indirect probe."""
-    with mock.patch.object(Membership, "heard", return_value=()):
-        yield
-
-
-@mutation
 def digest_ignores_conditions() -> Iterator[None]:
     """The digest of a replica leaves conditions out."""
 
@@ -125,35 +117,6 @@ def digest_ignores_conditions() -> Iterator[None]:
         mock.patch.object(FactMap, "merge", merge),
         mock.patch.object(FactMap, "author_digests", author_digests),
     ):
-        yield
-
-
-@mutation
-def stale_claims_stay_valid() -> Iterator[None]:
-    """The claim of an earlier life counts on, and a new life does not take it back."""
-
-    def valid_claim(self: TeamFacts, robot: str) -> Claim | None:
-        held = self.claims.get(robot)
-        return held[0] if held else None
-
-    def write(self: Agent, values: Any, now_us: int) -> None:
-        kept = [(name, value) for name, value in values]
-        if any(name == "member" for name, _ in kept):
-            kept = [(name, value) for name, value in kept if name != "claim"]
-        original(self, kept, now_us)
-
-    original = Agent.write
-    with (
-        mock.patch.object(TeamFacts, "valid_claim", valid_claim),
-        mock.patch.object(Agent, "write", write),
-    ):
-        yield
-
-
-@mutation
-def no_repair() -> Iterator[None]:
-    """Nobody asks for what it has missed."""
-    with mock.patch.object(Replica, "due", return_value=[]):
         yield
 
 
@@ -205,49 +168,4 @@ def prunes_what_is_current() -> Iterator[None]:
 
     prune_originally = TeamFacts.prune
     with mock.patch.object(TeamFacts, "prune", prune):
-        yield
-
-
-@mutation
-def exclusive_without_majority() -> Iterator[None]:
-    """One grant is enough for an exclusive task."""
-    with (
-        mock.patch.object(coalition, "majority", return_value=1),
-        mock.patch.object(grants, "majority", return_value=1),
-        mock.patch.object(demand, "majority", return_value=1),
-    ):
-        yield
-
-
-@mutation
-def grants_not_synced() -> Iterator[None]:
-    """A robot forgets what it had granted when it starts again, and grants at once."""
-
-    def restore(self: Replica, entries: Sequence[Entry]) -> None:
-        original(self, [e for e in entries if not e.name.startswith(f"{GRANT}/")])
-
-    def init(self: Grants, *args: Any) -> None:
-        init_originally(self, *args)
-        self._silent_until_us = 0
-
-    original, init_originally = Replica.restore, Grants.__init__
-    with (
-        mock.patch.object(Replica, "restore", restore),
-        mock.patch.object(Grants, "__init__", init),
-    ):
-        yield
-
-
-@mutation
-def rounds_are_mixed() -> Iterator[None]:
-    """Successes of different coalitions count together."""
-
-    def has_succeeded(self: coalition.Coalitions, task: Any) -> bool:
-        return all(
-            sum(sum(found.get(n.local_task, {}).values()) for found in self.outcomes.values())
-            >= n.min_robots
-            for n in task.needs
-        )
-
-    with mock.patch.object(coalition.Coalitions, "has_succeeded", has_succeeded):
         yield
