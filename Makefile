@@ -6,13 +6,14 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-docker lint check-lock lock drills soak clean \
+.PHONY: help setup demo test test-slow test-docker lint check-lock lock drills soak clean \
 	bench-failover bench-resume bench-membership
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
 	@echo "make test            checks and tests"
 	@echo "make test-docker     the docker-compose demo; as root, installs Debian's docker.io if missing"
+	@echo "make test-slow       wireless teams, discovery, split sessions: real processes, some minutes"
 	@echo "make lint            ruff, mypy, import-linter"
 	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
 	@echo "make bench-failover  time from a kill or a freeze until the replacement has started"
@@ -42,7 +43,10 @@ lint: $(READY)
 # Teams of real processes have the machine to themselves; everything else shares it.
 test: lint
 	$(BIN)/pytest -n auto -m "not processes"
-	$(BIN)/pytest -m "processes and not docker"
+	$(BIN)/pytest -m "processes and not docker and not slow"
+
+test-slow: $(READY)
+	$(BIN)/pytest -m slow
 
 test-docker: $(READY)
 	$(BIN)/pytest -m docker -rs tests/docker

@@ -11,7 +11,7 @@ from mrbt_mesh.runtime.launcher import free_endpoints
 from mrbt_mesh.runtime.zenoh_transport import WIRED
 from tests.processes.conftest import ROOT
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.processes, pytest.mark.slow, pytest.mark.timeout(120)]
 
 # In a process of its own: Zenoh sessions in the tests' process would outlive them.
 SESSIONS = """

@@ -26,6 +26,7 @@ from tests.processes.conftest import ROOT, Team
 
 _REASON = namespaces.available()
 pytestmark = [
+    pytest.mark.slow,
     pytest.mark.processes,
     pytest.mark.timeout(240),
     pytest.mark.skipif(_REASON is not None, reason=f"no namespaces: {_REASON}"),

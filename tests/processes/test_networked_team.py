@@ -13,7 +13,7 @@ from mrbt_mesh.runtime.launcher import free_endpoints
 from mrbt_mesh.runtime.zenoh_transport import WIRED
 from tests.processes.conftest import ROOT, Team
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.processes, pytest.mark.slow, pytest.mark.timeout(240)]
 
 EXPLORE = ROOT / "examples" / "explore" / "mission.yaml"
 

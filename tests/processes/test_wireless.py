@@ -11,7 +11,7 @@ from mrbt_mesh.runtime.launcher import free_endpoints
 from mrbt_mesh.runtime.team_key import write_team_key
 from tests.processes.conftest import REPAIR, ROOT, Team
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.processes, pytest.mark.slow, pytest.mark.timeout(240)]
 
 EXPLORE = ROOT / "examples" / "explore" / "mission.yaml"
 
