@@ -7,7 +7,7 @@ and a virtual one.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from mrbt_mesh.core import effects as fx
@@ -72,6 +72,7 @@ class Agent:
         self._effects: list[fx.Effect] = []
         self._deadline_us = now_us
         self._done_us: int | None = None
+        self._unsaid: dict[str, bool] = {}
         self._stopped = False
 
     # -- the two calls ------------------------------------------------------------------------
@@ -134,7 +135,7 @@ class Agent:
                 if self.work.action is not None and self.work.action.number == ticket:
                     self.work.progress = max(0, min(100, percent))
             case fx.ConditionSet(name, value):
-                self.write(self._condition_writes([(name, value)]), now_us)
+                self._set_conditions({name: value}, now_us)
             case fx.CapabilityChanged(local_task, lost):
                 self.change_capability(local_task, lost, now_us)
             case fx.LeaveRequested():
@@ -156,7 +157,7 @@ class Agent:
 
     def _beat(self, source: str, beat: Beat, now_us: int) -> None:
         mine, members = self.replica.incarnation, self.facts.members
-        starting = self.joining is not None and self.joining.first
+        starting = self.is_new
         if source == self.me:
             self._stop(2, self.identity.heard(beat, mine, starting, members))
             return
@@ -251,6 +252,14 @@ class Agent:
             else:
                 writes.pop(f"{records.CONDITION}/{name}", None)
         return list(writes.items())
+
+    def _set_conditions(self, values: Mapping[str, bool], now_us: int) -> None:
+        """Tell them; a new life keeps them until it has an incarnation above all earlier ones."""
+        if self.is_new:
+            known = {n: v for n, v in values.items() if self.mission.knows_condition(n)}
+            self._unsaid |= known
+            values = {n: v for n, v in values.items() if n not in known}
+        self.write(self._condition_writes(values.items()), now_us)
 
     def change_capability(self, local_task: str, lost: bool, now_us: int) -> str | None:
         """Declare a minor fault or its end; returns what is wrong with it, or None."""
@@ -362,6 +371,8 @@ class Agent:
         self.log("info", "joined", incarnation=str(self.replica.incarnation))
         member = (records.MEMBER, self.description.to_value())
         self.write([member, (records.CLAIM, None)], now_us)
+        unsaid, self._unsaid = self._unsaid, {}
+        self._set_conditions(unsaid, now_us)
         self.gossip.urge(now_us)
 
     def _replan(self, now_us: int) -> None:
@@ -483,6 +494,11 @@ class Agent:
     def plan(self) -> Plan | None:
         """The plan of the last step, None while this robot has never joined."""
         return self.planner.plan
+
+    @property
+    def is_new(self) -> bool:
+        """Whether it has yet to join in this life: what it wrote now might not stand."""
+        return self.joining is not None and self.joining.first
 
     @property
     def leaving(self) -> bool:

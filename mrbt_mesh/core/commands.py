@@ -58,6 +58,8 @@ def carry_out(agent: Agent, body: Any, now_us: int) -> tuple[bool, str]:
                 kind = OrderKind(argument)
             except ValueError:
                 return False, f"no order {argument!r}; there is pause, resume, abort"
+            if agent.is_new:
+                return False, f"{agent.me} is still joining the team: ask again, or another robot"
             agent.order(kind, now_us)
             return True, f"{kind} is the team's order"
         case "decide":

@@ -58,9 +58,9 @@ def _only_one_key(data: Any, what: str, known: list[str]) -> None:
 class RoleModel(FileModel):
     """Robots by what they do or what befell them: `{performing: fix_hw(2)}`, `{replacement}`.
 
-    performing: those that work on a global or local task now. replacement: the one that took
-    over last. killed, stopped, left: those that this has been done to, and not undone. thawed:
-    those that were stopped and go on.
+    performing: those that run a global or local task now, or if nobody does, are about to.
+    replacement: the one that took over last. killed, stopped, left: those that this has been
+    done to, and not undone. thawed: those that were stopped and go on.
     """
 
     performing: GroundText | None = None

@@ -9,7 +9,7 @@ from typing import Any
 from mrbt_mesh.core.membership import State
 from mrbt_mesh.core.mission import type_name
 from mrbt_mesh.core.observer import Observer
-from mrbt_mesh.core.records import Claim
+from mrbt_mesh.core.records import Claim, Phase
 from mrbt_mesh.core.tree import Status
 from mrbt_mesh.drills.model import (
     DONE,
@@ -109,18 +109,24 @@ def chosen(robots: Robots, sight: Sight, fates: Fates) -> list[str]:
         return list(robots)
     match robots.role:
         case "performing":
-            task = robots.performing
-            return [
-                robot
-                for robot, claim in sorted(sight.claims.items())
-                if task in (claim.global_task, claim.local_task, type_name(claim.local_task))
-            ]
+            return _performing(robots.performing, sight)
         case "replacement":
             latest = max(sight.takeovers, key=lambda t: t.at_us, default=None)
             return [] if latest is None else [latest.replacement]
         case role:
             listed: list[str] = getattr(fates, role)
             return list(listed)
+
+
+def _performing(task: str | None, sight: Sight) -> list[str]:
+    """Who runs it; while nobody does, who has claimed it. Claims may clash until all agree."""
+    found = [
+        (robot, claim.phase is Phase.RUNNING)
+        for robot, claim in sorted(sight.claims.items())
+        if task in (claim.global_task, claim.local_task, type_name(claim.local_task))
+    ]
+    running = [robot for robot, runs in found if runs]
+    return running or [robot for robot, _ in found]
 
 
 def holds(when: Any, sight: Sight, fates: Fates, since_us: int) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import msgpack
@@ -10,6 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core import effects as fx
+from mrbt_mesh.core.agent import Agent
+from mrbt_mesh.core.commands import carry_out
 from mrbt_mesh.core.facts import MAX_VALUE_BYTES, Incarnation
 from mrbt_mesh.core.wire import Header, MessageKind, encode
 from tests.core.harness import MS, Script
@@ -253,3 +256,28 @@ def test_an_answer_of_any_size_that_is_noise_is_refused(size: int) -> None:
     script = team()
     give(script, fx.AnswerReceived("B", msgpack.packb(b"x" * size)))
     assert "not a message of this protocol" in script.team.story[-1]
+
+
+# -- before it has joined ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("knows_its_past", [True, False])
+def test_what_a_robot_says_while_it_joins_is_written_once_it_has(knows_its_past: bool) -> None:
+    """Before, an entry of an earlier life, which has a higher incarnation, would stand."""
+    script = team()
+    story(script, "pass 200")
+    before = script.team.processes["A"].agent
+    now_us = 300 * MS
+    before.handle(fx.ConditionSet("sound", True), now_us)
+    kept = tuple(before.facts.map) if knows_its_past else ()
+    config = replace(before.config, nonce="later", restored=kept, expected=frozenset({"B"}))
+    agent = Agent(before.mission, config, now_us)
+    for value in (knows_its_past, not knows_its_past):
+        agent.handle(fx.ConditionSet("sound", value), now_us)
+    assert carry_out(agent, ["order", "pause"], now_us)[0] is False
+    assert all(entry.version.incarnation.counter for entry in agent.facts.map.of_author("A"))
+    agent.handle(fx.TimerFired(), now_us + 60_000 * MS)
+    assert agent.joining is None
+    assert agent.facts.condition("sound") is not knows_its_past
+    mine = {entry.name: entry.version for entry in agent.facts.map.of_author("A")}
+    assert mine["condition/sound"].incarnation == agent.incarnation

@@ -95,9 +95,9 @@ def test_roles_are_robots_of_the_moment() -> None:
 
     assert chosen("A1", SIGHT, fates) == ["A1"]
     assert chosen(["B1", "A1"], SIGHT, fates) == ["B1", "A1"]
-    assert role(performing="fix") == ["A1", "B1"]
+    assert role(performing="fix") == ["A1"], "B1 has only claimed its part"
     assert role(performing="weld(3)") == ["B1"]
-    assert role(performing="weld") == ["A1", "B1"]
+    assert role(performing="weld") == ["A1"]
     assert role(performing="lift") == []
     assert role(replacement=None) == ["A1"]
     assert role(killed=None) == ["B2", "A2"]
