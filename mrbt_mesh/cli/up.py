@@ -276,6 +276,10 @@ def _report(team: Team | None, watcher: Watcher, show: str, why: str | None) -> 
         for text in refused:
             errors.print(text, soft_wrap=True, markup=False)
         return BAD_INPUT
+    if team is not None and observer.record.result is None and not team.living():
+        # A short mission may be over before it could be watched; its journals know how it went.
+        journals = team.journals()
+        observer.read((entry for kept in journals.values() for entry in kept), boottime_us())
     result = observer.result
     summary = observer.record.summary(result, boottime_us())
     if why is not None:

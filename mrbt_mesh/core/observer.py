@@ -6,6 +6,8 @@ It sends no beats, so no robot ever waits for it.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from mrbt_mesh.core.assignment import Solver
 from mrbt_mesh.core.evaluate import Evaluator
 from mrbt_mesh.core.facts import Entry, Incarnation
@@ -71,6 +73,17 @@ class Observer:
                 self.replica.answered(source)
         except WireError as error:
             self._refuse(source, error, now_us)
+
+    def read(self, entries: Iterable[Entry], now_us: int) -> None:
+        """Take in what robots have left behind that are no longer there to report the result."""
+        by_age = sorted(entries, key=lambda entry: (entry.version.sequence, entry.author))
+        changed = self.replica.restore(by_age)
+        if self.record.started_us is None:
+            self.record.started_us = now_us
+        self._facts_changed(changed, now_us)
+        self.update(now_us)
+        if self.plan is not None and self.plan.result in (Status.SUCCESS, Status.FAILURE):
+            self.record.over(self.plan.result, now_us)
 
     def _refuse(self, source: str, error: WireError, now_us: int) -> None:
         """Whoever watches the wrong run, or with another mission file, is told so once."""

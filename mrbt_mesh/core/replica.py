@@ -79,9 +79,9 @@ class Replica:
         self._sequence = 0
         return self.incarnation
 
-    def restore(self, entries: Iterable[Entry]) -> None:
-        """Take in what a journal kept."""
-        self._merge(entries, 0, 0)
+    def restore(self, entries: Iterable[Entry]) -> list[Entry]:
+        """Take in what a journal kept; returns what was news."""
+        return self._merge(entries, 0, 0).changed
 
     def write(
         self, values: Iterable[tuple[str, Any]], now_us: int

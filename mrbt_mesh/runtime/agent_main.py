@@ -21,7 +21,7 @@ from mrbt_mesh.core.mission import Mission, is_robot_id
 from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
 from mrbt_mesh.formats.mission_file import MissionError, load_mission
 from mrbt_mesh.runtime.driver import Driver
-from mrbt_mesh.runtime.journal import Journal
+from mrbt_mesh.runtime.journal import Journal, journal_path
 from mrbt_mesh.runtime.log import configure_log, robot_logger
 from mrbt_mesh.runtime.program import ProgramError
 from mrbt_mesh.runtime.program_loader import check_program, load_program
@@ -171,7 +171,7 @@ def open_journal(run_dir: Path | None, mission: Mission, run: str, robot: str) -
     def log(level: str, event: str, **fields: Any) -> None:
         getattr(logger, level)(event, **fields)
 
-    return Journal(run_dir / f"{robot}.journal", mission.digest, run, robot, log)
+    return Journal(journal_path(run_dir, robot), mission.digest, run, robot, log)
 
 
 def claim_run_dir(run_dir: Path, robot: str, takeover: bool) -> None:

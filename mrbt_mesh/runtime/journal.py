@@ -8,15 +8,19 @@ little later, since they have it too.
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
+import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import msgpack
 
 from mrbt_mesh.core.facts import Entry, Incarnation, Version, make_entry
 
 SCHEMA_VERSION = 1
+SUFFIX = ".journal"
 LAZY_COMMIT_S = 0.1
 
 _TABLES = """
@@ -163,3 +167,32 @@ class Journal:
 def _entry(author: str, name: str, counter: int, nonce: str, sequence: int, value: bytes) -> Entry:
     version = Version(Incarnation(counter, nonce), sequence)
     return make_entry(author, name, version, msgpack.unpackb(value))
+
+
+def journal_path(run_dir: Path, robot: str) -> Path:
+    """Where a robot keeps its journal."""
+    return run_dir / f"{robot}{SUFFIX}"
+
+
+def read_journals(
+    run_dir: Path, robots: Iterable[str], mission: str, run: str
+) -> dict[str, tuple[Entry, ...]]:
+    """Robot -> the entries in its journal; one that is missing or unusable holds none.
+
+    From copies: opening SQLite's files would repair and shorten them, which is left to their
+    robot. It also says in its own log what is wrong with them.
+    """
+    found = {}
+    with tempfile.TemporaryDirectory(prefix="mrbt-journals-") as folder:
+        for robot in robots:
+            for part in run_dir.glob(f"{robot}{SUFFIX}*"):
+                if ".aside-" not in part.name and not part.name.endswith("-shm"):
+                    shutil.copy(part, folder)
+            journal = Journal(journal_path(Path(folder), robot), mission, run, robot, _ignore)
+            found[robot] = journal.open()
+            journal.close()
+    return found
+
+
+def _ignore(level: str, event: str, **fields: Any) -> None:
+    pass

@@ -13,8 +13,10 @@ import anyio
 import anyio.abc
 import psutil
 
+from mrbt_mesh.core.facts import Entry
 from mrbt_mesh.core.mission import Mission
 from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.runtime.journal import read_journals
 from mrbt_mesh.runtime.launcher import (
     PORT,
     agent_command,
@@ -134,6 +136,11 @@ class Team:
         robots = sorted({*self.run_dir.robots(), *self.processes})
         found = {robot: self.process(robot) for robot in robots}
         return {robot: process for robot, process in found.items() if process is not None}
+
+    def journals(self) -> dict[str, tuple[Entry, ...]]:
+        """Robot -> what its journal holds."""
+        robots = sorted({*self.run_dir.robots(), *self.processes})
+        return read_journals(self.run_dir.path, robots, self.mission.digest, self.info.run)
 
     def refusals(self) -> list[str]:
         """What robots printed that were started from here and refused their input."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
 from mrbt_mesh.core.membership import State
 from mrbt_mesh.core.observer import Observer
 from mrbt_mesh.core.solvers import min_cost_flow
@@ -150,3 +152,24 @@ def test_noise_is_noted_and_harms_nothing() -> None:
     observer.state("Z", b"noise", script.team.now_us)
     assert "not" in observer.refused["Z"]
     assert observer.facts.map.digest() == before
+
+
+@pytest.mark.parametrize(
+    ("steps", "result"),
+    [
+        (("succeed A", "pass 100", "succeed A", "succeed B"), "success"),
+        (("fail A", "pass 100", "fail B"), "failure"),
+        (("succeed A",), "blocked"),
+    ],
+)
+def test_what_a_team_left_behind_tells_the_result_of_a_run_that_nobody_saw(
+    steps: tuple[str, ...], result: str
+) -> None:
+    script, seen = watched(*steps, "pass 1000")
+    left_behind = list(script.team.processes["A"].agent.facts.map)
+    observer = Observer(seen.mission, seen.facts.run, seen.replica.timing, min_cost_flow)
+    observer.read(left_behind, 5)
+    assert observer.result == result
+    told, expected = (o.record.summary(result, 5)["global_tasks"] for o in (observer, seen))
+    assert told["weld"] == expected["weld"]
+    assert told["cover"]["status"] == expected["cover"]["status"]
