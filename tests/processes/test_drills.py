@@ -55,7 +55,7 @@ def small(team: Team, **changes: str) -> Path:
         "name": "small",
         "mission": str(ROOT / "examples" / "explore" / "mission.yaml"),
         "speed": "5",
-        "steps": "[{when: {local_task: explore(A)}, kill: {performing: explore(A)}}]",
+        "steps": "[{when: {local_task: explore(A)}, after: 0.2, kill: {performing: explore(A)}}]",
         "expect": "{dead: {killed}, done: [{local_task: explore, times: 1}]}",
     } | changes
     path = team.folder / "small.yaml"

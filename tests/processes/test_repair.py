@@ -44,6 +44,7 @@ def test_an_a_killed_at_the_hardware_is_replaced_by_a_b(team: Team) -> None:
     assert [fault["robot"] for fault in summary["faults"]] == [victim["robot"]]
 
 
+@pytest.mark.slow
 def test_both_a_and_one_b_killed_one_after_another(team: Team) -> None:
     team.up(REPAIR, "--speed", "2")
     first = team.wait_for_event("do_diagnosis", robot="A1")

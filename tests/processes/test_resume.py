@@ -14,7 +14,11 @@ pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
 
 
 @pytest.mark.parametrize(
-    ("local_task", "event"), [("do_diagnosis", "end"), ("replace_wires", "start")]
+    ("local_task", "event"),
+    [
+        ("do_diagnosis", "end"),
+        pytest.param("replace_wires", "start", marks=pytest.mark.slow),
+    ],
 )
 def test_the_whole_team_killed_goes_on_where_it_was(
     team: Team, local_task: str, event: str

@@ -42,6 +42,7 @@ def test_a_second_robot_of_the_same_id_is_refused_and_takeover_overrides(team: T
     assert any("another process has taken over the id A1" in reason for reason in stopped)
 
 
+@pytest.mark.slow
 def test_another_mission_is_refused_on_both_sides(team: Team) -> None:
     team.up(REPAIR, "--speed", "2")
     team.wait_for_event("use_screwdriver", robot="C1")
@@ -82,7 +83,7 @@ def test_one_robot_explores_in_turn_and_two_at_once(team: Team) -> None:
 
 
 def test_pause_resume_abort(team: Team) -> None:
-    team.up(REPAIR, "--speed", "2")
+    team.up(REPAIR, "--speed", "0.5")
     team.wait_for_event("use_screwdriver", robot="C1")
     assert "pause is the team's order" in team.mrbt("pause")
     team.wait_for_event("use_screwdriver", "cancel", robot="C1")
@@ -134,6 +135,7 @@ def test_a_time_limit_ends_the_run_with_status_3(team: Team) -> None:
     assert summary["ended_because"] == "time is up"
 
 
+@pytest.mark.slow
 def test_a_robot_that_the_mission_does_not_list_joins_with_its_type(team: Team) -> None:
     team.up(REPAIR, "--speed", "2")
     team.wait_for_event("use_screwdriver", robot="C1")
