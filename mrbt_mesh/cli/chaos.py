@@ -50,7 +50,7 @@ MAX_MINIMISED = 3
 MAX_SHOWN = 20
 INVARIANTS = {
     "I1": "same facts, same plan",
-    "I2": "facts converge",
+    "I2": "facts converge, nobody is dead who is heard",
     "I3": "nothing done is undone",
     "I4": "nobody beyond its means, bounds hold",
     "I5": "an exclusive task has one coalition",

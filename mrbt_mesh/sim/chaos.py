@@ -57,6 +57,7 @@ class ChaosKnobs:
     clock_jumps: float = 0.3
     partitions: float = 0.7
     one_way: float = 0.7
+    broken_links: float = 0.7
     disturbances: float = 1.0
     lost_tokens: float = 0.7
     leaves: float = 0.5
@@ -146,6 +147,7 @@ class _Chaos:
             (knobs.clock_jumps, self._jump_clock),
             (knobs.partitions, self._partition),
             (knobs.one_way, self._block_one_way),
+            (knobs.broken_links, self._break_link),
             (knobs.disturbances, self._disturb),
             (knobs.lost_tokens, self._lose_token),
             (knobs.leaves, self._leave),
@@ -293,6 +295,14 @@ class _Chaos:
             robot, side = self._robot(), self.pick.choice([0, 1])
             links = frozenset(link for link in self.links if link[side] == robot)
         self._during(faults.Block(links), faults.Unblock(links))
+
+    def _break_link(self) -> None:
+        """One link of the mesh: nobody may die of it, as long as a third robot hears both."""
+        if len(self.robots) > 2:
+            one, other = self.pick.sample(self.robots, 2)
+            both = self.pick.random() < 0.7
+            links = frozenset({(one, other), (other, one)} if both else {(one, other)})
+            self._during(faults.Block(links), faults.Unblock(links))
 
     def _disturb(self) -> None:
         pick = self.pick

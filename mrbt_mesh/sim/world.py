@@ -292,6 +292,7 @@ class World:
             self.observer.record.over(plan.result, now_us)
             self.clock.at(now_us + GIVE_UP_DETECTIONS * self.timing.detection_us, self._give_up)
         self._undeclare(process)
+        self.checkers.findings.befell()  # the others have to notice
 
     def recorded(self, process: SimProcess, event: Mapping[str, Any]) -> None:
         self.events.append(dict(event))
@@ -343,7 +344,8 @@ class World:
         self._pending -= 1
         if self.setup.exit_when_done and self.observer.record.result is not None:
             return  # the mission is over, and with it the story
-        self.checkers.findings.fault_us = self.clock.now_us
+        links = fault.links if isinstance(fault, faults.Block | faults.Unblock) else None
+        self.checkers.findings.befell(links)
         self.log.note(self.clock.now_us, "-", f'{{"fault":"{fault_text(fault)}"}}')
         self._injector.inject(fault)
         if isinstance(fault, faults.Heal):

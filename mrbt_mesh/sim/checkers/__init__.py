@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from collections import Counter
 
-from mrbt_mesh.core.effects import CancelAction, Effect, Input, StartAction
+from mrbt_mesh.core.agent import Agent
+from mrbt_mesh.core.effects import CancelAction, Effect, Input, Log, StartAction
 from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.records import Claim
 from mrbt_mesh.sim.checkers.exclusive import Exclusive
@@ -74,7 +75,9 @@ class Checkers:
             fenced = agent.incarnation != self._life
             if isinstance(effect, CancelAction) and self._running is not None and not fenced:
                 self.i4.cancelled(agent, self._running)
-            if isinstance(effect, StartAction):
+            elif isinstance(effect, Log) and effect.event == "robot_dead":
+                self.i2.buried(agent, effect.fields["robot"])
+            elif isinstance(effect, StartAction):
                 self.i3.started(agent, effect)
                 self.i4.started(agent, effect)
         if effects:
@@ -98,18 +101,18 @@ class Checkers:
         self.i6.sample()
         if self.findings.is_tolerable:
             for component in components(agents, self.world.network.blocked):
-                strangers = len(agents) - len(component)
-                if self._is_quiet(strangers) and self.i2.at_rest(component):
-                    self.i4.at_rest(component)
+                self._check_component(component, len(component) < len(self.world.living()))
 
-    def _is_quiet(self, strangers: int) -> bool:
-        """Whether all repairs must be done: nothing was written or befell for long enough."""
-        findings, network = self.findings, self.world.network
-        repair_us = findings.repair_us
-        if strangers or network.blocked:
-            repair_us *= 2  # facts may have to be handed on by a robot in between
-        now_us, quiet_us = self.world.clock.now_us, network.knobs.quiet_from_us or 0
-        return (
-            now_us - max(findings.changed_us, quiet_us) > repair_us
-            and now_us - max(findings.fault_us, quiet_us) > repair_us + findings.verdict_us
-        )
+    def _check_component(self, agents: list[Agent], is_part: bool) -> None:
+        """What must hold where all hear one another, once enough time has passed."""
+        findings, network, now_us = self.findings, self.world.network, self.world.clock.now_us
+        # Facts may have to be handed on by a robot in between.
+        repair_us = findings.repair_us * (2 if is_part or network.blocked else 1)
+        quiet_us = network.knobs.quiet_from_us or 0
+        if now_us - max(findings.fault_us, quiet_us) <= repair_us + findings.verdict_us:
+            return
+        agree = self.i2.check_views(agents)
+        if now_us - max(findings.changed_us, quiet_us) > repair_us:
+            self.i2.at_rest(agents)
+            if agree:
+                self.i4.at_rest(agents)

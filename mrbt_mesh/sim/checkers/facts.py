@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 
 from mrbt_mesh.core.agent import Agent
 from mrbt_mesh.core.effects import Input, StartAction, TimerFired
@@ -19,7 +20,7 @@ from mrbt_mesh.core.records import (
     split_name,
 )
 from mrbt_mesh.core.tree import Status
-from mrbt_mesh.sim.checkers.findings import Findings, alive_set
+from mrbt_mesh.sim.checkers.findings import Findings, alive_set, joined
 from mrbt_mesh.sim.process import SimProcess
 
 _SCOPED = COALITION_KINDS | {OUTCOME, VERDICT, ATTEMPT, EXPIRED, DONE}
@@ -38,13 +39,16 @@ class Convergence:
         self._noted: FactMap | None = None
         self._holders: list[Agent] = []
 
-    def at_rest(self, agents: Sequence[Agent]) -> bool:
-        """Nothing was written or befell for long; returns whether all is equal."""
+    def at_rest(self, agents: Sequence[Agent]) -> None:
+        """Nothing was written or befell for long."""
         self._findings.checks["I2"] += 1
         digests = {agent.facts.map.digest() for agent in agents}
         if len(digests) > 1:
             names = ", ".join(f"{a.me}={a.facts.map.digest().hex()[:8]}" for a in agents)
             self._findings.say("I2", f"facts still differ: {names}")
+
+    def check_views(self, agents: Sequence[Agent]) -> bool:
+        """Nothing befell for long: whether all agree that they are alive, and nobody else."""
         alive = {agent.me: agent.incarnation for agent in agents}
         if any(alive_set(agent) != alive for agent in agents):
             views = "; ".join(f"{a.me}: {' '.join(sorted(alive_set(a)))}" for a in agents)
@@ -52,6 +56,28 @@ class Convergence:
             self._findings.say("I2", f"views of who is alive still differ from {known}: {views}")
             return False
         return True
+
+    def buried(self, agent: Agent, robot: str) -> None:
+        """The agent declares `robot` dead: not while somebody in between hears it well."""
+        findings, world = self._findings, self._findings.world
+        since_us = world.clock.now_us - findings.verdict_us - findings.repair_us
+        if not findings.is_tolerable or findings.other_us > since_us:
+            return
+
+        def steady(source: str, target: str) -> bool:
+            link = (source, target)
+            changed_us = findings.cut_us.get(link, since_us)
+            return link not in world.network.blocked and changed_us <= since_us
+
+        present = [each.me for each in joined(world)]
+        if robot not in present:
+            return
+        findings.checks["I2"] += 1
+        if steady(robot, agent.me):
+            findings.say("I2", f"{agent.me} holds {robot} for dead, which it hears")
+        for other in present:
+            if other not in (agent.me, robot) and steady(robot, other) and steady(other, agent.me):
+                findings.say("I2", f"{agent.me} holds {robot} for dead, which {other} hears")
 
     def sample(self, agents: Sequence[Agent]) -> None:
         """While facts keep coming: what anybody held a while ago has reached everybody."""
@@ -136,12 +162,32 @@ class NothingUndone:
         for activation in sorted(finished | facts.begun()):
             scope = parse_scope(activation)
             if facts.task_status(scope.subject, activation) is Status.SUCCESS:
-                finished.add(activation)
+                if activation not in finished:
+                    finished.add(activation)
+                    self._check_round(agent, scope.subject, activation, now)
             elif activation in finished:
                 finished.discard(activation)
                 if not evaluator.is_obsolete(scope, facts):
                     text = f"for {agent.me} {activation} is not finished any more"
                     self._findings.say("I3", text)
+
+    def _check_round(
+        self, agent: Agent, task_id: str, activation: str, outcomes: Mapping[tuple[str, str], bool]
+    ) -> None:
+        """I4 for what coalitions do: nu successes of one coalition, or the operator's word."""
+        task = agent.mission.global_tasks[task_id]
+        if not task.by_coalition:
+            return
+        rounds: dict[str, Counter[str]] = {}
+        for (_, name), success in outcomes.items():
+            _, where, local_task, token = split_name(name) if name.count("/") == 3 else ("",) * 4
+            if success and where == activation:
+                rounds.setdefault(token, Counter())[local_task] += 1
+        enough = (all(r[n.local_task] >= n.min_robots for n in task.needs) for r in rounds.values())
+        done = any(entry.name == f"{DONE}/{activation}" for entry in agent.facts.map)
+        if not done and not any(enough):
+            text = f"for {agent.me} {activation} is finished, but no coalition has done all of it"
+            self._findings.say("I4", text)
 
 
 class GarbageChangesNothing:

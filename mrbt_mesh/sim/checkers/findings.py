@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from typing import Protocol
 
 from mrbt_mesh.core.agent import Agent
@@ -42,7 +43,8 @@ class View(Protocol):
 
 class Findings:
     """Collects violations; `changed_us` is when a fact was last written, `fault_us` when a fault
-    last befell.
+    last befell, `cut_us` when a link last was cut or came back, `other_us` when there was a fault
+    of another kind.
 
     `checks` counts how often there was something to check, per invariant: no violation of what
     was never checked means nothing.
@@ -52,8 +54,18 @@ class Findings:
         self.world = world
         self.changed_us = 0
         self.fault_us = 0
+        self.other_us = 0
+        self.cut_us: dict[Link, int] = {}
         self.violations: list[str] = []
         self.checks: Counter[str] = Counter()
+
+    def befell(self, links: Iterable[Link] | None = None) -> None:
+        """A fault befalls now: to these links, or (None) to something else."""
+        self.fault_us = now_us = self.world.clock.now_us
+        if links is None:
+            self.other_us = now_us
+        else:
+            self.cut_us.update(dict.fromkeys(links, now_us))
 
     def say(self, invariant: str, text: str) -> None:
         """Note a violation."""
@@ -101,7 +113,10 @@ def joined(world: View) -> list[Agent]:
 
 
 def components(agents: list[Agent], blocked: set[Link]) -> list[list[Agent]]:
-    """The robots that hear one another both ways, directly or over others."""
+    """The robots that hear one another both ways, directly or over others.
+
+    Left out are those that hear, or are heard by, somebody who is in no such relation to them.
+    """
     rest, found = list(agents), []
     while rest:
         component = [rest.pop(0)]
@@ -114,4 +129,10 @@ def components(agents: list[Agent], blocked: set[Link]) -> list[list[Agent]]:
             component += near
             rest = [other for other in rest if other not in near]
         found.append(sorted(component, key=lambda agent: agent.me))
-    return found
+    return [component for component in found if not _leaks(component, agents, blocked)]
+
+
+def _leaks(component: list[Agent], agents: list[Agent], blocked: set[Link]) -> bool:
+    inside = {agent.me for agent in component}
+    outside = {agent.me for agent in agents} - inside
+    return not all((a, b) in blocked and (b, a) in blocked for a in inside for b in outside)
