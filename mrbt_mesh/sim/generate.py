@@ -34,6 +34,9 @@ _DECORATORS = (
     Kind.FORCE_FAILURE,
     Kind.KEEP_RUNNING_UNTIL_FAILURE,
 )
+# In larger teams nothing is repeated for ever. Every robot plans at every event, so a run costs
+# the square of the robots times the events, of which an endless mission has as many as it can.
+MAX_ENDLESS_ROBOTS = 8
 
 
 @dataclass(frozen=True)
@@ -167,6 +170,9 @@ class _Generator:
         kind = self.pick.choice(_DECORATORS)
         child = self.node(depth + 1)
         limit = -1 if self.chance(0.1) else self.pick.randint(1, 3)
+        if len(self.robots) > MAX_ENDLESS_ROBOTS:
+            limit = abs(limit)
+            kind = Kind.REPEAT if kind is Kind.KEEP_RUNNING_UNTIL_FAILURE else kind
         match kind:
             case Kind.RETRY:
                 return {str(kind): {"attempts": limit, "do": child}}
