@@ -3,7 +3,7 @@
 Every seed turns a random half of the kinds of fault off, so that each has runs in which it is
 not hidden behind the others (swarm testing). All faults end at one moment; from then on the
 team has to converge and to finish what it can: liveness is only demanded of a world that lets
-it live, as in TigerBeetle's simulator.
+it live, as in TigerBeetle's simulator. Some worlds keep one broken link.
 """
 
 from __future__ import annotations
@@ -129,6 +129,7 @@ class _Chaos:
         self.steps: list[Step] = []
         self.down: list[tuple[int, int]] = []
         self.dead: set[str] = set()
+        self.broken: frozenset[Link] = frozenset()
         # Faults of one burst overlap; without bursts they are spread evenly.
         count = self.pick.choice([0, 0, 1, 2, 3])
         self.bursts = [self.pick.randrange(knobs.chaos_us) for _ in range(count)]
@@ -160,7 +161,7 @@ class _Chaos:
             for _ in range(self._count(mean)):
                 make()
         lost = {robot for robot in sorted(self.dead) if self.pick.random() >= knobs.revived}
-        heal = faults.Heal(tuple(robot for robot in self.robots if robot not in lost))
+        heal = faults.Heal(tuple(r for r in self.robots if r not in lost), self.broken)
         # Whatever has not ended by then ends with the healing.
         steps = [step for step in self.steps if step[0] < knobs.chaos_us]
         steps.append((knobs.chaos_us, heal))
@@ -303,6 +304,8 @@ class _Chaos:
             both = self.pick.random() < 0.7
             links = frozenset({(one, other), (other, one)} if both else {(one, other)})
             self._during(faults.Block(links), faults.Unblock(links))
+            if self.pick.random() < 0.5:
+                self.broken = links
 
     def _disturb(self) -> None:
         pick = self.pick

@@ -142,10 +142,12 @@ class Replay:
 class Heal:
     """All faults end: links, frozen and slow robots, clock rates, lost capabilities, a pause.
 
-    `robots` that do not run are started again, with what their journals kept.
+    `robots` that do not run are started again, with what their journals kept. `broken` are links
+    that from now on stay so.
     """
 
     robots: tuple[str, ...] = ()
+    broken: frozenset[Link] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,6 +57,7 @@ class Injector:
         """Let one fault befall the team now."""
         world = self._world
         self.cut_off |= isinstance(fault, _ISOLATING)
+        self.cut_off |= isinstance(fault, faults.Heal) and bool(fault.broken)
         match fault:
             case faults.Restart(robot, keeps_journal):
                 world.kill(robot)
@@ -69,8 +70,9 @@ class Injector:
                 world.network.disturb(link, links)
             case faults.Settle(links):
                 world.network.settle(links)
-            case faults.Heal(robots):
+            case faults.Heal(robots, broken):
                 self._heal(robots)
+                world.network.block(broken)
             case faults.ClockRate(robot, rate_ppm):
                 world.local_clock(robot).set_rate(rate_ppm)
             case faults.ClockJump(robot, ahead_us):

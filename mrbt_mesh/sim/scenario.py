@@ -29,7 +29,7 @@ class ScenarioError(ValueError):
 class Scenario:
     """`robots` are launched at the start; `steps` befall them, sorted by time, in microseconds.
 
-    From `heal_us` on nothing is broken any more (the last step is a `Heal`), and the team must
+    From `heal_us` on nothing breaks any more (the last step is a `Heal`), and the team must
     converge and finish what can be finished. `links` is how all links usually behave,
     `token_delay_us` as in NetworkKnobs. `stays`: robots do not stop when the mission is over.
     """

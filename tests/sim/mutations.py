@@ -12,12 +12,13 @@ from dataclasses import replace
 from typing import Any
 from unittest import mock
 
-from mrbt_mesh.core import assignment, demand, plan
+from mrbt_mesh.core import assignment, coalition, commands, demand, grants, plan
 from mrbt_mesh.core.agent import Agent
 from mrbt_mesh.core.effects import Persist
 from mrbt_mesh.core.facts import Entry, FactMap, Incarnation
+from mrbt_mesh.core.grants import Grants
 from mrbt_mesh.core.membership import Membership
-from mrbt_mesh.core.records import ConditionValue, Outcome
+from mrbt_mesh.core.records import GRANT, ConditionValue, OrderKind, Outcome
 from mrbt_mesh.core.replica import Replica
 from mrbt_mesh.core.team import TeamFacts
 
@@ -95,6 +96,13 @@ def outcomes_dropped_at_restart() -> Iterator[None]:
 
 
 @mutation
+def no_relays() -> Iterator[None]:
+    """Beats do not say whom else their sender hears: there is no indirect probe."""
+    with mock.patch.object(Membership, "heard", return_value=()):
+        yield
+
+
+@mutation
 def digest_ignores_conditions() -> Iterator[None]:
     """The digest of a replica leaves conditions out."""
 
@@ -117,6 +125,44 @@ def digest_ignores_conditions() -> Iterator[None]:
         mock.patch.object(FactMap, "merge", merge),
         mock.patch.object(FactMap, "author_digests", author_digests),
     ):
+        yield
+
+
+@mutation
+def stale_claims_stay_valid() -> Iterator[None]:
+    """The claim of an earlier life still holds its robot in a coalition.
+
+    (That of a robot without coalition ends with the batch with which its next life joins.)
+    """
+
+    def has_enough(
+        facts: Any, task: Any, activation: str, token: Any, alive: Mapping[str, Incarnation] | None
+    ) -> bool:
+        members = facts.coalitions(activation).members[token]
+        if alive is not None:
+            lives = {m.robot: Incarnation(m.counter, m.nonce) for m in members}
+            alive = {robot: lives.get(robot, life) for robot, life in alive.items()}
+        return original(facts, task, activation, token, alive)
+
+    original = coalition._has_enough
+    with (
+        mock.patch.object(coalition, "_has_enough", has_enough),
+        mock.patch.object(coalition, "is_in", return_value=True),
+        mock.patch.object(demand, "is_in", return_value=True),
+    ):
+        yield
+
+
+@mutation
+def no_repair() -> Iterator[None]:
+    """Nobody asks for what it has missed, but who joins."""
+
+    def due(self: Replica, now_us: int) -> list[str]:
+        original(self, now_us)
+        return []
+
+    original = Replica.due
+    with mock.patch.object(Replica, "due", due):
         yield
 
 
@@ -168,4 +214,64 @@ def prunes_what_is_current() -> Iterator[None]:
 
     prune_originally = TeamFacts.prune
     with mock.patch.object(TeamFacts, "prune", prune):
+        yield
+
+
+@mutation
+def exclusive_without_majority() -> Iterator[None]:
+    """One grant is enough for an exclusive task."""
+    with (
+        mock.patch.object(coalition, "majority", return_value=1),
+        mock.patch.object(grants, "majority", return_value=1),
+        mock.patch.object(demand, "majority", return_value=1),
+    ):
+        yield
+
+
+@mutation
+def grants_not_synced() -> Iterator[None]:
+    """A robot forgets what it had granted when it starts again, and grants at once."""
+
+    def restore(self: Replica, entries: Sequence[Entry]) -> None:
+        original(self, [e for e in entries if not e.name.startswith(f"{GRANT}/")])
+
+    def init(self: Grants, *args: Any) -> None:
+        init_originally(self, *args)
+        self._silent_until_us = 0
+
+    original, init_originally = Replica.restore, Grants.__init__
+    with (
+        mock.patch.object(Replica, "restore", restore),
+        mock.patch.object(Grants, "__init__", init),
+    ):
+        yield
+
+
+@mutation
+def rounds_are_mixed() -> Iterator[None]:
+    """Successes of different coalitions count together."""
+
+    def has_succeeded(self: coalition.Coalitions, task: Any) -> bool:
+        return all(
+            sum(sum(found.get(n.local_task, {}).values()) for found in self.outcomes.values())
+            >= n.min_robots
+            for n in task.needs
+        )
+
+    with mock.patch.object(coalition.Coalitions, "has_succeeded", has_succeeded):
+        yield
+
+
+@mutation
+def garbled_commands_pause() -> Iterator[None]:
+    """A command that no robot understands lets the team rest, to be on the safe side."""
+
+    def carry_out(agent: Agent, body: Any, now_us: int) -> tuple[bool, str]:
+        good, text = original(agent, body, now_us)
+        if not good:
+            agent.order(OrderKind.PAUSE, now_us)
+        return good, text
+
+    original = commands.carry_out
+    with mock.patch("mrbt_mesh.core.agent.carry_out", carry_out):
         yield

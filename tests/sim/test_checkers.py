@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import pytest
+from mutations import MUTATIONS
 from runs import Run, example
 
 from mrbt_mesh.core.agent import Agent
@@ -19,20 +20,23 @@ from mrbt_mesh.core.effects import (
     CapabilityChanged,
     Forget,
     Input,
+    Log,
     Persist,
     Publish,
     StartAction,
     TimerFired,
 )
 from mrbt_mesh.core.facts import Incarnation, Version, make_entry
+from mrbt_mesh.core.joining import Joining
 from mrbt_mesh.core.mission import InDoubt
-from mrbt_mesh.core.records import OUTCOME, Claim, OrderKind, Phase
+from mrbt_mesh.core.records import GRANT, OUTCOME, Claim, OrderKind, Phase
 from mrbt_mesh.core.solvers import min_cost_flow
 from mrbt_mesh.core.timing import Timing
 from mrbt_mesh.core.wire import MessageKind
 from mrbt_mesh.core.work import Ticket
 from mrbt_mesh.sim import Kill, NetworkKnobs, simulate
 from mrbt_mesh.sim.checkers import Checkers
+from mrbt_mesh.sim.checkers.findings import is_connected
 from mrbt_mesh.sim.checkers.plans import brute_force
 from mrbt_mesh.sim.clock import VirtualClock
 from mrbt_mesh.sim.network import Network
@@ -125,6 +129,30 @@ def test_i2_views_of_the_living_that_stay_different(team: Team) -> None:
     assert "alive" in team.checkers.violations[0]
 
 
+def test_i2_nobody_is_held_for_dead_who_is_heard(team: Team) -> None:
+    process: Any = team.processes[0]
+
+    def declared_dead(robot: str) -> list[str]:
+        team.checkers.violations.clear()
+        log = Log("warning", "robot_dead", {"robot": robot})
+        team.checkers.handling(process, TimerFired())
+        team.checkers.handled(process, TimerFired(), [log])
+        return [text.partition(": ")[2] for text in team.checkers.violations]
+
+    text = "A1 holds B1 for dead, which"
+    others = [f"{text} {other} hears" for other in ("A2", "B2", "C2")]
+    assert declared_dead("B1") == [f"{text} it hears", *others]
+    assert declared_dead("C1") == []
+    team.network.blocked = {("B1", "A1"), ("B1", "A2"), ("B2", "A1")}
+    assert declared_dead("B1") == [f"{text} C2 hears"]
+    # A link that has just come back, or a fault of another kind: give it time.
+    team.checkers.findings.befell([("B1", "C2")])
+    assert declared_dead("B1") == []
+    team.network.blocked = set()
+    team.checkers.findings.befell()
+    assert declared_dead("B1") == []
+
+
 def test_i3_an_outcome_that_is_lost_and_a_task_that_is_undone(team: Team) -> None:
     assert team.sample() == []
     facts = team.agents[0].facts.map
@@ -202,6 +230,28 @@ def test_i6_robots_that_do_not_stop(team: Team) -> None:
     assert "A1, A2, B1, B2, C2 did not stop" in team.checkers.violations[0]
 
 
+def test_i6_a_robot_that_does_not_join(team: Team) -> None:
+    team.healed_us = 0
+    agent = team.agents[0]
+    agent.joining = Joining(team.timing, frozenset(), team.clock.now_us)
+    team.checkers.findings.befell()
+    team.checkers.i6.sample()
+    assert team.checkers.violations == []
+    team.clock.now_us += 30 * SECOND_US
+    team.checkers.i6.sample()
+    assert "A1 did not join within 30.0 s" in team.checkers.violations[0]
+
+
+def test_liveness_is_demanded_of_a_team_with_a_broken_link_but_not_of_parts(team: Team) -> None:
+    both = {("A1", "C2"), ("C2", "A1")}
+    assert is_connected(team.agents, set())
+    assert is_connected(team.agents, {("A1", "C2")})
+    assert is_connected(team.agents, both)
+    deaf = {(agent.me, "C2") for agent in team.agents if agent.me != "C2"}
+    assert not is_connected(team.agents, deaf)
+    assert not is_connected(team.agents, deaf | {(target, source) for source, target in deaf})
+
+
 def test_i8_input_that_leaves_a_trace(team: Team) -> None:
     team.clock.now_us = 9 * SECOND_US + 1
     process: Any = team.processes[0]
@@ -242,6 +292,21 @@ def test_i4_a_robot_that_is_taken_off_what_it_runs(run: Run) -> None:
     team.agents[0].handle(TimerFired(), 3 * SECOND_US)
     team.checkers.handled(process, TimerFired(), cancel)  # type: ignore[arg-type]
     assert team.checkers.violations == []
+
+
+@pytest.mark.parametrize(("other", "found"), [("C1.1.n.1", []), ("C2.1.n.2", ["I4"])])
+def test_i4_successes_of_different_coalitions(team: Team, other: str, found: list[str]) -> None:
+    """Two robots lift the cover together; one of each of two coalitions does not."""
+    agent = team.agents[0]
+    assert agent.plan is not None
+    (request,) = agent.plan.evaluation.requests
+    for robot, token in (("C1", "C1.1.n.1"), ("C2", other)):
+        name = f"{OUTCOME}/{request.activation}/move_frame/{token}"
+        version = Version(agent.facts.members[robot][1], 10_000)
+        agent.facts.map.merge([make_entry(robot, name, version, [True, None])])
+    with MUTATIONS["rounds_are_mixed"]():
+        team.checkers.i3.check(team.processes[0], agent)  # type: ignore[arg-type]
+    assert [text.partition(" at ")[0] for text in team.checkers.violations] == found
 
 
 def test_i6_a_request_that_could_be_served_but_is_not(team: Team) -> None:
@@ -362,6 +427,17 @@ def test_i9_no_version_has_two_contents(team: Team) -> None:
     assert "for two contents" in team.checkers.violations[0]
 
 
+def test_i9_what_a_robot_writes_stands(team: Team) -> None:
+    """Unless an entry of an earlier life, with a higher incarnation, goes before it."""
+    process: Any = team.processes[0]
+    _, entries = process.agent.replica.write([("order", ["pause", 9])], 0)
+    team.checkers.i9.handled(process, [Persist(entries, synced=True)])
+    assert team.checkers.violations == []
+    late = make_entry("A1", "order", Version(Incarnation(0, "n"), 1), ["resume", 10])
+    team.checkers.i9.handled(process, [Persist((late,), synced=True)])
+    assert "A1 writes order" in team.checkers.violations[0]
+
+
 def test_i9_nothing_is_told_before_it_is_synced(team: Team) -> None:
     process: Any = team.processes[0]
     data, entries = process.agent.replica.write([("order", ["pause", 9])], 0)
@@ -398,8 +474,12 @@ class Dosing:
         self.team.checkers = Checkers(self.team)  # type: ignore[arg-type]
         self.processes: dict[str, Any] = {p.robot: p for p in self.team.processes}
 
-    def begin(self, robot: str, token: str) -> list[str]:
+    def begin(self, robot: str, token: str, givers: int = 4) -> list[str]:
         process = self.processes[robot]
+        for giver in list(self.processes.values())[:givers]:
+            version = Version(giver.agent.incarnation, 1)
+            grant = make_entry(giver.robot, f"{GRANT}/a:1/{token}", version, True)
+            self.team.checkers.i5.handled(giver, [Persist((grant,), synced=True)])
         start = StartAction(7, "a:1", "dose(a)", "dose(a)", (), 1, process.agent.incarnation, token)
         self.team.checkers.i5.handled(process, [start])
         process.agent.work.action = Ticket(7, "a:1", "dose(a)", "dose(a)", token)
@@ -438,6 +518,14 @@ def test_i5_a_task_in_doubt(run: Run, policy: InDoubt, found: list[str]) -> None
     dosing.begin("D1", "t1")
     dosing.end("D1", ActionStopped(7))
     assert dosing.begin("D2", "t2") == found
+
+
+def test_i5_a_majority_has_to_grant_it(run: Run) -> None:
+    half = len(Dosing(run).team.mission.robots) // 2
+    assert Dosing(run).begin("D1", "t1", givers=half + 1) == []
+    (text,) = Dosing(run).begin("D1", "t1", givers=half)
+    assert text.startswith("only ")
+    assert text.count(",") == half - 1
 
 
 def test_i5_whoever_is_gone_or_frozen_does_nothing(run: Run) -> None:

@@ -46,7 +46,7 @@ def test_sets_of_links_and_nested_knobs_are_plain_data() -> None:
         (5, Block(frozenset({("A", "B"), ("B", "A")}))),
         (7, Disturb(LinkKnobs(loss_permille=300), frozenset({("A", "B")}))),
         (8, Replay("A", "B", 3)),
-        (9, Heal(("A",))),
+        (9, Heal(("A",), frozenset({("B", "A")}))),
     )
     scenario = Scenario(1, ("A", "B"), steps, 9, 20)
     data = scenario.to_json()["steps"]

@@ -2,7 +2,7 @@
 
 Judged by what the robots' actions do, not by what anybody believes: a robot works from the
 start of its action until that has ended, or its process is gone. One that is frozen does
-nothing meanwhile.
+nothing meanwhile. Whether a majority has let it begin is judged by what robots have put on disk.
 """
 
 from __future__ import annotations
@@ -11,8 +11,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.effects import ActionFinished, ActionStopped, Effect, Input, StartAction
+from mrbt_mesh.core.effects import (
+    ActionFinished,
+    ActionStopped,
+    Effect,
+    Input,
+    Persist,
+    StartAction,
+)
 from mrbt_mesh.core.mission import GlobalTask, InDoubt
+from mrbt_mesh.core.records import GRANT, split_name
 from mrbt_mesh.sim.checkers.findings import Findings
 from mrbt_mesh.sim.process import SimProcess
 
@@ -52,6 +60,7 @@ class Exclusive:
         tasks = findings.world.mission.global_tasks.values()
         self._tasks = {task.id: task for task in tasks if task.exclusive}
         self._coalitions: dict[tuple[str, str], dict[str, _Coalition]] = {}
+        self._givers: dict[tuple[str, str], set[str]] = {}
 
     def handling(self, process: SimProcess, agent: Agent, event: Input) -> None:
         """Before a step: an action may be about to end."""
@@ -67,11 +76,22 @@ class Exclusive:
         for effect in effects:
             if isinstance(effect, StartAction) and effect.global_task in self._tasks:
                 self._start(process, effect)
+            elif isinstance(effect, Persist) and effect.synced:
+                for entry in effect.entries:
+                    kind, *scope = split_name(entry.name)
+                    if kind == GRANT:
+                        activation, token = scope
+                        self._givers.setdefault((activation, token), set()).add(process.robot)
 
     def _start(self, process: SimProcess, start: StartAction) -> None:
         findings, task = self._findings, self._tasks[start.global_task]
         findings.checks["I5"] += 1
         known = self._coalitions.setdefault((start.global_task, start.activation), {})
+        givers = self._givers.get((start.activation, start.coalition), set())
+        if 2 * len(givers) <= len(findings.world.mission.robots):
+            who = ", ".join(sorted(givers)) or "nobody"
+            text = f"{process.robot} begins {start.activation}, which only {who} granted"
+            findings.say("I5", text)
         for token, other in known.items():
             if token == start.coalition:
                 continue

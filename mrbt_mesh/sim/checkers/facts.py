@@ -20,7 +20,7 @@ from mrbt_mesh.core.records import (
     split_name,
 )
 from mrbt_mesh.core.tree import Status
-from mrbt_mesh.sim.checkers.findings import Findings, alive_set, joined
+from mrbt_mesh.sim.checkers.findings import Findings, alive_set, is_connected, joined
 from mrbt_mesh.sim.process import SimProcess
 
 _SCOPED = COALITION_KINDS | {OUTCOME, VERDICT, ATTEMPT, EXPIRED, DONE}
@@ -79,10 +79,11 @@ class Convergence:
             if other not in (agent.me, robot) and steady(robot, other) and steady(other, agent.me):
                 findings.say("I2", f"{agent.me} holds {robot} for dead, which {other} hears")
 
-    def sample(self, agents: Sequence[Agent]) -> None:
+    def sample(self, agents: list[Agent]) -> None:
         """While facts keep coming: what anybody held a while ago has reached everybody."""
         findings, now_us = self._findings, self._findings.world.clock.now_us
-        if not findings.is_tolerable or findings.world.network.blocked or not agents:
+        connected = is_connected(agents, findings.world.network.blocked)
+        if not findings.is_tolerable or not connected or not agents:
             self._noted = None
             return
         period_us = 2 * findings.repair_us + findings.verdict_us

@@ -112,6 +112,11 @@ def joined(world: View) -> list[Agent]:
     return [p.agent for p in world.living() if p.agent and p.agent.joining is None]
 
 
+def is_connected(agents: list[Agent], blocked: set[Link]) -> bool:
+    """Whether all hear one another both ways, directly or over others."""
+    return not blocked or len(components(agents, blocked)) == 1
+
+
 def components(agents: list[Agent], blocked: set[Link]) -> list[list[Agent]]:
     """The robots that hear one another both ways, directly or over others.
 

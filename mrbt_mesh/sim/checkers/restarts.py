@@ -17,9 +17,10 @@ from mrbt_mesh.sim.process import SimProcess
 class Resumption:
     """Keeps its own account of what each robot has synced, over all its lives.
 
-    Nothing is told before it is synced; what was synced is known after a restart, unless it was
-    forgotten because nothing can reach it; no version is ever used for two contents; and no robot
-    starts a local task again of which it has journaled an outcome.
+    What a robot writes goes before what it wrote earlier, also in earlier lives; nothing is told
+    before it is synced; what was synced is known after a restart, unless it was forgotten because
+    nothing can reach it; no version is ever used for two contents; and no robot starts a local
+    task again of which it has journaled an outcome.
     """
 
     def __init__(self, findings: Findings) -> None:
@@ -40,10 +41,12 @@ class Resumption:
                 self._findings.say("I9", text)
 
     def handled(self, process: SimProcess, effects: Iterable[Effect]) -> None:
+        written: dict[str, Entry] = {}
         for effect in effects:
             if isinstance(effect, Persist) and effect.synced:
                 for entry in effect.entries:
                     self._write(process.robot, entry)
+                    written[entry.name] = entry
             elif isinstance(effect, Forget):
                 self._forget(process, effect.keys)
             elif isinstance(effect, Publish) and effect.kind is MessageKind.FACT:
@@ -53,6 +56,18 @@ class Resumption:
                 if (process.robot, name) in self._synced.get(process.robot, {}):
                     text = f"{process.robot} starts {name} again, of which it has the outcome"
                     self._findings.say("I9", text)
+        for entry in written.values():
+            self._check_written(process, entry)
+
+    def _check_written(self, process: SimProcess, entry: Entry) -> None:
+        """The newest that was written of a name in one step."""
+        assert process.agent is not None
+        found = process.agent.facts.map.get(entry.author, entry.name)
+        if found is None or entry.record.first_stands or found.record.rank():
+            return
+        if found.version != entry.version:
+            text = f"{process.robot} writes {entry.name} {entry.version}, but {found.version}"
+            self._findings.say("I9", f"{text}, which is older, stands")
 
     def _forget(self, process: SimProcess, keys: Iterable[tuple[str, str]]) -> None:
         assert process.agent is not None

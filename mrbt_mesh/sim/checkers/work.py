@@ -16,7 +16,7 @@ from mrbt_mesh.core.plan import Plan
 from mrbt_mesh.core.records import Attempt, Claim, ConditionValue, Latch, OrderKind, Outcome, Phase
 from mrbt_mesh.core.team import TeamFacts, capability
 from mrbt_mesh.core.tree import Status
-from mrbt_mesh.sim.checkers.findings import Findings, alive_set, current_plan, joined
+from mrbt_mesh.sim.checkers.findings import Findings, alive_set, current_plan, is_connected, joined
 from mrbt_mesh.sim.process import SimProcess
 
 _OVER = (Status.SUCCESS, Status.FAILURE)
@@ -50,8 +50,10 @@ class Bounds:
         room = max(need.min_robots - sum(results.values()), need.max_robots - len(results), 0)
         before = 0
         for robot in workers(facts, alive_set(agent)):
-            other = facts.valid_claim(robot)
-            if other and robot not in results and _place(other) == _place(claim):
+            other, life = facts.claims.get(robot, (None, None))
+            if other is None or life != facts.members[robot][1]:
+                continue  # of an earlier life
+            if robot not in results and _place(other) == _place(claim):
                 running = other.phase is Phase.RUNNING and robot != agent.me
                 before += running and (other.since, robot) < (claim.since, agent.me)
         if before < room and keeps_pin(agent, plan, claim):
@@ -148,7 +150,8 @@ def is_served(plan: Plan, activation: str) -> bool:
 
 
 class Progress:
-    """I6: after the last fault the mission goes on, as long as the living can serve a request.
+    """I6: after the last fault everybody joins, and the mission goes on, as long as the living can
+    serve a request.
 
     `is_settled`: the mission is over, or rests for good because nothing that it asks for can be
     served. `done_twice` counts successes beyond mu of a local task: what a partition or a crash
@@ -188,10 +191,13 @@ class Progress:
     def sample(self) -> None:
         world, findings = self._findings.world, self._findings
         healed_us, now_us = world.healed_us, world.clock.now_us
-        if healed_us is None or not findings.is_tolerable or world.network.blocked:
+        if healed_us is None or not findings.is_tolerable:
             return
         agents = joined(world)
-        if not agents or len(agents) < len(world.living()):
+        if len(agents) < len(world.living()):
+            self._check_joining(agents)
+            return
+        if not agents or not is_connected(agents, world.network.blocked):
             return
         if not findings.checks["I6"] and servable(agents[0], alive_set(agents[0])):
             findings.checks["I6"] += 1  # from now on it is demanded
@@ -214,6 +220,16 @@ class Progress:
             elif waits or agent.facts.order() is OrderKind.PAUSE:
                 return
         self.is_settled = True
+
+    def _check_joining(self, agents: Sequence[Agent]) -> None:
+        """Some have not taken their place in the team."""
+        findings, world = self._findings, self._findings.world
+        waits_us = world.clock.now_us - max(world.healed_us or 0, findings.fault_us)
+        if waits_us > 2 * (findings.repair_us + findings.verdict_us):
+            late = {process.robot for process in world.living()} - {agent.me for agent in agents}
+            text = f"{', '.join(sorted(late))} did not join within {waits_us / 1e6:.1f} s"
+            findings.say("I6", f"{text} after the last fault")
+            self.is_settled = True
 
     def never_stopped(self) -> None:
         """Some time after robots stopped because the mission is over."""
