@@ -19,7 +19,6 @@ from typing import Any
 
 from mrbt_mesh.core.commands import ORDER
 from mrbt_mesh.core.mission import Mission, type_name
-from mrbt_mesh.core.tree import Kind
 from mrbt_mesh.sim import faults
 from mrbt_mesh.sim.network import Link, LinkKnobs
 from mrbt_mesh.sim.scenario import Scenario, Step
@@ -34,14 +33,12 @@ class ChaosKnobs:
 
     `chaos_us` is how long it lasts, `longest_us` how long a single fault, `max_down` how many
     robots may be dead, frozen or gone at once (but for `team_crashes`, which take all), and
-    `quiet_us` how long at most the team has afterwards (`endless_us` where the mission's tree may
-    repeat something for ever). Chances are from 0 to 1: `returns` that
+    `quiet_us` how long at most the team has afterwards. Chances are from 0 to 1: `returns` that
     a killed robot is started again before the end of the chaos, `revived` otherwise after it.
     """
 
     chaos_us: int = 6 * SECOND_US
     quiet_us: int = 60 * SECOND_US
-    endless_us: int = 10 * SECOND_US
     longest_us: int = 6 * SECOND_US
     max_down: int = 2
     returns: float = 0.7
@@ -71,7 +68,6 @@ class ChaosKnobs:
 _NO_RATES = (
     "chaos_us",
     "quiet_us",
-    "endless_us",
     "longest_us",
     "max_down",
     "returns",
@@ -105,17 +101,10 @@ def chaos(mission: Mission, seed: int, knobs: ChaosKnobs, speed: float = 1.0) ->
     return _Chaos(mission, seed, knobs).draw(speed)
 
 
-def is_endless(mission: Mission) -> bool:
-    """Whether something in the tree may be repeated for ever."""
-    nodes = mission.tree.nodes
-    return any(n.kind is Kind.KEEP_RUNNING_UNTIL_FAILURE or n.limit < 0 for n in nodes)
-
-
 class _Chaos:
     def __init__(self, mission: Mission, seed: int, knobs: ChaosKnobs) -> None:
         self.seed = seed
         self.knobs = knobs
-        self.quiet_us = knobs.endless_us if is_endless(mission) else knobs.quiet_us
         self.leases = any(task.exclusive for task in mission.global_tasks.values())
         self.robots = sorted(mission.robots)
         self.links: list[Link] = list(permutations(self.robots, 2))
@@ -170,7 +159,7 @@ class _Chaos:
             robots=tuple(robot for robot in self.robots if robot not in late),
             steps=tuple(sorted(steps, key=lambda step: step[0])),
             heal_us=knobs.chaos_us,
-            timeout_us=knobs.chaos_us + self.quiet_us,
+            timeout_us=knobs.chaos_us + knobs.quiet_us,
             link=self._usual(),
             token_delay_us=self.pick.choice([1 * MS, 5 * MS, 5 * MS, 50 * MS, None]),
             speed=speed,

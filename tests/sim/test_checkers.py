@@ -29,7 +29,7 @@ from mrbt_mesh.core.effects import (
 from mrbt_mesh.core.facts import Incarnation, Version, make_entry
 from mrbt_mesh.core.joining import Joining
 from mrbt_mesh.core.mission import InDoubt
-from mrbt_mesh.core.records import GRANT, OUTCOME, Claim, OrderKind, Phase
+from mrbt_mesh.core.records import BROKEN, GRANT, OUTCOME, Claim, OrderKind, Phase
 from mrbt_mesh.core.solvers import min_cost_flow
 from mrbt_mesh.core.timing import Timing
 from mrbt_mesh.core.wire import MessageKind
@@ -329,6 +329,48 @@ def test_i6_a_request_that_could_be_served_but_is_not(team: Team) -> None:
     samples(60)
     assert team.checkers.checks["I6"] == 1
     assert "I6" in {text[:2] for text in team.checkers.violations}
+    assert "remove_cover::0 could be served" in team.checkers.violations[0]
+
+
+@pytest.mark.parametrize("goes_on", [True, False])
+def test_i6_a_mission_that_may_go_on_for_ever_has_to_go_on(team: Team, goes_on: bool) -> None:
+    team.healed_us = team.clock.now_us
+    checker, process = team.checkers.i6, team.processes[0]
+    checker.is_endless = True
+    entry = next(e for e in team.agents[0].facts.map if e.name.startswith(OUTCOME))
+    for agent in team.agents:
+        member, incarnation = agent.facts.members["A1"]
+        able = dict(member.capabilities) | {"move_frame": 1_000_000}
+        agent.facts.members["A1"] = dataclasses.replace(member, capabilities=able), incarnation
+    while not checker.is_settled and team.clock.now_us < 200 * SECOND_US:
+        team.clock.now_us += SECOND_US
+        if goes_on:
+            name = entry.name.replace("::0", f"::{team.clock.now_us}")
+            again = make_entry(entry.author, name, entry.version, [True, None])
+            done: Any = Persist((again,), synced=True)
+            checker.handled(process, TimerFired(), [done])  # type: ignore[arg-type]
+        checker.sample()
+    assert checker.is_settled
+    assert bool(team.checkers.violations) is not goes_on
+
+
+def test_i6_coalitions_that_form_and_break_are_no_progress(team: Team) -> None:
+    team.healed_us = team.clock.now_us
+    checker, process = team.checkers.i6, team.processes[0]
+    for agent in team.agents:
+        member, incarnation = agent.facts.members["A1"]
+        able = dict(member.capabilities) | {"move_frame": 1_000_000}
+        agent.facts.members["A1"] = dataclasses.replace(member, capabilities=able), incarnation
+    version = Version(Incarnation(1, "n"), 1)
+    while not checker.is_settled and team.clock.now_us < 200 * SECOND_US:
+        team.clock.now_us += SECOND_US
+        scope, token = "sim1:4:remove_cover::0", f"C2.1.n.{team.clock.now_us}"
+        names = {f"outcome/{scope}/move_frame/{token}": [True, None]}
+        names |= {f"{BROKEN}/{scope}/{token}": True}
+        entries = tuple(make_entry("C2", n, version, value) for n, value in names.items())
+        done: Any = Persist(entries, synced=True)
+        checker.handled(process, TimerFired(), [done])  # type: ignore[arg-type]
+        checker.sample()
     assert "remove_cover::0 could be served" in team.checkers.violations[0]
 
 

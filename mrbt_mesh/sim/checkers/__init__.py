@@ -112,7 +112,8 @@ class Checkers:
         if now_us - max(findings.fault_us, quiet_us) <= repair_us + findings.verdict_us:
             return
         agree = self.i2.check_views(agents)
-        if now_us - max(findings.changed_us, quiet_us) > repair_us:
+        still_us = now_us - max(findings.changed_us, quiet_us)
+        if still_us > repair_us:
             self.i2.at_rest(agents)
-            if agree:
+            if agree and still_us > repair_us + self.i5.wait_us:
                 self.i4.at_rest(agents)

@@ -110,6 +110,11 @@ class Exclusive:
         mine.tickets[process] = start.ticket
 
     @property
+    def wait_us(self) -> int:
+        """How long everybody may wait, and write nothing, for grants to run out."""
+        return self._findings.world.timing.lease_us if self._tasks else 0
+
+    @property
     def done_twice(self) -> int:
         return sum(
             max(0, sum(c.has_succeeded(self._tasks[task]) for c in known.values()) - 1)

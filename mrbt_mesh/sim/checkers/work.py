@@ -10,12 +10,22 @@ from mrbt_mesh.core.agent import Agent
 from mrbt_mesh.core.demand import Consistency, demands_of, workers
 from mrbt_mesh.core.effects import ActionFinished, Effect, Input, Persist, StartAction
 from mrbt_mesh.core.evaluate import Request
-from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.facts import Entry, Incarnation
 from mrbt_mesh.core.mission import MICRO, InDoubt, Mission, performance, type_name
 from mrbt_mesh.core.plan import Plan
-from mrbt_mesh.core.records import Attempt, Claim, ConditionValue, Latch, OrderKind, Outcome, Phase
+from mrbt_mesh.core.records import (
+    COALITION_KINDS,
+    Attempt,
+    Claim,
+    ConditionValue,
+    Latch,
+    OrderKind,
+    Outcome,
+    Phase,
+    split_name,
+)
 from mrbt_mesh.core.team import TeamFacts, capability
-from mrbt_mesh.core.tree import Status
+from mrbt_mesh.core.tree import Kind, Status
 from mrbt_mesh.sim.checkers.findings import Findings, alive_set, current_plan, is_connected, joined
 from mrbt_mesh.sim.process import SimProcess
 
@@ -154,14 +164,16 @@ class Progress:
     serve a request.
 
     `is_settled`: the mission is over, or rests for good because nothing that it asks for can be
-    served. `done_twice` counts successes beyond mu of a local task: what a partition or a crash
-    may cost where a task is not exclusive.
+    served, or goes on as one does that may go on for ever. `done_twice` counts successes beyond
+    mu of a local task: what a partition or a crash may cost where a task is not exclusive.
     """
 
     def __init__(self, findings: Findings) -> None:
         self._findings = findings
         self._progress_us = 0
         self._longest_us = longest_us(findings.world.mission, findings.world.speed)
+        self.is_endless = is_endless(findings.world.mission)
+        self._done: set[tuple[object, ...]] = set()
         self._successes: Counter[tuple[str, str, str]] = Counter()
         self.is_settled = False
 
@@ -176,10 +188,21 @@ class Progress:
 
     def handled(self, process: SimProcess, event: Input, effects: Iterable[Effect]) -> None:
         for effect in effects:
-            if isinstance(effect, Persist) and effect.synced:
-                kinds = (Outcome, Attempt, Latch, ConditionValue)
-                if any(isinstance(entry.record, kinds) for entry in effect.entries):
+            written = effect.entries if isinstance(effect, Persist) and effect.synced else ()
+            for entry in written:
+                if self._is_progress(entry):
                     self._progress_us = self._findings.world.clock.now_us
+
+    def _is_progress(self, entry: Entry) -> bool:
+        """Not that a coalition forms or breaks, nor that it repeats what another one has done."""
+        kind, *scope = split_name(entry.name)
+        if isinstance(entry.record, Outcome):
+            done = (entry.author, *scope[:2], entry.record.success)
+            is_new = done not in self._done
+            self._done.add(done)
+            return is_new
+        kinds = (Attempt, Latch, ConditionValue)
+        return isinstance(entry.record, kinds) and kind not in COALITION_KINDS
 
     def finishing(self, agent: Agent, event: Input) -> None:
         """Before a step: an action is about to end."""
@@ -201,13 +224,15 @@ class Progress:
             return
         if not findings.checks["I6"] and servable(agents[0], alive_set(agents[0])):
             findings.checks["I6"] += 1  # from now on it is demanded
-        still_us = now_us - max(self._progress_us, healed_us, findings.fault_us)
+        quiet_us = now_us - max(healed_us, findings.fault_us)
+        still_us = min(quiet_us, now_us - self._progress_us)
+        patience_us = 2 * (findings.repair_us + findings.verdict_us) + self._longest_us
         if still_us <= findings.repair_us + findings.verdict_us:
+            self.is_settled = self.is_endless and quiet_us > patience_us
             return
         if all(agent.plan and agent.plan.result in _OVER for agent in agents):
             self.is_settled = True
             return
-        patience_us = 2 * (findings.repair_us + findings.verdict_us) + self._longest_us
         if still_us <= patience_us:
             return
         for agent in agents:
@@ -246,6 +271,12 @@ class Progress:
         if can_finish(agents[0], {agent.me: agent.incarnation for agent in agents}):
             text = "the living robots could finish the mission, but did not in time"
             self._findings.say("I6", text)
+
+
+def is_endless(mission: Mission) -> bool:
+    """Whether something in the tree may be repeated for ever."""
+    nodes = mission.tree.nodes
+    return any(n.kind is Kind.KEEP_RUNNING_UNTIL_FAILURE or n.limit < 0 for n in nodes)
 
 
 def longest_us(mission: Mission, speed: float) -> int:
