@@ -15,18 +15,18 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from mrbt_mesh.core.facts import FactMap, Incarnation, Version
+from mrbt_mesh.core.facts import Entry, FactMap, Incarnation, Version
 from mrbt_mesh.core.mission import FailurePolicy, GlobalTask, InDoubt, Need
 from mrbt_mesh.core.records import (
     BROKEN,
     CLAIM,
+    CLEARED,
     DOUBT,
     GRANT,
     Claim,
     Coalition,
     CoalitionMember,
     Phase,
-    Record,
     Token,
 )
 
@@ -41,23 +41,33 @@ class Coalitions:
     """What the facts say of one activation's coalitions.
 
     `outcomes` are by token, local task and robot. `broken`, `grants`, `doubts` and `cleared`
-    hold the authors who said so.
+    hold the authors who said so; `doubts` and `ended` when, by an author's own count, it doubted
+    the coalition and had its outcome.
     """
 
     members: dict[Token, tuple[CoalitionMember, ...]] = field(default_factory=dict)
     outcomes: dict[Token, dict[str, dict[str, bool]]] = field(default_factory=dict)
     broken: dict[Token, set[str]] = field(default_factory=dict)
     grants: dict[Token, set[str]] = field(default_factory=dict)
-    doubts: dict[Token, set[str]] = field(default_factory=dict)
+    doubts: dict[Token, dict[str, Version]] = field(default_factory=dict)
+    ended: dict[Token, dict[str, Version]] = field(default_factory=dict)
     cleared: dict[Token, set[str]] = field(default_factory=dict)
 
-    def take(self, kind: str, token: Token, author: str, record: Record) -> None:
-        """Take in what `author` has said of a coalition."""
-        if isinstance(record, Coalition):
-            self.members[token] = record.members
-            return
-        latches = {BROKEN: self.broken, GRANT: self.grants, DOUBT: self.doubts}
-        latches.get(kind, self.cleared).setdefault(token, set()).add(author)
+    def take(self, kind: str, token: Token, entry: Entry) -> None:
+        """Take in what an author has said of a coalition."""
+        if isinstance(entry.record, Coalition):
+            self.members[token] = entry.record.members
+        elif kind == DOUBT:
+            self.doubts.setdefault(token, {})[entry.author] = entry.version
+        else:
+            latches = {BROKEN: self.broken, GRANT: self.grants, CLEARED: self.cleared}
+            latches[kind].setdefault(token, set()).add(entry.author)
+
+    def take_outcome(self, token: Token, local_task: str, entry: Entry, success: bool) -> None:
+        """Take in how a local task ended for a member."""
+        ends = self.outcomes.setdefault(token, {}).setdefault(local_task, {})
+        ends[entry.author] = success
+        self.ended.setdefault(token, {})[entry.author] = entry.version
 
     def has_succeeded(self, task: GlobalTask) -> bool:
         """Whether one coalition has nu successes of each local task."""
@@ -91,15 +101,21 @@ class Coalitions:
     def doubted(self, givers: Collection[str]) -> list[Token]:
         """Coalitions that have ended and left the activation in doubt, in canonical order.
 
-        A member's word is enough; otherwise so many givers have let their grants run out that
-        those that are left are no majority.
+        The word of a member that stopped is enough; otherwise so many givers have let their
+        grants run out that those that are left are no majority. A member that had its outcome
+        before is only a giver: those that are still at it cannot renew its grant if it does not
+        hear them.
         """
         needed = len(givers) - majority(givers) + 1
         found = []
         for token in sorted(self.doubts):
-            authors = self.doubts[token]
-            own = {token.leader, *(m.robot for m in self.members.get(token, ()))}
-            if self.is_open(token) and (own & authors or len(authors & set(givers)) >= needed):
+            doubts, ended = self.doubts[token], self.ended.get(token, {})
+            members = {token.leader, *(m.robot for m in self.members.get(token, ()))}
+            stopped = any(
+                author not in ended or doubts[author] <= ended[author]
+                for author in members & doubts.keys()
+            )
+            if self.is_open(token) and (stopped or len(doubts.keys() & set(givers)) >= needed):
                 found.append(token)
         return found
 

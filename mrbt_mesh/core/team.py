@@ -306,10 +306,10 @@ class TeamFacts:
             case records.NoClaim():
                 self.claims.pop(author, None)
             case Outcome():
-                self._ended(parts, author, record)
+                self._ended(parts, entry, record)
             case Coalition() | Latch() if parts[0] in records.COALITION_KINDS:
                 token = Token.parse(parts[2])
-                self._coalition(parts).take(parts[0], token, author, record)
+                self._coalition(parts).take(parts[0], token, entry)
                 self.max_stamp = max(self.max_stamp, token.since)
             case ConditionValue():
                 values = self._conditions.setdefault(parts[1], {})
@@ -325,13 +325,14 @@ class TeamFacts:
             case Latch():
                 self._latches.setdefault(entry.name, {})[author] = 1
 
-    def _ended(self, parts: list[str], author: str, outcome: Outcome) -> None:
+    def _ended(self, parts: list[str], entry: Entry, outcome: Outcome) -> None:
         self.outcome_changes += 1
         if len(parts) == 4:
-            ends = self._coalition(parts).outcomes.setdefault(Token.parse(parts[3]), {})
+            token = Token.parse(parts[3])
+            self._coalition(parts).take_outcome(token, parts[2], entry, outcome.success)
         else:
-            ends = self.outcomes.setdefault(parts[1], {})
-        ends.setdefault(parts[2], {})[author] = outcome.success
+            ends = self.outcomes.setdefault(parts[1], {}).setdefault(parts[2], {})
+            ends[entry.author] = outcome.success
 
     def _coalition(self, parts: list[str]) -> Coalitions:
         return self._coalitions.setdefault(parts[1], Coalitions())

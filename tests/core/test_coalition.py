@@ -257,6 +257,30 @@ def test_a_members_own_word_leaves_it_in_doubt_at_once() -> None:
     assert "in doubt" in reason(world)
 
 
+@pytest.mark.parametrize("finished_first", [True, False])
+def test_a_member_that_has_finished_doubts_as_a_giver_only(finished_first: bool) -> None:
+    """It may not hear those that are still at it: over a broken link, they cannot renew its grant.
+
+    Who has stopped and then finished all the same has given its word.
+    """
+    dose = task("dose", ("pour", 2, 2), exclusive=True)
+    robots = {"A": {"pour": 2}, "B": {"pour": 1}, "C": {"look": 1}}
+    world = World(make_mission(fallback(action("dose"), action("look")), robots, [dose]))
+    name = dose_name(world)
+    token = world.form(name, "A", "B")
+    world.say(GRANT, name, token, "A", "B", "C")
+    if finished_first:
+        world.end(name, token, "B", True, "pour")
+        world.say(DOUBT, name, token, "B")
+        assert standing(world.facts, dose, name, world.alive) == token
+        world.say(DOUBT, name, token, "C")  # the grants that are left are no majority
+    else:
+        world.say(DOUBT, name, token, "B")
+        world.end(name, token, "B", True, "pour")
+    assert standing(world.facts, dose, name, world.alive) is None
+    assert "in doubt" in reason(world)
+
+
 @pytest.mark.parametrize("kind", [CLEARED, "outcome"])
 def test_what_dissolves_a_doubt(kind: str) -> None:
     world = dosing()
@@ -373,6 +397,8 @@ def test_the_order_in_which_facts_arrive_makes_no_difference(
     world.end(name, second, "C", rng.random() < 0.5, "lift")
     if rng.random() < 0.5:
         world.end(name, first, "B", True, "lift")
+    if exclusive and rng.random() < 0.5:
+        world.say(DOUBT, name, rng.choice([first, second]), rng.choice("ABCD"))
     shuffled = list(world.entries)
     rng.shuffle(shuffled)
     assert world.replayed(shuffled).plan().packed == world.plan().packed
