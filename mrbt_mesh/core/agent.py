@@ -300,17 +300,21 @@ class Agent:
             heard = self.replica.next_incarnation(0)
             self._effects.append(fx.DeclareToken(heard))
             self._join_again(frozenset(self.membership.alive()), False, now_us)
+            # On disk before it is beaten out: no later process may take this incarnation again.
+            self.write([(records.CLAIM, None)], now_us)
 
     def _check_own_past(self, now_us: int) -> None:
-        """Find a later life of this robot in the facts: it started again without knowing of it.
+        """Find a later life of this robot in the facts, or others burying one: it started again
+        without knowing of it.
 
         Others ignore its beats, so it joins once more, above that life. If that life still
         goes on, it is heard meanwhile, and this process stops: it listens for as long as it
         takes, because it expects itself, whom it never hears.
         """
         known = self.facts.members.get(self.me)
-        if self.joining is None and known is not None and known[1] > self.replica.incarnation:
-            self.log("warning", "later_life_found", incarnation=str(known[1]))
+        later = max(self.identity.rival, known[1] if known is not None else self.identity.rival)
+        if self.joining is None and later > self.replica.incarnation:
+            self.log("warning", "later_life_found", incarnation=str(later))
             self._join_again(frozenset({self.me}), True, now_us)
 
     def _join_again(self, expected: frozenset[str], first: bool, now_us: int) -> None:
@@ -365,7 +369,7 @@ class Agent:
             peers, digest = self.membership.peers, self.facts.map.digest()
             if self.joining.knows_all_of(others, peers, digest) and not is_known:
                 self.grants.is_new()
-            incarnation = self.replica.next_incarnation(self.identity.rival)
+            incarnation = self.replica.next_incarnation(self.identity.rival.counter)
             self._effects.append(fx.DeclareToken(incarnation))
         self.joining = None
         self.log("info", "joined", incarnation=str(self.replica.incarnation))

@@ -18,7 +18,8 @@ from mrbt_mesh.core.wire import Beat
 class Identity:
     """Watches one process's own id. Methods return why to stop, or None.
 
-    `rival` is the highest incarnation counter heard under the id while starting.
+    `rival` is the highest incarnation under this id that is not this process's own: of one that
+    beats, or that others bury.
     """
 
     def __init__(self, me: str, nonce: str, takeover: bool, timing: Timing) -> None:
@@ -29,11 +30,11 @@ class Identity:
         self._relayed_us: int | None = None
         self._relayed_number = 0
         self._relayed_by: set[str] = set()
-        self.rival = 0
+        self.rival = Incarnation(0, "")
 
     def restart(self) -> None:
-        """Begin to start anew: forget what others said of this id."""
-        self._relayed_us, self._relayed_number, self.rival = None, 0, 0
+        """Begin to start anew: forget who counts this id among the living."""
+        self._relayed_us, self._relayed_number = None, 0
         self._relayed_by.clear()
 
     @property
@@ -52,7 +53,7 @@ class Identity:
             return None
         if not starting:
             return self._replaced_by(beat.incarnation, mine) if beat.joined else None
-        self.rival = max(self.rival, beat.incarnation.counter)
+        self.rival = max(self.rival, beat.incarnation)
         may_replace = self._takeover and mine.counter == 0
         if not may_replace and (beat.joined or beat.incarnation > mine):
             return self._is_running(members)
@@ -72,6 +73,9 @@ class Identity:
         While starting, an earlier life's beats may still be on their way. If they grow in
         number after all of those must have arrived, somebody lives under this id.
         """
+        for accusation in beat.accusations:
+            if accusation.robot == self._me and accusation.incarnation.nonce != self._nonce:
+                self.rival = max(self.rival, accusation.incarnation)
         relay = next((heard for heard in beat.heard if heard.robot == self._me), None)
         if relay is None or relay.incarnation.nonce == self._nonce:
             self._relayed_by.discard(source)

@@ -14,7 +14,7 @@ from mrbt_mesh.core import effects as fx
 from mrbt_mesh.core.agent import Agent
 from mrbt_mesh.core.commands import carry_out
 from mrbt_mesh.core.facts import MAX_VALUE_BYTES, Incarnation
-from mrbt_mesh.core.wire import Header, MessageKind, encode
+from mrbt_mesh.core.wire import Accusation, Beat, Header, MessageKind, beat_body, encode
 from tests.core.harness import MS, Script
 from tests.core.test_records_wire import mutations, plain
 
@@ -281,3 +281,52 @@ def test_what_a_robot_says_while_it_joins_is_written_once_it_has(knows_its_past:
     assert agent.facts.condition("sound") is not knows_its_past
     mine = {entry.name: entry.version for entry in agent.facts.map.of_author("A")}
     assert mine["condition/sound"].incarnation == agent.incarnation
+
+
+# -- earlier lives ----------------------------------------------------------------------------
+
+
+def test_a_life_that_begins_by_self_fencing_is_on_disk_before_anybody_hears_of_it() -> None:
+    """Otherwise the next process of this robot might take the same incarnation again."""
+    script = team()
+    story(script, "pass 200")
+    agent = script.team.processes["A"].agent
+    before = agent.incarnation
+    effects = agent.handle(fx.TimerFired(), 60_000 * MS)
+    assert agent.incarnation > before
+    synced = [effect for effect in effects if isinstance(effect, fx.Persist) and effect.synced]
+    assert any(e.version.incarnation == agent.incarnation for p in synced for e in p.entries)
+    told = next(
+        effect
+        for effect in effects
+        if isinstance(effect, fx.Publish) and effect.kind is MessageKind.BEAT
+    )
+    assert effects.index(synced[0]) < effects.index(told)
+
+
+def test_a_robot_whose_later_life_others_bury_joins_above_it() -> None:
+    """They ignore its beats, and it would never learn from the facts why."""
+    script = team()
+    story(script, "pass 200")
+    agent = script.team.processes["A"].agent
+    later = Incarnation(agent.incarnation.counter, "zzz")
+    assert later > agent.incarnation
+    beat = Beat(
+        script.team.processes["B"].agent.incarnation,
+        1_000,
+        True,
+        False,
+        bytes(8),
+        agent.facts.map.digest(),
+        (1, 2, 1, 1),
+        1,
+        0,
+        (Accusation("A", later, token_lost=False, dead=True, sought=False),),
+        (),
+    )
+    data = encode(header(script), MessageKind.BEAT, beat_body(beat))
+    agent.handle(fx.MessageReceived(MessageKind.BEAT, "B", data), 250 * MS)
+    assert agent.joining is not None
+    agent.handle(fx.TimerFired(), 60_000 * MS)
+    assert agent.joining is None
+    assert agent.incarnation.counter > later.counter
