@@ -1,6 +1,6 @@
 """Who is thought dead, how soon, and how fast a team agrees, on networks from good to hopeless.
 
-    python benchmarks/membership.py [--full] [--jobs 2] [--json FILE] [--write-docs]
+    python benchmarks/membership.py [--full | --long] [--jobs 2] [--json FILE] [--write-docs]
 
 Virtual time; the robots are the real agents with the default knobs. Beside them stands a plain
 detector that sees the same beats: dead after the detection time without a beat of the robot
@@ -368,6 +368,14 @@ def jobs(full: bool) -> Iterator[Job]:
                 yield Job("verdicts", robots, net, (rest_s, victims, 1_000 * rest_s + seed))
 
 
+def long_jobs() -> Iterator[Job]:
+    """Ten minutes of large teams on a bad network, with a broken link and a one-way link in it."""
+    rough = Net(30, 200, "0>1 2-3")
+    yield Job("verdicts", 64, rough, (600, 4, 3))
+    yield Job("verdicts", 32, BAD, (600, 4, 1))
+    yield Job("verdicts", 32, rough, (600, 0, 2))
+
+
 def run_all(todo: list[Job], processes: int) -> dict[tuple[str, int, Net], list[Any]]:
     """All results by kind, size and network."""
     found: dict[tuple[str, int, Net], list[Any]] = {}
@@ -502,12 +510,14 @@ def main() -> None:
     """Run the benchmark."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("--full", action="store_true", help="more and longer runs: hours")
+    parser.add_argument("--long", action="store_true", help="32 and 64 robots for 600 s: 30 min")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes (all cores)")
     parser.add_argument("--json", type=Path, help="also write the result here")
     parser.add_argument("--write-docs", action="store_true", help="update docs/membership.md")
     options = parser.parse_args()
     started = time.monotonic()
-    tables = summary(run_all(list(jobs(options.full)), options.jobs))
+    todo = list(long_jobs() if options.long else jobs(options.full))
+    tables = summary(run_all(todo, options.jobs))
     text = markdown(tables)
     sys.stdout.write(text + "\n")
     if options.json:
