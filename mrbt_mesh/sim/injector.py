@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from mrbt_mesh.core.commands import ORDER, command_body
@@ -34,6 +35,9 @@ _ISOLATING = (
     | faults.Replay
     | faults.LoseToken  # a suspect is left out when agreement is counted
 )
+# What a robot lacks from the beginning it finds out once it has started.
+_OF_THE_ROBOT = faults.Lose | faults.Restore
+BOOT_US = 1_000
 
 
 class Injector:
@@ -81,7 +85,9 @@ class Injector:
                 world.kill(robot)
             case _:
                 process = world.processes.get(fault.robot)
-                if process is not None and not process.is_over:
+                if isinstance(fault, _OF_THE_ROBOT) and world.is_coming(fault.robot):
+                    world.clock.at(world.clock.now_us + BOOT_US, partial(self.inject, fault))
+                elif process is not None and not process.is_over:
                     self._befall(process, fault)
 
     def _befall(self, process: SimProcess, fault: faults.Fault) -> None:

@@ -156,6 +156,13 @@ class World:
             self.processes[robot] for robot in sorted(self.processes) if self.processes[robot].runs
         ]
 
+    def is_coming(self, robot: str) -> bool:
+        """Whether its process is about to start, or is starting."""
+        process = self.processes.get(robot)
+        if process is None:
+            return robot in self.setup.robots and robot not in self._never
+        return process.agent is None and not process.is_over
+
     def _random_bytes(self, *purpose: Any) -> bytes:
         text = "/".join(map(str, (self.setup.seed, *purpose)))
         return hashlib.blake2b(text.encode(), digest_size=4).digest()

@@ -164,3 +164,9 @@ def test_healing_ends_every_fault(run: Run) -> None:
     schedule.append((9 * SECOND_US, Heal(("C1",))))
     result = run("vehicle_repair", 3, schedule=schedule, timeout_us=timeout_us)
     assert result.summary["duration_s"] < 34
+
+
+def test_a_capability_lost_from_the_beginning_is_lost(run: Run) -> None:
+    result = run("vehicle_repair", 3, schedule=[(0, Lose("C1", "move_frame"))], expect="blocked")
+    assert result.summary["robots"]["C1"]["lost"] == ["move_frame"]
+    assert result.summary["blocked"][0]["reason"] == "blocked: move_frame needs 2, 1 alive"
