@@ -5,15 +5,18 @@ name of an *activation*: it is made of the leaf, the attempt numbers of the encl
 Retry/Repeat nodes, and how often the leaf's guards have turned against it. Same facts, same
 name, on every robot; a guard that flipped and flipped back gives a new name, so the work is
 done again. Statuses are those of the paper, section III.
+
+Nodes with memory (`tree.Memory`) do not look again at children that have ended: that these
+have is a fact, under the name of the node. What such a child read is no guard of what follows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from mrbt_mesh.core.tree import ATTEMPT_KINDS, Kind, Status, Tree, parallel_status
+from mrbt_mesh.core.tree import ATTEMPT_KINDS, Kind, Memory, Node, Status, Tree, parallel_status
 
 
 class EvaluationFacts(Protocol):
@@ -32,6 +35,9 @@ class EvaluationFacts(Protocol):
 
     def attempt(self, scope: str) -> int: ...
     def expired(self, scope: str) -> bool: ...
+    def passed(self, scope: str, position: int) -> Status | None:
+        """How that child of a node with memory ended, None if nobody has said so."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +62,8 @@ class RunningTimeout:
 class Evaluation:
     """The outcome of one tick: a status per node, requests in tree order, facts to record.
 
-    `attempts` are (scope, attempt number) pairs that have become true by this evaluation;
+    `attempts` are (scope, attempt number) pairs that have become true by this evaluation, and
+    `passed` (scope, position, success) of children that nodes with memory have done with;
     `failures` are the activations of the actions that were ticked and have failed, used-up
     attempts left out.
     """
@@ -66,6 +73,7 @@ class Evaluation:
     timeouts: tuple[RunningTimeout, ...]
     attempts: tuple[tuple[str, int], ...]
     failures: tuple[str, ...]
+    passed: tuple[tuple[str, int, bool], ...]
 
     @property
     def status(self) -> Status:
@@ -96,22 +104,30 @@ def parse_scope(text: str) -> ScopeName:
 
 
 Guard = tuple[str, bool]
+# A status, and whether outcomes decided it.
+Result = tuple[Status, bool]
 
 
-def _against(tree: Tree, index: int, wanted: Status) -> tuple[Guard, ...]:
+def _against(
+    tree: Tree, index: int, wanted: Status, remembering: Sequence[bool]
+) -> tuple[Guard, ...]:
     """Conditions that every evaluation reads below `index`, with the value that turns against it.
 
     `wanted` is the status that the node must keep for its right siblings to be reached. A
-    composite of the same kind as its parent counts as written out in the parent.
+    composite of the same kind as its parent counts as written out in the parent. What is read
+    below an IfThenElse or a `remembering` node depends on more than the present conditions.
     """
     node = tree.nodes[index]
     succeed = wanted is Status.SUCCESS
+    if remembering[index]:
+        return ()
     match node.kind:
         case Kind.CONDITION:
             return ((node.subject, not succeed),)
         case Kind.INVERTER:
-            return _against(tree, node.children[0], Status.FAILURE if succeed else Status.SUCCESS)
-        case Kind.FORCE_SUCCESS | Kind.FORCE_FAILURE | Kind.ACTION:
+            turned = Status.FAILURE if succeed else Status.SUCCESS
+            return _against(tree, node.children[0], turned, remembering)
+        case Kind.FORCE_SUCCESS | Kind.FORCE_FAILURE | Kind.ACTION | Kind.IF_THEN_ELSE:
             return ()
         case Kind.SEQUENCE:
             children = node.children if succeed else node.children[:1]
@@ -119,7 +135,7 @@ def _against(tree: Tree, index: int, wanted: Status) -> tuple[Guard, ...]:
             children = node.children[:1] if succeed else node.children
         case _:
             children = node.children
-    return tuple(guard for child in children for guard in _against(tree, child, wanted))
+    return tuple(g for child in children for g in _against(tree, child, wanted, remembering))
 
 
 class Evaluator:
@@ -131,23 +147,49 @@ class Evaluator:
         self._guards: list[tuple[Guard, ...]] = [()] * count
         self._attempt_nodes: list[tuple[int, ...]] = [()] * count
         self._ends = [0] * count
+        self.has_action = [node.kind is Kind.ACTION for node in tree.nodes]
+        self.has_condition = [node.kind is Kind.CONDITION for node in tree.nodes]
         self._derive()
 
     def _derive(self) -> None:
+        for node in reversed(self.tree.nodes):
+            self._ends[node.index] = self._ends[node.children[-1]] if node.children else node.index
+            for below in (self.has_action, self.has_condition):
+                below[node.index] |= any(below[child] for child in node.children)
+        # Where there are only conditions, a node ends in the tick in which it begins.
+        self.remembering = [
+            node.memory is not Memory.NONE and self.has_action[node.index]
+            for node in self.tree.nodes
+        ]
         for node in self.tree.nodes:
             guards = self._guards[node.index]
             attempts = self._attempt_nodes[node.index]
             if node.kind in ATTEMPT_KINDS:
                 attempts = (*attempts, node.index)
-            wanted = {Kind.SEQUENCE: Status.SUCCESS, Kind.FALLBACK: Status.FAILURE}.get(node.kind)
-            for child in node.children:
+            for position, child in enumerate(node.children):
+                fresh = () if self.remembering[node.index] else self._fresh(node, position)
+                guards = (*guards, *(guard for guard in fresh if guard not in guards))
                 self._guards[child] = guards
                 self._attempt_nodes[child] = attempts
-                if wanted is not None:
-                    fresh = _against(self.tree, child, wanted)
-                    guards = (*guards, *(guard for guard in fresh if guard not in guards))
-        for node in reversed(self.tree.nodes):
-            self._ends[node.index] = self._ends[node.children[-1]] if node.children else node.index
+                if node.kind is Kind.IF_THEN_ELSE:
+                    guards = self._guards[node.index]
+
+    def _fresh(self, node: Node, position: int) -> tuple[Guard, ...]:
+        """The guards that a child has besides those of its left sibling, or of its parent."""
+        if position == 0:
+            return ()
+        before, wanted = node.children[position - 1], Status.SUCCESS
+        match node.kind:
+            case Kind.SEQUENCE:
+                pass
+            case Kind.FALLBACK:
+                wanted = Status.FAILURE
+            case Kind.IF_THEN_ELSE:
+                before = node.children[0]
+                wanted = Status.SUCCESS if position == 1 else Status.FAILURE
+            case _:
+                return ()
+        return _against(self.tree, before, wanted, self.remembering)
 
     def scope(self, node: int, attempts: Sequence[int], facts: EvaluationFacts) -> ScopeName:
         """The name of what happens at `node` under these facts and attempt numbers."""
@@ -161,6 +203,20 @@ class Evaluator:
         for outer in self._attempt_nodes[node]:
             recorded = facts.attempt(str(self.scope(outer, attempts, facts)))
             attempts.append(self.used_attempts(outer, recorded))
+        if self.remembering[node]:
+            return self.memory_scope(node, attempts, facts)
+        return self.scope(node, attempts, facts)
+
+    def memory_scope(self, node: int, attempts: Sequence[int], facts: EvaluationFacts) -> ScopeName:
+        """The name under which a node with memory remembers: a Retry changes nothing for one that
+        remembers until it succeeds.
+        """
+        if self.tree.nodes[node].memory is Memory.UNTIL_SUCCESS:
+            outer = zip(self._attempt_nodes[node], attempts, strict=True)
+            attempts = [
+                0 if self.tree.nodes[index].kind is Kind.RETRY else number
+                for index, number in outer
+            ]
         return self.scope(node, attempts, facts)
 
     def used_attempts(self, node: int, recorded: int) -> int:
@@ -197,7 +253,7 @@ class Evaluator:
 
 
 class _Tick:
-    """The working state of one evaluation. `tick` returns (status, whether outcomes decided)."""
+    """The working state of one evaluation."""
 
     def __init__(self, evaluator: Evaluator, facts: EvaluationFacts) -> None:
         self.evaluator = evaluator
@@ -208,6 +264,8 @@ class _Tick:
         self.timeouts: list[RunningTimeout] = []
         self.latches: list[tuple[str, int]] = []
         self.failures: list[str] = []
+        self.passed: list[tuple[str, int, bool]] = []
+        self.kept: list[tuple[str, int, bool]] = []
         self.attempts: list[int] = []
 
     def run(self) -> Evaluation:
@@ -218,18 +276,19 @@ class _Tick:
             tuple(self.timeouts),
             tuple(self.latches),
             tuple(self.failures),
+            (*self.passed, *self.kept),
         )
 
-    def tick(self, index: int) -> tuple[Status, bool]:
-        marks = len(self.requests), len(self.timeouts)
+    def tick(self, index: int) -> Result:
+        marks = len(self.requests), len(self.timeouts), len(self.passed)
         status, acted = self._status(index)
         if status is not Status.RUNNING:
             # A node that has finished asks for nothing, nor does anything below it.
-            del self.requests[marks[0] :], self.timeouts[marks[1] :]
+            del self.requests[marks[0] :], self.timeouts[marks[1] :], self.passed[marks[2] :]
         self.statuses[index] = status
         return status, acted
 
-    def _status(self, index: int) -> tuple[Status, bool]:
+    def _status(self, index: int) -> Result:
         node = self.nodes[index]
         match node.kind:
             case Kind.CONDITION:
@@ -237,16 +296,10 @@ class _Tick:
                 return (Status.SUCCESS if holds else Status.FAILURE), False
             case Kind.ACTION:
                 return self._action(index)
-            case Kind.SEQUENCE:
-                return self._in_order(node.children, Status.SUCCESS)
-            case Kind.FALLBACK:
-                return self._in_order(node.children, Status.FAILURE)
-            case Kind.PARALLEL:
-                results = [self.tick(child) for child in node.children]
-                statuses = [status for status, _ in results]
-                successes, failures = map(statuses.count, (Status.SUCCESS, Status.FAILURE))
-                status = parallel_status(successes, failures, len(results), node.limit)
-                return status, any(acted for _, acted in results)
+            case Kind.SEQUENCE | Kind.FALLBACK | Kind.PARALLEL | Kind.IF_THEN_ELSE:
+                if self.evaluator.remembering[index]:
+                    return self._remembering(node)
+                return self._control(node, self.tick)
             case Kind.TIMEOUT:
                 return self._timeout(index)
             case Kind.RETRY | Kind.REPEAT | Kind.KEEP_RUNNING_UNTIL_FAILURE:
@@ -254,7 +307,7 @@ class _Tick:
         status, acted = self.tick(node.children[0])
         return _decorated(node.kind, status), acted
 
-    def _action(self, index: int) -> tuple[Status, bool]:
+    def _action(self, index: int) -> Result:
         subject = self.nodes[index].subject
         activation = str(self.evaluator.scope(index, self.attempts, self.facts))
         status = self.facts.task_status(subject, activation)
@@ -264,16 +317,53 @@ class _Tick:
             self.failures.append(activation)
         return status, status is not Status.RUNNING
 
-    def _in_order(self, children: Sequence[int], passing: Status) -> tuple[Status, bool]:
-        any_acted = False
-        for child in children:
-            status, acted = self.tick(child)
-            any_acted = any_acted or acted
-            if status is not passing:
-                return status, any_acted
-        return passing, any_acted
+    def _control(self, node: Node, tick: Callable[[int], Result]) -> Result:
+        match node.kind:
+            case Kind.SEQUENCE:
+                return _in_order(node.children, Status.SUCCESS, tick)
+            case Kind.FALLBACK:
+                return _in_order(node.children, Status.FAILURE, tick)
+            case Kind.IF_THEN_ELSE:
+                status, acted = tick(node.children[0])
+                branches = {Status.SUCCESS: 1, Status.FAILURE: 2}
+                if status is Status.RUNNING or branches[status] >= len(node.children):
+                    return status, acted
+                status, also = tick(node.children[branches[status]])
+                return status, acted or also
+        results = [tick(child) for child in node.children]
+        statuses = [status for status, _ in results]
+        status = parallel_status(statuses, node.limit, node.failures)
+        return status, any(acted for _, acted in results)
 
-    def _timeout(self, index: int) -> tuple[Status, bool]:
+    def _remembering(self, node: Node) -> Result:
+        """Tick a control that does not look again at children that have ended."""
+        evaluator = self.evaluator
+        scope = str(evaluator.memory_scope(node.index, self.attempts, self.facts))
+        positions = {child: position for position, child in enumerate(node.children)}
+        ended: list[tuple[str, int, bool]] = []
+        keeps = node.memory is Memory.UNTIL_SUCCESS
+
+        def tick(child: int) -> Result:
+            # Without a condition or another attempt, it would end the same way again.
+            if not evaluator.has_condition[child] and not keeps:
+                return self.tick(child)
+            before = self.facts.passed(scope, positions[child])
+            if before is not None:
+                self.statuses[child] = before
+                return before, evaluator.has_action[child]
+            status, acted = self.tick(child)
+            if status is not Status.RUNNING:
+                ended.append((scope, positions[child], status is Status.SUCCESS))
+            return status, acted
+
+        status, acted = self._control(node, tick)
+        if status is Status.RUNNING:
+            self.passed += ended
+        elif status is Status.FAILURE and keeps:
+            self.kept += [child for child in ended if child[2]]
+        return status, acted
+
+    def _timeout(self, index: int) -> Result:
         node = self.nodes[index]
         scope = str(self.evaluator.scope(index, self.attempts, self.facts))
         status, acted = self.tick(node.children[0])
@@ -284,7 +374,7 @@ class _Tick:
         self.timeouts.append(RunningTimeout(index, scope, node.timeout_us))
         return status, acted
 
-    def _attempts(self, index: int) -> tuple[Status, bool]:
+    def _attempts(self, index: int) -> Result:
         """Retry and Repeat: an attempt is used up by outcomes, never by a condition alone.
 
         Where conditions alone decide, all remaining attempts would end the same way at once:
@@ -313,6 +403,16 @@ class _Tick:
         if status is again and limit < 0:
             status = Status.RUNNING
         return status, acted
+
+
+def _in_order(children: Sequence[int], passing: Status, tick: Callable[[int], Result]) -> Result:
+    any_acted = False
+    for child in children:
+        status, acted = tick(child)
+        any_acted = any_acted or acted
+        if status is not passing:
+            return status, any_acted
+    return passing, any_acted
 
 
 def _decorated(kind: Kind, status: Status) -> Status:

@@ -16,14 +16,14 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, TypeAlias
 
-from mrbt_mesh.core.tree import Kind, NodeSpec, Tree, build_tree
+from mrbt_mesh.core.tree import Kind, Memory, NodeSpec, Tree, build_tree
 
 MICRO = 1_000_000
 MAX_PERFORMANCE = 1_000_000 * MICRO
 MAX_ROBOTS = 1_000
 MAX_GLOBAL_TASKS = 10_000
 MAX_ARGUMENTS = 8
-COMPILED_VERSION = 2
+COMPILED_VERSION = 3
 
 NAME_PATTERN = r"[A-Za-z_][A-Za-z0-9_]{0,63}"
 ARGUMENT_PATTERN = r"[A-Za-z0-9_.+-]{1,64}"
@@ -220,13 +220,14 @@ class Mission:
 
 def _spec_to_json(spec: NodeSpec) -> list[Any]:
     children = [_spec_to_json(child) for child in spec.children]
-    return [str(spec.kind), spec.name, spec.subject, spec.limit, spec.timeout_us, children]
+    numbers = [spec.limit, spec.timeout_us, str(spec.memory), spec.failures]
+    return [str(spec.kind), spec.name, spec.subject, *numbers, children]
 
 
 def _spec_from_json(data: list[Any]) -> NodeSpec:
-    kind, name, subject, limit, timeout_us, children = data
+    kind, name, subject, limit, timeout_us, memory, failures, children = data
     nested = tuple(_spec_from_json(child) for child in children)
-    return NodeSpec(Kind(kind), nested, name, subject, limit, timeout_us)
+    return NodeSpec(Kind(kind), nested, name, subject, limit, timeout_us, Memory(memory), failures)
 
 
 def mission_from_json(data: Mapping[str, Any]) -> Mission:

@@ -69,6 +69,10 @@ class Planner:
         latched: list[tuple[str, Any]] = [
             (f"{records.ATTEMPT}/{scope}", number) for scope, number in evaluation.attempts
         ]
+        latched += [
+            (f"{records.PASSED}/{scope}/{position}", success)
+            for scope, position, success in evaluation.passed
+        ]
         for activation in evaluation.failures:
             if not self._facts.has_verdict(activation):
                 latched.append((f"{records.VERDICT}/{activation}", True))

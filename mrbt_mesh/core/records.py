@@ -321,6 +321,24 @@ class Attempt(Record):
 
 
 @dataclass(frozen=True, slots=True)
+class Passed(Record):
+    """How a child of a node with memory ended; success wins."""
+
+    success: bool
+    first_stands: ClassVar[bool] = True
+
+    def rank(self) -> int:
+        return int(self.success)
+
+    def to_value(self) -> bool:
+        return self.success
+
+    @staticmethod
+    def parse(value: Any) -> Passed:
+        return Passed(_boolean(value))
+
+
+@dataclass(frozen=True, slots=True)
 class Latch(Record):
     """Something that stays true once said: a verdict of failure, a grant, a broken coalition."""
 
@@ -345,6 +363,8 @@ OUTCOME, CONDITION, ATTEMPT, VERDICT, EXPIRED = (
 # GRANT: the author has granted it an exclusive task. DOUBT: that grant has ended, and nobody
 # knows how far the work got. CLEARED: it never began, or the operator lets it be tried again.
 COALITION, BROKEN, GRANT, DOUBT, CLEARED = "coalition", "broken", "grant", "doubt", "cleared"
+# A child of a node with memory has ended: scope of the node, position of the child.
+PASSED = "passed"
 # The operator's word that an activation in doubt was done.
 DONE = "done"
 
@@ -357,6 +377,7 @@ _PARSERS: Mapping[str, Callable[[Any], Record]] = {
     ATTEMPT: Attempt.parse,
     VERDICT: Latch.parse,
     EXPIRED: Latch.parse,
+    PASSED: Passed.parse,
     COALITION: Coalition.parse,
     BROKEN: Latch.parse,
     GRANT: Latch.parse,
@@ -366,12 +387,13 @@ _PARSERS: Mapping[str, Callable[[Any], Record]] = {
 }
 COALITION_KINDS = frozenset({COALITION, BROKEN, GRANT, DOUBT, CLEARED})
 EXCLUSIVE_KINDS = frozenset({GRANT, DOUBT, CLEARED, DONE})
-# kind / condition, scope or activation / local task or token / token of an outcome's coalition
+# kind / condition, scope or activation / local task, token or position / token of an outcome
 _PARTS: Mapping[str, tuple[int, ...]] = {
     MEMBER: (1,),
     CLAIM: (1,),
     ORDER: (1,),
     OUTCOME: (3, 4),
+    PASSED: (3,),
     **dict.fromkeys(sorted(COALITION_KINDS), (3,)),
 }
 

@@ -78,6 +78,9 @@ class OwnFacts:
     def expired(self, scope: str) -> bool:
         return False
 
+    def passed(self, scope: str, position: int) -> Status | None:
+        return None
+
 
 class RobotTree:
     """T_i of one robot; `statuses` are those of T_i, T_A, T_G and T_Li after the last tick."""
@@ -111,7 +114,7 @@ class RobotTree:
         holding = {ASSIGNED, f"{ASSIGNED}({assigned})"} if assigned else set()
         local = self._local.evaluate(OwnFacts(frozenset(holding)))
         parts = (self._solved, global_tasks, local.status)
-        whole = parallel_status(parts.count(Status.SUCCESS), parts.count(Status.FAILURE), 3, 3)
+        whole = parallel_status(parts, 3)
         self.statuses = (whole, *parts)
         self._ticked = inputs
         self._wanted = local.requests[0].subject if local.requests else None

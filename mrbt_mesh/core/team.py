@@ -23,9 +23,10 @@ from mrbt_mesh.core.records import (
     Order,
     OrderKind,
     Outcome,
+    Passed,
     Token,
 )
-from mrbt_mesh.core.tree import ATTEMPT_KINDS, Kind, Status
+from mrbt_mesh.core.tree import ATTEMPT_KINDS, CONTROLS, Kind, Memory, Status
 
 # Kinds of entry that belong to an activation or scope, and the nodes that may have them.
 _SCOPED = {
@@ -33,6 +34,7 @@ _SCOPED = {
     records.VERDICT: frozenset({Kind.ACTION}),
     records.ATTEMPT: ATTEMPT_KINDS,
     records.EXPIRED: frozenset({Kind.TIMEOUT}),
+    records.PASSED: CONTROLS,
     records.DONE: frozenset({Kind.ACTION}),
     **dict.fromkeys(sorted(records.COALITION_KINDS), frozenset({Kind.ACTION})),
 }
@@ -116,6 +118,13 @@ class TeamFacts:
     def expired(self, scope: str) -> bool:
         """Whether anybody has seen this Timeout's deadline pass."""
         return f"{records.EXPIRED}/{scope}" in self._latches
+
+    def passed(self, scope: str, position: int) -> Status | None:
+        """How that child of a node with memory ended; success, if anybody says so."""
+        said = self._latches.get(f"{records.PASSED}/{scope}/{position}")
+        if said is None:
+            return None
+        return Status.SUCCESS if any(said.values()) else Status.FAILURE
 
     # -- what else planning reads ---------------------------------------------------------
 
@@ -242,6 +251,12 @@ class TeamFacts:
                 return f"{parts[1]!r:.80} belongs to another run"
             if str(scope) != parts[1] or not self._fits(parts[0], scope):
                 return f"{parts[1]!r:.80} names no node of this mission's tree"
+            if parts[0] == records.PASSED:
+                node = self.mission.tree.nodes[scope.node]
+                if node.memory is Memory.NONE or parts[2] not in map(
+                    str, range(len(node.children))
+                ):
+                    return f"{parts[1]!r:.80} has no child {parts[2]!r:.20} to remember"
             if _SCOPED[parts[0]] == {Kind.ACTION}:
                 return self._misfit(parts, self.mission.global_tasks[scope.subject], entry)
         return None
@@ -322,8 +337,9 @@ class TeamFacts:
                 self.max_stamp = max(self.max_stamp, record.stamp)
             case Attempt(number):
                 self._latches.setdefault(entry.name, {})[author] = number
-            case Latch():
-                self._latches.setdefault(entry.name, {})[author] = 1
+            case Latch() | Passed():
+                number = int(record.success) if isinstance(record, Passed) else 1
+                self._latches.setdefault(entry.name, {})[author] = number
 
     def _ended(self, parts: list[str], entry: Entry, outcome: Outcome) -> None:
         self.outcome_changes += 1

@@ -8,7 +8,7 @@ Source of the node types: paper, section III.
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 MAX_DEPTH = 64
@@ -30,10 +30,25 @@ class Kind(enum.StrEnum):
     REPEAT = "Repeat"
     TIMEOUT = "Timeout"
     KEEP_RUNNING_UNTIL_FAILURE = "KeepRunningUntilFailure"
+    IF_THEN_ELSE = "IfThenElse"
     SUBTREE = "SubTree"
 
 
-CONTROLS = frozenset({Kind.SEQUENCE, Kind.FALLBACK, Kind.PARALLEL})
+class Memory(enum.StrEnum):
+    """How long a control node remembers which of its children have ended.
+
+    `NONE`: it reads all of them again at every tick (the paper's nodes, BehaviorTree.CPP's
+    reactive ones). `WHILE_RUNNING`: until it has ended itself (BehaviorTree.CPP's Sequence,
+    Fallback, Parallel, IfThenElse). `UNTIL_SUCCESS`: a failure does not make it forget either
+    (SequenceWithMemory).
+    """
+
+    NONE = "none"
+    WHILE_RUNNING = "while_running"
+    UNTIL_SUCCESS = "until_success"
+
+
+CONTROLS = frozenset({Kind.SEQUENCE, Kind.FALLBACK, Kind.PARALLEL, Kind.IF_THEN_ELSE})
 LEAVES = frozenset({Kind.ACTION, Kind.CONDITION})
 ATTEMPT_KINDS = frozenset({Kind.RETRY, Kind.REPEAT, Kind.KEEP_RUNNING_UNTIL_FAILURE})
 
@@ -57,7 +72,9 @@ class NodeSpec:
 
     `subject` is the global task, local task or condition of a leaf, else empty.
     `limit` is M of a Parallel, or the attempts or cycles of a Retry or Repeat (-1: no limit).
-    `timeout_us` is the time limit of a Timeout, in microseconds.
+    `timeout_us` is the time limit of a Timeout, in microseconds. `memory` is that of a control.
+    `failures` is how many of its children's failures fail a Parallel; 0: as many as put M out of
+    reach (the paper's rule).
     """
 
     kind: Kind
@@ -66,6 +83,8 @@ class NodeSpec:
     subject: str = ""
     limit: int = 0
     timeout_us: int = 0
+    memory: Memory = Memory.NONE
+    failures: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +99,8 @@ class Node:
     subject: str
     limit: int
     timeout_us: int
+    memory: Memory = Memory.NONE
+    failures: int = 0
 
     @property
     def label(self) -> str:
@@ -89,10 +110,14 @@ class Node:
         text = str(self.kind)
         if self.kind is Kind.PARALLEL:
             text += f" {self.limit}/{len(self.children)}"
+            if self.failures:
+                text += f", at most {self.failures - 1} failed"
         elif self.kind in (Kind.RETRY, Kind.REPEAT):
             text += f" {self.limit}" if self.limit >= 0 else " without limit"
         elif self.kind is Kind.TIMEOUT:
             text += f" {self.timeout_us / 1e6:g} s"
+        if self.memory is not Memory.NONE:
+            text += " with memory" if self.memory is Memory.WHILE_RUNNING else " keeping its place"
         if self.name:
             text = self.name if self.kind is Kind.SUBTREE else f"{self.name} ({text})"
         return text
@@ -132,6 +157,8 @@ class Tree:
             node.subject,
             node.limit,
             node.timeout_us,
+            node.memory,
+            node.failures,
         )
 
 
@@ -149,12 +176,25 @@ def _check(spec: NodeSpec, path: str, depth: int) -> None:
             raise TreeError(f"{path}: {spec.kind} needs at least one child")
     elif count != 1:
         raise TreeError(f"{path}: {spec.kind} takes exactly one child, it has {count}")
-    if spec.kind is Kind.PARALLEL and not 1 <= spec.limit <= count:
-        raise TreeError(f"{path}: Parallel with M={spec.limit} needs 1 <= M <= {count} children")
+    if spec.kind in CONTROLS:
+        _check_control(spec, path, count)
+    elif spec.memory is not Memory.NONE or spec.failures:
+        raise TreeError(f"{path}: {spec.kind} has no children to remember or to count")
     if spec.kind in (Kind.RETRY, Kind.REPEAT) and (spec.limit == 0 or spec.limit < -1):
         raise TreeError(f"{path}: {spec.kind} takes a count of 1 or more, or -1 for no limit")
     if spec.kind is Kind.TIMEOUT and spec.timeout_us <= 0:
         raise TreeError(f"{path}: Timeout needs a time above 0")
+
+
+def _check_control(spec: NodeSpec, path: str, count: int) -> None:
+    if spec.kind is Kind.IF_THEN_ELSE and count not in (2, 3):
+        raise TreeError(f"{path}: IfThenElse takes 2 or 3 children, it has {count}")
+    if spec.kind is Kind.PARALLEL and not 1 <= spec.limit <= count:
+        raise TreeError(f"{path}: Parallel with M={spec.limit} needs 1 <= M <= {count} children")
+    if not 0 <= spec.failures <= (count if spec.kind is Kind.PARALLEL else 0):
+        raise TreeError(f"{path}: {spec.kind} cannot fail at {spec.failures} failures")
+    if spec.memory is Memory.UNTIL_SUCCESS and spec.kind is not Kind.SEQUENCE:
+        raise TreeError(f"{path}: only a Sequence can remember until it succeeds")
 
 
 def build_tree(spec: NodeSpec) -> Tree:
@@ -174,7 +214,16 @@ def build_tree(spec: NodeSpec) -> Tree:
         nodes.append(None)
         children = tuple(add(child, index, here, depth + 1) for child in node.children)
         nodes[index] = Node(
-            index, node.kind, parent, children, node.name, node.subject, node.limit, node.timeout_us
+            index,
+            node.kind,
+            parent,
+            children,
+            node.name,
+            node.subject,
+            node.limit,
+            node.timeout_us,
+            node.memory,
+            node.failures,
         )
         return index
 
@@ -182,10 +231,17 @@ def build_tree(spec: NodeSpec) -> Tree:
     return Tree(tuple(node for node in nodes if node is not None))
 
 
-def parallel_status(successes: int, failures: int, count: int, needed: int) -> Status:
-    """The paper's Parallel rule: success at M successes, failure once M is out of reach."""
-    if successes >= needed:
-        return Status.SUCCESS
-    if count - failures < needed:
-        return Status.FAILURE
+def parallel_status(statuses: Sequence[Status], needed: int, allowed: int = 0) -> Status:
+    """The paper's Parallel rule: success at M successes, failure once M is out of reach.
+
+    `allowed`: failure at that many failures already, if it is not 0. Children count in their order.
+    """
+    successes = failures = 0
+    for status in statuses:
+        successes += status is Status.SUCCESS
+        failures += status is Status.FAILURE
+        if successes >= needed:
+            return Status.SUCCESS
+        if len(statuses) - failures < needed or (allowed and failures >= allowed):
+            return Status.FAILURE
     return Status.RUNNING

@@ -109,7 +109,8 @@ def _check_tree(mission: Mission) -> None:
     for node in mission.tree.nodes:
         here = f"tree node {node.index}"
         _expect(isinstance(node.name, str) and isinstance(node.subject, str), here)
-        _expect(type(node.limit) is int and type(node.timeout_us) is int, here)
+        numbers = (node.limit, node.timeout_us, node.failures)
+        _expect(all(type(number) is int for number in numbers), here)
         if node.kind is Kind.ACTION:
             _expect(node.subject in mission.global_tasks, f"{here}: {node.subject!r}")
         elif node.kind is Kind.CONDITION:

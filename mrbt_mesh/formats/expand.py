@@ -14,7 +14,7 @@ from decimal import Decimal
 from typing import Any, TypeAlias
 
 from mrbt_mesh.core.mission import ARGUMENT_PATTERN, MICRO
-from mrbt_mesh.core.tree import CONTROLS, LEAVES, MAX_DEPTH, MAX_NODES, Kind, NodeSpec
+from mrbt_mesh.core.tree import CONTROLS, LEAVES, MAX_DEPTH, MAX_NODES, Kind, Memory, NodeSpec
 from mrbt_mesh.formats.mission_model import CompositeModel, NodeModel, ParallelModel
 from mrbt_mesh.formats.problems import Report, SourcePath, found, nearest
 
@@ -45,6 +45,8 @@ class Template:
     success: str | int = "all"
     limit: int = 0
     timeout_us: int = 0
+    memory: Memory = Memory.NONE
+    failures: int = 0
 
 
 def to_micro(value: float) -> int:
@@ -147,6 +149,8 @@ def _read_control(
         for_each=tuple((body.for_each or {}).items()),
         loop=loop,
         success=body.success if isinstance(body, ParallelModel) else "all",
+        memory=Memory(body.memory),
+        failures=(body.failures or 0) if isinstance(body, ParallelModel) else 0,
     )
 
 
@@ -317,7 +321,12 @@ class Expander:
         limit = template.limit
         if template.kind is Kind.PARALLEL:
             limit = _needed_successes(template.success, len(ground))
-        return NodeSpec(template.kind, ground, name, "", limit, template.timeout_us)
+        timeout_us, memory = template.timeout_us, template.memory
+        failures = template.failures
+        if failures > len(ground):
+            count = len(ground)
+            raise ValueError(f"failures: {failures} is more than the {count} children")
+        return NodeSpec(template.kind, ground, name, "", limit, timeout_us, memory, failures)
 
     def _rounds(self, template: Template, scope: Scope) -> Iterator[Scope]:
         if not template.for_each:

@@ -188,9 +188,14 @@ ForEach: TypeAlias = Annotated[
 
 
 class CompositeModel(FileModel):
-    """The children of a Sequence or Fallback: a list, and one `do` for each of some values."""
+    """The children of a Sequence or Fallback: a list, and one `do` for each of some values.
+
+    `memory: while_running`: a child that has ended is not looked at again before the node ends,
+    as in BehaviorTree.CPP's Sequence. `until_success`: as in its SequenceWithMemory.
+    """
 
     name: Title | None = None
+    memory: Literal["none", "while_running", "until_success"] = "none"
     children: Annotated[list[Node], Field(max_length=MAX_NODES)] = []
     for_each: Annotated[dict[Name, ForEach], Field(min_length=1)] | None = None
     do: Nodes | None = None
@@ -205,9 +210,13 @@ class CompositeModel(FileModel):
 
 
 class ParallelModel(CompositeModel):
-    """A Parallel, which succeeds once `success` of its children have (the paper's M)."""
+    """A Parallel, which succeeds once `success` of its children have (the paper's M).
+
+    It fails when that is out of reach, and if `failures` is given, at that many failures already.
+    """
 
     success: Success = "all"
+    failures: Annotated[int, Field(ge=1, le=MAX_NODES)] | None = None
 
 
 class RetryModel(FileModel):
@@ -262,6 +271,7 @@ class NodeModel(FileModel):
     sequence: CompositeBody = _kind(Kind.SEQUENCE)
     fallback: CompositeBody = _kind(Kind.FALLBACK)
     parallel: ParallelBody = _kind(Kind.PARALLEL)
+    if_then_else: CompositeBody = _kind(Kind.IF_THEN_ELSE)
     action: CallText = _kind(Kind.ACTION)
     condition: CallText = _kind(Kind.CONDITION)
     inverter: Node = _kind(Kind.INVERTER)

@@ -253,6 +253,10 @@ class World:
                 for activation in evaluation.failures
                 if not self.facts.has_verdict(activation)
             ]
+            latches += [
+                (f"{records.PASSED}/{scope}/{position}", success)
+                for scope, position, success in evaluation.passed
+            ]
             if not latches:
                 return evaluation
             self.write("R1", *latches)

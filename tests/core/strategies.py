@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from hypothesis import strategies as st
 
 from mrbt_mesh.core import records
-from mrbt_mesh.core.tree import Kind, NodeSpec
+from mrbt_mesh.core.tree import CONTROLS, Kind, Memory, NodeSpec
 from tests.core.build import World
 
 CONDITIONS = ("c0", "c1", "c2")
@@ -21,9 +23,13 @@ UNARY = (
 )
 
 
-def _control(kind: Kind, children: tuple[NodeSpec, ...], needed: int) -> NodeSpec:
+def _control(kind: Kind, children: tuple[NodeSpec, ...], needed: int, memory: Memory) -> NodeSpec:
+    if kind is Kind.IF_THEN_ELSE and len(children) == 1:
+        kind = Kind.SEQUENCE
+    if memory is Memory.UNTIL_SUCCESS and kind is not Kind.SEQUENCE:
+        memory = Memory.WHILE_RUNNING
     limit = 1 + needed % len(children) if kind is Kind.PARALLEL else 0
-    return NodeSpec(kind, children, limit=limit)
+    return NodeSpec(kind, children, limit=limit, memory=memory)
 
 
 def _unary(kind: Kind, child: NodeSpec, limit: int) -> NodeSpec:
@@ -41,7 +47,7 @@ def _numbered(spec: NodeSpec, counter: list[int]) -> NodeSpec:
         counter[0] += 1
         return NodeSpec(Kind.ACTION, subject=f"a{counter[0]}")
     children = tuple(_numbered(child, counter) for child in spec.children)
-    return NodeSpec(spec.kind, children, spec.name, spec.subject, spec.limit, spec.timeout_us)
+    return replace(spec, children=children)
 
 
 def tree_specs(unary: tuple[Kind, ...] = UNARY, max_leaves: int = 8) -> st.SearchStrategy[NodeSpec]:
@@ -54,9 +60,10 @@ def tree_specs(unary: tuple[Kind, ...] = UNARY, max_leaves: int = 8) -> st.Searc
     def grow(inner: st.SearchStrategy[NodeSpec]) -> st.SearchStrategy[NodeSpec]:
         controls = st.builds(
             _control,
-            st.sampled_from((Kind.SEQUENCE, Kind.FALLBACK, Kind.PARALLEL)),
+            st.sampled_from(sorted(CONTROLS)),
             st.lists(inner, min_size=1, max_size=3).map(tuple),
             st.integers(0, 2),
+            st.sampled_from(Memory),
         )
         limits = st.sampled_from((-1, 1, 2, 3))
         return controls | st.builds(_unary, st.sampled_from(unary), inner, limits)

@@ -53,6 +53,9 @@ class Given:
     def expired(self, scope: str) -> bool:
         return False
 
+    def passed(self, scope: str, position: int) -> None:
+        return None
+
 
 def evaluate(spec: NodeSpec, statuses: dict[str, Status]) -> Evaluation:
     return Evaluator(build_tree(spec)).evaluate(Given(statuses))
@@ -72,6 +75,11 @@ def paper(spec: NodeSpec, given_leaves: dict[str, Status]) -> Status:
             return SUCCESS
         hopeful = children.count(SUCCESS) + children.count(RUNNING)
         return FAILURE if hopeful < spec.limit else RUNNING
+    if spec.kind is Kind.IF_THEN_ELSE:  # not the paper's, BehaviorTree.CPP's
+        if children[0] is RUNNING:
+            return RUNNING
+        branch = 1 if children[0] is SUCCESS else 2
+        return children[branch] if branch < len(children) else FAILURE
     if spec.kind is Kind.SUBTREE or children[0] is RUNNING:
         return children[0]
     if spec.kind is Kind.INVERTER:
@@ -113,6 +121,9 @@ def test_children_behind_the_deciding_one_are_not_ticked(
             reached = [found[child] is passing[node.kind] for child in node.children]
             count = reached.index(False) + 1 if False in reached else len(reached)
             assert ticked == [position < count for position in range(len(ticked))]
+        elif node.kind is Kind.IF_THEN_ELSE:
+            branch = {SUCCESS: 1, FAILURE: 2}.get(found[node.children[0]])
+            assert ticked == [position in (0, branch) for position in range(len(ticked))]
         else:
             assert all(ticked)
 

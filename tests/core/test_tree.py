@@ -8,6 +8,7 @@ from mrbt_mesh.core.tree import (
     MAX_DEPTH,
     MAX_NODES,
     Kind,
+    Memory,
     NodeSpec,
     Status,
     TreeError,
@@ -147,6 +148,33 @@ def test_a_parallel_fails_exactly_when_success_is_out_of_reach(
     successes = statuses.count(Status.SUCCESS)
     failures = statuses.count(Status.FAILURE)
     best_case = len(statuses) - failures
-    found = parallel_status(successes, failures, len(statuses), needed)
+    found = parallel_status(statuses, needed)
     assert (found is Status.SUCCESS) == (successes >= needed)
     assert (found is Status.FAILURE) == (best_case < needed)
+
+
+def test_a_parallel_may_fail_at_fewer_failures_and_its_children_count_in_their_order() -> None:
+    won, lost, runs = Status.SUCCESS, Status.FAILURE, Status.RUNNING
+    assert parallel_status([lost, runs, runs], 1) is runs
+    assert parallel_status([lost, runs, runs], 1, 1) is lost
+    assert parallel_status([lost, won, runs], 1, 1) is lost
+    assert parallel_status([won, lost, runs], 1, 1) is won
+    assert parallel_status([lost, runs, won], 2, 2) is runs
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        (NodeSpec(Kind.IF_THEN_ELSE, (A,)), "takes 2 or 3 children, it has 1"),
+        (NodeSpec(Kind.INVERTER, (A,), memory=Memory.WHILE_RUNNING), "no children to remember"),
+        (
+            NodeSpec(Kind.FALLBACK, (A,), memory=Memory.UNTIL_SUCCESS),
+            "only a Sequence can remember until it succeeds",
+        ),
+        (NodeSpec(Kind.PARALLEL, (A, A), limit=1, failures=3), "cannot fail at 3 failures"),
+        (NodeSpec(Kind.SEQUENCE, (A,), failures=1), "cannot fail at 1 failures"),
+    ],
+)
+def test_what_a_control_cannot_have(spec: NodeSpec, message: str) -> None:
+    with pytest.raises(TreeError, match=message):
+        build_tree(spec)

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.mission import MICRO, FailurePolicy, Mission, performance
-from mrbt_mesh.core.tree import Kind
+from mrbt_mesh.core.mission import MICRO, FailurePolicy, Mission, mission_from_json, performance
+from mrbt_mesh.core.tree import Kind, Memory
 from mrbt_mesh.formats.build import mission_from_yaml, resolve_program
 from mrbt_mesh.formats.compiled import mission_from_compiled
 from mrbt_mesh.formats.mission_file import (
@@ -287,7 +287,7 @@ def _damaged(change: str) -> str:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("d['compiled'] = 99", "version 2 expected, found 99"),
+        ("d['compiled'] = 99", "version 3 expected, found 99"),
         ("d.pop('compiled')", "not a compiled mission"),
         ("d.pop('tree')", "damaged: KeyError"),
         ("d['name'] = 3", "name 3"),
@@ -359,3 +359,25 @@ def test_no_damage_to_a_compiled_mission_raises_anything_else(
     except MissionError:
         return
     assert mission_from_compiled(compile_mission(mission), "m.json").digest == mission.digest
+
+
+def test_nodes_with_memory_and_parallels_that_fail_early() -> None:
+    tree = (
+        "{Sequence: {memory: while_running, children: [fix(3), {IfThenElse: [fix(3), fix(3)]}, "
+        "{Parallel: {success: any, failures: 1, children: [fix(3), fix(3)]}}]}}"
+    )
+    text = "\n".join(
+        f"tree: {tree}" if line.startswith("tree:") else line for line in SMALL.splitlines()
+    )
+    mission = load_text(text)
+    nodes = mission.tree.nodes
+    assert nodes[0].memory is Memory.WHILE_RUNNING
+    assert [nodes[index].kind for index in nodes[0].children][1:] == [
+        Kind.IF_THEN_ELSE,
+        Kind.PARALLEL,
+    ]
+    parallel = nodes[nodes[0].children[2]]
+    assert (parallel.limit, parallel.failures) == (1, 1)
+    assert mission_from_json(mission.to_json()).tree == mission.tree
+    with pytest.raises(MissionError, match="failures: 3 is more than the 2 children"):
+        load_text(text.replace("failures: 1", "failures: 3"))
