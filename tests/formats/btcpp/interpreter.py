@@ -8,8 +8,8 @@ Tests compare other evaluators with it, so it favours plainness over speed. It n
     tick(root, world)     # Status.FAILURE
     halt(root, world)     # Tree::haltTree
 
-Scripts in conditions and ports are functions of the blackboard or texts; a text goes to
-`World.evaluate`. `SubTree` is transparent: its child sees the same blackboard.
+Scripts in conditions and ports are functions of the blackboard or texts in BehaviorTree.CPP's
+language. `SubTree` is transparent: its child sees the same blackboard.
 
 One thing is as documented and not as built: a control whose children were all skipped is IDLE
 afterwards. BehaviorTree.CPP leaves it RUNNING until its parent resets it.

@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from mrbt_mesh.formats.btcpp.script_eval import evaluate
+
 MAX_LOOPS = 10_000
 
 
@@ -41,10 +43,6 @@ class Blackboard(dict[str, Any]):
         super().__setitem__(key, value)
 
 
-def _no_texts(text: str, blackboard: Blackboard) -> Any:
-    raise TickError(f"no evaluator for the script {text!r}")
-
-
 @dataclass
 class World:
     """What is around a tree: blackboard, clock, and how scripts are evaluated.
@@ -57,7 +55,7 @@ class World:
     blackboard: Blackboard = field(default_factory=Blackboard)
     now_ms: int = 0
     yields: bool = False
-    evaluate: Callable[[str, Blackboard], Any] = _no_texts
+    evaluate: Callable[[str, Blackboard], Any] = evaluate
     woken: bool = False
 
     def run(self, script: Script) -> Any:

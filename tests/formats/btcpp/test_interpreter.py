@@ -375,6 +375,16 @@ def test_blackboard_leaves() -> None:
     assert run(Node("SubTree", [Node("AlwaysFailure")]), 1, world) == [FAILURE]
 
 
+def test_scripts_as_texts() -> None:
+    world = World()
+    script = Node("Script", ports={"code": "n := 1"})
+    condition = Node("ScriptCondition", ports={"code": "n == 3"})
+    action = leaf("SUCCESS", _skipIf="n > 2", _onSuccess="n += 1")
+    root = Node("Sequence", [script, Node("Repeat", [action], {"num_cycles": 9}), condition])
+    assert run(root, 1, world) == [SUCCESS]
+    assert world.blackboard == {"n": 3}
+
+
 def test_unknown_kinds_are_refused() -> None:
     with pytest.raises(TickError, match="unknown node type Switch7"):
         run(Node("Switch7"), 1)

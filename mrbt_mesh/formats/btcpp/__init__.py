@@ -1,0 +1,1 @@
+"""BehaviorTree.CPP v4 XML: reading, checking, writing, and its scripting language."""

@@ -1,0 +1,239 @@
+"""BehaviorTree.CPP's scripting language: what a script is, and how it is printed.
+
+`script_parser.parse` makes it, `script_eval.evaluate` runs it. Source: the reference of the
+language in BehaviorTree.CPP's documentation, and its grammar where that is silent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TypeAlias
+
+
+class ScriptError(ValueError):
+    """A script that is no script, or that cannot be evaluated; `column` counts from 1."""
+
+    def __init__(self, message: str, column: int = 0) -> None:
+        super().__init__(f"{message} (column {column})" if column else message)
+        self.column = column
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A literal number, never negative: `-1` is a `Unary`."""
+
+    value: int | float
+
+
+@dataclass(frozen=True, slots=True)
+class Boolean:
+    """`true` or `false`, which are 1 and 0."""
+
+    value: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A quoted text. There are no escapes, so it cannot hold both kinds of quotes."""
+
+    value: str
+
+
+@dataclass(frozen=True, slots=True)
+class Name:
+    """A blackboard entry or an enum; `@name` is an entry of the root blackboard."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Unary:
+    """`-x`, `~x` or `!x`."""
+
+    operator: str
+    operand: Expression
+
+
+@dataclass(frozen=True, slots=True)
+class Binary:
+    """Arithmetic, bits, `..`, `&&` and `||`; both sides are always evaluated."""
+
+    operator: str
+    left: Expression
+    right: Expression
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """`a < b <= c`: every neighbouring pair has to hold; one operand more than operators."""
+
+    operators: tuple[str, ...]
+    operands: tuple[Expression, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Conditional:
+    """`condition ? then : otherwise`."""
+
+    condition: Expression
+    then: Expression
+    otherwise: Expression
+
+
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    """`name := value` creates the entry; all other operators need it to exist."""
+
+    operator: str
+    name: str
+    value: Expression
+
+
+Expression: TypeAlias = (
+    Number | Boolean | Text | Name | Unary | Binary | Comparison | Conditional | Assignment
+)
+
+ASSIGNMENTS = frozenset({":=", "=", "+=", "-=", "*=", "/="})
+COMPARISONS = frozenset({"==", "!=", "<", "<=", ">", ">="})
+LOGICAL = frozenset({"&&", "||"})
+BITS = frozenset({"&", "|", "^"})
+# How tightly operators bind. `&&` and `||` bind alike, unlike in C.
+LEVELS = {
+    **dict.fromkeys(ASSIGNMENTS, 1),
+    "?": 2,
+    **dict.fromkeys(LOGICAL, 3),
+    **dict.fromkeys(COMPARISONS, 4),
+    "..": 5,
+    "|": 6,
+    "^": 6,
+    "&": 7,
+    "+": 8,
+    "-": 8,
+    "*": 9,
+    "/": 9,
+}
+PREFIX_LEVEL, ATOM_LEVEL = 10, 11
+
+
+@dataclass(frozen=True, slots=True)
+class Script:
+    """Statements, of which there is at least one; the last one's value is the script's."""
+
+    statements: tuple[Expression, ...]
+
+    def __str__(self) -> str:
+        return "; ".join(_print(statement) for statement in self.statements)
+
+    def expressions(self) -> Iterator[Expression]:
+        """Every expression in it, outer ones first."""
+        waiting = list(reversed(self.statements))
+        while waiting:
+            expression = waiting.pop()
+            yield expression
+            waiting.extend(reversed(_parts(expression)))
+
+    @property
+    def written(self) -> frozenset[str]:
+        """The names that it assigns to: a script without any has no side effect."""
+        return frozenset(e.name for e in self.expressions() if isinstance(e, Assignment))
+
+    @property
+    def read(self) -> frozenset[str]:
+        """The names whose values it uses; `x += 1` uses x."""
+        names = {e.name for e in self.expressions() if isinstance(e, Name)}
+        changed = {
+            e.name
+            for e in self.expressions()
+            if isinstance(e, Assignment) and e.operator not in (":=", "=")
+        }
+        return frozenset(names | changed)
+
+
+def _parts(expression: Expression) -> tuple[Expression, ...]:
+    if isinstance(expression, Unary):
+        return (expression.operand,)
+    if isinstance(expression, Binary):
+        return (expression.left, expression.right)
+    if isinstance(expression, Comparison):
+        return expression.operands
+    if isinstance(expression, Conditional):
+        return (expression.condition, expression.then, expression.otherwise)
+    if isinstance(expression, Assignment):
+        return (expression.value,)
+    return ()
+
+
+def level(expression: Expression) -> int:
+    """How tightly the outermost operator of `expression` binds."""
+    if isinstance(expression, Binary | Assignment):
+        return LEVELS[expression.operator]
+    if isinstance(expression, Comparison):
+        return LEVELS["=="]
+    if isinstance(expression, Conditional):
+        return LEVELS["?"]
+    return PREFIX_LEVEL if isinstance(expression, Unary) else ATOM_LEVEL
+
+
+def mixes(operator: str, operand: Expression) -> bool:
+    """Whether `operand` needs parentheses though it binds tighter than `operator`.
+
+    Bit operators, `!` and `~` are not mixed with arithmetic and `..`.
+    """
+    if not isinstance(operand, Binary | Unary):
+        return False
+    if (
+        isinstance(operand, Unary)
+        and operand.operator == "-"
+        and isinstance(operand.operand, Number)
+    ):
+        return False
+    kinds = {
+        _group(operator, is_prefix=False),
+        _group(operand.operator, isinstance(operand, Unary)),
+    }
+    return kinds == {"bits", "arithmetic"}
+
+
+def _group(operator: str, is_prefix: bool) -> str:
+    if operator in BITS or operator in ("!", "~"):
+        return "bits"
+    return "arithmetic" if is_prefix or operator in ("+", "-", "*", "/", "..") else "other"
+
+
+def _print(expression: Expression) -> str:
+    if isinstance(expression, Number):
+        return repr(expression.value)
+    if isinstance(expression, Boolean):
+        return "true" if expression.value else "false"
+    if isinstance(expression, Text):
+        quote = '"' if "'" in expression.value else "'"
+        return f"{quote}{expression.value}{quote}"
+    if isinstance(expression, Name):
+        return expression.name
+    if isinstance(expression, Unary):
+        return expression.operator + _operand(expression.operand, ATOM_LEVEL)
+    if isinstance(expression, Assignment):
+        return f"{expression.name} {expression.operator} {_operand(expression.value, 2)}"
+    if isinstance(expression, Conditional):
+        condition, otherwise = (
+            _operand(part, LEVELS["&&"]) for part in (expression.condition, expression.otherwise)
+        )
+        return f"{condition} ? {_print(expression.then)} : {otherwise}"
+    if isinstance(expression, Comparison):
+        first, *others = (_operand(part, LEVELS[".."]) for part in expression.operands)
+        return first + "".join(
+            f" {operator} {other}"
+            for operator, other in zip(expression.operators, others, strict=True)
+        )
+    here = LEVELS[expression.operator]
+    left = _operand(expression.left, here, expression.operator)
+    right = _operand(expression.right, here + 1, expression.operator)
+    return f"{left} {expression.operator} {right}"
+
+
+def _operand(expression: Expression, at_least: int, operator: str = "") -> str:
+    text = _print(expression)
+    if level(expression) < at_least or (operator and mixes(operator, expression)):
+        return f"({text})"
+    return text
