@@ -11,6 +11,7 @@ from mrbt_mesh import __version__
 from mrbt_mesh.cli import offline, team
 from mrbt_mesh.cli.drill import drill
 from mrbt_mesh.cli.sim import sim
+from mrbt_mesh.cli.tree import tree_app
 from mrbt_mesh.cli.up import up, watch
 
 app = typer.Typer(
@@ -74,5 +75,6 @@ PANELS: dict[str, tuple[Callable[..., None], ...]] = {
 for _panel, _functions in PANELS.items():
     for _function in _functions:
         app.command(rich_help_panel=_panel)(_function)
+app.add_typer(tree_app, name="tree", rich_help_panel="Without a network")
 # Listed for the help only: `main` hands `mrbt agent` over before typer is imported.
 app.command("agent", rich_help_panel="Run a team")(_agent)

@@ -6,7 +6,7 @@ language in BehaviorTree.CPP's documentation, and its grammar where that is sile
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -148,6 +148,28 @@ class Script:
             if isinstance(e, Assignment) and e.operator not in (":=", "=")
         }
         return frozenset(names | changed)
+
+
+def renamed(script: Script, rename: Callable[[str], str]) -> Script:
+    """The script with every name, read or written, replaced by `rename(name)`."""
+    return Script(tuple(_renamed(statement, rename) for statement in script.statements))
+
+
+def _renamed(expression: Expression, rename: Callable[[str], str]) -> Expression:
+    parts = tuple(_renamed(part, rename) for part in _parts(expression))
+    if isinstance(expression, Name):
+        return Name(rename(expression.name))
+    if isinstance(expression, Unary):
+        return Unary(expression.operator, *parts)
+    if isinstance(expression, Binary):
+        return Binary(expression.operator, *parts)
+    if isinstance(expression, Comparison):
+        return Comparison(expression.operators, parts)
+    if isinstance(expression, Conditional):
+        return Conditional(*parts)
+    if isinstance(expression, Assignment):
+        return Assignment(expression.operator, rename(expression.name), *parts)
+    return expression
 
 
 def _parts(expression: Expression) -> tuple[Expression, ...]:

@@ -1,0 +1,114 @@
+"""The nodes that BehaviorTree.CPP 4 registers itself: ports, defaults, numbers of children."""
+
+from __future__ import annotations
+
+from mrbt_mesh.formats.btcpp.document import Category, Direction, NodeModel, Port
+
+INTEGER, BOOLEAN, TEXT, STATUS, SCRIPT, LIST, UNSIGNED, ANY = (
+    "int",
+    "bool",
+    "std::string",
+    "BT::NodeStatus",
+    "script",
+    "list",
+    "unsigned int",
+    "",
+)
+
+
+def _port(
+    name: str, kind: str = ANY, default: str | None = None, direction: Direction = Direction.INPUT
+) -> Port:
+    return Port(name, direction, kind, default)
+
+
+def _table() -> dict[str, NodeModel]:
+    control, decorator = Category.CONTROL, Category.DECORATOR
+    action, condition = Category.ACTION, Category.CONDITION
+    models: dict[str, NodeModel] = {}
+
+    def add(category: Category, names: str, *ports: Port) -> None:
+        for name in names.split():
+            models[name] = NodeModel(name, category, {port.name: port for port in ports})
+
+    add(control, "Sequence AsyncSequence SequenceWithMemory Fallback AsyncFallback")
+    add(control, "ReactiveSequence ReactiveFallback IfThenElse WhileDoElse")
+    add(
+        control,
+        "Parallel",
+        _port("success_count", INTEGER, "-1"),
+        _port("failure_count", INTEGER, "1"),
+    )
+    add(control, "ParallelAll", _port("max_failures", INTEGER, "1"))
+    add(control, "TryCatch", _port("catch_on_halt", BOOLEAN, "false"))
+    for cases in range(2, 7):
+        case_ports = [_port(f"case_{number + 1}", TEXT) for number in range(cases)]
+        add(control, f"Switch{cases}", _port("variable", TEXT), *case_ports)
+    add(decorator, "Inverter ForceSuccess ForceFailure KeepRunningUntilFailure")
+    add(decorator, "RetryUntilSuccessful", _port("num_attempts", INTEGER))
+    add(decorator, "Repeat", _port("num_cycles", INTEGER))
+    add(decorator, "Timeout", _port("msec", UNSIGNED))
+    add(decorator, "Delay", _port("delay_msec", UNSIGNED))
+    add(decorator, "RunOnce", _port("then_skip", BOOLEAN, "true"))
+    add(decorator, "Precondition", _port("if", SCRIPT), _port("else", STATUS, "FAILURE"))
+    add(
+        decorator,
+        "LoopInt LoopBool LoopDouble LoopString",
+        _port("queue", LIST, direction=Direction.INOUT),
+        _port("if_empty", STATUS, "SUCCESS"),
+        _port("value", direction=Direction.OUTPUT),
+    )
+    add(decorator, "SkipUnlessUpdated WaitValueUpdate", _port("entry"))
+    add(action, "AlwaysSuccess AlwaysFailure")
+    add(action, "Script", _port("code", SCRIPT))
+    add(condition, "ScriptCondition", _port("code", SCRIPT))
+    add(action, "SetBlackboard", _port("value"), _port("output_key", direction=Direction.INOUT))
+    add(action, "UnsetBlackboard", _port("key"))
+    add(action, "Sleep", _port("msec", UNSIGNED))
+    add(action, "WasEntryUpdated", _port("entry"))
+    return models
+
+
+BUILTIN = _table()
+
+# Control nodes of Nav2 that appear in many files without a model.
+NAV2_CONTROLS = frozenset(
+    {
+        "PipelineSequence",
+        "RecoveryNode",
+        "RoundRobin",
+        "NonblockingSequence",
+        "PersistentSequence",
+    }
+)
+# Types of a constant queue's items.
+LOOP_ITEMS = {"LoopInt": INTEGER, "LoopBool": BOOLEAN, "LoopDouble": "double", "LoopString": TEXT}
+STATUS_NAMES = ("SUCCESS", "FAILURE", "RUNNING", "SKIPPED", "IDLE")
+
+
+def children_allowed(name: str, category: Category) -> tuple[int, int | None]:
+    """The fewest and the most children of a node; None: no limit."""
+    if name in ("IfThenElse", "WhileDoElse"):
+        return 2, 3
+    if name == "TryCatch":
+        return 2, None
+    if name in BUILTIN and name.startswith("Switch"):
+        cases = int(name[6:])
+        return cases + 1, cases + 1
+    if name == "RecoveryNode":
+        return 2, 2
+    if category is Category.CONTROL:
+        return 1, None
+    return (1, 1) if category is Category.DECORATOR else (0, 0)
+
+
+def category_of(name: str, tag: str, models: dict[str, NodeModel], children: int) -> Category:
+    """A node's category: explicit, by its model, else guessed from its number of children."""
+    if tag in frozenset(Category):
+        return Category(tag)
+    model = BUILTIN.get(name) or models.get(name)
+    if model is not None:
+        return model.category
+    if name in NAV2_CONTROLS or children > 1:
+        return Category.CONTROL
+    return Category.DECORATOR if children else Category.ACTION

@@ -1,0 +1,104 @@
+"""Check single values: names, numbers, booleans, statuses, lists, scripts."""
+
+from __future__ import annotations
+
+import json
+import re
+
+from mrbt_mesh.formats.btcpp.builtin_nodes import (
+    BOOLEAN,
+    INTEGER,
+    LIST,
+    LOOP_ITEMS,
+    SCRIPT,
+    STATUS,
+    STATUS_NAMES,
+    TEXT,
+    UNSIGNED,
+)
+from mrbt_mesh.formats.btcpp.document import pointer, read_boolean
+from mrbt_mesh.formats.btcpp.script import ScriptError
+from mrbt_mesh.formats.btcpp.script_parser import parse
+from mrbt_mesh.formats.problems import MAX_SHOWN_CHARACTERS
+
+FORBIDDEN = " \t\n<>&\"'/\\:*?|."
+RESERVED_NAMES = ("Root", "root")
+RESERVED_PORTS = ("name", "ID", "_autoremap")
+
+_INTEGER = re.compile(r"[+-]?[0-9]{1,18}", re.ASCII)
+_UNSIGNED = re.compile(r"\+?[0-9]{1,10}", re.ASCII)
+_REAL = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?", re.ASCII)
+
+
+def shown(text: str) -> str:
+    """A value for a message, cut if it is long."""
+    return repr(text if len(text) <= MAX_SHOWN_CHARACTERS else text[:MAX_SHOWN_CHARACTERS] + "...")
+
+
+def name_problem(name: str) -> str:
+    """What BehaviorTree.CPP 4.8.4 and later refuse in the name of a model, tree or port."""
+    if name in RESERVED_NAMES:
+        return f"{name!r} is a reserved name"
+    for character in name:
+        if character in FORBIDDEN or ord(character) < 32 or ord(character) == 127:
+            what = "a space" if character == " " else repr(character)
+            return f"the name {shown(name)} contains {what}; letters, digits, '_' and '-' are safe"
+    return ""
+
+
+def port_name_problem(name: str) -> str:
+    """What is wrong with the name of a port in a model."""
+    if name in RESERVED_PORTS:
+        return f"{name!r} is reserved and cannot name a port"
+    if name[:1].isdigit():
+        return f"the port name {name!r} begins with a digit"
+    return name_problem(name)
+
+
+def value_problem(node: str, kind: str, value: str) -> str:
+    """What is wrong with the constant `value` of a built-in node's port of type `kind`."""
+    trimmed = value.strip()
+    if kind == INTEGER and not _INTEGER.fullmatch(trimmed):
+        return f"{shown(value)} is not a whole number"
+    if kind == UNSIGNED and not _UNSIGNED.fullmatch(trimmed):
+        return f"{shown(value)} is not a whole number of 0 or more"
+    if kind == "double" and not _REAL.fullmatch(trimmed):
+        return f"{shown(value)} is not a number"
+    if kind == BOOLEAN and read_boolean(trimmed) is None:
+        return f"{shown(value)} is not a boolean; write true or false"
+    if kind == STATUS and trimmed not in STATUS_NAMES:
+        return f"{shown(value)} is not a status; write SUCCESS, FAILURE or SKIPPED"
+    if kind == SCRIPT:
+        return script_problem(value)
+    if kind == LIST:
+        return _list_problem(LOOP_ITEMS[node], trimmed)
+    return ""
+
+
+def _list_problem(item_kind: str, text: str) -> str:
+    if text.startswith("json:"):
+        try:
+            items = json.loads(text[5:])
+        except (ValueError, RecursionError):
+            return f"{shown(text)} is no JSON after 'json:'"
+        return "" if isinstance(items, list) else f"{shown(text)} is no JSON list"
+    if item_kind == TEXT or not text:
+        return ""
+    for item in text.split(";"):
+        if problem := value_problem("", item_kind, item):
+            return f"{problem}; items are separated by ';'"
+    return ""
+
+
+def script_problem(text: str) -> str:
+    """What is wrong with a script."""
+    try:
+        parse(text)
+    except ScriptError as error:
+        return f"the script {shown(text)} cannot be read: {error}"
+    return ""
+
+
+def is_constant(value: str, attribute: str) -> bool:
+    """Whether a port's value stands in the file, not on the blackboard."""
+    return pointer(value, attribute) is None

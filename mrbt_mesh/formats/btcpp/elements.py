@@ -1,0 +1,134 @@
+"""XML as data: elements with their places in the file, and how they are written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import TypeAlias
+from xml.sax.saxutils import escape, quoteattr
+
+INDENT = "  "
+MAX_WIDTH = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Comment:
+    """`<!--text-->`; XML allows no `--` in it."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """Text between tags that is not only white space."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Instruction:
+    """`<?target data?>`, for example a reference to a style sheet."""
+
+    target: str
+    data: str
+
+
+@dataclass(slots=True, eq=False)
+class Element:
+    """One element; attributes keep their order. `line` and `column` count from 1, 0: unknown.
+
+    Two elements are equal if they say the same in the same order, wherever they stand.
+    """
+
+    tag: str
+    attributes: dict[str, str] = field(default_factory=dict)
+    content: list[Content] = field(default_factory=list)
+    line: int = 0
+    column: int = 0
+
+    @property
+    def children(self) -> list[Element]:
+        """The elements inside, without comments and texts."""
+        return [item for item in self.content if isinstance(item, Element)]
+
+    @property
+    def text(self) -> str:
+        """The text inside, without that of inner elements."""
+        return "".join(item.text for item in self.content if isinstance(item, Text))
+
+    def get(self, attribute: str, default: str = "") -> str:
+        """An attribute's value."""
+        return self.attributes.get(attribute, default)
+
+    def walk(self) -> Iterator[Element]:
+        """This element and all inside it, outer ones first, in the order of the file."""
+        waiting = [self]
+        while waiting:
+            element = waiting.pop()
+            yield element
+            waiting.extend(reversed(element.children))
+
+    def copy(self) -> Element:
+        """A copy that shares nothing that can be changed."""
+        content = [item.copy() if isinstance(item, Element) else item for item in self.content]
+        return Element(self.tag, dict(self.attributes), content, self.line, self.column)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Element):
+            return NotImplemented
+        return list(_flat(self)) == list(_flat(other))
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+Content: TypeAlias = Element | Comment | Text | Instruction
+
+
+def _flat(element: Element) -> Iterator[object]:
+    """The element as a flat sequence, so that comparing deep ones needs no recursion."""
+    waiting: list[object] = [element]
+    while waiting:
+        item = waiting.pop()
+        if isinstance(item, Element):
+            yield (item.tag, tuple(item.attributes.items()), len(item.content))
+            waiting.extend(reversed(item.content))
+        else:
+            yield item
+
+
+def write_content(item: Content, indent: str = "") -> str:
+    """One item as XML on lines of its own; with text inside, nothing is indented."""
+    if not isinstance(item, Element):
+        return indent + _inline(item)
+    if not item.content:
+        return _open_tag(item, "/>", indent)
+    if any(isinstance(inner, Text) for inner in item.content):
+        return indent + _inline(item)
+    inner = "\n".join(write_content(inner, indent + INDENT) for inner in item.content)
+    return f"{_open_tag(item, '>', indent)}\n{inner}\n{indent}</{item.tag}>"
+
+
+def _open_tag(element: Element, end: str, indent: str) -> str:
+    """On one line, or with one attribute per line if that would be too long."""
+    attributes = [f"{name}={_quoted(value)}" for name, value in element.attributes.items()]
+    line = indent + " ".join([f"<{element.tag}", *attributes]) + end
+    if len(line) <= MAX_WIDTH or len(attributes) < 2:
+        return line
+    between = "\n" + indent + " " * (len(element.tag) + 2)
+    return f"{indent}<{element.tag} {between.join(attributes)}{end}"
+
+
+def _inline(item: Content) -> str:
+    if isinstance(item, Text):
+        return escape(item.text, {"\r": "&#13;"})
+    if isinstance(item, Comment):
+        return f"<!--{item.text}-->"
+    if isinstance(item, Instruction):
+        return f"<?{item.target} {item.data}?>" if item.data else f"<?{item.target}?>"
+    if not item.content:
+        return _open_tag(item, "/>", "")
+    return f"{_open_tag(item, '>', '')}{''.join(map(_inline, item.content))}</{item.tag}>"
+
+
+def _quoted(value: str) -> str:
+    return quoteattr(value, {"\n": "&#10;", "\r": "&#13;", "\t": "&#9;"})

@@ -1,0 +1,275 @@
+"""Write trees so that Groot2 can open them: the explicit form, and models of all nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from mrbt_mesh.core.mission import Mission, type_name
+from mrbt_mesh.core.tree import LEAVES as CORE_LEAVES
+from mrbt_mesh.core.tree import Kind, NodeSpec
+from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN, category_of
+from mrbt_mesh.formats.btcpp.document import (
+    EXPLICIT_TAGS,
+    INCLUDE,
+    MODELS,
+    SUBTREE,
+    TREE,
+    Document,
+    NodeModel,
+    instance_name,
+    pointer,
+    ports,
+    type_id,
+)
+from mrbt_mesh.formats.btcpp.elements import Content, Element, Text
+from mrbt_mesh.formats.btcpp.expand import REACTIVE
+from mrbt_mesh.formats.btcpp.library import Library, TreeSource
+from mrbt_mesh.formats.btcpp.team_tree import KINDS
+from mrbt_mesh.formats.btcpp.xml_reader import MAX_ELEMENTS, TreeFileError
+from mrbt_mesh.formats.problems import Problem
+
+# The core's kinds as BehaviorTree.CPP calls them.
+_OF_KIND = {kind: node for node, kind in reversed(KINDS.items())}
+
+
+def explicit(library: Library, *, is_merged: bool = False) -> Document:
+    """The first document in the explicit form, with models of all nodes that it uses.
+
+    With `is_merged` the trees of all included files are in it, and no <include> is left.
+    """
+    document = library.documents[0].copy()
+    if is_merged:
+        _merge(document, library)
+    for tree in document.trees:
+        for element in tree.walk():
+            if element is not tree:
+                _make_explicit(element, library)
+    _add_models(document, library)
+    return document
+
+
+def compact(document: Document) -> Document:
+    """The document in the compact form: `<Foo .../>` for `<Action ID="Foo" .../>`."""
+    result = document.copy()
+    for tree in result.trees:
+        for element in tree.walk():
+            name = element.get("ID")
+            # Some names are none for a tag; those nodes stay explicit.
+            if element.tag in EXPLICIT_TAGS - {SUBTREE} and _is_tag(name):
+                del element.attributes["ID"]
+                element.tag = name
+    return result
+
+
+def _is_tag(name: str) -> bool:
+    """Whether a name can be an XML tag that is not read as something else."""
+    if name in EXPLICIT_TAGS or name in (TREE, MODELS, INCLUDE, "root"):
+        return False
+    return name.isidentifier() and not name.lower().startswith("xml")
+
+
+def _make_explicit(element: Element, library: Library) -> None:
+    if element.tag in EXPLICIT_TAGS:
+        return
+    name = element.tag
+    element.tag = category_of(name, name, library.models, len(element.children))
+    kept = {key: value for key, value in element.attributes.items() if key != "ID"}
+    element.attributes = {"ID": name} | kept
+
+
+def _merge(document: Document, library: Library) -> None:
+    root = document.root
+    here = {tree.get("ID") for tree in document.trees}
+    without: list[Content] = [
+        item
+        for item in root.content
+        if not (isinstance(item, Element) and item.tag in (INCLUDE, MODELS))
+    ]
+    for name, source in library.trees.items():
+        if name not in here and source.document is not library.documents[0]:
+            without.append(source.element.copy())
+    root.content = [
+        *without,
+        *(item.copy() for d in library.documents for item in d.model_lists[:1]),
+    ]
+    lists = document.model_lists
+    for extra in lists[1:]:
+        lists[0].content.extend(extra.content)
+        root.content.remove(extra)
+
+
+def _add_models(document: Document, library: Library) -> None:
+    """Describe each node that the document uses and nobody describes yet."""
+    described = set(document.models())
+    uses: dict[str, list[Element]] = {}
+    for tree in document.trees:
+        for element in tree.walk():
+            name = type_id(element)
+            is_custom = element.tag in EXPLICIT_TAGS - {SUBTREE} and name not in BUILTIN
+            if is_custom and name not in described:
+                uses.setdefault(name, []).append(element)
+    if not uses:
+        return
+    if not document.model_lists:
+        document.root.content.append(Element(MODELS))
+    models = document.model_lists[0]
+    for name in sorted(uses):
+        known = library.models.get(name)
+        models.content.append(model_element(known) if known else _guessed_model(name, uses[name]))
+
+
+def model_element(model: NodeModel) -> Element:
+    """A model as it stands in <TreeNodesModel>."""
+    element = Element(model.category, {"ID": model.id})
+    if model.description:
+        element.content.append(Element("description", {}, [Text(model.description)]))
+    for port in model.ports.values():
+        attributes = {"name": port.name}
+        if port.type:
+            attributes["type"] = port.type
+        if port.default is not None:
+            attributes["default"] = port.default
+        content: list[Content] = [Text(port.description)] if port.description else []
+        element.content.append(Element(port.direction, attributes, content))
+    return element
+
+
+def _guessed_model(name: str, uses: list[Element]) -> Element:
+    """A model from a node's uses. Ports that are given blackboard entries may be written."""
+    element = Element(uses[0].tag, {"ID": name})
+    found: dict[str, bool] = {}
+    for use in uses:
+        for port, value in ports(use).items():
+            found[port] = found.get(port, False) or pointer(value, port) is not None
+    for port, has_pointer in found.items():
+        tag = "inout_port" if has_pointer else "input_port"
+        element.content.append(Element(tag, {"name": port}))
+    return element
+
+
+def with_ids(library: Library) -> Document:
+    """One <BehaviorTree> per SubTree in use, with `_fullpath`, and `_uid` at every node.
+
+    This is how BehaviorTree.CPP tells a monitor which node is which. Trees contain no SubTree
+    that is missing or contains itself. Raises TreeFileError without a main tree.
+    """
+    first = library.documents[0]
+    main = library.main_tree
+    if main is None:
+        message = "main_tree_to_execute has to name a tree"
+        raise TreeFileError([Problem(first.file, first.root.line, "root", message)])
+    root = Element("root", {"BTCPP_format": "4", "main_tree_to_execute": main})
+    waiting: list[tuple[TreeSource, str]] = [(library.trees[main], "")]
+    uid = 0
+    while waiting:
+        source, path = waiting.pop(0)
+        tree = Element(TREE, {"ID": source.id, "_fullpath": path})
+        tree.content = [child.copy() for child in source.element.children]
+        root.content.append(tree)
+        for element in [element for child in tree.children for element in child.walk()]:
+            uid += 1
+            if uid > MAX_ELEMENTS:
+                message = f"more than {MAX_ELEMENTS} nodes once its SubTrees are in place"
+                raise TreeFileError([Problem(first.file, source.element.line, path, message)])
+            _make_explicit(element, library)
+            element.attributes.setdefault("name", instance_name(element))
+            element.attributes["_uid"] = str(uid)
+            if element.tag != SUBTREE:
+                continue
+            inner = element.get("ID")
+            own = element.get("name") if element.get("name") != inner else f"{inner}::{uid}"
+            element.attributes["_fullpath"] = full = f"{path}/{own}" if path else own
+            if inner in library.trees:
+                waiting.append((library.trees[inner], full))
+    document = Document(first.file, [root])
+    _add_models(document, library)
+    return document
+
+
+def mission_document(mission: Mission, file: Path) -> Document:
+    """A mission's tree T_G as BehaviorTree.CPP XML, in the compact form.
+
+    Its Sequences and Fallbacks remember nothing, so they are reactive ones; BehaviorTree.CPP has no
+    such Parallel, so those are marked `_reactive`. Tasks become actions
+    with their arguments as ports `arg_1`, `arg_2`, ...; a team's bounds and robots have no place.
+    """
+    root = Element("root", {"BTCPP_format": "4", "main_tree_to_execute": "MainTree"})
+    writer = _CoreWriter()
+    spec = mission.tree.spec()
+    main = Element(TREE, {"ID": "MainTree"}, [writer.element(spec)])
+    root.content = [main, *writer.trees.values()]
+    models = writer.models()
+    if models.content:
+        root.content.append(models)
+    return Document(str(file), [root])
+
+
+class _CoreWriter:
+    def __init__(self) -> None:
+        self.trees: dict[NodeSpec, Element] = {}
+        self.names: set[str] = {"MainTree"}
+        self.leaves: dict[str, tuple[Kind, int]] = {}
+
+    def element(self, spec: NodeSpec) -> Element:
+        if spec.kind in CORE_LEAVES:
+            return self.leaf(spec)
+        if spec.kind is Kind.SUBTREE:
+            return Element(SUBTREE, {"ID": self.subtree(spec), "name": spec.name})
+        element = Element(_OF_KIND[spec.kind.name])
+        if spec.name:
+            element.attributes["name"] = spec.name
+        element.attributes |= _limits(spec)
+        element.content = [self.element(child) for child in spec.children]
+        return element
+
+    def subtree(self, spec: NodeSpec) -> str:
+        """The ID of the tree for a subtree; equal ones share it."""
+        if spec not in self.trees:
+            wanted = "".join(c if c.isalnum() or c in "_-" else "_" for c in spec.name).strip("_")
+            name = wanted = wanted or "subtree"
+            number = 1
+            while name in self.names or name in BUILTIN or name in self.leaves:
+                number += 1
+                name = f"{wanted}_{number}"
+            self.names.add(name)
+            tree = self.trees[spec] = Element(TREE, {"ID": name})
+            tree.content = [self.element(child) for child in spec.children]
+        return self.trees[spec].get("ID")
+
+    def leaf(self, spec: NodeSpec) -> Element:
+        name = type_name(spec.subject)
+        arguments = spec.subject[len(name) + 1 : -1].split(",") if "(" in spec.subject else []
+        kind = "Condition" if spec.kind is Kind.CONDITION else "Action"
+        before = self.leaves.get(name)
+        self.leaves[name] = (spec.kind, max(len(arguments), before[1] if before else 0))
+        attributes = {"ID": name, "name": spec.name or spec.subject}
+        attributes |= {f"arg_{number + 1}": text for number, text in enumerate(arguments)}
+        return Element(kind, attributes)
+
+    def models(self) -> Element:
+        found: Iterable[tuple[str, tuple[Kind, int]]] = sorted(self.leaves.items())
+        models = Element(MODELS)
+        for name, (kind, count) in found:
+            model = Element("Condition" if kind is Kind.CONDITION else "Action", {"ID": name})
+            model.content = [
+                Element("input_port", {"name": f"arg_{number + 1}", "type": "std::string"})
+                for number in range(count)
+            ]
+            models.content.append(model)
+        return models
+
+
+def _limits(spec: NodeSpec) -> dict[str, str]:
+    if spec.kind is Kind.PARALLEL:
+        fails_at = len(spec.children) - spec.limit + 1
+        counts = {"success_count": str(spec.limit), "failure_count": str(fails_at)}
+        return {**counts, REACTIVE: "true"}
+    if spec.kind is Kind.RETRY:
+        return {"num_attempts": str(spec.limit)}
+    if spec.kind is Kind.REPEAT:
+        return {"num_cycles": str(spec.limit)}
+    if spec.kind is Kind.TIMEOUT:
+        # Whole milliseconds; never less than the mission allows.
+        return {"msec": str(-(-spec.timeout_us // 1000))}
+    return {}

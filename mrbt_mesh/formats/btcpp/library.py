@@ -1,0 +1,152 @@
+"""A file with everything that it includes: one set of trees and one of node models."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
+from mrbt_mesh.formats.btcpp.document import Category, Document, NodeModel, read_document
+from mrbt_mesh.formats.btcpp.elements import Element
+from mrbt_mesh.formats.btcpp.findings import Findings
+from mrbt_mesh.formats.btcpp.upgrade import upgrade
+from mrbt_mesh.formats.btcpp.xml_reader import MAX_BYTES, TreeFileError
+
+MAX_FILES = 100
+
+
+@dataclass(frozen=True, slots=True)
+class TreeSource:
+    """A <BehaviorTree> and the document that it stands in."""
+
+    id: str
+    document: Document
+    element: Element
+
+
+@dataclass
+class Library:
+    """The documents, in version 4, the first one first; trees and models by their ID.
+
+    A tree without an ID is called `BehaviorTree`, as it is the only one.
+    """
+
+    documents: list[Document] = field(default_factory=list)
+    trees: dict[str, TreeSource] = field(default_factory=dict)
+    models: dict[str, NodeModel] = field(default_factory=dict)
+    subtree_models: dict[str, NodeModel] = field(default_factory=dict)
+    missing_files: list[str] = field(default_factory=list)
+
+    @property
+    def main_tree(self) -> str | None:
+        """The ID of the tree to execute: named by the first document, or the only one there is."""
+        named = self.documents[0].main_tree
+        if named:
+            return named if named in self.trees else None
+        return next(iter(self.trees)) if len(self.trees) == 1 else None
+
+    def model(self, name: str) -> NodeModel | None:
+        """The model of a registered node."""
+        return BUILTIN.get(name) or self.models.get(name)
+
+    def add(self, document: Document) -> None:
+        """Take over a document's trees and models. Of two of the same ID the last one counts."""
+        self.documents.append(document)
+        for element in document.trees:
+            name = element.get("ID") or "BehaviorTree"
+            self.trees[name] = TreeSource(name, document, element)
+        for name, model in document.models().items():
+            is_subtree = model.category is Category.SUBTREE
+            (self.subtree_models if is_subtree else self.models)[name] = model
+
+
+def load_library(path: Path, findings: Findings, package_folders: Sequence[Path] = ()) -> Library:
+    """Read a file and what it includes; files of version 3 become version 4.
+
+    `package_folders` are searched for the packages of `ros_pkg`. Includes that cannot be read,
+    and what was changed, are noted in `findings`. Raises TreeFileError if the file itself cannot
+    be read.
+    """
+    loader = _Loader(Library(), findings, package_folders)
+    loader.load(path, read_document(path), ())
+    return loader.library
+
+
+def library_of(document: Document, findings: Findings) -> Library:
+    """A library of one document, whose includes are not followed."""
+    library = Library()
+    upgraded, notes = upgrade(document)
+    findings.warn_all(notes)
+    library.add(upgraded)
+    library.missing_files.extend(include.get("path") for include in document.includes)
+    return library
+
+
+@dataclass
+class _Loader:
+    library: Library
+    findings: Findings
+    package_folders: Sequence[Path]
+    loaded: set[Path] = field(default_factory=set)
+    total_bytes: int = 0
+
+    def load(self, path: Path, document: Document, including: tuple[Path, ...]) -> None:
+        upgraded, notes = upgrade(document)
+        self.findings.warn_all(notes)
+        self.library.add(upgraded)
+        here = path.resolve()
+        self.loaded.add(here)
+        for element in document.includes:
+            self.include(path, document, element, (*including, here))
+
+    def include(
+        self, path: Path, document: Document, element: Element, including: tuple[Path, ...]
+    ) -> None:
+        place = (document.file, element.line, "root/include")
+        named = element.get("path")
+        if not named:
+            self.findings.error(*place, "<include> needs the attribute 'path'")
+            return
+        target = self.target(path, element, place)
+        if target is None:
+            self.library.missing_files.append(named)
+            return
+        resolved = target.resolve()
+        if resolved in including:
+            self.findings.error(*place, f"{named!r} includes itself")
+            return
+        if resolved in self.loaded:
+            return
+        if len(self.loaded) >= MAX_FILES:
+            self.findings.error(*place, f"more than {MAX_FILES} files are included")
+            return
+        try:
+            included = read_document(target, MAX_BYTES - self.total_bytes)
+        except TreeFileError as error:
+            self.library.missing_files.append(named)
+            self.loaded.add(resolved)
+            if target.is_file():
+                for problem in error.problems:
+                    self.findings.error(problem.file, problem.line, problem.path, problem.message)
+            else:
+                self.findings.rule(*place, f"there is no file {str(target)!r} to include")
+            return
+        self.total_bytes += target.stat().st_size
+        self.load(target, included, including)
+
+    def target(self, path: Path, element: Element, place: tuple[str, int, str]) -> Path | None:
+        """The file that an <include> names, relative to the including file or to a package."""
+        named = Path(element.get("path"))
+        package = element.get("ros_pkg")
+        if not package:
+            return path.parent / named
+        if named.is_absolute():
+            self.findings.warn(*place, "with an absolute 'path', 'ros_pkg' is ignored")
+            return named
+        for folder in self.package_folders:
+            if (folder / package).is_dir():
+                return folder / package / named
+        message = f"package {package!r} is not installed; {str(named)!r} was not included"
+        self.findings.rule(*place, message)
+        return None

@@ -1,0 +1,382 @@
+"""A BehaviorTree.CPP tree as a team's tree, or the list of what a team cannot carry out.
+
+A team's tree is a pure function of replicated facts. There is no blackboard, no script that
+changes anything, and nothing is remembered but the outcomes of actions.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from mrbt_mesh.core.mission import ARGUMENT_PATTERN, MAX_ARGUMENTS, NAME_PATTERN
+from mrbt_mesh.core.tree import Kind, NodeSpec, TreeError, build_tree
+from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
+from mrbt_mesh.formats.btcpp.document import (
+    LEAVES,
+    PRECONDITIONS,
+    Category,
+    Direction,
+    pointer,
+)
+from mrbt_mesh.formats.btcpp.expand import (
+    REACTIVE,
+    SCRIPT_PORTS,
+    ExpandedNode,
+    ExpandedTree,
+    expand,
+)
+from mrbt_mesh.formats.btcpp.library import Library
+from mrbt_mesh.formats.btcpp.script import (
+    Binary,
+    Boolean,
+    Comparison,
+    Expression,
+    Name,
+    Number,
+    ScriptError,
+    Unary,
+)
+from mrbt_mesh.formats.btcpp.script_parser import parse
+from mrbt_mesh.formats.problems import Problem
+
+# BehaviorTree.CPP's nodes and the name of the core's kind that does the same. A node whose kind
+# the core lacks is refused.
+KINDS = {
+    "ReactiveSequence": "SEQUENCE",
+    "ReactiveFallback": "FALLBACK",
+    "Sequence": "BT_SEQUENCE",
+    "AsyncSequence": "BT_SEQUENCE",
+    "Fallback": "BT_FALLBACK",
+    "AsyncFallback": "BT_FALLBACK",
+    "SequenceWithMemory": "SEQUENCE_WITH_MEMORY",
+    "Parallel": "PARALLEL",
+    "Inverter": "INVERTER",
+    "ForceSuccess": "FORCE_SUCCESS",
+    "ForceFailure": "FORCE_FAILURE",
+    "RetryUntilSuccessful": "RETRY",
+    "Repeat": "REPEAT",
+    "KeepRunningUntilFailure": "KEEP_RUNNING_UNTIL_FAILURE",
+    "Timeout": "TIMEOUT",
+    "SubTree": "SUBTREE",
+}
+MEMORY_KINDS = frozenset({"BT_SEQUENCE", "BT_FALLBACK", "SEQUENCE_WITH_MEMORY"})
+
+_REASONS = {
+    "AlwaysSuccess": "a team's tree has no leaf that always succeeds",
+    "AlwaysFailure": "a team's tree has no leaf that always fails",
+    "ParallelAll": "it waits for all children and then counts failures; use Parallel",
+    "IfThenElse": "it asks its condition once and remembers the answer; use WhileDoElse",
+    "TryCatch": "it remembers that an attempt has failed",
+    "Precondition": "it asks its condition once and remembers the answer; use WhileDoElse",
+    "RunOnce": "it remembers what its child has returned",
+    "Delay": "it waits, which only an action can do in a team's tree",
+    "Sleep": "it waits, which only an action can do in a team's tree",
+    "SkipUnlessUpdated": "it reads the blackboard, which a team does not share",
+    "WaitValueUpdate": "it reads the blackboard, which a team does not share",
+    "WasEntryUpdated": "it reads the blackboard, which a team does not share",
+    "SetBlackboard": "it writes the blackboard, which a team does not share",
+    "UnsetBlackboard": "it writes the blackboard, which a team does not share",
+    **dict.fromkeys(
+        ("LoopInt", "LoopBool", "LoopDouble", "LoopString"),
+        "it takes items from a queue on the blackboard, which a team does not share",
+    ),
+    **dict.fromkeys(
+        ("Switch2", "Switch3", "Switch4", "Switch5", "Switch6"),
+        "it chooses by a value on the blackboard, which a team does not share",
+    ),
+}
+_NAME = re.compile(NAME_PATTERN)
+_ARGUMENT = re.compile(ARGUMENT_PATTERN)
+_MAX_COUNT = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class TeamTree:
+    """The team's tree, or None and what cannot be carried out, with path, line and reason."""
+
+    spec: NodeSpec | None
+    refusals: tuple[Problem, ...]
+
+
+def to_team_tree(library: Library, tree: str, unknown_leaves: Category | None = None) -> TeamTree:
+    """Translate a tree with its SubTrees.
+
+    A leaf without a model is refused, since it may be an action or a condition, unless
+    `unknown_leaves` says which. Raises TreeFileError if the tree cannot be expanded.
+    """
+    expanded = expand(library, tree)
+    translation = _Translation(library, expanded, unknown_leaves)
+    spec = translation.node(expanded.root)
+    if not translation.refusals and spec is not None:
+        try:
+            build_tree(spec)
+        except TreeError as error:
+            root = expanded.root
+            translation.refusals.append(Problem(root.file, root.line, "", str(error)))
+    refusals = tuple(sorted(translation.refusals, key=lambda p: (p.file, p.line)))
+    return TeamTree(None if refusals else spec, refusals)
+
+
+class _RefusedError(Exception):
+    """A node that cannot be carried out; the message says why."""
+
+
+class _Translation:
+    def __init__(
+        self, library: Library, tree: ExpandedTree, unknown_leaves: Category | None
+    ) -> None:
+        self.library = library
+        self.constants = tree.constants
+        self.unknown_leaves = unknown_leaves
+        self.refusals: list[Problem] = []
+        self.written = self.written_entries(tree.root)
+
+    def refuse(self, node: ExpandedNode, reason: str) -> None:
+        self.refusals.append(Problem(node.file, node.line, node.path, f"{node.type}: {reason}"))
+
+    def written_entries(self, root: ExpandedNode) -> set[str]:
+        """The blackboard entries that any node writes, or might: unknown nodes can."""
+        written: set[str] = set()
+        for node in root.walk():
+            scripts = [*node.conditions.values(), node.ports.get(SCRIPT_PORTS.get(node.type, ""))]
+            for script in filter(None, scripts):
+                try:
+                    written |= parse(script).written
+                except ScriptError:
+                    continue
+            for name, value in node.ports.items():
+                key = pointer(value)
+                if key is not None and self.may_write(node, name):
+                    written.add(key)
+            if node.type in ("SetBlackboard", "UnsetBlackboard"):
+                key = node.ports.get("output_key", "") or node.ports.get("key", "")
+                written.add(pointer(key) or key)
+        return written
+
+    def may_write(self, node: ExpandedNode, port_name: str) -> bool:
+        if node.category is Category.SUBTREE:
+            return False
+        model = self.library.model(node.type)
+        port = model.ports.get(port_name) if model else None
+        return port is None or port.direction is not Direction.INPUT
+
+    def node(self, node: ExpandedNode) -> NodeSpec | None:
+        """The node's spec, or None once it or something below it has been refused."""
+        self.refuse_conditions(node)
+        children = [] if node.type in _REASONS else [self.node(child) for child in node.children]
+        try:
+            if node.type == "ScriptCondition":
+                return self.formula(node)
+            if node.type == "WhileDoElse":
+                return self.while_do_else(node, children)
+            if node.category in LEAVES and node.type not in BUILTIN:
+                return self.leaf(node)
+            spec = self.inner(node)
+        except _RefusedError as error:
+            self.refuse(node, str(error))
+            return None
+        known = tuple(child for child in children if child is not None)
+        if len(known) < len(children):
+            return None
+        spec = NodeSpec(spec.kind, known, spec.name, spec.subject, spec.limit, spec.timeout_us)
+        return self.checked_parallel(node, spec)
+
+    def refuse_conditions(self, node: ExpandedNode) -> None:
+        for name in node.conditions:
+            if name in PRECONDITIONS:
+                reason = "is not asked at every tick, or skips the node; use a Condition"
+            else:
+                reason = "changes the blackboard, which a team does not share"
+            self.refuse(node, f"{name} {reason}")
+
+    def inner(self, node: ExpandedNode) -> NodeSpec:
+        """A control, decorator or SubTree, without its children."""
+        if node.type == "Script":
+            raise _RefusedError("a script with side effects: a team shares no blackboard")
+        if node.type in _REASONS:
+            raise _RefusedError(_REASONS[node.type])
+        if node.category is Category.SUBTREE:
+            if not node.children:
+                raise _RefusedError(f"there is no tree {node.type!r}")
+            return NodeSpec(Kind.SUBTREE, name=node.name)
+        kind_name = KINDS.get(node.type)
+        if kind_name is None:
+            raise _RefusedError(f"an unknown {node.category}; a team cannot tell what it does")
+        kind = Kind.__members__.get(kind_name)
+        if kind is None:
+            what = "a node with memory" if kind_name in MEMORY_KINDS else "a node"
+            raise _RefusedError(f"{what} that a team's tree does not have")
+        name = node.name if node.name != node.type else ""
+        if kind is Kind.PARALLEL:
+            return NodeSpec(kind, name=name, limit=self.needed_successes(node))
+        if kind is Kind.RETRY:
+            return NodeSpec(kind, name=name, limit=self.count(node, "num_attempts", None))
+        if kind is Kind.REPEAT:
+            return NodeSpec(kind, name=name, limit=self.count(node, "num_cycles", None))
+        if kind is Kind.TIMEOUT:
+            timeout_us = self.count(node, "msec", None) * 1000
+            return NodeSpec(kind, name=name, timeout_us=timeout_us)
+        return NodeSpec(kind, name=name)
+
+    def count(self, node: ExpandedNode, port: str, default: int | None) -> int:
+        """A number that is fixed in the file."""
+        text = self.constant(node, port, node.ports.get(port, str(default)))
+        try:
+            value = int(text)
+        except ValueError:
+            raise _RefusedError(f"{port}={text!r} is not a whole number") from None
+        if abs(value) > _MAX_COUNT:
+            raise _RefusedError(f"{port}={value} is too large")
+        return value
+
+    def constant(self, node: ExpandedNode, port: str, value: str) -> str:
+        """A port's value if it is fixed: a constant, or an entry that nobody writes."""
+        key = pointer(value)
+        if key is None:
+            return value
+        if key in self.constants and key not in self.written:
+            return self.constants[key]
+        raise _RefusedError(
+            f"port {port!r} uses the blackboard entry {key!r}, which a team does not share"
+        )
+
+    def needed_successes(self, node: ExpandedNode) -> int:
+        """M of a Parallel. It fails once M successes are out of reach, and not before."""
+        count = len(node.children)
+        needed = self.count(node, "success_count", -1)
+        allowed = self.count(node, "failure_count", 1)
+        needed = needed if needed >= 0 else count + needed + 1
+        allowed = allowed if allowed >= 0 else count + allowed + 1
+        if not 1 <= needed <= count:
+            raise _RefusedError(f"it needs {needed} successes of {count} children")
+        if allowed < count - needed + 1:
+            raise _RefusedError(
+                f"it fails at {allowed} failures, while {needed} successes of {count} could "
+                f"still come; a team's Parallel fails at {count - needed + 1}"
+            )
+        return needed
+
+    def checked_parallel(self, node: ExpandedNode, spec: NodeSpec) -> NodeSpec | None:
+        """BehaviorTree.CPP's Parallel leaves children that are done alone; the team's asks again.
+
+        Outcomes of actions stay, so only conditions make a difference.
+        """
+        if spec.kind is Kind.PARALLEL and not node.is_reactive and _has_condition(spec):
+            reason = (
+                "it does not ask the conditions of a child again that is done, and a team does; "
+                f'if that is meant, mark it {REACTIVE}="true"'
+            )
+            self.refuse(node, reason)
+            return None
+        return spec
+
+    def while_do_else(self, node: ExpandedNode, children: list[NodeSpec | None]) -> NodeSpec | None:
+        known = [child for child in children if child is not None]
+        if len(known) < len(children):
+            return None
+        if len(known) not in (2, 3):
+            raise _RefusedError(f"it needs 2 or 3 children, it has {len(known)}")
+        condition, *branches = known
+        if _has_action(condition):
+            raise _RefusedError("its condition contains an action, which would run twice")
+        name = node.name if node.name != node.type else ""
+        if len(branches) == 1:
+            return NodeSpec(Kind.SEQUENCE, (condition, branches[0]), name)
+        opposite = NodeSpec(Kind.INVERTER, (condition,))
+        then = NodeSpec(Kind.SEQUENCE, (condition, branches[0]))
+        otherwise = NodeSpec(Kind.SEQUENCE, (opposite, branches[1]))
+        return NodeSpec(Kind.FALLBACK, (then, otherwise), name)
+
+    def leaf(self, node: ExpandedNode) -> NodeSpec:
+        """An action or condition: its type and the values of its ports, `move(dock,fast)`."""
+        category = node.category
+        if node.is_guessed:
+            if self.unknown_leaves is None:
+                raise _RefusedError(
+                    "an action or a condition? Describe it in <TreeNodesModel>, or write "
+                    f"<Action ID={node.type!r}/> or <Condition ID={node.type!r}/>"
+                )
+            category = self.unknown_leaves
+        model = self.library.model(node.type)
+        values = dict(node.ports)
+        for port in model.ports.values() if model else ():
+            if port.direction is not Direction.INPUT and port.name in values:
+                raise _RefusedError(
+                    f"port {port.name!r} writes the blackboard, which a team does not share"
+                )
+            if port.default is not None:
+                values.setdefault(port.name, port.default)
+        order = {name: number for number, name in enumerate(model.ports if model else values)}
+        arguments = [
+            self.argument(node, name, values[name])
+            for name in sorted(values, key=lambda name: order.get(name, len(order)))
+        ]
+        if not _NAME.fullmatch(node.type):
+            raise _RefusedError("a task's name is made of letters, digits and '_'")
+        if len(arguments) > MAX_ARGUMENTS:
+            raise _RefusedError(f"more than {MAX_ARGUMENTS} ports")
+        subject = f"{node.type}({','.join(arguments)})" if arguments else node.type
+        kind = Kind.CONDITION if category is Category.CONDITION else Kind.ACTION
+        name = node.name if node.name != node.type else ""
+        return NodeSpec(kind, name=name, subject=subject)
+
+    def argument(self, node: ExpandedNode, port: str, value: str) -> str:
+        text = self.constant(node, port, value).strip()
+        if not _ARGUMENT.fullmatch(text):
+            raise _RefusedError(
+                f"port {port!r} is {text[:40]!r}; an argument has 1 to 64 letters, digits, "
+                "'_', '.', '+' or '-'"
+            )
+        return text
+
+    def formula(self, node: ExpandedNode) -> NodeSpec:
+        """A script of conditions with `!`, `&&` and `||` as a tree of conditions."""
+        try:
+            script = parse(node.ports.get("code", ""))
+        except ScriptError as error:
+            raise _RefusedError(f"the script cannot be read: {error}") from None
+        if script.written or len(script.statements) != 1:
+            raise _RefusedError("a script with side effects: a team shares no blackboard")
+        return self.condition(script.statements[0])
+
+    def condition(self, expression: Expression) -> NodeSpec:
+        if isinstance(expression, Name) and _NAME.fullmatch(expression.name):
+            if expression.name in self.constants or expression.name in self.written:
+                raise _RefusedError(
+                    f"the blackboard entry {expression.name!r} is written in the tree; a team's "
+                    "conditions are set by its robots"
+                )
+            return NodeSpec(Kind.CONDITION, subject=expression.name)
+        if isinstance(expression, Unary) and expression.operator == "!":
+            return NodeSpec(Kind.INVERTER, (self.condition(expression.operand),))
+        if isinstance(expression, Binary) and expression.operator in ("&&", "||"):
+            kind = Kind.SEQUENCE if expression.operator == "&&" else Kind.FALLBACK
+            both = (self.condition(expression.left), self.condition(expression.right))
+            return NodeSpec(kind, both)
+        if isinstance(expression, Comparison) and len(expression.operators) == 1:
+            left, right = expression.operands
+            truth = _truth(right)
+            if truth is not None and expression.operators[0] in ("==", "!="):
+                inner = self.condition(left)
+                is_same = truth is (expression.operators[0] == "==")
+                return inner if is_same else NodeSpec(Kind.INVERTER, (inner,))
+        raise _RefusedError(
+            "a team's conditions are true or false: only !, &&, || and == true are possible"
+        )
+
+
+def _truth(expression: Expression) -> bool | None:
+    if isinstance(expression, Boolean):
+        return expression.value
+    if isinstance(expression, Number) and expression.value in (0, 1):
+        return bool(expression.value)
+    return None
+
+
+def _has_condition(spec: NodeSpec) -> bool:
+    return spec.kind is Kind.CONDITION or any(map(_has_condition, spec.children))
+
+
+def _has_action(spec: NodeSpec) -> bool:
+    return spec.kind is Kind.ACTION or any(map(_has_action, spec.children))

@@ -1,0 +1,145 @@
+"""Read XML from a file that may be hostile, with the place of every element.
+
+Expat does the reading. Document type declarations are refused as soon as they begin, so that
+there are no entities: nothing can expand, and nothing outside the file is ever opened.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.parsers import expat
+
+from mrbt_mesh.formats.btcpp.elements import Comment, Content, Element, Instruction, Text
+from mrbt_mesh.formats.mission_file import read_limited
+from mrbt_mesh.formats.problems import MissionError, Problem
+
+MAX_BYTES = 8 << 20
+# BehaviorTree.CPP allows 256 levels below <BehaviorTree>, which is the second.
+MAX_LEVELS = 256 + 2
+MAX_ELEMENTS = 100_000
+MAX_ATTRIBUTES = 500
+ENCODINGS = frozenset({"utf-8", "utf-16", "utf-16le", "utf-16be", "us-ascii", "iso-8859-1"})
+
+_HINTS = {
+    expat.errors.XML_ERROR_UNDEFINED_ENTITY: (
+        "an undefined entity; only &amp; &lt; &gt; &quot; &apos; and &#...; are allowed"
+    ),
+    expat.errors.XML_ERROR_NO_ELEMENTS: "no element in it",
+    expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT: "something follows the end of the root element",
+    expat.errors.XML_ERROR_DUPLICATE_ATTRIBUTE: "an attribute is given twice",
+}
+
+
+class TreeFileError(MissionError):
+    """A BehaviorTree.CPP file that cannot be used; `str()` gives one line per problem."""
+
+
+def read_xml(path: Path, limit_bytes: int = MAX_BYTES) -> list[Content]:
+    """The root element of a file, with the comments and instructions around it.
+
+    Raises TreeFileError, and nothing else, for whatever may be wrong with the file.
+    """
+    try:
+        content = read_limited(path, limit_bytes)
+    except MissionError as error:
+        raise TreeFileError(error.problems) from None
+    return parse_xml(content, str(path))
+
+
+def parse_xml(content: bytes | str, file: str) -> list[Content]:
+    """As `read_xml`, from memory; `file` is for messages."""
+    return _Reader(file).read(content)
+
+
+class _Reader:
+    def __init__(self, file: str) -> None:
+        self.file = file
+        self.items: list[Content] = []
+        self.open: list[Element] = []
+        self.elements = 0
+        self.parser = parser = expat.ParserCreate()
+        parser.buffer_text = True
+        parser.ordered_attributes = True
+        parser.XmlDeclHandler = self.declaration
+        parser.StartDoctypeDeclHandler = self.doctype
+        parser.EntityDeclHandler = self.entity
+        parser.ExternalEntityRefHandler = self.external
+        parser.StartElementHandler = self.start
+        parser.EndElementHandler = self.end
+        parser.CharacterDataHandler = self.characters
+        parser.CommentHandler = self.comment
+        parser.ProcessingInstructionHandler = self.instruction
+
+    def read(self, content: bytes | str) -> list[Content]:
+        try:
+            self.parser.Parse(content, True)
+        except expat.ExpatError as error:
+            raise self.error(self.why(error), error.lineno) from None
+        except (ValueError, LookupError) as error:
+            raise self.error(f"not a text file in UTF-8: {error}") from None
+        finally:
+            # The handlers are bound methods: without this the parser would keep itself alive.
+            del self.parser
+        return self.items
+
+    def error(self, message: str, line: int = 0) -> TreeFileError:
+        path = "/".join(element.tag for element in self.open[:6])
+        if len(self.open) > 6:
+            path += "/..."
+        line = line or self.parser.CurrentLineNumber
+        return TreeFileError([Problem(self.file, line, path, message)])
+
+    def why(self, error: expat.ExpatError) -> str:
+        text = expat.ErrorString(error.code)
+        if text == expat.errors.XML_ERROR_TAG_MISMATCH and self.open:
+            last = self.open[-1]
+            text = f"a closing tag does not match <{last.tag}>, opened in line {last.line}"
+        elif text == expat.errors.XML_ERROR_NO_ELEMENTS and self.open:
+            last = self.open[-1]
+            text = f"the file ends before <{last.tag}>, opened in line {last.line}, is closed"
+        else:
+            text = _HINTS.get(text, text)
+        return f"not well-formed XML: {text} (column {error.offset + 1})"
+
+    def declaration(self, version: str, encoding: str | None, standalone: int) -> None:
+        if encoding is not None and encoding.lower() not in ENCODINGS:
+            raise self.error(f"encoding {encoding!r} cannot be read; save the file as UTF-8")
+
+    def doctype(self, *_: object) -> None:
+        raise self.error("a document type declaration (<!DOCTYPE ...>) is not allowed; remove it")
+
+    def entity(self, *_: object) -> None:
+        raise self.error("entity declarations are not allowed; remove them")
+
+    def external(self, *_: object) -> int:
+        raise self.error("references to other files are not allowed; remove them")
+
+    def start(self, tag: str, attributes: list[str]) -> None:
+        element = Element(tag, dict(zip(attributes[::2], attributes[1::2], strict=True)))
+        element.line = self.parser.CurrentLineNumber
+        element.column = self.parser.CurrentColumnNumber + 1
+        self.elements += 1
+        if self.elements > MAX_ELEMENTS:
+            raise self.error(f"more than {MAX_ELEMENTS} elements")
+        if len(self.open) >= MAX_LEVELS:
+            raise self.error(f"nested deeper than {MAX_LEVELS} levels")
+        if len(element.attributes) > MAX_ATTRIBUTES:
+            raise self.error(f"<{tag}> has more than {MAX_ATTRIBUTES} attributes")
+        self.add(element)
+        self.open.append(element)
+
+    def end(self, tag: str) -> None:
+        self.open.pop()
+
+    def characters(self, text: str) -> None:
+        if text.strip(" \t\r\n"):
+            self.add(Text(text))
+
+    def comment(self, text: str) -> None:
+        self.add(Comment(text))
+
+    def instruction(self, target: str, data: str) -> None:
+        self.add(Instruction(target, data))
+
+    def add(self, item: Content) -> None:
+        (self.open[-1].content if self.open else self.items).append(item)
