@@ -124,7 +124,9 @@ class _Checker:
 
     def check_port(self, port: Element, path: str) -> None:
         if port.tag not in _MODEL_TAGS:
-            self.rule(port, path, f"<{port.tag}> is no port{nearest(port.tag, Direction)}")
+            self.rule(
+                port, path, f"<{port.tag}> is no port{nearest(port.tag, map(str, Direction))}"
+            )
         elif port.tag in frozenset(Direction):
             name = port.get("name")
             if not name:

@@ -115,7 +115,7 @@ class NodeChecker:
             if not name:
                 self.error(place, f"<{element.tag}> needs an ID")
             elif model is not None and place.category is not model.category:
-                self.rule(place, f"{name!r} is a {model.category}, not a {place.category}")
+                self.rule(place, f"{name!r} is a <{model.category}>, not <{place.category}>")
         else:
             if "ID" in element.attributes:
                 self.rule(place, f"<{name}> takes no ID; it is for <Action ID=...> and its like")
@@ -137,7 +137,7 @@ class NodeChecker:
         if place.category is Category.SUBTREE and count:
             self.error(place, f"<{SUBTREE}> takes no children, it has {count}")
         elif place.category in LEAVES and count:
-            self.error(place, f"{what} is a {place.category} and takes no children, it has {count}")
+            self.error(place, f"{what} takes no children (<{place.category}>), it has {count}")
         elif count < fewest or (most is not None and count > most):
             if most is None:
                 needs = f"at least {fewest} child" + ("ren" if fewest > 1 else "")
@@ -184,7 +184,7 @@ class NodeChecker:
         for name in _THRESHOLDS:
             value = place.element.get(name).strip()
             if value.lstrip("+").isdecimal() and len(value) < 19 and int(value) > count:
-                self.error(place, f"{name}={value} is more than the {count} children")
+                self.error(place, f"{name}={value} is above the number of children, {count}")
 
     def check_subtree(self, place: _Place) -> None:
         element, name = place.element, place.name
