@@ -26,7 +26,7 @@ from mrbt_mesh.cli.tree_drawing import render_dot, render_mermaid, render_svg, r
 from mrbt_mesh.cli.tree_shapes import Shape, file_shapes, mission_shapes
 from mrbt_mesh.formats.btcpp.check import check_file
 from mrbt_mesh.formats.btcpp.document import Category, Document
-from mrbt_mesh.formats.btcpp.export import compact, explicit, mission_document, with_ids
+from mrbt_mesh.formats.btcpp.export import compact, explicit, team_tree_document, with_ids
 from mrbt_mesh.formats.btcpp.findings import Finding, Findings, Severity
 from mrbt_mesh.formats.btcpp.library import Library
 from mrbt_mesh.formats.btcpp.team_tree import to_team_tree
@@ -188,7 +188,7 @@ def _converted(source: Path, merge: bool, ids: bool) -> tuple[Document, list[Fin
 
 def _library_of_mission(source: Path) -> Library:
     library = Library()
-    library.add(mission_document(read_mission(source), source))
+    library.add(team_tree_document(read_mission(source).tree.spec(), str(source)))
     return library
 
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path
 
-from mrbt_mesh.core.mission import Mission, type_name
+from mrbt_mesh.core.mission import type_name
 from mrbt_mesh.core.tree import LEAVES as CORE_LEAVES
 from mrbt_mesh.core.tree import Kind, NodeSpec
 from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN, category_of
@@ -187,8 +186,8 @@ def with_ids(library: Library) -> Document:
     return document
 
 
-def mission_document(mission: Mission, file: Path) -> Document:
-    """A mission's tree T_G as BehaviorTree.CPP XML, in the compact form.
+def team_tree_document(spec: NodeSpec, file: str) -> Document:
+    """A team's tree T_G as BehaviorTree.CPP XML; `team_tree.to_team_tree` takes it back.
 
     Its Sequences and Fallbacks remember nothing, so they are reactive ones; BehaviorTree.CPP has no
     such Parallel, so those are marked `_reactive`. Tasks become actions
@@ -196,13 +195,12 @@ def mission_document(mission: Mission, file: Path) -> Document:
     """
     root = Element("root", {"BTCPP_format": "4", "main_tree_to_execute": "MainTree"})
     writer = _CoreWriter()
-    spec = mission.tree.spec()
     main = Element(TREE, {"ID": "MainTree"}, [writer.element(spec)])
     root.content = [main, *writer.trees.values()]
     models = writer.models()
     if models.content:
         root.content.append(models)
-    return Document(str(file), [root])
+    return Document(file, [root])
 
 
 class _CoreWriter:
@@ -215,7 +213,8 @@ class _CoreWriter:
         if spec.kind in CORE_LEAVES:
             return self.leaf(spec)
         if spec.kind is Kind.SUBTREE:
-            return Element(SUBTREE, {"ID": self.subtree(spec), "name": spec.name})
+            attributes = {"ID": self.subtree(spec)}
+            return Element(SUBTREE, attributes | ({"name": spec.name} if spec.name else {}))
         element = Element(_OF_KIND[spec.kind.name])
         if spec.name:
             element.attributes["name"] = spec.name

@@ -318,7 +318,7 @@ class _Translation:
             raise _RefusedError(f"more than {MAX_ARGUMENTS} ports")
         subject = f"{node.type}({','.join(arguments)})" if arguments else node.type
         kind = Kind.CONDITION if category is Category.CONDITION else Kind.ACTION
-        name = node.name if node.name != node.type else ""
+        name = node.name if node.name not in (node.type, subject) else ""
         return NodeSpec(kind, name=name, subject=subject)
 
     def argument(self, node: ExpandedNode, port: str, value: str) -> str:

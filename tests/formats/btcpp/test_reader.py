@@ -8,11 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mrbt_mesh.cli.tree_drawing import render_svg
+from mrbt_mesh.cli.tree_shapes import file_shapes
 from mrbt_mesh.formats.btcpp.check import check_library
 from mrbt_mesh.formats.btcpp.document import Document, parse_document, pointer, read_document
 from mrbt_mesh.formats.btcpp.elements import Comment, Content, Element, Instruction, Text
-from mrbt_mesh.formats.btcpp.expand import expand
-from mrbt_mesh.formats.btcpp.export import explicit, with_ids
+from mrbt_mesh.formats.btcpp.export import compact, explicit, with_ids
 from mrbt_mesh.formats.btcpp.findings import Findings
 from mrbt_mesh.formats.btcpp.library import library_of
 from mrbt_mesh.formats.btcpp.team_tree import to_team_tree
@@ -24,6 +25,7 @@ from mrbt_mesh.formats.btcpp.xml_reader import (
     parse_xml,
     read_xml,
 )
+from mrbt_mesh.formats.problems import Problem
 
 FOLDER = Path(__file__).parent
 FILES = sorted([*(FOLDER / "corpus").glob("**/*.xml"), *(FOLDER / "malformed").glob("*.xml")])
@@ -100,28 +102,41 @@ def test_a_copy_is_equal_and_apart(document: Document) -> None:
     assert copy != document
 
 
-def use(content: bytes) -> str:
-    """Do with a file what any command does; returns "read" or why it was refused."""
-    try:
-        document = parse_document(content, "fuzz.xml")
-        assert parse_document(document.text(), "fuzz.xml") == document
-        upgraded, _ = upgrade(document)
-        assert upgrade(upgraded) == (upgraded, [])
-        findings = Findings()
-        library = library_of(document, findings)
-        check_library(library, findings)
-        findings.raise_errors()
-        explicit(library)
-        for tree in library.trees:
-            expand(library, tree)
-            to_team_tree(library, tree)
-        if library.main_tree:
-            with_ids(library)
-    except TreeFileError as error:
-        assert error.problems
-        assert all(problem.file == "fuzz.xml" for problem in error.problems)
-        return str(error)
-    return "read"
+def use(content: bytes) -> None:
+    """Do with a file what any command does; only the reader's own error may come of it."""
+    for step in (_read_and_check, _convert):
+        problems: list[Problem] = []
+        try:
+            step(content)
+        except TreeFileError as error:
+            problems = error.problems
+            message = str(error)
+        else:
+            message = "-"
+        assert message
+        assert all(problem.file == "fuzz.xml" for problem in problems)
+
+
+def _read_and_check(content: bytes) -> None:
+    document = parse_document(content, "fuzz.xml")
+    assert parse_document(document.text(), "fuzz.xml") == document
+    upgraded, _ = upgrade(document)
+    assert upgrade(upgraded) == (upgraded, [])
+    for is_strict in (False, True):
+        findings = Findings(is_strict)
+        check_library(library_of(document, findings), findings)
+
+
+def _convert(content: bytes) -> None:
+    """Also of documents with errors: a tree is drawn, if it can be, whatever is wrong with it."""
+    library = library_of(parse_document(content, "fuzz.xml"), Findings())
+    render_svg(file_shapes(library))
+    exported = explicit(library)
+    assert parse_document(exported.text(), "fuzz.xml") == exported
+    parse_document(compact(exported).text(), "fuzz.xml")
+    for tree in library.trees:
+        to_team_tree(library, tree)
+    with_ids(library)
 
 
 @given(st.binary(max_size=300))
