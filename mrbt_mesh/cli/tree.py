@@ -22,8 +22,9 @@ from mrbt_mesh.cli.common import (
     print_json,
     read_mission,
 )
-from mrbt_mesh.cli.tree_drawing import render_dot, render_mermaid, render_svg, render_text
+from mrbt_mesh.cli.tree_drawing import render_dot, render_mermaid, render_text
 from mrbt_mesh.cli.tree_shapes import Shape, file_shapes, mission_shapes
+from mrbt_mesh.cli.tree_svg import render_svg
 from mrbt_mesh.formats.btcpp.check import check_file
 from mrbt_mesh.formats.btcpp.document import Category, Document
 from mrbt_mesh.formats.btcpp.export import compact, explicit, team_tree_document, with_ids

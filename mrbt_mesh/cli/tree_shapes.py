@@ -48,8 +48,8 @@ SYMBOLS = {
     "RetryUntilSuccessful": "↻",
     "Repeat": "↻",
     "KeepRunningUntilFailure": "↻",
-    "Timeout": "⏱",
-    "Delay": "⏱",
+    "Timeout": "◷",
+    "Delay": "◷",
 }
 LOOK_SYMBOLS = {
     Look.CONTROL: "◆",
