@@ -26,9 +26,13 @@ from mrbt_mesh.formats.btcpp.document import (
 from mrbt_mesh.formats.btcpp.elements import Element
 from mrbt_mesh.formats.btcpp.library import Library
 from mrbt_mesh.formats.btcpp.script import ScriptError, renamed
+from mrbt_mesh.formats.btcpp.script_eval import Value
 from mrbt_mesh.formats.btcpp.script_parser import parse
 from mrbt_mesh.formats.btcpp.xml_reader import MAX_LEVELS, TreeFileError
 from mrbt_mesh.formats.problems import Problem
+
+_INTEGER = re.compile(r"[+-]?[0-9]{1,20}", re.ASCII)
+_REAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", re.ASCII)
 
 # Written by our own export: BehaviorTree.CPP keeps it, and ignores it.
 REACTIVE = "_reactive"
@@ -72,6 +76,17 @@ class ExpandedTree:
 
     root: ExpandedNode
     constants: dict[str, str]
+
+    def blackboard(self) -> dict[str, Value]:
+        """What is on the one blackboard before the first tick."""
+        return {key: constant_value(text) for key, text in self.constants.items()}
+
+
+def constant_value(text: str) -> Value:
+    """A SubTree's constant as BehaviorTree.CPP stores it: an integer, a real number or a text."""
+    if _INTEGER.fullmatch(text) and -(2**63) <= int(text) < 2**63:
+        return int(text)
+    return float(text) if _REAL.fullmatch(text) else text
 
 
 @dataclass(slots=True)
