@@ -31,6 +31,7 @@ from mrbt_mesh.formats.btcpp.export import compact, explicit, team_tree_document
 from mrbt_mesh.formats.btcpp.findings import Finding, Findings, Severity
 from mrbt_mesh.formats.btcpp.library import Library
 from mrbt_mesh.formats.btcpp.team_tree import to_team_tree
+from mrbt_mesh.formats.btcpp.xml_reader import TreeFileError
 from mrbt_mesh.formats.mission_file import mission_warnings
 from mrbt_mesh.formats.problems import Problem
 
@@ -217,7 +218,13 @@ def check(
         if _is_mission(file):
             _check_mission(file, as_json)
             return
-        library, findings = _read(file, strict)
+        try:
+            library, findings = _read(file, strict)
+        except TreeFileError as error:
+            if not as_json:
+                raise
+            _print_unreadable(file, error)
+            raise typer.Exit(BAD_INPUT) from None
         refusals: tuple[Problem, ...] = ()
         main = library.main_tree
         if team and not findings.errors:
@@ -243,6 +250,12 @@ def check(
         raise typer.Exit(BAD_INPUT)
 
 
+def _print_unreadable(file: Path, error: TreeFileError) -> None:
+    found = [Finding(Severity.ERROR, problem).to_json() for problem in error.problems]
+    data = {"file": str(file), "valid": False, "files": 0, "trees": 0, "nodes": 0}
+    print_json({**data, "findings": found})
+
+
 def _refusal_json(problem: Problem) -> dict[str, str | int]:
     return {
         "file": problem.file,
@@ -257,6 +270,8 @@ def _print_check(
 ) -> None:
     for finding in findings.in_order():
         _print_finding(finding, errors)
+    if findings.is_full:
+        errors.print("[bold red]error:[/] and more")
     for problem in refusals:
         text = Text.assemble(("not for a team:", "bold red"), f" {problem}")
         errors.print(text, soft_wrap=True)

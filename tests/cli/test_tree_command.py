@@ -194,6 +194,16 @@ def test_check_json(old: Path) -> None:
     ]
 
 
+def test_check_json_of_a_file_that_cannot_be_read(tmp_path: Path) -> None:
+    path = tmp_path / "bad.xml"
+    path.write_text("<root>\n<a>\n</root>")
+    code, output, problems = tree("check", path, "--json")
+    assert (code, problems) == (2, "")
+    data = json.loads(output)
+    assert data["valid"] is False
+    assert [f["line"] for f in data["findings"]] == [3]
+
+
 def test_check_for_a_team(old: Path) -> None:
     code, _, problems = tree("check", old, "--team", "--assume-actions")
     assert code == 2

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
 from mrbt_mesh.formats.btcpp.check_nodes import NodeChecker
-from mrbt_mesh.formats.btcpp.check_values import name_problem, port_name_problem
+from mrbt_mesh.formats.btcpp.check_values import hint, name_problem, port_name_problem
 from mrbt_mesh.formats.btcpp.document import (
     EXPLICIT_TAGS,
     INCLUDE,
@@ -26,8 +26,8 @@ from mrbt_mesh.formats.btcpp.document import (
 from mrbt_mesh.formats.btcpp.elements import Element
 from mrbt_mesh.formats.btcpp.findings import Findings
 from mrbt_mesh.formats.btcpp.library import Library, load_library
-from mrbt_mesh.formats.problems import nearest
 
+MAX_CYCLE_NAMES = 10
 _MODEL_TAGS = frozenset({*Direction, "description", "MetadataFields"})
 
 
@@ -125,7 +125,9 @@ class _Checker:
     def check_port(self, port: Element, path: str) -> None:
         if port.tag not in _MODEL_TAGS:
             self.rule(
-                port, path, f"<{port.tag}> is no port{nearest(port.tag, map(str, Direction))}"
+                port,
+                path,
+                f"<{port.tag}> is no port{hint(port.tag, [str(tag) for tag in Direction])}",
             )
         elif port.tag in frozenset(Direction):
             name = port.get("name")
@@ -142,11 +144,11 @@ def _check_main_tree(library: Library, findings: Findings) -> None:
         findings.rule(first.file, root.line, "root", f"there is no <{TREE}>")
     elif first.main_tree and first.main_tree not in library.trees:
         message = f"main_tree_to_execute names {first.main_tree!r}, which is no tree"
-        message += nearest(first.main_tree, library.trees)
+        message += hint(first.main_tree, library.trees)
         findings.rule(first.file, root.line, "root", message)
     elif not first.main_tree and len(library.trees) > 1:
         message = f"one of {len(library.trees)} trees has to be named in main_tree_to_execute"
-        findings.rule(first.file, root.line, "root", message + nearest("", library.trees))
+        findings.rule(first.file, root.line, "root", message + hint("", library.trees))
 
 
 def _check_duplicates(library: Library, findings: Findings) -> None:
@@ -165,16 +167,19 @@ def _check_recursion(library: Library, findings: Findings) -> None:
     finished: set[str] = set()
     for start in library.trees:
         waiting = {start: _references(library, start)}
-        while waiting:
+        while waiting and not findings.is_full:
             name = next(reversed(waiting))
             if not waiting[name]:
                 finished.add(name)
                 del waiting[name]
                 continue
-            element = waiting[name].pop(0)
+            element = waiting[name].pop()
             inner = element.get("ID")
             if inner in waiting:
-                cycle = [*list(waiting)[list(waiting).index(inner) :], inner]
+                open_trees = list(waiting)
+                cycle = [*open_trees[open_trees.index(inner) :], inner]
+                if len(cycle) > MAX_CYCLE_NAMES:
+                    cycle[MAX_CYCLE_NAMES // 2 : -MAX_CYCLE_NAMES // 2] = ["..."]
                 message = f"a tree cannot contain itself: {' -> '.join(cycle)}"
                 file = library.trees[name].document.file
                 findings.error(file, element.line, f"{name}/{inner}", message)
@@ -183,4 +188,6 @@ def _check_recursion(library: Library, findings: Findings) -> None:
 
 
 def _references(library: Library, name: str) -> list[Element]:
-    return [element for element in library.trees[name].element.walk() if element.tag == SUBTREE]
+    """The SubTrees in a tree, the last one first."""
+    found = [element for element in library.trees[name].element.walk() if element.tag == SUBTREE]
+    return found[::-1]

@@ -11,6 +11,7 @@ from mrbt_mesh.formats.btcpp.builtin_nodes import (
     children_allowed,
 )
 from mrbt_mesh.formats.btcpp.check_values import (
+    hint,
     is_constant,
     name_problem,
     script_problem,
@@ -32,7 +33,7 @@ from mrbt_mesh.formats.btcpp.document import (
 from mrbt_mesh.formats.btcpp.elements import Element
 from mrbt_mesh.formats.btcpp.findings import Findings
 from mrbt_mesh.formats.btcpp.library import Library
-from mrbt_mesh.formats.problems import MAX_PATH_CHARACTERS, nearest
+from mrbt_mesh.formats.problems import MAX_PATH_CHARACTERS
 
 # Ports without which a built-in node cannot be ticked.
 REQUIRED = {
@@ -122,7 +123,7 @@ class NodeChecker:
             if model is None and name not in NAV2_CONTROLS:
                 message = f"node {name!r} is neither built in nor in <TreeNodesModel>"
                 if self.findings.is_strict:
-                    self.rule(place, message + nearest(name, [*BUILTIN, *self.library.models]))
+                    self.rule(place, message + hint(name, [*BUILTIN, *self.library.models]))
                 elif name in self.library.trees:
                     self.warn(place, f"{message}; to use the tree, write <SubTree ID={name!r}/>")
         if problem := name_problem(name):
@@ -170,7 +171,7 @@ class NodeChecker:
         for name, value in given.items():
             port = model.ports.get(name)
             if port is None:
-                self.rule(place, f"{place.name} has no port {name!r}{nearest(name, model.ports)}")
+                self.rule(place, f"{place.name} has no port {name!r}{hint(name, model.ports)}")
                 continue
             is_checked = place.name in BUILTIN and is_constant(value, name)
             if is_checked and (problem := value_problem(place.name, port.type, value)):
@@ -194,7 +195,7 @@ class NodeChecker:
         if name and name not in self.library.trees:
             missing = self.library.missing_files
             where = f"; it may be in {', '.join(missing)}, which was not read" if missing else ""
-            known = where or nearest(name, self.library.trees)
+            known = where or hint(name, self.library.trees)
             self.rule(place, f"there is no tree {name!r}{known}")
         model = self.library.subtree_models.get(name)
         if model is not None and not read_boolean(autoremap):

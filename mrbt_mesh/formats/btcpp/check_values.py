@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Collection
 
 from mrbt_mesh.formats.btcpp.builtin_nodes import (
     BOOLEAN,
@@ -19,9 +20,10 @@ from mrbt_mesh.formats.btcpp.builtin_nodes import (
 from mrbt_mesh.formats.btcpp.document import pointer, read_boolean
 from mrbt_mesh.formats.btcpp.script import ScriptError
 from mrbt_mesh.formats.btcpp.script_parser import parse
-from mrbt_mesh.formats.problems import MAX_SHOWN_CHARACTERS
+from mrbt_mesh.formats.problems import MAX_SHOWN_CHARACTERS, nearest
 
 FORBIDDEN = " \t\n<>&\"'/\\:*?|."
+MAX_HINT_NAMES = 500
 RESERVED_NAMES = ("Root", "root")
 RESERVED_PORTS = ("name", "ID", "_autoremap")
 
@@ -33,6 +35,11 @@ _REAL = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?", re.AS
 def shown(text: str) -> str:
     """A value for a message, cut if it is long."""
     return repr(text if len(text) <= MAX_SHOWN_CHARACTERS else text[:MAX_SHOWN_CHARACTERS] + "...")
+
+
+def hint(name: str, known: Collection[str]) -> str:
+    """`nearest`, unless there are so many names that looking for it would take long."""
+    return nearest(name, known) if len(known) <= MAX_HINT_NAMES else ""
 
 
 def name_problem(name: str) -> str:

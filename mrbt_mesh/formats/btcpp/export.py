@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable
 
 from mrbt_mesh.core.mission import type_name
@@ -22,10 +23,10 @@ from mrbt_mesh.formats.btcpp.document import (
     type_id,
 )
 from mrbt_mesh.formats.btcpp.elements import Content, Element, Text
-from mrbt_mesh.formats.btcpp.expand import REACTIVE
+from mrbt_mesh.formats.btcpp.expand import REACTIVE, expand
 from mrbt_mesh.formats.btcpp.library import Library, TreeSource
 from mrbt_mesh.formats.btcpp.team_tree import KINDS
-from mrbt_mesh.formats.btcpp.xml_reader import MAX_ELEMENTS, TreeFileError
+from mrbt_mesh.formats.btcpp.xml_reader import TreeFileError
 from mrbt_mesh.formats.problems import Problem
 
 # The core's kinds as BehaviorTree.CPP calls them.
@@ -150,27 +151,26 @@ def _guessed_model(name: str, uses: list[Element]) -> Element:
 def with_ids(library: Library) -> Document:
     """One <BehaviorTree> per SubTree in use, with `_fullpath`, and `_uid` at every node.
 
-    This is how BehaviorTree.CPP tells a monitor which node is which. Trees contain no SubTree
-    that is missing or contains itself. Raises TreeFileError without a main tree.
+    This is how BehaviorTree.CPP tells a monitor which node is which. Raises TreeFileError without
+    a main tree, and for a tree that cannot be expanded.
     """
     first = library.documents[0]
     main = library.main_tree
     if main is None:
         message = "main_tree_to_execute has to name a tree"
         raise TreeFileError([Problem(first.file, first.root.line, "root", message)])
+    # Refuses trees that contain themselves, or that are too large.
+    expand(library, main)
     root = Element("root", {"BTCPP_format": "4", "main_tree_to_execute": main})
-    waiting: list[tuple[TreeSource, str]] = [(library.trees[main], "")]
+    waiting: deque[tuple[TreeSource, str]] = deque([(library.trees[main], "")])
     uid = 0
     while waiting:
-        source, path = waiting.pop(0)
+        source, path = waiting.popleft()
         tree = Element(TREE, {"ID": source.id, "_fullpath": path})
         tree.content = [child.copy() for child in source.element.children]
         root.content.append(tree)
         for element in [element for child in tree.children for element in child.walk()]:
             uid += 1
-            if uid > MAX_ELEMENTS:
-                message = f"more than {MAX_ELEMENTS} nodes once its SubTrees are in place"
-                raise TreeFileError([Problem(first.file, source.element.line, path, message)])
             _make_explicit(element, library)
             element.attributes.setdefault("name", instance_name(element))
             element.attributes["_uid"] = str(uid)

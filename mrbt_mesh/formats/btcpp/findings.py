@@ -67,8 +67,13 @@ class Findings:
             self._add(Severity.WARNING, problem)
 
     def _add(self, severity: Severity, problem: Problem) -> None:
-        if len(self.found) < MAX_FINDINGS:
+        if not self.is_full:
             self.found[Finding(severity, problem)] = None
+
+    @property
+    def is_full(self) -> bool:
+        """Whether there may be more findings than were kept."""
+        return len(self.found) >= MAX_FINDINGS
 
     @property
     def errors(self) -> list[Finding]:

@@ -16,7 +16,7 @@ from mrbt_mesh.formats.problems import MissionError, Problem
 MAX_BYTES = 8 << 20
 # BehaviorTree.CPP allows 256 levels below <BehaviorTree>, which is the second.
 MAX_LEVELS = 256 + 2
-MAX_ELEMENTS = 100_000
+MAX_ITEMS = 100_000
 MAX_ATTRIBUTES = 500
 ENCODINGS = frozenset({"utf-8", "utf-16", "utf-16le", "utf-16be", "us-ascii", "iso-8859-1"})
 
@@ -56,7 +56,7 @@ class _Reader:
         self.file = file
         self.items: list[Content] = []
         self.open: list[Element] = []
-        self.elements = 0
+        self.added = 0
         self.parser = parser = expat.ParserCreate()
         parser.buffer_text = True
         parser.ordered_attributes = True
@@ -118,9 +118,6 @@ class _Reader:
         element = Element(tag, dict(zip(attributes[::2], attributes[1::2], strict=True)))
         element.line = self.parser.CurrentLineNumber
         element.column = self.parser.CurrentColumnNumber + 1
-        self.elements += 1
-        if self.elements > MAX_ELEMENTS:
-            raise self.error(f"more than {MAX_ELEMENTS} elements")
         if len(self.open) >= MAX_LEVELS:
             raise self.error(f"nested deeper than {MAX_LEVELS} levels")
         if len(element.attributes) > MAX_ATTRIBUTES:
@@ -142,4 +139,7 @@ class _Reader:
         self.add(Instruction(target, data))
 
     def add(self, item: Content) -> None:
+        self.added += 1
+        if self.added > MAX_ITEMS:
+            raise self.error(f"more than {MAX_ITEMS} elements, comments and texts")
         (self.open[-1].content if self.open else self.items).append(item)

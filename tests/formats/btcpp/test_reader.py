@@ -20,7 +20,7 @@ from mrbt_mesh.formats.btcpp.team_tree import to_team_tree
 from mrbt_mesh.formats.btcpp.upgrade import upgrade
 from mrbt_mesh.formats.btcpp.xml_reader import (
     MAX_BYTES,
-    MAX_ELEMENTS,
+    MAX_ITEMS,
     TreeFileError,
     parse_xml,
     read_xml,
@@ -204,8 +204,9 @@ def test_size_limit(tmp_path: Path) -> None:
 
 
 def test_element_limit() -> None:
-    with pytest.raises(TreeFileError, match=f"more than {MAX_ELEMENTS} elements"):
-        parse_xml(b"<root>" + b"<a/>" * MAX_ELEMENTS + b"</root>", "a.xml")
+    for item in (b"<a/>", b"<!---->", b"<?a?>"):
+        with pytest.raises(TreeFileError, match=f"more than {MAX_ITEMS} elements, comments"):
+            parse_xml(b"<root>" + item * MAX_ITEMS + b"</root>", "a.xml")
 
 
 def test_unreadable_files(tmp_path: Path) -> None:
