@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 from tests.formats.btcpp.interpreter_base import (
@@ -123,13 +124,21 @@ def _status(value: Any) -> Status:
     return Status[value] if isinstance(value, str) else Status(value)
 
 
+def _items(kind: str, text: str) -> list[Any]:
+    """A constant queue: JSON, or items separated by `;`."""
+    if text.startswith("json:"):
+        return list(json.loads(text[5:]))
+    read = {"LoopInt": int, "LoopDouble": float, "LoopBool": is_true, "LoopString": str}[kind]
+    return [read(item.strip() if read is not str else item) for item in text.split(";") if item]
+
+
 def _loop(node: Node, world: World) -> Status:
     """LoopInt and its kin: each item of the queue is put into `value`, then the child ticked."""
     if "queue" not in node.memory:
         queue = node.ports.get("queue")
         is_pointer = isinstance(queue, str) and queue.startswith("{")
         if isinstance(queue, str) and not is_pointer:
-            queue = [item for item in queue.split(";") if item]
+            queue = _items(node.kind, queue)
         # A queue on the blackboard is consumed there; a constant one is copied at every start.
         node.memory["queue"] = None if is_pointer else list(queue or ())
     child = node.children[0]

@@ -350,6 +350,27 @@ def test_loop_puts_each_item_into_its_value() -> None:
     assert world.blackboard["items"] == []
 
 
+@pytest.mark.parametrize(
+    ("kind", "queue", "items"),
+    [
+        ("LoopInt", "1;-2", [1, -2]),
+        ("LoopDouble", "1.5; 2", [1.5, 2.0]),
+        ("LoopBool", "true;0", [True, False]),
+        ("LoopString", "a; b", ["a", " b"]),
+        ("LoopInt", "json:[3, 4]", [3, 4]),
+        ("LoopString", "", []),
+    ],
+)
+def test_constant_queues_have_items_of_their_kind(kind: str, queue: str, items: list[Any]) -> None:
+    world = World()
+    seen: list[Any] = []
+    note = Node("Script", ports={"code": lambda b: seen.append(b["v"])})
+    root = Node(kind, [note], {"queue": queue, "value": "{v}"})
+    assert run(root, len(items) + 1, world) == [RUNNING] * len(items) + [SUCCESS]
+    assert seen == items
+    assert [type(item) for item in seen] == [type(item) for item in items]
+
+
 def test_updates() -> None:
     world = World()
     skip = Node("SkipUnlessUpdated", [leaf("SUCCESS")], {"entry": "{x}"})
