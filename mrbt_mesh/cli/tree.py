@@ -78,8 +78,12 @@ def _write(text: str, path: Path | None) -> None:
 
 def _print_finding(finding: Finding, target: Console) -> None:
     style = "bold red" if finding.severity is Severity.ERROR else "yellow"
-    text = Text.assemble((f"{finding.severity}:", style), f" {finding}")
-    target.print(text, soft_wrap=True, highlight=False)
+    _print_line(target, f"{finding.severity}:", style, str(finding))
+
+
+def _print_line(target: Console, first: str, style: str, rest: str) -> None:
+    """One line that is not wrapped, and in which brackets of names mean nothing."""
+    target.print(Text.assemble((first, style), f" {rest}"), soft_wrap=True, highlight=False)
 
 
 @tree_app.command()
@@ -137,7 +141,7 @@ def _shapes(file: Path) -> list[Shape]:
     count = len(findings.errors)
     if count:
         what = "an error" if count == 1 else f"{count} errors"
-        errors.print(f"[yellow]warning:[/] {what} in {file}: mrbt tree check says which")
+        _print_line(errors, "warning:", "yellow", f"{what} in {file}: mrbt tree check says which")
     return file_shapes(library)
 
 
@@ -170,10 +174,8 @@ def convert(
         _print_finding(finding, errors)
     _write(text, target)
     trees = len(document.trees)
-    console.print(
-        f"[bold green]written[/] {target}: {trees} tree{'s' if trees > 1 else ''}",
-        soft_wrap=True,
-    )
+    count = f"{trees} tree{'s' if trees > 1 else ''}"
+    _print_line(console, "written", "bold green", f"{target}: {count}")
 
 
 def _converted(source: Path, merge: bool, ids: bool) -> tuple[Document, list[Finding]]:
@@ -271,16 +273,15 @@ def _print_check(
     for finding in findings.in_order():
         _print_finding(finding, errors)
     if findings.is_full:
-        errors.print("[bold red]error:[/] and more")
+        _print_line(errors, "error:", "bold red", "and more")
     for problem in refusals:
-        text = Text.assemble(("not for a team:", "bold red"), f" {problem}")
-        errors.print(text, soft_wrap=True)
+        _print_line(errors, "not for a team:", "bold red", str(problem))
     if findings.errors or refusals:
         return
     listed = ", ".join(
         f"{count} {name if count != 1 else name[:-1]}" for name, count in counts.items()
     )
-    console.print(f"[bold green]valid[/] {file}: {listed}", soft_wrap=True, highlight=False)
+    _print_line(console, "valid", "bold green", f"{file}: {listed}")
 
 
 def _check_mission(file: Path, as_json: bool) -> None:
@@ -296,5 +297,5 @@ def _check_mission(file: Path, as_json: bool) -> None:
         print_json({**data, "findings": found})
         return
     for text in warnings:
-        errors.print(f"[yellow]warning:[/] {text}", soft_wrap=True)
-    console.print(f"[bold green]valid[/] {file}: a mission, {nodes} nodes", soft_wrap=True)
+        _print_line(errors, "warning:", "yellow", text)
+    _print_line(console, "valid", "bold green", f"{file}: a mission, {nodes} nodes")

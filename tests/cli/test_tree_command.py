@@ -123,6 +123,16 @@ def test_show_draws_a_file_with_errors(tmp_path: Path) -> None:
     assert f"an error in {path}: mrbt tree check says which" in problems
 
 
+def test_brackets_in_a_files_name_are_printed(tmp_path: Path) -> None:
+    path = tmp_path / "[bold]x[red].xml"
+    path.write_text('<root BTCPP_format="4"><BehaviorTree ID="A"><Sequence/></BehaviorTree></root>')
+    assert f"error: {path}:1: A/Sequence: " in tree("check", path)[2]
+    assert f"an error in {path}: " in tree("show", path)[2]
+    path.write_text('<root BTCPP_format="4"><BehaviorTree ID="A"><X/></BehaviorTree></root>')
+    assert f"valid {path}: 1 file, 1 tree, 1 node" in tree("check", path)[1]
+    assert f"written {path}: 1 tree" in tree("convert", path, path)[1]
+
+
 def test_convert_version_3(old: Path, tmp_path: Path) -> None:
     target = tmp_path / "new.xml"
     code, output, problems = tree("convert", old, target)
