@@ -10,6 +10,7 @@ import typer
 from mrbt_mesh import __version__
 from mrbt_mesh.cli import offline, team
 from mrbt_mesh.cli.drill import drill
+from mrbt_mesh.cli.lift import lift
 from mrbt_mesh.cli.sim import sim
 from mrbt_mesh.cli.tree import tree_app
 from mrbt_mesh.cli.up import up, watch
@@ -67,6 +68,7 @@ PANELS: dict[str, tuple[Callable[..., None], ...]] = {
         offline.plan,
         offline.assign,
         sim,
+        lift,
         offline.new,
         offline.key,
     ),

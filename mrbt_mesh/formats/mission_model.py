@@ -56,7 +56,7 @@ _REFERENCE = rf"^\${NAME_PATTERN}$"
 _PROGRAM = r"^[^\n]+\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"
 _TITLE = r"^[^/\n]{1,64}$"
 
-_EXPLAINED = EXPLAINED | {
+EXPLAINED_HERE = EXPLAINED | {
     _CALL: f"{CALL_HINT}, e.g. fix_hw or fix_hw($part)",
     _REFERENCE: "a list or the name of a parameter is expected, e.g. [1, 2] or $parts",
     _PROGRAM: "a Python file is expected, e.g. robot.py or robot.py:name",
@@ -64,6 +64,7 @@ _EXPLAINED = EXPLAINED | {
 }
 
 CallText: TypeAlias = Annotated[str, Field(pattern=_CALL)]
+ProgramText: TypeAlias = Annotated[str, Field(pattern=_PROGRAM)]
 Title: TypeAlias = Annotated[str, Field(pattern=_TITLE)]
 Parameters: TypeAlias = Annotated[list[Name], Field(max_length=MAX_ARGUMENTS)]
 Performance: TypeAlias = Annotated[float, Field(gt=0, le=MAX_PERFORMANCE_UNITS)]
@@ -183,7 +184,7 @@ Nodes: TypeAlias = Annotated[
 ForEach: TypeAlias = Annotated[
     Annotated[str, Field(pattern=_REFERENCE), Tag("<text>")]
     | Annotated[list[Scalar], Tag("<list>")],
-    by_type(_EXPLAINED[_REFERENCE], {str: "<text>", list: "<list>"}),
+    by_type(EXPLAINED_HERE[_REFERENCE], {str: "<text>", list: "<list>"}),
 ]
 
 
@@ -329,7 +330,7 @@ class MissionModel(FileModel):
     """A mission of a team of robots."""
 
     mission: Name
-    program: Annotated[str, Field(pattern=_PROGRAM)] | None = None
+    program: ProgramText | None = None
     parameters: dict[Name, JsonValue] = {}
     local_tasks: dict[Name, LocalTaskModel]
     conditions: dict[Name, ConditionModel] = {}
@@ -361,7 +362,7 @@ def validate(data: Any, report: Report) -> MissionModel | None:
         except ValidationError as error:
             details = error.errors(include_url=False)
         for detail in details:
-            report.add(*explain(detail, _EXPLAINED))
+            report.add(*explain(detail, EXPLAINED_HERE))
         if not all(detail["type"] in _STAND_INS for detail in details):
             return None
         # Wrong values, but the right shape: with others in their place, more can be checked.

@@ -18,6 +18,7 @@ from mrbt_mesh.formats.btcpp.document import (
     Category,
     conditions,
     instance_name,
+    metadata,
     pointer,
     ports,
     read_boolean,
@@ -45,8 +46,8 @@ class ExpandedNode:
     """A node of the expanded tree; pointers and scripts name entries of the one blackboard.
 
     A SubTree has the tree that it stands for as its one child, or none if there is no such tree.
-    `is_guessed` says that the category is a guess: a compact node without a model. `is_reactive`
-    says that the file marks a Parallel as one that asks its conditions at every tick.
+    `is_guessed` says that the category is a guess: a compact node without a model. `metadata` are
+    the attributes that BehaviorTree.CPP keeps and ignores.
     """
 
     type: str
@@ -58,7 +59,7 @@ class ExpandedNode:
     ports: dict[str, str]
     conditions: dict[str, str]
     is_guessed: bool
-    is_reactive: bool = False
+    metadata: dict[str, str] = field(default_factory=dict)
     children: list[ExpandedNode] = field(default_factory=list)
 
     def walk(self) -> Iterator[ExpandedNode]:
@@ -171,7 +172,7 @@ class _Expansion:
             },
             {key: _script(value, scope) for key, value in conditions(element).items()},
             self.library.model(name) is None and element.tag not in EXPLICIT_TAGS,
-            read_boolean(element.get(REACTIVE)) or False,
+            metadata(element),
         )
         if category is Category.SUBTREE:
             if name in trees:

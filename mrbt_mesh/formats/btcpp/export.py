@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from mrbt_mesh.core.mission import type_name
 from mrbt_mesh.core.tree import LEAVES as CORE_LEAVES
-from mrbt_mesh.core.tree import Kind, NodeSpec
+from mrbt_mesh.core.tree import Kind, Memory, NodeSpec
 from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN, category_of
 from mrbt_mesh.formats.btcpp.document import (
     EXPLICIT_TAGS,
@@ -30,7 +30,9 @@ from mrbt_mesh.formats.btcpp.xml_reader import TreeFileError
 from mrbt_mesh.formats.problems import Problem
 
 # The core's kinds as BehaviorTree.CPP calls them.
-_OF_KIND = {kind: node for node, kind in reversed(KINDS.items())}
+_OF_KIND = {kind: node for node, kind in reversed(KINDS.items())} | {
+    (Kind.PARALLEL, Memory.NONE): "Parallel"
+}
 
 
 def explicit(library: Library, *, is_merged: bool = False) -> Document:
@@ -189,9 +191,9 @@ def with_ids(library: Library) -> Document:
 def team_tree_document(spec: NodeSpec, file: str) -> Document:
     """A team's tree T_G as BehaviorTree.CPP XML; `team_tree.to_team_tree` takes it back.
 
-    Its Sequences and Fallbacks remember nothing, so they are reactive ones; BehaviorTree.CPP has no
-    such Parallel, so those are marked `_reactive`. Tasks become actions
-    with their arguments as ports `arg_1`, `arg_2`, ...; a team's bounds and robots have no place.
+    Sequences and Fallbacks without memory become reactive ones; BehaviorTree.CPP has no such
+    Parallel, so those are marked `_reactive`. Tasks become actions with their arguments as ports
+    `arg_1`, `arg_2`, ...; a team's bounds and robots have no place.
     """
     root = Element("root", {"BTCPP_format": "4", "main_tree_to_execute": "MainTree"})
     writer = _CoreWriter()
@@ -215,7 +217,7 @@ class _CoreWriter:
         if spec.kind is Kind.SUBTREE:
             attributes = {"ID": self.subtree(spec)}
             return Element(SUBTREE, attributes | ({"name": spec.name} if spec.name else {}))
-        element = Element(_OF_KIND[spec.kind.name])
+        element = Element(_OF_KIND[spec.kind, spec.memory])
         if spec.name:
             element.attributes["name"] = spec.name
         element.attributes |= _limits(spec)
@@ -261,9 +263,9 @@ class _CoreWriter:
 
 def _limits(spec: NodeSpec) -> dict[str, str]:
     if spec.kind is Kind.PARALLEL:
-        fails_at = len(spec.children) - spec.limit + 1
+        fails_at = spec.failures or len(spec.children) - spec.limit + 1
         counts = {"success_count": str(spec.limit), "failure_count": str(fails_at)}
-        return {**counts, REACTIVE: "true"}
+        return counts | ({REACTIVE: "true"} if spec.memory is Memory.NONE else {})
     if spec.kind is Kind.RETRY:
         return {"num_attempts": str(spec.limit)}
     if spec.kind is Kind.REPEAT:

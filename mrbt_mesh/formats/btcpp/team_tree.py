@@ -1,16 +1,17 @@
 """A BehaviorTree.CPP tree as a team's tree, or the list of what a team cannot carry out.
 
-A team's tree is a pure function of replicated facts. There is no blackboard, no script that
-changes anything, and nothing is remembered but the outcomes of actions.
+A team's tree is a pure function of replicated facts. There is no blackboard and no script that
+changes anything; what nodes with memory remember are facts.
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 from mrbt_mesh.core.mission import ARGUMENT_PATTERN, MAX_ARGUMENTS, NAME_PATTERN
-from mrbt_mesh.core.tree import Kind, NodeSpec, TreeError, build_tree
+from mrbt_mesh.core.tree import Kind, Memory, NodeSpec, TreeError, build_tree
 from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
 from mrbt_mesh.formats.btcpp.document import (
     LEAVES,
@@ -18,6 +19,7 @@ from mrbt_mesh.formats.btcpp.document import (
     Category,
     Direction,
     pointer,
+    read_boolean,
 )
 from mrbt_mesh.formats.btcpp.expand import (
     REACTIVE,
@@ -40,35 +42,35 @@ from mrbt_mesh.formats.btcpp.script import (
 from mrbt_mesh.formats.btcpp.script_parser import parse
 from mrbt_mesh.formats.problems import Problem
 
-# BehaviorTree.CPP's nodes and the name of the core's kind that does the same. A node whose kind
-# the core lacks is refused.
+# BehaviorTree.CPP's nodes and the core's that do the same.
 KINDS = {
-    "ReactiveSequence": "SEQUENCE",
-    "ReactiveFallback": "FALLBACK",
-    "Sequence": "BT_SEQUENCE",
-    "AsyncSequence": "BT_SEQUENCE",
-    "Fallback": "BT_FALLBACK",
-    "AsyncFallback": "BT_FALLBACK",
-    "SequenceWithMemory": "SEQUENCE_WITH_MEMORY",
-    "Parallel": "PARALLEL",
-    "Inverter": "INVERTER",
-    "ForceSuccess": "FORCE_SUCCESS",
-    "ForceFailure": "FORCE_FAILURE",
-    "RetryUntilSuccessful": "RETRY",
-    "Repeat": "REPEAT",
-    "KeepRunningUntilFailure": "KEEP_RUNNING_UNTIL_FAILURE",
-    "Timeout": "TIMEOUT",
-    "SubTree": "SUBTREE",
+    "ReactiveSequence": (Kind.SEQUENCE, Memory.NONE),
+    "ReactiveFallback": (Kind.FALLBACK, Memory.NONE),
+    "Sequence": (Kind.SEQUENCE, Memory.WHILE_RUNNING),
+    "AsyncSequence": (Kind.SEQUENCE, Memory.WHILE_RUNNING),
+    "Fallback": (Kind.FALLBACK, Memory.WHILE_RUNNING),
+    "AsyncFallback": (Kind.FALLBACK, Memory.WHILE_RUNNING),
+    "SequenceWithMemory": (Kind.SEQUENCE, Memory.UNTIL_SUCCESS),
+    "Parallel": (Kind.PARALLEL, Memory.WHILE_RUNNING),
+    "IfThenElse": (Kind.IF_THEN_ELSE, Memory.WHILE_RUNNING),
+    "WhileDoElse": (Kind.IF_THEN_ELSE, Memory.NONE),
+    "Inverter": (Kind.INVERTER, Memory.NONE),
+    "ForceSuccess": (Kind.FORCE_SUCCESS, Memory.NONE),
+    "ForceFailure": (Kind.FORCE_FAILURE, Memory.NONE),
+    "RetryUntilSuccessful": (Kind.RETRY, Memory.NONE),
+    "Repeat": (Kind.REPEAT, Memory.NONE),
+    "KeepRunningUntilFailure": (Kind.KEEP_RUNNING_UNTIL_FAILURE, Memory.NONE),
+    "Timeout": (Kind.TIMEOUT, Memory.NONE),
+    "SubTree": (Kind.SUBTREE, Memory.NONE),
 }
-MEMORY_KINDS = frozenset({"BT_SEQUENCE", "BT_FALLBACK", "SEQUENCE_WITH_MEMORY"})
+
+# The condition that stands for AlwaysSuccess; a mission declares it with the default true.
+ALWAYS = "always"
 
 _REASONS = {
-    "AlwaysSuccess": "a team's tree has no leaf that always succeeds",
-    "AlwaysFailure": "a team's tree has no leaf that always fails",
     "ParallelAll": "it waits for all children and then counts failures; use Parallel",
-    "IfThenElse": "it asks its condition once and remembers the answer; use WhileDoElse",
     "TryCatch": "it remembers that an attempt has failed",
-    "Precondition": "it asks its condition once and remembers the answer; use WhileDoElse",
+    "Precondition": "it asks its condition once and remembers the answer; use IfThenElse",
     "RunOnce": "it remembers what its child has returned",
     "Delay": "it waits, which only an action can do in a team's tree",
     "Sleep": "it waits, which only an action can do in a team's tree",
@@ -86,6 +88,9 @@ _REASONS = {
         "it chooses by a value on the blackboard, which a team does not share",
     ),
 }
+_REACTIVE_KINDS = frozenset({Kind.SEQUENCE, Kind.FALLBACK, Kind.IF_THEN_ELSE})
+# Controls that neither halt a child nor begin it again before they have ended themselves.
+_LEAVES_ALONE = frozenset({"Sequence", "AsyncSequence", "Fallback", "AsyncFallback", "IfThenElse"})
 _NAME = re.compile(NAME_PATTERN)
 _ARGUMENT = re.compile(ARGUMENT_PATTERN)
 _MAX_COUNT = 1_000_000_000
@@ -93,10 +98,16 @@ _MAX_COUNT = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class TeamTree:
-    """The team's tree, or None and what cannot be carried out, with path, line and reason."""
+    """The team's tree, or None and what cannot be carried out, with path, line and reason.
+
+    `notes` are what a team does otherwise. `annotations` are the attributes `_xxx` of nodes, by
+    the positions of the node and its ancestors among their siblings.
+    """
 
     spec: NodeSpec | None
     refusals: tuple[Problem, ...]
+    notes: tuple[Problem, ...] = ()
+    annotations: Mapping[tuple[int, ...], Mapping[str, str]] = field(default_factory=dict)
 
 
 def to_team_tree(library: Library, tree: str, unknown_leaves: Category | None = None) -> TeamTree:
@@ -115,7 +126,19 @@ def to_team_tree(library: Library, tree: str, unknown_leaves: Category | None = 
             root = expanded.root
             translation.refusals.append(Problem(root.file, root.line, "", str(error)))
     refusals = tuple(sorted(translation.refusals, key=lambda p: (p.file, p.line)))
-    return TeamTree(None if refusals else spec, refusals)
+    notes = tuple(sorted(translation.notes, key=lambda p: (p.file, p.line)))
+    return TeamTree(None if refusals else spec, refusals, notes, _annotations(expanded.root))
+
+
+def _annotations(root: ExpandedNode) -> dict[tuple[int, ...], dict[str, str]]:
+    found: dict[tuple[int, ...], dict[str, str]] = {}
+    waiting: list[tuple[tuple[int, ...], ExpandedNode]] = [((), root)]
+    while waiting:
+        place, node = waiting.pop()
+        if node.metadata:
+            found[place] = node.metadata
+        waiting += [((*place, number), child) for number, child in enumerate(node.children)]
+    return found
 
 
 class _RefusedError(Exception):
@@ -130,10 +153,15 @@ class _Translation:
         self.constants = tree.constants
         self.unknown_leaves = unknown_leaves
         self.refusals: list[Problem] = []
+        self.notes: list[Problem] = []
+        self.keepers = _keepers(tree.root)
         self.written = self.written_entries(tree.root)
 
     def refuse(self, node: ExpandedNode, reason: str) -> None:
         self.refusals.append(Problem(node.file, node.line, node.path, f"{node.type}: {reason}"))
+
+    def note(self, node: ExpandedNode, text: str) -> None:
+        self.notes.append(Problem(node.file, node.line, node.path, f"{node.type}: {text}"))
 
     def written_entries(self, root: ExpandedNode) -> set[str]:
         """The blackboard entries that any node writes, or might: unknown nodes can."""
@@ -166,10 +194,12 @@ class _Translation:
         self.refuse_conditions(node)
         children = [] if node.type in _REASONS else [self.node(child) for child in node.children]
         try:
+            if node.type in ("AlwaysSuccess", "AlwaysFailure"):
+                always = NodeSpec(Kind.CONDITION, subject=ALWAYS)
+                is_success = node.type == "AlwaysSuccess"
+                return always if is_success else NodeSpec(Kind.INVERTER, (always,))
             if node.type == "ScriptCondition":
                 return self.formula(node)
-            if node.type == "WhileDoElse":
-                return self.while_do_else(node, children)
             if node.category in LEAVES and node.type not in BUILTIN:
                 return self.leaf(node)
             spec = self.inner(node)
@@ -179,8 +209,7 @@ class _Translation:
         known = tuple(child for child in children if child is not None)
         if len(known) < len(children):
             return None
-        spec = NodeSpec(spec.kind, known, spec.name, spec.subject, spec.limit, spec.timeout_us)
-        return self.checked_parallel(node, spec)
+        return self.checked(node, replace(spec, children=known))
 
     def refuse_conditions(self, node: ExpandedNode) -> None:
         for name in node.conditions:
@@ -200,24 +229,20 @@ class _Translation:
             if not node.children:
                 raise _RefusedError(f"there is no tree {node.type!r}")
             return NodeSpec(Kind.SUBTREE, name=node.name)
-        kind_name = KINDS.get(node.type)
-        if kind_name is None:
+        if node.type not in KINDS:
             raise _RefusedError(f"an unknown {node.category}; a team cannot tell what it does")
-        kind = Kind.__members__.get(kind_name)
-        if kind is None:
-            what = "a node with memory" if kind_name in MEMORY_KINDS else "a node"
-            raise _RefusedError(f"{what} that a team's tree does not have")
-        name = node.name if node.name != node.type else ""
-        if kind is Kind.PARALLEL:
-            return NodeSpec(kind, name=name, limit=self.needed_successes(node))
-        if kind is Kind.RETRY:
-            return NodeSpec(kind, name=name, limit=self.count(node, "num_attempts", None))
-        if kind is Kind.REPEAT:
-            return NodeSpec(kind, name=name, limit=self.count(node, "num_cycles", None))
-        if kind is Kind.TIMEOUT:
-            timeout_us = self.count(node, "msec", None) * 1000
-            return NodeSpec(kind, name=name, timeout_us=timeout_us)
-        return NodeSpec(kind, name=name)
+        kind, memory = KINDS[node.type]
+        spec = NodeSpec(kind, name=node.name if node.name != node.type else "", memory=memory)
+        match kind:
+            case Kind.PARALLEL:
+                return self.parallel(node, spec)
+            case Kind.RETRY:
+                return replace(spec, limit=self.count(node, "num_attempts", None))
+            case Kind.REPEAT:
+                return replace(spec, limit=self.count(node, "num_cycles", None))
+            case Kind.TIMEOUT:
+                return replace(spec, timeout_us=self.count(node, "msec", None) * 1000)
+        return spec
 
     def count(self, node: ExpandedNode, port: str, default: int | None) -> int:
         """A number that is fixed in the file."""
@@ -235,14 +260,19 @@ class _Translation:
         key = pointer(value)
         if key is None:
             return value
-        if key in self.constants and key not in self.written:
-            return self.constants[key]
+        if key in self.constants:
+            if key not in self.written:
+                return self.constants[key]
+            raise _RefusedError(
+                f"port {port!r} has the constant {self.constants[key]!r}, but a node may write "
+                f"{key!r}; describe nodes that only read it in <TreeNodesModel>, with input_port"
+            )
         raise _RefusedError(
             f"port {port!r} uses the blackboard entry {key!r}, which a team does not share"
         )
 
-    def needed_successes(self, node: ExpandedNode) -> int:
-        """M of a Parallel. It fails once M successes are out of reach, and not before."""
+    def parallel(self, node: ExpandedNode, spec: NodeSpec) -> NodeSpec:
+        """Its thresholds. With the mark of our own export it remembers nothing."""
         count = len(node.children)
         needed = self.count(node, "success_count", -1)
         allowed = self.count(node, "failure_count", 1)
@@ -250,43 +280,35 @@ class _Translation:
         allowed = allowed if allowed >= 0 else count + allowed + 1
         if not 1 <= needed <= count:
             raise _RefusedError(f"it needs {needed} successes of {count} children")
-        if allowed < count - needed + 1:
-            raise _RefusedError(
-                f"it fails at {allowed} failures, while {needed} successes of {count} could "
-                f"still come; a team's Parallel fails at {count - needed + 1}"
+        if not 1 <= allowed <= count:
+            raise _RefusedError(f"it allows {allowed} failures of {count} children")
+        is_early = allowed < count - needed + 1
+        is_reactive = read_boolean(node.metadata.get(REACTIVE, "false")) or False
+        return replace(
+            spec,
+            limit=needed,
+            failures=allowed if is_early else 0,
+            memory=Memory.NONE if is_reactive else spec.memory,
+        )
+
+    def checked(self, node: ExpandedNode, spec: NodeSpec) -> NodeSpec | None:
+        """What depends on the children: SequenceWithMemory, and actions in reactive nodes."""
+        if spec.memory is Memory.UNTIL_SUCCESS and node.path not in self.keepers:
+            self.refuse(
+                node,
+                "it keeps its place when it is halted or begun anew; a team's does so only right "
+                "below a RetryUntilSuccessful, with nothing above that halts or repeats it",
             )
-        return needed
-
-    def checked_parallel(self, node: ExpandedNode, spec: NodeSpec) -> NodeSpec | None:
-        """BehaviorTree.CPP's Parallel leaves children that are done alone; the team's asks again.
-
-        Outcomes of actions stay, so only conditions make a difference.
-        """
-        if spec.kind is Kind.PARALLEL and not node.is_reactive and _has_condition(spec):
+            return None
+        is_reactive = spec.memory is Memory.NONE and spec.kind in _REACTIVE_KINDS
+        asking = spec.children[:1] if spec.kind is Kind.IF_THEN_ELSE else spec.children[:-1]
+        if is_reactive and any(map(has_action, asking)):
             reason = (
-                "it does not ask the conditions of a child again that is done, and a team does; "
-                f'if that is meant, mark it {REACTIVE}="true"'
+                "an action before its last child is begun again at every tick by "
+                "BehaviorTree.CPP; a team does it once"
             )
-            self.refuse(node, reason)
-            return None
+            self.note(node, reason)
         return spec
-
-    def while_do_else(self, node: ExpandedNode, children: list[NodeSpec | None]) -> NodeSpec | None:
-        known = [child for child in children if child is not None]
-        if len(known) < len(children):
-            return None
-        if len(known) not in (2, 3):
-            raise _RefusedError(f"it needs 2 or 3 children, it has {len(known)}")
-        condition, *branches = known
-        if _has_action(condition):
-            raise _RefusedError("its condition contains an action, which would run twice")
-        name = node.name if node.name != node.type else ""
-        if len(branches) == 1:
-            return NodeSpec(Kind.SEQUENCE, (condition, branches[0]), name)
-        opposite = NodeSpec(Kind.INVERTER, (condition,))
-        then = NodeSpec(Kind.SEQUENCE, (condition, branches[0]))
-        otherwise = NodeSpec(Kind.SEQUENCE, (opposite, branches[1]))
-        return NodeSpec(Kind.FALLBACK, (then, otherwise), name)
 
     def leaf(self, node: ExpandedNode) -> NodeSpec:
         """An action or condition: its type and the values of its ports, `move(dock,fast)`."""
@@ -374,9 +396,26 @@ def _truth(expression: Expression) -> bool | None:
     return None
 
 
-def _has_condition(spec: NodeSpec) -> bool:
-    return spec.kind is Kind.CONDITION or any(map(_has_condition, spec.children))
+def has_action(spec: NodeSpec) -> bool:
+    """Whether any action is below a node."""
+    return spec.kind is Kind.ACTION or any(map(has_action, spec.children))
 
 
-def _has_action(spec: NodeSpec) -> bool:
-    return spec.kind is Kind.ACTION or any(map(_has_action, spec.children))
+def _keepers(root: ExpandedNode) -> set[str]:
+    """The paths of SequenceWithMemory nodes that nothing halts, and only a Retry begins anew."""
+    found: set[str] = set()
+    waiting = [(root, True, False)]
+    while waiting:
+        node, is_free, is_retried = waiting.pop()
+        if node.type == "SequenceWithMemory" and is_free:
+            found.add(node.path)
+        is_subtree = node.category is Category.SUBTREE
+        goes_on = is_free and not is_retried
+        if node.type == "RetryUntilSuccessful":
+            waiting += [(child, goes_on, True) for child in node.children]
+        elif is_subtree:
+            waiting += [(child, is_free, is_retried) for child in node.children]
+        else:
+            goes_on = goes_on and node.type in _LEAVES_ALONE
+            waiting += [(child, goes_on, False) for child in node.children]
+    return found

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 
-from mrbt_mesh.core.tree import Kind, NodeSpec
+from mrbt_mesh.core.tree import Kind, Memory, NodeSpec
 from mrbt_mesh.formats.btcpp import team_tree
 from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
 from mrbt_mesh.formats.btcpp.check import check_library
@@ -14,7 +16,7 @@ from mrbt_mesh.formats.btcpp.expand import expand
 from mrbt_mesh.formats.btcpp.export import team_tree_document
 from mrbt_mesh.formats.btcpp.findings import Findings
 from mrbt_mesh.formats.btcpp.library import Library, library_of
-from mrbt_mesh.formats.btcpp.team_tree import TeamTree, to_team_tree
+from mrbt_mesh.formats.btcpp.team_tree import ALWAYS, TeamTree, to_team_tree
 from mrbt_mesh.formats.btcpp.xml_reader import TreeFileError
 from tests.core.strategies import tree_specs
 
@@ -73,29 +75,37 @@ def test_reactive_controls_are_the_teams() -> None:
         ('<Repeat num_cycles="-1">', NodeSpec(Kind.REPEAT, limit=-1)),
         ("<KeepRunningUntilFailure>", NodeSpec(Kind.KEEP_RUNNING_UNTIL_FAILURE)),
         ('<Timeout msec="1500">', NodeSpec(Kind.TIMEOUT, timeout_us=1_500_000)),
-        ("<Parallel>", NodeSpec(Kind.PARALLEL, limit=1)),
+        ("<Parallel>", NodeSpec(Kind.PARALLEL, limit=1, memory=Memory.WHILE_RUNNING)),
+        ('<Parallel _reactive="true">', NodeSpec(Kind.PARALLEL, limit=1)),
+        ("<Sequence>", NodeSpec(Kind.SEQUENCE, memory=Memory.WHILE_RUNNING)),
+        ("<AsyncSequence>", NodeSpec(Kind.SEQUENCE, memory=Memory.WHILE_RUNNING)),
+        ("<Fallback>", NodeSpec(Kind.FALLBACK, memory=Memory.WHILE_RUNNING)),
+        ("<AsyncFallback>", NodeSpec(Kind.FALLBACK, memory=Memory.WHILE_RUNNING)),
+        ("<SequenceWithMemory>", NodeSpec(Kind.SEQUENCE, memory=Memory.UNTIL_SUCCESS)),
     ],
 )
 def test_decorators(open_tag: str, expected: NodeSpec) -> None:
     tag = open_tag[1:-1].split()[0]
     found = spec(f'{open_tag}<Move goal="a" speed="2"/></{tag}>')
     children = (action("Move(a,2)"),)
-    limits = (expected.limit, expected.timeout_us)
-    assert found == NodeSpec(expected.kind, children, "", "", *limits)
+    assert found == replace(expected, children=children)
 
 
 @pytest.mark.parametrize(
-    ("ports", "needed"),
+    ("ports", "needed", "failures"),
     [
-        ("", 3),
-        ('success_count="2" failure_count="2"', 2),
-        ('success_count="1" failure_count="-1"', 1),
-        ('success_count="-2" failure_count="3"', 2),
+        ("", 3, 0),
+        ('success_count="2" failure_count="2"', 2, 0),
+        ('success_count="1" failure_count="-1"', 1, 0),
+        ('success_count="-2" failure_count="3"', 2, 0),
+        ('success_count="1"', 1, 1),
+        ('success_count="1" failure_count="2"', 1, 2),
     ],
 )
-def test_parallel_that_fails_once_success_is_out_of_reach(ports: str, needed: int) -> None:
+def test_thresholds_of_a_parallel(ports: str, needed: int, failures: int) -> None:
     actions = "".join(f'<Move goal="{goal}"/>' for goal in "abc")
-    assert spec(f"<Parallel {ports}>{actions}</Parallel>").limit == needed
+    found = spec(f"<Parallel {ports}>{actions}</Parallel>")
+    assert (found.limit, found.failures) == (needed, failures)
 
 
 def test_script_conditions_become_conditions() -> None:
@@ -107,14 +117,55 @@ def test_script_conditions_become_conditions() -> None:
     assert spec(body) == NodeSpec(Kind.SEQUENCE, (either, NodeSpec(Kind.INVERTER, (d,))))
 
 
-def test_while_do_else_asks_at_every_tick() -> None:
-    sees, go, stay = condition("Sees(x)"), action("Move(a,1)"), action("Move(b,1)")
-    two = '<WhileDoElse><Sees what="x"/><Move goal="a"/></WhileDoElse>'
-    assert spec(two) == NodeSpec(Kind.SEQUENCE, (sees, go))
-    three = two.replace("</While", '<Move goal="b"/></While')
-    then = NodeSpec(Kind.SEQUENCE, (sees, go))
-    otherwise = NodeSpec(Kind.SEQUENCE, (NodeSpec(Kind.INVERTER, (sees,)), stay))
-    assert spec(three) == NodeSpec(Kind.FALLBACK, (then, otherwise))
+def test_while_do_else_asks_at_every_tick_and_if_then_else_once() -> None:
+    branches = (condition("Sees(x)"), action("Move(a,1)"), action("Move(b,1)"))
+    body = '<WhileDoElse><Sees what="x"/><Move goal="a"/><Move goal="b"/></WhileDoElse>'
+    assert spec(body) == NodeSpec(Kind.IF_THEN_ELSE, branches)
+    remembers = NodeSpec(Kind.IF_THEN_ELSE, branches, memory=Memory.WHILE_RUNNING)
+    assert spec(body.replace("WhileDoElse", "IfThenElse")) == remembers
+
+
+def test_leaves_that_always_end_the_same_way() -> None:
+    assert spec("<AlwaysSuccess/>") == condition(ALWAYS)
+    assert spec("<AlwaysFailure/>") == NodeSpec(Kind.INVERTER, (condition(ALWAYS),))
+
+
+RETRIED = '<RetryUntilSuccessful num_attempts="3">{}</RetryUntilSuccessful>'
+KEEPER = '<SequenceWithMemory><Move goal="a"/></SequenceWithMemory>'
+
+
+@pytest.mark.parametrize(
+    ("body", "is_kept"),
+    [
+        (RETRIED.format(KEEPER), True),
+        (f"<Sequence>{RETRIED.format(KEEPER)}</Sequence>", True),
+        (RETRIED.format(f"<Sequence>{KEEPER}</Sequence>"), False),
+        (RETRIED.format(RETRIED.format(KEEPER)), False),
+        (f"<Parallel>{RETRIED.format(KEEPER)}</Parallel>", False),
+        (f"<ReactiveSequence>{RETRIED.format(KEEPER)}</ReactiveSequence>", False),
+        (f'<Repeat num_cycles="2">{KEEPER}</Repeat>', False),
+        (f'<Timeout msec="9">{KEEPER}</Timeout>', False),
+    ],
+)
+def test_where_a_team_keeps_its_place(body: str, is_kept: bool) -> None:
+    """Elsewhere BehaviorTree.CPP's goes on where it was halted, which no fact tells."""
+    result = team(body)
+    assert (result.spec is not None) is is_kept
+    if not is_kept:
+        assert "keeps its place when it is halted" in result.refusals[0].message
+
+
+def test_what_a_team_does_otherwise_is_noted() -> None:
+    result = team(f'<ReactiveSequence>{GO}<Move goal="b"/></ReactiveSequence>')
+    (note,) = result.notes
+    assert (note.line, note.path) == (2, "Main/ReactiveSequence")
+    assert "a team does it once" in note.message
+    assert not team(f'<ReactiveSequence><Sees what="x"/>{GO}</ReactiveSequence>').notes
+
+
+def test_attributes_for_tools_are_annotations_by_place() -> None:
+    body = f'<Sequence _independent="true">{GO}<Move goal="b" _reads="map"/></Sequence>'
+    assert team(body).annotations == {(): {"_independent": "true"}, (1,): {"_reads": "map"}}
 
 
 def test_subtrees_pass_constants_on() -> None:
@@ -153,20 +204,9 @@ GO = '<Move goal="a"/>'
         (f'<Repeat num_cycles="{{n}}">{GO}</Repeat>', "Main/Repeat", "blackboard entry 'n'"),
         (f'<Repeat num_cycles="0">{GO}</Repeat>', "", "a count of 1 or more"),
         (f'<Parallel success_count="0">{GO}</Parallel>', "Main/Parallel", "needs 0 successes"),
-        (
-            f'<Parallel success_count="1">{GO}{GO}</Parallel>',
-            "Main/Parallel",
-            "it fails at 1 failures, while 1 successes of 2 could still come",
-        ),
-        (
-            f'<Parallel>{GO}<Inverter><Sees what="x"/></Inverter></Parallel>',
-            "Main/Parallel",
-            'if that is meant, mark it _reactive="true"',
-        ),
-        (f"<WhileDoElse>{GO}{GO}</WhileDoElse>", "Main/WhileDoElse", "contains an action"),
+        (f'<Parallel failure_count="0">{GO}</Parallel>', "Main/Parallel", "allows 0 failures"),
         (f'<Inverter _skipIf="a">{GO}</Inverter>', "Main/Inverter", "_skipIf is not asked"),
         ('<Move goal="a" _onSuccess="a = 1"/>', "Main/Move", "_onSuccess changes the blackboard"),
-        ("<AlwaysSuccess/>", "Main/AlwaysSuccess", "no leaf that always succeeds"),
         ('<SetBlackboard value="1" output_key="a"/>', "Main/SetBlackboard", "it writes"),
         (
             f'<LoopInt queue="1" value="{{v}}">{GO}</LoopInt>',
@@ -203,31 +243,26 @@ def test_all_refusals_are_listed_in_order() -> None:
 
 
 def test_every_builtin_node_is_mapped_or_refused_with_a_reason() -> None:
-    known = {*team_tree.KINDS, *team_tree._REASONS, "WhileDoElse", "ScriptCondition", "Script"}
-    assert set(BUILTIN) <= known
-
-
-MEMORY = [name for name, kind in team_tree.KINDS.items() if kind in team_tree.MEMORY_KINDS]
-
-
-@pytest.mark.parametrize("node", MEMORY)
-def test_nodes_with_memory(node: str) -> None:
-    result = team(f"<{node}>{GO}</{node}>")
-    kind = Kind.__members__.get(team_tree.KINDS[node])
-    if kind is None:
-        assert "a node with memory" in result.refusals[0].message
-    else:
-        assert result.spec == NodeSpec(kind, (action("Move(a,1)"),))
+    handled = {"ScriptCondition", "Script", "AlwaysSuccess", "AlwaysFailure"}
+    assert set(BUILTIN) <= {*team_tree.KINDS, *team_tree._REASONS, *handled}
 
 
 def unnamed_subtrees(node: NodeSpec) -> NodeSpec:
     """Subtrees without a name get one from their ID."""
     children = tuple(unnamed_subtrees(child) for child in node.children)
     name = "" if node.kind is Kind.SUBTREE else node.name
-    return NodeSpec(node.kind, children, name, node.subject, node.limit, node.timeout_us)
+    return replace(node, children=children, name=name)
 
 
-@given(tree_specs())
+def without_keepers(node: NodeSpec) -> NodeSpec:
+    """A Sequence that keeps its place may not stand everywhere."""
+    children = tuple(without_keepers(child) for child in node.children)
+    keeps = node.memory is Memory.UNTIL_SUCCESS
+    memory = Memory.WHILE_RUNNING if keeps else node.memory
+    return replace(node, children=children, memory=memory)
+
+
+@given(tree_specs().map(without_keepers))
 def test_a_teams_tree_survives_the_way_to_xml_and_back(tree: NodeSpec) -> None:
     document = team_tree_document(tree, "t.xml")
     text = document.text()

@@ -1,0 +1,211 @@
+"""A whole mission from a single robot's tree file and a team file."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from mrbt_mesh.analysis.lift import Lifted, Lifter, paths
+from mrbt_mesh.core.mission import split_call, type_name
+from mrbt_mesh.core.tree import Kind, NodeSpec
+from mrbt_mesh.formats.btcpp.document import Category, read_boolean
+from mrbt_mesh.formats.btcpp.library import Library
+from mrbt_mesh.formats.btcpp.team_tree import ALWAYS, TeamTree, to_team_tree
+from mrbt_mesh.formats.declaration import Declaration
+from mrbt_mesh.formats.mission_writer import tree_data
+from mrbt_mesh.formats.problems import MissionError, Problem, nearest
+from mrbt_mesh.formats.team_file import TeamFile
+
+# What may be written at a node of the XML, in the words of a team file.
+INDEPENDENT = "_independent"
+LISTS = {"_reads": "reads", "_writes": "writes", "_uses": "uses"}
+VALUES = {"_requires": "requires", "_effects": "effects"}
+MAY_FAIL = "_may_fail"
+
+
+@dataclass(frozen=True)
+class LiftedMission:
+    """The mission as plain data of a mission file, how it came about, and what was noted."""
+
+    data: Mapping[str, Any]
+    lifted: Lifted
+    notes: tuple[Problem, ...]
+
+
+def lift_mission(
+    library: Library, tree: str, team: TeamFile, independent: Collection[str], name: str
+) -> LiftedMission:
+    """Lift the tree called `tree` for a team.
+
+    `independent` names nodes by path or name whose children do not depend on one another.
+    Raises MissionError with the node's path and line for whatever a team cannot carry out.
+    """
+    found = to_team_tree(library, tree, Category.ACTION)
+    if found.spec is None:
+        raise MissionError(found.refusals)
+    spec = found.spec
+    _check_tasks(spec, found, team, library, tree)
+    declared = _declarations(spec, found, team)
+    work_us = {subject: team.work_us(subject) for subject in _subjects(spec, Kind.ACTION)}
+    lifter = Lifter(declared, work_us, _independent(spec, found, independent))
+    lifted = lifter.lift(spec)
+    return LiftedMission(_mission_data(lifted, team, name), lifted, found.notes)
+
+
+def _subjects(spec: NodeSpec, kind: Kind) -> list[str]:
+    subjects = [node.subject for _, node in paths(spec) if node.kind is kind]
+    return list(dict.fromkeys(subjects))
+
+
+def _check_tasks(
+    spec: NodeSpec, found: TeamTree, team: TeamFile, library: Library, tree: str
+) -> None:
+    source = library.trees[tree]
+    problems = []
+    for subject in _subjects(spec, Kind.ACTION):
+        name, arguments = split_call(subject)
+        parameters = team.parameters(name)
+        if parameters is None:
+            message = f"action {name!r} is no local task{nearest(name, team.model.local_tasks)}"
+        elif len(parameters) != len(arguments):
+            message = (
+                f"local task {name!r} takes {len(parameters)} arguments, the tree gives it "
+                f"{len(arguments)}: {subject}"
+            )
+        else:
+            continue
+        problems.append(Problem(team.file, 1, "local_tasks", message))
+    if problems:
+        where = source.document.file
+        problems.append(Problem(where, source.element.line, tree, "is the tree with these actions"))
+        raise MissionError(problems)
+
+
+def _placed(
+    spec: NodeSpec, place: tuple[int, ...] = ()
+) -> Iterator[tuple[tuple[int, ...], NodeSpec]]:
+    yield place, spec
+    for position, child in enumerate(spec.children):
+        yield from _placed(child, (*place, position))
+
+
+def _declarations(spec: NodeSpec, found: TeamTree, team: TeamFile) -> dict[str, Declaration]:
+    """What the team file says of each action, and the annotations at the node."""
+    declared: dict[str, Declaration] = {}
+    for place, node in _placed(spec):
+        if node.kind is not Kind.ACTION:
+            continue
+        known = declared.get(node.subject) or team.declaration(node.subject)
+        extra = found.annotations.get(place, {})
+        if {*LISTS, *VALUES, MAY_FAIL} & extra.keys():
+            known = _annotated(known or Declaration(), extra)
+        if known is not None:
+            declared[node.subject] = known
+    return declared
+
+
+def _annotated(known: Declaration, extra: Mapping[str, str]) -> Declaration:
+    """`_reads="map; door(1)"`, `_effects="door_open(1); !dark"`, `_may_fail="true"`."""
+    changes: dict[str, Any] = {}
+    for attribute, name in LISTS.items():
+        if attribute in extra:
+            changes[name] = getattr(known, name) | frozenset(_items(extra[attribute]))
+    for attribute, name in VALUES.items():
+        if attribute in extra:
+            values = {t.lstrip("! "): not t.startswith("!") for t in _items(extra[attribute])}
+            changes[name] = {**getattr(known, name), **values}
+    if MAY_FAIL in extra:
+        changes["may_fail"] = known.may_fail or bool(read_boolean(extra[MAY_FAIL]))
+    return replace(known, **changes)
+
+
+def _items(text: str) -> Iterable[str]:
+    return (item.strip() for item in text.split(";") if item.strip())
+
+
+def _independent(spec: NodeSpec, found: TeamTree, named: Collection[str]) -> frozenset[str]:
+    """The paths of the nodes whose children are independent."""
+    places = dict(zip((place for place, _ in _placed(spec)), paths(spec), strict=True))
+    chosen, unknown = set(), []
+    for name in named:
+        matching = [path for path, node in places.values() if name in (path, node.name)]
+        chosen.update(matching)
+        if not matching:
+            known = [path for path, node in places.values() if len(node.children) > 1]
+            message = f"no node has the path or name {name!r}{nearest(name, known)}"
+            unknown.append(Problem("--assume-independent", 0, "", message))
+    if unknown:
+        raise MissionError(unknown)
+    for place, attributes in found.annotations.items():
+        if place in places and read_boolean(attributes.get(INDEPENDENT, "false")):
+            chosen.add(places[place][0])
+    return frozenset(chosen)
+
+
+def _mission_data(lifted: Lifted, team: TeamFile, name: str) -> dict[str, Any]:
+    """The mission file: every action a global task that one robot carries out."""
+    model = team.model
+    data: dict[str, Any] = {"mission": model.mission or name}
+    if model.program is not None:
+        data["program"] = model.program
+    if model.parameters:
+        data["parameters"] = dict(model.parameters)
+    actions = list(dict.fromkeys(map(type_name, _subjects(lifted.tree, Kind.ACTION))))
+    data["local_tasks"] = {
+        task: _only_given(
+            {"parameters": list(given.parameters), "work": given.work}, {"parameters": []}
+        )
+        for task, given in model.local_tasks.items()
+    }
+    conditions = _conditions(lifted.tree, team)
+    if conditions:
+        data["conditions"] = conditions
+    given = model.model_dump(mode="json", exclude_unset=True)
+    data |= {key: given[key] for key in ("robot_types", "robots")}
+    data["global_tasks"] = {task: _global_task(task, team) for task in actions}
+    data["tree"] = tree_data(lifted.tree)
+    return data
+
+
+def _only_given(values: dict[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in values.items() if defaults.get(key) != value}
+
+
+def _global_task(task: str, team: TeamFile) -> dict[str, Any]:
+    """psi = {alpha}, nu = mu = 1 (paper, section V-A)."""
+    parameters = team.parameters(task) or []
+    arguments = ", ".join(f"${name}" for name in parameters)
+    call = f"{task}({arguments})" if parameters else task
+    needs = {"needs": {call: {"min": 1, "max": 1}}}
+    return {"parameters": parameters, **needs} if parameters else needs
+
+
+def _conditions(tree: NodeSpec, team: TeamFile) -> dict[str, Any]:
+    """Those of the team file, and those that the tree asks and nobody has declared."""
+    found: dict[str, Any] = {
+        name: _only_given(
+            {"parameters": list(given.parameters), "default": given.default}, {"parameters": []}
+        )
+        for name, given in team.model.conditions.items()
+    }
+    for subject in _subjects(tree, Kind.CONDITION):
+        name, arguments = split_call(subject)
+        if name == ALWAYS:
+            found.setdefault(name, {"default": True})
+        elif arguments:
+            parameters = [f"arg_{number + 1}" for number in range(len(arguments))]
+            found.setdefault(name, {"parameters": parameters, "default": False})
+        else:
+            found.setdefault(name, {"default": False})
+    return found
+
+
+def heading(tree: str, file: Path, team: Path, lifted: Lifted) -> str:
+    """The comment at the beginning of the mission file."""
+    return (
+        f"The tree {tree} of {file.name}, lifted for the team of {team.name}.\n"
+        f"One robot needs {lifted.serial_us / 1e6:g} s of work, a large team "
+        f"{lifted.critical_us / 1e6:g} s if nothing fails."
+    )

@@ -1,0 +1,64 @@
+"""Mission files written by tools: a tree as the YAML that people would write."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from ruamel.yaml import YAML
+
+from mrbt_mesh.core.tree import CONTROLS, LEAVES, Kind, Memory, NodeSpec
+
+WIDTH = 100
+
+
+def tree_data(spec: NodeSpec) -> Any:
+    """A ground node as plain data of a mission file. SubTrees stand as what they contain."""
+    if spec.kind is Kind.ACTION:
+        return spec.subject
+    if spec.kind in LEAVES:
+        return {str(spec.kind): spec.subject}
+    children = [tree_data(child) for child in spec.children]
+    if spec.kind is Kind.SUBTREE:
+        (child,) = children
+        return child
+    if spec.kind in CONTROLS:
+        return {str(spec.kind): _control(spec, children)}
+    (child,) = children
+    named: dict[str, Any] = {"name": spec.name} if spec.name else {}
+    match spec.kind:
+        case Kind.RETRY:
+            return {str(spec.kind): named | {"attempts": spec.limit, "do": child}}
+        case Kind.REPEAT:
+            return {str(spec.kind): named | {"cycles": spec.limit, "do": child}}
+        case Kind.TIMEOUT:
+            return {str(spec.kind): named | {"seconds": spec.timeout_us / 1e6, "do": child}}
+    return {str(spec.kind): child}
+
+
+def _control(spec: NodeSpec, children: list[Any]) -> Any:
+    body: dict[str, Any] = {}
+    if spec.name:
+        body["name"] = spec.name
+    if spec.memory is not Memory.NONE:
+        body["memory"] = str(spec.memory)
+    if spec.kind is Kind.PARALLEL:
+        body["success"] = "all" if spec.limit == len(children) else spec.limit
+        if spec.failures:
+            body["failures"] = spec.failures
+    return {**body, "children": children} if body else children
+
+
+def mission_text(data: Mapping[str, Any], heading: str) -> str:
+    """A mission file with `data`; `heading` becomes the comment at its beginning."""
+    writer = YAML(typ="safe", pure=True)
+    writer.default_flow_style = None  # one line for what holds no other collection
+    writer.width = WIDTH
+    writer.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
+    stream = io.StringIO()
+    writer.dump(dict(data), stream)
+    comment = "".join(f"# {line}".rstrip() + "\n" for line in heading.splitlines())
+    # A blank line between sections.
+    return comment + re.sub(r"^(?=[^\s-])", "\n", stream.getvalue(), flags=re.MULTILINE)

@@ -1,0 +1,149 @@
+"""The team that a single robot's tree is lifted for: a mission file without tasks and tree.
+
+    program: robot.py
+    local_tasks:
+      open_door:
+        parameters: [room]
+        work: 2
+        requires: {unlocked: true}            # it succeeds if this holds
+        effects: {door_open($room): true}     # and then this holds
+        reads: [map]                          # anything else that it reads, changes,
+        writes: [log]
+        uses: [crane]                         # or needs for itself
+        may_fail: true                        # even if all that it requires holds
+    robot_types: {Arm: {capabilities: {open_door: 1}}}
+    robots: {R1: Arm, R2: Arm}
+
+A local task with none of the last six keys declares nothing: it may do anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, JsonValue, ValidationError
+
+from mrbt_mesh.core.mission import MAX_ROBOTS, split_call
+from mrbt_mesh.formats.declaration import Declaration
+from mrbt_mesh.formats.expand import call_text, micro_or_report, split_template, to_micro
+from mrbt_mesh.formats.file_model import FileModel, Name, RobotName, explain
+from mrbt_mesh.formats.mission_file import MAX_YAML_BYTES, read_limited
+from mrbt_mesh.formats.mission_model import (
+    EXPLAINED_HERE,
+    CallText,
+    ConditionModel,
+    LocalTaskModel,
+    ProgramText,
+    RobotEntry,
+    RobotTypeModel,
+)
+from mrbt_mesh.formats.problems import Report, nearest, whole_file_error
+from mrbt_mesh.formats.yaml_source import decode, read_yaml
+
+DECLARES = ("reads", "writes", "uses", "requires", "effects", "may_fail")
+
+
+class TeamTaskModel(LocalTaskModel):
+    """A local-task type and what its action does to the world."""
+
+    reads: list[CallText] = []
+    writes: list[CallText] = []
+    uses: list[CallText] = []
+    requires: dict[CallText, bool] = {}
+    effects: dict[CallText, bool] = {}
+    may_fail: bool = False
+
+
+class TeamModel(FileModel):
+    """A team and what its local tasks do."""
+
+    mission: Name | None = None
+    program: ProgramText | None = None
+    parameters: dict[Name, JsonValue] = {}
+    local_tasks: dict[Name, TeamTaskModel]
+    conditions: dict[Name, ConditionModel] = {}
+    robot_types: dict[Name, RobotTypeModel]
+    robots: Annotated[dict[RobotName, RobotEntry], Field(min_length=1, max_length=MAX_ROBOTS)]
+
+
+@dataclass(frozen=True)
+class TeamFile:
+    """A team file that has been read."""
+
+    model: TeamModel
+    file: str
+
+    def parameters(self, task: str) -> list[str] | None:
+        """The parameters of a local-task type; None if there is none of that name."""
+        found = self.model.local_tasks.get(task)
+        return None if found is None else list(found.parameters)
+
+    def work_us(self, ground: str) -> int:
+        """How long an action takes a robot of performance 1, in microseconds."""
+        return to_micro(self.model.local_tasks[split_call(ground)[0]].work)
+
+    def declaration(self, ground: str) -> Declaration | None:
+        """What the action `name(arguments)` does; None if it declares nothing."""
+        name, arguments = split_call(ground)
+        task = self.model.local_tasks[name]
+        if not task.model_fields_set & set(DECLARES):
+            return None
+        values = dict(zip(task.parameters, arguments, strict=True))
+
+        def filled(texts: Iterable[str]) -> frozenset[str]:
+            return frozenset(_filled(text, values) for text in texts)
+
+        return Declaration(
+            filled(task.reads),
+            filled(task.writes),
+            filled(task.uses),
+            {_filled(text, values): value for text, value in task.requires.items()},
+            {_filled(text, values): value for text, value in task.effects.items()},
+            task.may_fail,
+            self.work_us(ground),
+        )
+
+
+def _filled(text: str, values: Mapping[str, str]) -> str:
+    """`door_open($room)` with the value of `room`."""
+    name, arguments = split_template(text)
+    ground = [values[a[1:]] if a.startswith("$") else a for a in arguments]
+    return call_text(name, ground)
+
+
+def load_team(path: Path) -> TeamFile:
+    """Read a team file. Raises MissionError with all problems that could be found."""
+    file = str(path)
+    data, report = read_yaml(decode(read_limited(path, MAX_YAML_BYTES), file), file)
+    if not isinstance(data, dict):
+        raise whole_file_error(file, "a team is expected (local_tasks: ..., robots: ...)")
+    for key in ("tree", "global_tasks", "subtrees"):
+        if key in data:
+            report.add((key,), f"a team file has no {key}: they come from the tree that is lifted")
+            del data[key]
+    try:
+        model = TeamModel.model_validate(data, context=report)
+    except ValidationError as error:
+        for detail in error.errors(include_url=False):
+            report.add(*explain(detail, EXPLAINED_HERE))
+        report.raise_if_any()
+        raise AssertionError("a refused team has problems") from None
+    _check(model, report)
+    report.raise_if_any()
+    return TeamFile(model, file)
+
+
+def _check(model: TeamModel, report: Report) -> None:
+    for name, task in model.local_tasks.items():
+        micro_or_report(task.work, ("local_tasks", name, "work"), report)
+        known = set(task.parameters)
+        for key in DECLARES[:-1]:
+            for position, text in enumerate(getattr(task, key)):
+                place = position if isinstance(getattr(task, key), list) else text
+                for argument in split_template(text)[1]:
+                    if argument.startswith("$") and argument[1:] not in known:
+                        message = f"unknown parameter {argument}{nearest(argument[1:], known)}"
+                        report.add(("local_tasks", name, key, place), message)
