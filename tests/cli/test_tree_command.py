@@ -97,8 +97,9 @@ def test_pictures(path: Path, tmp_path: Path) -> None:
         assert 0 <= x <= x + width <= float(root.attrib["width"])
         assert 0 <= y <= y + height <= float(root.attrib["height"])
         for x2, y2, width2, height2 in placed[:number]:
-            apart = x + width <= x2 or x2 + width2 <= x or y + height <= y2 or y2 + height2 <= y
-            assert apart, "two boxes overlap"
+            beside = max(x - x2 - width2, x2 - x - width)
+            above = max(y - y2 - height2, y2 - y - height)
+            assert max(beside, above) > 10, "two boxes overlap or touch"
     dot = tree("show", path, "--dot")[1]
     assert dot.count(" -> ") == nodes - 1
     mermaid = tree("show", path, "--mermaid")[1]

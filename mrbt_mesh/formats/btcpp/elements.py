@@ -110,7 +110,7 @@ def write_content(item: Content, indent: str = "") -> str:
 
 def _open_tag(element: Element, end: str, indent: str) -> str:
     """On one line, or with one attribute per line if that would be too long."""
-    attributes = [f"{name}={_quoted(value)}" for name, value in element.attributes.items()]
+    attributes = [f"{name}={quoteattr(value)}" for name, value in element.attributes.items()]
     line = indent + " ".join([f"<{element.tag}", *attributes]) + end
     if len(line) <= MAX_WIDTH or len(attributes) < 2:
         return line
@@ -128,7 +128,3 @@ def _inline(item: Content) -> str:
     if not item.content:
         return _open_tag(item, "/>", "")
     return f"{_open_tag(item, '>', '')}{''.join(map(_inline, item.content))}</{item.tag}>"
-
-
-def _quoted(value: str) -> str:
-    return quoteattr(value, {"\n": "&#10;", "\r": "&#13;", "\t": "&#9;"})

@@ -14,7 +14,8 @@ from mrbt_mesh.formats.btcpp.check import check_file
 from mrbt_mesh.formats.btcpp.document import CONDITIONS, parse_document, read_document, type_id
 from mrbt_mesh.formats.btcpp.expand import expand
 from mrbt_mesh.formats.btcpp.export import compact, explicit, with_ids
-from mrbt_mesh.formats.btcpp.library import Library
+from mrbt_mesh.formats.btcpp.findings import Findings
+from mrbt_mesh.formats.btcpp.library import Library, library_of
 from mrbt_mesh.formats.btcpp.upgrade import is_version_3
 
 CORPUS = Path(__file__).parent / "corpus"
@@ -75,6 +76,10 @@ def test_export_loses_nothing_that_matters(path: Path) -> None:
     exported = explicit(library)
     tags = {e.tag for tree in exported.trees for child in tree.children for e in child.walk()}
     assert tags <= {"Action", "Condition", "Control", "Decorator", "SubTree"}
+    nodes = [e for tree in exported.trees for child in tree.children for e in child.walk()]
+    places = {(e.line, e.column, e.tag) for e in library.documents[0].root.walk()}
+    changed = [e for e in nodes if (e.line, e.column, e.tag) not in places]
+    assert all(next(iter(e.attributes)) == "ID" for e in changed)
     again = parse_document(exported.text(), str(path))
     assert again == exported
     assert not is_version_3(again)
@@ -113,3 +118,24 @@ def test_numbered_for_monitors(path: Path) -> None:
     paths = [tree.get("_fullpath") for tree in document.trees]
     assert paths[0] == ""
     assert len(set(paths)) == len(paths)
+
+
+def test_version_3_models_keep_their_attributes() -> None:
+    library = loaded(CORPUS / "v3_groot1_project.xml")
+    models = library.documents[0].model_lists[0]
+    assert [model.attributes for model in models.children if model.tag == "SubTree"] == [
+        {"ID": "Unused", "editable": "true"}
+    ]
+
+
+def test_ports_of_a_guessed_model_may_be_written_if_any_use_gives_an_entry() -> None:
+    text = (
+        '<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>'
+        '<Act x="{a}" y="1"/><Act x="2" y="3"/></Sequence></BehaviorTree></root>'
+    )
+    exported = explicit(library_of(parse_document(text, "m.xml"), Findings()))
+    (model,) = exported.model_lists[0].children
+    assert [(port.tag, port.get("name")) for port in model.children] == [
+        ("inout_port", "x"),
+        ("input_port", "y"),
+    ]
