@@ -23,6 +23,7 @@ MAX_PERFORMANCE = 1_000_000 * MICRO
 MAX_ROBOTS = 1_000
 MAX_GLOBAL_TASKS = 10_000
 MAX_ARGUMENTS = 8
+MAX_COST = 1_000_000
 COMPILED_VERSION = 3
 
 NAME_PATTERN = r"[A-Za-z_][A-Za-z0-9_]{0,63}"
@@ -148,12 +149,31 @@ def performance(capabilities: Mapping[str, int], local_task: LocalTaskId) -> int
     return exact if exact is not None else capabilities.get(type_name(local_task))
 
 
+@dataclass(frozen=True, slots=True)
+class Costs:
+    """What one more robot of a type costs, and one more robot that is capable of a local task.
+
+    What is not listed costs 1. Only `mrbt analyze` reads it.
+    """
+
+    robots: Mapping[str, int] = field(default_factory=dict)
+    capabilities: Mapping[str, int] = field(default_factory=dict)
+
+    def robot(self, robot_type: str) -> int:
+        """The cost of one more robot."""
+        return self.robots.get(robot_type, 1)
+
+    def capability(self, local_task: str) -> int:
+        """The cost of making one robot capable."""
+        return self.capabilities.get(local_task, 1)
+
+
 @dataclass(frozen=True)
 class Mission:
     """Everything that all robots of a team must agree on before they start.
 
     `parameters` are the file's values, for robots' programs to read; `program` names the
-    default robot program, relative to the mission file, and is no part of the digest.
+    default robot program, relative to the mission file. It and `costs` are no part of the digest.
     """
 
     name: str
@@ -165,11 +185,14 @@ class Mission:
     tree: Tree
     parameters: Mapping[str, Any] = field(default_factory=dict)
     program: str | None = None
+    costs: Costs = field(default_factory=Costs)
 
     @cached_property
     def digest(self) -> str:
         """SHA-256 of the canonical form, 64 hexadecimal digits."""
-        text = json.dumps(self.to_json() | {"program": None}, sort_keys=True, separators=(",", ":"))
+        data = self.to_json() | {"program": None}
+        del data["costs"]
+        text = json.dumps(data, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()
 
     def condition_default(self, ground: str) -> bool:
@@ -215,6 +238,7 @@ class Mission:
             "tree": _spec_to_json(self.tree.spec()),
             "parameters": dict(self.parameters),
             "program": self.program,
+            "costs": [dict(self.costs.robots), dict(self.costs.capabilities)],
         }
 
 
@@ -272,6 +296,7 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
             tree=build_tree(_spec_from_json(data["tree"])),
             parameters=data["parameters"],
             program=data["program"],
+            costs=Costs(*data["costs"]),
         )
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"compiled mission is damaged: {error!r}") from error

@@ -9,6 +9,7 @@ from typing import Any
 from mrbt_mesh.core.mission import (
     MAX_GLOBAL_TASKS,
     ConditionType,
+    Costs,
     FailurePolicy,
     GlobalTask,
     InDoubt,
@@ -112,6 +113,10 @@ class _Builder:
             tree=tree,
             parameters=_sorted_deeply(model.parameters),
             program=resolve_program(model.program, folder),
+            costs=Costs(
+                {n: t.cost for n, t in sorted(model.robot_types.items()) if t.cost != 1},
+                {n: t.cost for n, t in sorted(model.local_tasks.items()) if t.cost != 1},
+            ),
         )
 
     def check_parameter_lists(self) -> None:

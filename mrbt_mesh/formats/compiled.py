@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from mrbt_mesh.core.mission import (
+    MAX_COST,
     MAX_GLOBAL_TASKS,
     MAX_PERFORMANCE,
     MAX_ROBOTS,
@@ -81,6 +82,9 @@ def _check(mission: Mission) -> None:
     for task in mission.local_tasks.values():
         _expect(type(task.work) is int and task.work > 0, f"local task {task.name}: work")
         _expect(all(isinstance(p, str) for p in task.parameters), f"local task {task.name}")
+    for costs in (mission.costs.robots, mission.costs.capabilities):
+        for name, cost in costs.items():
+            _expect(_is_integer(cost, 0, MAX_COST), f"cost of {name}: {cost!r}")
     for condition in mission.conditions.values():
         _expect(isinstance(condition.default, bool), f"condition {condition.name}: default")
     _check_global_tasks(mission)

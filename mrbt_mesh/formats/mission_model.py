@@ -26,6 +26,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from mrbt_mesh.core.mission import (
     MAX_ARGUMENTS,
+    MAX_COST,
     MAX_GLOBAL_TASKS,
     MAX_ROBOTS,
     NAME_PATTERN,
@@ -69,6 +70,7 @@ Title: TypeAlias = Annotated[str, Field(pattern=_TITLE)]
 Parameters: TypeAlias = Annotated[list[Name], Field(max_length=MAX_ARGUMENTS)]
 Performance: TypeAlias = Annotated[float, Field(gt=0, le=MAX_PERFORMANCE_UNITS)]
 Count: TypeAlias = Annotated[int, Field(ge=1, le=MAX_ROBOTS)]
+Cost: TypeAlias = Annotated[int, Field(ge=0, le=MAX_COST)]
 
 
 def _is_integer(value: Any) -> bool:
@@ -101,10 +103,14 @@ def _is_minus_one(value: Any) -> bool:
 
 
 class LocalTaskModel(FileModel):
-    """A local-task type; a robot with performance p needs work / p seconds for it."""
+    """A local-task type; a robot with performance p needs work / p seconds for it.
+
+    `cost`: what it costs to make one more robot capable of it, for `mrbt analyze`.
+    """
 
     parameters: Parameters = []
     work: Annotated[float, Field(gt=0, le=MAX_WORK)] = 1.0
+    cost: Cost = 1
 
 
 class ConditionModel(FileModel):
@@ -115,9 +121,13 @@ class ConditionModel(FileModel):
 
 
 class RobotTypeModel(FileModel):
-    """A kind of robot: what it can do, and how well."""
+    """A kind of robot: what it can do, and how well.
+
+    `cost`: what one more robot costs, for `mrbt analyze`.
+    """
 
     capabilities: dict[GroundText, Performance]
+    cost: Cost = 1
 
 
 class RobotModel(FileModel):

@@ -1,0 +1,1 @@
+"""What can be told of a mission beforehand: its tree for a team, the faults that it survives."""

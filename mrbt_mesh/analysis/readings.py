@@ -1,0 +1,71 @@
+"""The questions that are asked about a mission: which services, and which of them are required."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mrbt_mesh.analysis.requirement import ALWAYS, Formulas, Requirement, every, tree_requirement
+from mrbt_mesh.analysis.service import Service, service
+from mrbt_mesh.analysis.tolerance import Reading
+from mrbt_mesh.analysis.width import StuckError, widths
+from mrbt_mesh.core.mission import Mission
+
+
+@dataclass(frozen=True)
+class Question:
+    """A reading, and why it has no answer where the mission is not feasible at all."""
+
+    reading: Reading
+    obstacle: str = ""
+
+
+def serial(mission: Mission) -> Question:
+    """The tree run serially if need be: each task that is required can be served alone."""
+    services = _tasks(mission)
+    numbers = {each.name: number for number, each in enumerate(services)}
+
+    def waits(task: str) -> bool:
+        return mission.global_tasks[task].blocked_fail_after_us is None
+
+    required = tree_requirement(mission.tree, numbers, waits)
+    if required is None:
+        return Question(_impossible(mission, services), "the tree itself can never succeed")
+    return _checked(Reading(mission, services, required))
+
+
+def every_task(mission: Mission) -> Question:
+    """No alternative is given up: every global task of the tree can be served alone."""
+    services = _tasks(mission)
+    return _checked(Reading(mission, services, every(range(len(services)))))
+
+
+def parallel_width(mission: Mission) -> Question:
+    """What the fault-free plan serves at one time stays feasible together."""
+    try:
+        stages = tuple({each.tasks: each for each in widths(mission)}.values())
+    except StuckError as error:
+        return Question(_impossible(mission, ()), str(error))
+    return _checked(Reading(mission, stages, every(range(len(stages)))))
+
+
+READINGS: dict[str, Callable[[Mission], Question]] = {
+    "serial": serial,
+    "keeps_every_task": every_task,
+    "keeps_parallel_width": parallel_width,
+}
+
+
+def _tasks(mission: Mission) -> tuple[Service, ...]:
+    return tuple(service(mission, (task,), task.id) for task in mission.global_tasks.values())
+
+
+def _impossible(mission: Mission, services: tuple[Service, ...]) -> Reading:
+    return Reading(mission, services, Requirement(Formulas(), ALWAYS))
+
+
+def _checked(reading: Reading) -> Question:
+    if reading.is_feasible:
+        return Question(reading)
+    names = ", ".join(reading.services[each].name for each in sorted(reading.at_first))
+    return Question(reading, f"even without faults the robots cannot do {names}")

@@ -1,0 +1,55 @@
+"""Costs from a file of their own, for `mrbt analyze --costs FILE`; they go before the mission's.
+
+robot_types: {A: 10, C: 40}         # one more robot
+local_tasks: {move_frame: 5}        # one more robot that is capable of it
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from mrbt_mesh.core.mission import Costs, Mission
+from mrbt_mesh.formats.file_model import FileModel, Name, explain
+from mrbt_mesh.formats.mission_file import read_limited
+from mrbt_mesh.formats.mission_model import Cost
+from mrbt_mesh.formats.problems import found, nearest, whole_file_error
+from mrbt_mesh.formats.yaml_source import decode, read_yaml
+
+MAX_BYTES = 1 << 20
+
+
+class _CostsModel(FileModel):
+    robot_types: dict[Name, Cost] = {}
+    local_tasks: dict[Name, Cost] = {}
+
+
+def costs_from_file(path: Path, mission: Mission) -> Costs:
+    """The mission's costs with those of the file in their place.
+
+    Raises MissionError with file and line for whatever is wrong with it.
+    """
+    data, report = read_yaml(decode(read_limited(path, MAX_BYTES), str(path)), str(path))
+    if not isinstance(data, dict):
+        raise whole_file_error(str(path), f"robot_types: ... is expected, found {found(data)}")
+    try:
+        model = _CostsModel.model_validate(data, context=report)
+    except ValidationError as error:
+        for detail in error.errors(include_url=False):
+            report.add(*explain(detail))
+        report.raise_if_any()
+        raise
+    for section, names, known in (
+        ("robot_types", model.robot_types, mission.robot_types),
+        ("local_tasks", model.local_tasks, mission.local_tasks),
+    ):
+        for name in names:
+            if name not in known:
+                text = f"the mission has no {section[:-1].replace('_', ' ')} {name!r}"
+                report.add((section, name), text + nearest(name, known))
+    report.raise_if_any()
+    return Costs(
+        dict(mission.costs.robots) | model.robot_types,
+        dict(mission.costs.capabilities) | model.local_tasks,
+    )
