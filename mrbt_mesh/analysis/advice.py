@@ -8,7 +8,7 @@ added to it and the model is solved again, until none is. So the last answer is 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -19,6 +19,7 @@ from mrbt_mesh.analysis.requirement import ALWAYS
 from mrbt_mesh.analysis.service import (
     Capability,
     Fault,
+    JointNeed,
     Service,
     capability_faults,
     robot_faults,
@@ -30,6 +31,8 @@ from mrbt_mesh.core.mission import MICRO, Costs, Mission, Robot, type_name
 MAX_EXTRA_ROBOTS = 20
 _NEW = "+"  # no robot of a mission file may be called that
 Variable: TypeAlias = Any  # ortools' variables and expressions
+# ("robot", id); for new ones ("type", robot type), and ("hit", robot type) for one with a fault.
+_Source: TypeAlias = tuple[str, str]
 
 
 @dataclass(frozen=True)
@@ -78,6 +81,9 @@ def advise(
 ) -> Additions:
     """The cheapest additions; `kinds`: whether robots, and whether capabilities, may be added."""
     deadline_s = time.monotonic() + limit_s
+    single = robot_faults(reading.mission) if is_strong else capability_faults(reading.mission)
+    if reading.is_feasible and not reading.critical(single):
+        return Additions(0, 0, True, {}, ())
     built = _Advice(reading, costs, *kinds)
     built.survive(None)
     bound = 0
@@ -104,7 +110,7 @@ def advise(
 
 def _canonical(mission: Mission, fault: Fault) -> Fault:
     """New robots of one type are alike: the first stands for all."""
-    robot = fault if isinstance(fault, str) else fault[0]
+    robot = _robot_of(fault)
     if robot in mission.robots:
         return fault
     first = f"{robot.rpartition('-')[0]}-1"
@@ -154,9 +160,9 @@ class _Advice:
         status = solver.solve(self.model)
         if status == cp_model.INFEASIBLE:
             return None
-        bound = max(0, int(solver.best_objective_bound + 0.5)) // self.weight
         if status not in (cp_model.OPTIMAL, cp_model.FEASIBLE):
-            return Additions(None, bound, False, {}, ())
+            return Additions(None, None, False, {}, ())
+        bound = max(0, round(solver.best_objective_bound)) // self.weight
         robots = {kind: n for kind, count in self.robots.items() if (n := solver.value(count))}
         extra = tuple(key for key, added in self.extra.items() if solver.value(added))
         cost = round(solver.objective_value) // self.weight
@@ -204,47 +210,56 @@ class _Advice:
         return any(type_name(need.local_task) == type_name(fault[1]) for need in wanted.needs)
 
     def _flow(self, wanted: Service, fault: Fault | None, when: Variable) -> None:
-        rows: dict[str, list[Variable]] = {}
-        supply: dict[str, Variable] = {}
-        seats: list[list[Variable]] = [[] for _ in wanted.needs]
+        """Enough posts for every need if `when` is true, no robot at two."""
+        rows: dict[_Source, list[Variable]] = {}
+        for need in wanted.needs:
+            posts = []
+            for source, most in (*self._present(need, fault), *self._added(need, fault)):
+                post = self.model.new_int_var(0, MAX_EXTRA_ROBOTS, "")
+                self.model.add(post <= most)
+                rows.setdefault(source, []).append(post)
+                posts.append(post)
+            self.model.add(sum(posts) >= need.count).only_enforce_if(when)
+        for (kind, name), row in rows.items():
+            supply: Variable = 1
+            if kind == "type":
+                # The one that the fault hits stands beside the others of its type.
+                is_hit = fault is not None and _robot_of(fault) == _first_of(name)
+                supply = self.robots[name] - (self.any_new[name] if is_hit else 0)
+            elif kind == "hit":
+                supply = self.any_new[name]
+            self.model.add(sum(row) <= supply)
 
-        def seat(source: str, index: int, size: int, allowed: Variable = None) -> None:
-            post = self.model.new_int_var(0, size, "")
-            if allowed is not None:
-                self.model.add(post <= allowed)
-            rows.setdefault(source, []).append(post)
-            seats[index].append(post)
+    def _present(self, need: JointNeed, fault: Fault | None) -> Iterator[tuple[_Source, Variable]]:
+        """The robots that are there and may meet a need, or may if something is added."""
+        name = type_name(need.local_task)
+        for robot in sorted(self.mission.robots):
+            added = self.extra.get((robot, name))
+            if fault == (robot, name) and added is not None and robot in need.entries:
+                # It loses what was added here; if nothing was, it is able as before.
+                yield ("robot", robot), 1 - added
+            elif fault in (robot, (robot, name), (robot, need.local_task)):
+                continue
+            elif robot in need.entries:
+                yield ("robot", robot), 1
+            elif added is not None:
+                yield ("robot", robot), added
 
-        for index, need in enumerate(wanted.needs):
-            name = type_name(need.local_task)
-            for robot in sorted(self.mission.robots):
-                supply[robot] = 1
-                if fault in (robot, (robot, name), (robot, need.local_task)):
-                    if (robot, name) in self.extra and fault == (robot, name):
-                        # The loss of what was added here; before that it may be able as it was.
-                        if robot in need.entries:
-                            seat(robot, index, 1, 1 - self.extra[fault])
-                    continue
-                if robot in need.entries:
-                    seat(robot, index, 1)
-                elif (robot, name) in self.extra:
-                    seat(robot, index, 1, self.extra[robot, name])
-            for kind, count in self.robots.items():
-                able = self.mission.robot_types[kind]
-                if name not in able and need.local_task not in able:
-                    continue
-                first = f"{_NEW}{kind}-1"
-                hit = {first, (first, name), (first, need.local_task)}
-                supply[kind] = count
-                if isinstance(fault, str) and fault == first:
-                    supply[kind] = count - self.any_new[kind]
-                elif fault is not None and not isinstance(fault, str) and fault[0] == first:
-                    # The robot with the minor fault on its own, the others of its type beside it.
-                    supply[kind], supply[first] = count - self.any_new[kind], self.any_new[kind]
-                    if fault not in hit:
-                        seat(first, index, 1)
-                seat(kind, index, MAX_EXTRA_ROBOTS)
-        for source, row in rows.items():
-            self.model.add(sum(row) <= supply[source])
-        for need, row in zip(wanted.needs, seats, strict=True):
-            self.model.add(sum(row) >= need.count).only_enforce_if(when)
+    def _added(self, need: JointNeed, fault: Fault | None) -> Iterator[tuple[_Source, Variable]]:
+        """New robots that may meet a need."""
+        names = (need.local_task, type_name(need.local_task))
+        for kind in self.robots:
+            if not any(name in self.mission.robot_types[kind] for name in names):
+                continue
+            yield ("type", kind), MAX_EXTRA_ROBOTS
+            first = _first_of(kind)
+            if isinstance(fault, tuple) and fault[0] == first and fault[1] not in names:
+                yield ("hit", kind), 1
+
+
+def _first_of(kind: str) -> str:
+    return f"{_NEW}{kind}-1"
+
+
+def _robot_of(fault: Fault) -> str:
+    return fault if isinstance(fault, str) else fault[0]

@@ -19,30 +19,33 @@ MAX_NEEDS = 8
 
 @dataclass(frozen=True)
 class Breaking:
-    """At least `least` faults; `chosen`, if not None, are that many and do it."""
+    """It takes at least `least` faults, and `chosen` do it."""
 
     least: int
-    chosen: tuple[Fault, ...] | None
+    chosen: tuple[Fault, ...]
 
 
 def fewest_to_break(team: Team, wanted: Service, is_major: bool) -> Breaking:
     """The fewest faults of one kind that make a feasible service infeasible.
 
-    With more than `MAX_NEEDS` different needs only a bound from below. Without an answer
-    `least` is above all faults that there are.
+    With more than `MAX_NEEDS` different needs `chosen` may be more than `least`.
     """
-    needs = merged(wanted.needs)
-    if len(needs) > MAX_NEEDS:
-        # No fault takes more than one robot from a set of needs.
-        return Breaking(team.slack(wanted) + 1, None)
+    needs = merged(wanted.needs, is_major)
     choices = []
-    for size in range(1, len(needs) + 1):
-        for subset in combinations(needs, size):
-            choices.append(_cheapest(subset, is_major))
+    if len(needs) > MAX_NEEDS:
+        _, tight = team.tightest(needs)
+        choices.append(_cheapest([needs[index] for index in tight], is_major))
+    else:
+        for size in range(1, len(needs) + 1):
+            for subset in combinations(needs, size):
+                choices.append(_cheapest(subset, is_major))
     if wanted.exclusive and is_major:
         robots = sorted(team.mission.robots)
         choices.append(tuple(robots[: len(robots) - majority(robots) + 1]))
     best = min(choices, key=len)
+    if len(needs) > MAX_NEEDS:
+        # No fault takes more than one robot from a set of needs.
+        return Breaking(team.slack(wanted) + 1, best)
     return Breaking(len(best), best)
 
 

@@ -2,7 +2,7 @@
 
 The definition: every single fault of a kind is survived. It is checked fault by fault with the
 runtime's own *Check Consistency*. The corrected lemma: problem (2) stays consistent with the faulty
-robot or capability removed; it is put to the solver of the assignment problem. The literal
+robot or capability removed; it is put to a solver, as a flow. The literal
 lemmas (paper, section V-B) ask instead for a consistent assignment *of the whole team* in which no
 stand-in works on the same local task; they say yes where the stand-in is needed elsewhere, and
 no where a capability that nothing needs is unique.
@@ -13,13 +13,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from ortools.graph.python.max_flow import SimpleMaxFlow
 from ortools.sat.python import cp_model
 
 from mrbt_mesh.analysis.model import SEED, Literal
 from mrbt_mesh.analysis.service import Capability, Fault, JointNeed, Service, Team
 from mrbt_mesh.analysis.tolerance import Progress, Reading, no_progress
-from mrbt_mesh.core.assignment import AssignmentProblem, Bounds
-from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
 
 LEMMA_LIMIT_S = 10.0
 
@@ -92,16 +91,29 @@ class _Corrected:
 
 
 def _is_consistent(team: Team, wanted: Service) -> bool:
+    """Whether problem (2) has a solution: as many robots flow to the needs as they ask for.
+
+    Robots that can meet the same needs are one source.
+    """
     if wanted.exclusive and not team.has_majority():
         return False
     able = [team.able(need) for need in wanted.needs]
-    robots = team.alive
-    problem = AssignmentProblem(
-        robots,
-        tuple(Bounds(need.local_task, need.count, need.count) for need in wanted.needs),
-        tuple({i: 0 for i, row in enumerate(able) if robot in row} for robot in robots),
-    )
-    return SOLVERS[DEFAULT_SOLVER](problem) is not None
+    alike: dict[tuple[int, ...], int] = {}
+    for robot in {robot for row in able for robot in row}:
+        key = tuple(index for index, row in enumerate(able) if robot in row)
+        alike[key] = alike.get(key, 0) + 1
+    flow = SimpleMaxFlow()
+    first = len(wanted.needs)
+    source, sink = first + len(alike), first + len(alike) + 1
+    for number, (indices, count) in enumerate(sorted(alike.items())):
+        flow.add_arc_with_capacity(source, first + number, count)
+        for index in indices:
+            flow.add_arc_with_capacity(first + number, index, count)
+    for index, need in enumerate(wanted.needs):
+        flow.add_arc_with_capacity(index, sink, need.count)
+    if flow.solve(source, sink) != flow.OPTIMAL:
+        return False
+    return bool(flow.optimal_flow() == sum(need.count for need in wanted.needs))
 
 
 class _Literal:

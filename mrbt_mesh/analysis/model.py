@@ -47,7 +47,8 @@ class FaultModel:
     def __init__(self, services: Sequence[Service], faults: Sequence[Fault]) -> None:
         self.model = cp_model.CpModel()
         self.services = services
-        self.needs = [merged(each.needs) for each in services]
+        is_major = any(isinstance(fault, str) for fault in faults)
+        self.needs = [merged(each.needs, is_major) for each in services]
         self.groups: dict[Fault, tuple[Fault, ...]] = {}
         self._group_of: dict[Fault, Fault] = {}
         self.lost: dict[Fault, Literal] = {}
@@ -141,9 +142,13 @@ class FaultModel:
             constraint.only_enforce_if(unless.negated())
 
     def _hold(self, service: int, robots: Sequence[str], unless: Literal = None) -> None:
-        """Necessary for a service; sufficient for one need. Larger sets follow on demand."""
-        for index in range(len(self.needs[service])):
-            self.hold_set(service, (index,), unless)
+        """Necessary for a service; sufficient for one need. Other sets follow on demand."""
+        count = len(self.needs[service])
+        subsets: list[Subset] = [(index,) for index in range(count)]
+        if count > MAX_NEEDS_IN_FULL:
+            subsets.append(tuple(range(count)))
+        for subset in subsets:
+            self.hold_set(service, subset, unless)
         if self.services[service].exclusive:
             dead = self._dead(robots)
             if not isinstance(dead, int):
@@ -260,10 +265,11 @@ def optimum(
     status = solver.solve(model)
     if status == cp_model.INFEASIBLE:
         return Answer(None, None, True), {}
+    if status not in (cp_model.OPTIMAL, cp_model.FEASIBLE):
+        # The bound that the solver reports then need not be one.
+        return Answer(None, None, False), {}
     proved = status == cp_model.OPTIMAL
     # The bound is a float that may fall short of the integer that it stands for.
     bound = round(solver.best_objective_bound)
-    if status not in (cp_model.OPTIMAL, cp_model.FEASIBLE):
-        return Answer(None, bound, False), {}
     values = {key: solver.value(variable) for key, variable in variables.items()}
     return Answer(round(solver.objective_value), bound, proved), values

@@ -8,8 +8,8 @@ the robots that the mission names.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
 
@@ -87,14 +87,13 @@ def service(mission: Mission, tasks: tuple[GlobalTask, ...], name: str) -> Servi
     return Service(name, ids, tuple(needs), any(task.exclusive for task in tasks))
 
 
-def merged(needs: Collection[JointNeed]) -> tuple[JointNeed, ...]:
-    """The same needs, those that the same capabilities meet taken together."""
-    found: dict[tuple[tuple[Capability, ...], ...], JointNeed] = {}
+def merged(needs: Sequence[JointNeed], is_major: bool = False) -> tuple[JointNeed, ...]:
+    """The same needs, those that the same capabilities (or robots, `is_major`) meet as one."""
+    found: dict[tuple[object, ...], JointNeed] = {}
     for need in needs:
-        key = tuple(entries for _, entries in sorted(need.entries.items()))
+        key = tuple(sorted(need.entries if is_major else need.entries.items()))
         known = found.get(key)
-        count = need.count + (known.count if known else 0)
-        found[key] = JointNeed(known.local_task if known else need.local_task, count, need.entries)
+        found[key] = replace(known, count=known.count + need.count) if known else need
     return tuple(found.values())
 
 
@@ -126,51 +125,83 @@ class Team:
         """Whether exclusive tasks find their grants."""
         return len(self.alive) >= majority(self.mission.robots)
 
-    def can_meet(self, needs: Collection[JointNeed]) -> bool:
-        """Whether all needs can be met at one time, no robot twice."""
-        return Consistency(self.alive).keep(0, self.demands(needs), {})
+    def seating(self, needs: Sequence[JointNeed]) -> dict[str, int] | None:
+        """A way to meet all needs at one time: robot -> index of its need; None: there is none."""
+        together = Consistency(self.alive)
+        for index, need in enumerate(needs):
+            if not together.keep(index, [self.demand(need)], {}):
+                return None
+        return together.seated
 
-    def demands(self, needs: Collection[JointNeed]) -> list[Demand]:
-        """The needs as the runtime's demands."""
-        return [_demand(need, need.count, self.able(need)) for need in needs]
+    def demand(self, need: JointNeed) -> Demand:
+        """A need as the runtime's demand."""
+        request = Request(0, need.local_task, "")
+        able = self.able(need)
+        return Demand(request, need.local_task, need.count, need.count, need.count, (), able)
+
+    def can_meet(self, needs: Sequence[JointNeed]) -> bool:
+        """Whether all needs can be met at one time, no robot twice."""
+        return self.seating(needs) is not None
+
+    def relies_on(self, wanted: Service) -> frozenset[Fault] | None:
+        """Faults one of which it takes to make a service infeasible (None: it is so already).
+
+        They are what one way to do it makes use of, so without any of them it can be done.
+        """
+        seated = self.seating(wanted.needs)
+        if seated is None or (wanted.exclusive and not self.has_majority()):
+            return None
+        used: set[Fault] = set(self.alive) if wanted.exclusive else set(seated)
+        for robot, index in seated.items():
+            used.update(wanted.needs[index].entries[robot])
+        return frozenset(used)
 
     def is_feasible(self, wanted: Service) -> bool:
         """Whether this team can do all of a service at one time."""
-        if wanted.exclusive and not self.has_majority():
-            return False
-        return self.can_meet(wanted.needs)
+        return self.relies_on(wanted) is not None
+
+    def overasked(self, needs: Sequence[JointNeed]) -> list[int]:
+        """The indices of a smallest part of infeasible needs that is infeasible by itself.
+
+        It asks for more robots than are able to do any of it (Hall's theorem).
+        """
+        part = list(range(len(needs)))
+        for index in list(part):
+            fewer = [other for other in part if other != index]
+            if not self.can_meet([needs[other] for other in fewer]):
+                part = fewer
+        return part
 
     def slack(self, wanted: Service) -> int:
-        """How many robots, whichever they are, a service can lose; -1 if it is infeasible.
+        """How many robots, whichever they are, a service can lose; -1 if it is infeasible."""
+        if not self.is_feasible(wanted):
+            return -1
+        least = self.tightest(wanted.needs)[0]
+        if wanted.exclusive:
+            least = min(least, len(self.alive) - majority(self.mission.robots))
+        return least
+
+    def tightest(self, needs: Sequence[JointNeed]) -> tuple[int, list[int]]:
+        """How many robots feasible needs can lose, and the needs that cannot lose one more.
 
         By Hall's theorem, s robots can go if each need alone could ask for s more.
         """
-        if not self.is_feasible(wanted):
-            return -1
-        least = len(self.alive)
-        if wanted.exclusive:
-            least = len(self.alive) - majority(self.mission.robots)
-        for raised in wanted.needs:
+        least, tight = len(self.alive) + 1, [0]
+        for index, need in enumerate(needs):
             extra = 0
-            while extra < least and self.can_meet(
-                [
-                    JointNeed(n.local_task, n.count + (extra + 1) * (n is raised), n.entries)
-                    for n in wanted.needs
-                ]
-            ):
+            while extra < least:
+                asked = list(needs)
+                asked[index] = replace(need, count=need.count + extra + 1)
+                if not self.can_meet(asked):
+                    least, tight = extra, self.overasked(asked)
+                    break
                 extra += 1
-            least = extra
-        return least
-
-
-def _demand(need: JointNeed, count: int, able: Mapping[str, int]) -> Demand:
-    request = Request(0, need.local_task, "")
-    return Demand(request, need.local_task, count, count, count, (), able)
+        return least, tight
 
 
 def robot_faults(mission: Mission) -> list[Fault]:
     """Every single major fault."""
-    return list(sorted(mission.robots))
+    return [*sorted(mission.robots)]
 
 
 def capability_faults(mission: Mission) -> list[Fault]:

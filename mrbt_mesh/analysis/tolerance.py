@@ -53,6 +53,13 @@ class Reading:
         """Whether it survives without faults."""
         return not self.required.is_ruined(self.at_first)
 
+    @cached_property
+    def relied_on(self) -> Mapping[int, frozenset[Fault]]:
+        """What each service that matters relies on without faults, if it is feasible."""
+        team = Team(self.mission)
+        found = {each: team.relies_on(self.services[each]) for each in self.required.services}
+        return {each: used for each, used in found.items() if used is not None}
+
     def may_change(self, number: int, fault: Fault) -> bool:
         """Whether a fault can make a difference to a service."""
         wanted = self.services[number]
@@ -63,10 +70,8 @@ class Reading:
         team = Team(self.mission).with_faults(fault)
         changed = {
             each
-            for each in self.required.services
-            if each not in self.at_first
-            and self.may_change(each, fault)
-            and not team.is_feasible(self.services[each])
+            for each, used in self.relied_on.items()
+            if fault in used and not team.is_feasible(self.services[each])
         }
         return self.at_first | changed
 
@@ -101,10 +106,8 @@ def tolerance(
     if not reading.is_feasible:
         return Tolerance(len(faults), Answer(None, None, True), Answer(0, 0, True), ())
     critical = reading.critical(faults, progress)
-    if critical:
-        fewest = Answer(1, 1, True, (critical[0],))
-    else:
-        fewest = min_fatal(reading, faults, limit_s)
+    only_one = Answer(1, 1, True, tuple(critical[:1]))
+    fewest = only_one if critical else min_fatal(reading, faults, limit_s)
     return Tolerance(len(faults), max_tolerated(reading, faults, limit_s), fewest, tuple(critical))
 
 
@@ -134,20 +137,24 @@ def _greedy(reading: Reading, faults: Sequence[Fault]) -> tuple[Fault, ...]:
         return -((places[robot] - shift) % len(robots))
 
     team = Team(reading.mission)
-    broken = reading.infeasible(team)
+    relied_on = dict(reading.relied_on)
     chosen = []
     for fault in sorted(faults, key=lambda fault: (last_to_lose(fault), str(fault))):
         trial = team.with_faults(fault)
-        now = broken | {
-            each
-            for each in reading.required.services
-            if each not in broken
-            and reading.may_change(each, fault)
-            and not trial.is_feasible(reading.services[each])
+        changed = {
+            each: trial.relies_on(reading.services[each])
+            for each, used in relied_on.items()
+            if fault in used
         }
-        if now == broken or not reading.required.is_ruined(now):
-            chosen.append(fault)
-            team, broken = trial, now
+        ended = {each for each, used in changed.items() if used is None}
+        broken = set(reading.required.services) - set(relied_on) | ended
+        if ended and reading.required.is_ruined(broken):
+            continue
+        chosen.append(fault)
+        team = trial
+        relied_on |= {each: used for each, used in changed.items() if used is not None}
+        for each in ended:
+            del relied_on[each]
     return tuple(chosen)
 
 
@@ -195,12 +202,7 @@ def _forbid(
         needs = built.needs[each]
         if team.can_meet(needs):
             continue
-        subset = list(range(len(needs)))
-        for index in list(subset):
-            fewer = [other for other in subset if other != index]
-            if not team.can_meet([needs[other] for other in fewer]):
-                subset = fewer
-        built.hold_set(each, tuple(subset), excuse)
+        built.hold_set(each, tuple(team.overasked(needs)), excuse)
 
 
 # -- the fewest that are fatal ----------------------------------------------------------------
@@ -221,10 +223,10 @@ def min_fatal(reading: Reading, faults: Sequence[Fault], limit_s: float) -> Answ
     branches = _unique_branches(
         reading, sorted((estimates[p].least, p) for p in _branches(reading))
     )
-    best = estimates[ruin].fatal or tuple(relevant)
+    best = estimates[ruin].fatal
     bound = len(best)
     for least, part in branches:
-        if least >= len(best) or len(estimates[part].fatal or ()) == least:
+        if least >= len(best) or len(estimates[part].fatal) == least:
             continue
         left_s = deadline_s - time.monotonic()
         if left_s <= 0:
@@ -254,10 +256,10 @@ def _branches(reading: Reading) -> tuple[Formula, ...]:
 
 @dataclass(frozen=True)
 class _Estimate:
-    """At least so many faults make a formula true; `fatal`, if known, do; `touched` by them."""
+    """At least so many faults make a formula true; `fatal` do; it is `touched` by these."""
 
     least: int
-    fatal: tuple[Fault, ...] | None
+    fatal: tuple[Fault, ...]
     touched: frozenset[Fault]
 
 
@@ -269,7 +271,6 @@ def _estimates(reading: Reading, faults: Sequence[Fault]) -> dict[Formula, _Esti
     for each in formulas.below(reading.required.ruin):
         term = formulas.terms[each]
         parts = [found[part] for part in term.parts]
-        known = [part.fatal for part in parts if part.fatal is not None]
         touched = frozenset[Fault]().union(*(part.touched for part in parts))
         if term.service >= 0:
             wanted = reading.services[term.service]
@@ -283,11 +284,10 @@ def _estimates(reading: Reading, faults: Sequence[Fault]) -> dict[Formula, _Esti
             # What no two parts share has to be lost for each of them.
             is_split = sum(len(part.touched) for part in parts) == len(touched)
             least = [part.least for part in parts]
-            union = tuple(dict.fromkeys(fault for fatal in known for fault in fatal))
-            fatal = union if len(known) == len(parts) else None
-            found[each] = _Estimate(sum(least) if is_split else max(least), fatal, touched)
+            union = tuple(dict.fromkeys(fault for part in parts for fault in part.fatal))
+            found[each] = _Estimate(sum(least) if is_split else max(least), union, touched)
         else:
-            fatal = min(known, key=len) if known else None
+            fatal = min((part.fatal for part in parts), key=len)
             found[each] = _Estimate(min(part.least for part in parts), fatal, touched)
     return found
 

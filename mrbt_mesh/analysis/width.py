@@ -32,14 +32,15 @@ def widths(mission: Mission) -> list[Service]:
     evaluator = Evaluator(run.tree)
     team = Team(mission)
     stages: list[Service] = []
-    alone = {task.id: service(mission, (task,), task.id) for task in mission.global_tasks.values()}
+    demands = {
+        task.id: [team.demand(need) for need in service(mission, (task,), task.id).needs]
+        for task in mission.global_tasks.values()
+    }
     while requests := evaluator.evaluate(run).requests:
         together = Consistency(team.alive)
         subjects = {request.node: mission.tree.nodes[request.node].subject for request in requests}
         kept = [
-            node
-            for node, subject in subjects.items()
-            if together.keep(node, team.demands(alone[subject].needs), {})
+            node for node, subject in subjects.items() if together.keep(node, demands[subject], {})
         ]
         if not kept:
             names = ", ".join(subjects.values())

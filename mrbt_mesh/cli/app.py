@@ -9,6 +9,7 @@ import typer
 
 from mrbt_mesh import __version__
 from mrbt_mesh.cli import offline, team
+from mrbt_mesh.cli.analyze import analyze
 from mrbt_mesh.cli.drill import drill
 from mrbt_mesh.cli.lift import lift
 from mrbt_mesh.cli.sim import sim
@@ -67,6 +68,7 @@ PANELS: dict[str, tuple[Callable[..., None], ...]] = {
         offline.validate,
         offline.plan,
         offline.assign,
+        analyze,
         sim,
         lift,
         offline.new,

@@ -206,6 +206,11 @@ class Consistency:
                     return False
         return True
 
+    @property
+    def seated(self) -> dict[str, int]:
+        """Robot -> the request that it is kept for."""
+        return {robot: key for robot, (key, _) in self._owner.items()}
+
     def fits(self, key: int, demands: Sequence[Demand], pinned: Mapping[str, int]) -> bool:
         """Whether `keep` would succeed."""
         before = dict(self._owner), dict(self._seat)

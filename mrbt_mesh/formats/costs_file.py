@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
 from mrbt_mesh.core.mission import Costs, Mission
 from mrbt_mesh.formats.file_model import FileModel, Name, explain
@@ -21,8 +21,8 @@ MAX_BYTES = 1 << 20
 
 
 class _CostsModel(FileModel):
-    robot_types: dict[Name, Cost] = {}
-    local_tasks: dict[Name, Cost] = {}
+    robot_types: dict[Name, Cost] = Field(default={})
+    local_tasks: dict[Name, Cost] = Field(default={})
 
 
 def costs_from_file(path: Path, mission: Mission) -> Costs:

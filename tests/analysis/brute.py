@@ -1,4 +1,4 @@
-"""Small random missions, and their fault tolerance by counting everything: no model, no shortcut."""
+"""Small random missions, and their fault tolerance by counting everything."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def outcomes(
             passing = node.kind is Kind.SEQUENCE
             found = set()
             for child in children:
-                if not passing in child:
+                if passing not in child:
                     return found | child
                 found |= child - {passing}
             return found | {passing}
@@ -144,7 +144,10 @@ def outcomes(
             failures = sum(False in child for child in children)
             found = {True} if successes >= node.limit else set()
             return found | ({False} if failures > len(children) - node.limit else set())
-    (child,) = children
+    return _decorated(mission, node, children[0])
+
+
+def _decorated(mission: Mission, node: Node, child: set[bool]) -> set[bool]:
     match node.kind:
         case Kind.INVERTER:
             return {not each for each in child}

@@ -155,6 +155,30 @@ def test_advice_is_the_cheapest_that_helps(seed: int, is_strong: bool) -> None:
                 assert not is_tolerant(team), (seed, robots, extra)
 
 
+@pytest.mark.parametrize("seed", range(0, 300, 3))
+def test_without_time_the_bounds_still_hold_the_figures(seed: int) -> None:
+    mission = brute.random_mission(seed)
+    reading = serial(mission).reading
+    survives = brute.survivor(mission)
+    for faults in kinds_of(mission):
+        most, fewest, _ = brute.count_everything(faults, survives)
+        found = tolerance(reading, faults, 0.0)
+        least, bound = found.max_tolerated.value, found.max_tolerated.bound
+        if most is None:
+            assert least is bound is None, seed
+        else:
+            assert least is not None, seed
+            assert bound is not None, seed
+            assert least <= most <= bound, seed
+            assert survives(frozenset(found.max_tolerated.chosen)), seed
+        if fewest is None:
+            assert found.min_fatal.value is None, seed
+        else:
+            assert found.min_fatal.value is not None, seed
+            assert found.min_fatal.bound is not None, seed
+            assert found.min_fatal.bound <= fewest <= found.min_fatal.value, seed
+
+
 def test_slack_is_how_many_robots_a_task_can_lose_whichever_they_are() -> None:
     for seed in SEEDS:
         mission = brute.random_mission(seed)

@@ -1,0 +1,245 @@
+"""An analysis as people read it in a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+from rich import box
+from rich.console import Group, RenderableType
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from mrbt_mesh.analysis.advice import Additions
+from mrbt_mesh.analysis.analyse import ASSUMPTIONS, Advice, Analysis, ReadingResult, TaskSlack
+from mrbt_mesh.analysis.lemmas import Verdicts
+from mrbt_mesh.analysis.model import Answer
+from mrbt_mesh.analysis.service import Fault
+from mrbt_mesh.core.coalition import majority
+from mrbt_mesh.core.mission import type_name
+
+MAX_NAMED = 8
+MAX_TASKS = 30
+READING_NAMES = {
+    "serial": "succeeds, serially if need be",
+    "keeps_every_task": "can still do every global task",
+    "keeps_parallel_width": "keeps its parallel width",
+}
+
+
+def grouped(faults: Iterable[Fault]) -> list[str]:
+    """Robots as they are; capabilities as `move_frame on C1, C2`."""
+    robots = [fault for fault in faults if isinstance(fault, str)]
+    holders: dict[str, list[str]] = {}
+    for fault in faults:
+        if not isinstance(fault, str):
+            holders.setdefault(fault[1], []).append(fault[0])
+    texts = list(robots)
+    for name, owners in sorted(holders.items()):
+        texts.append(f"{name} on {shortened(owners)}")
+    return texts
+
+
+def shortened(names: Sequence[str], most: int = MAX_NAMED) -> str:
+    """The first few of many."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
+def faults_text(faults: Iterable[Fault], separator: str = "; ") -> str:
+    """A set of faults in words; `none` if it is empty."""
+    faults = list(faults)
+    if not faults:
+        return "none"
+    texts = grouped(faults)
+    if isinstance(faults[0], str):
+        return shortened(texts)
+    more = f"{separator}and {len(texts) - MAX_NAMED} more" if len(texts) > MAX_NAMED else ""
+    return separator.join(texts[:MAX_NAMED]) + more
+
+
+def figure(answer: Answer, is_most: bool) -> str:
+    """The figure, or the range that it is known to be in."""
+    if answer.is_proved:
+        return "-" if answer.value is None else str(answer.value)
+    low, high = (answer.value, answer.bound) if is_most else (answer.bound, answer.value)
+    return f"{low} to {high}"
+
+
+def additions_text(found: Additions) -> str:
+    """`1 x C` or `move_frame for B1`."""
+    parts = [f"{count} x {kind}" for kind, count in found.robots.items()]
+    parts += [f"{name} for {robot}" for robot, name in found.capabilities]
+    return shortened(parts, 6)
+
+
+def advice_rows(advice: Advice) -> list[tuple[str, str, str]]:
+    """(way, what to add, cost)."""
+    rows = []
+    for way, found in (
+        ("cheapest", advice.cheapest),
+        ("robots only", advice.robots_only),
+        ("capabilities only", advice.capabilities_only),
+    ):
+        if found.cost == 0 and found.is_proved:
+            return [("", "nothing to add: it is so already", "0")]
+        if found.cost is None:
+            what = "nothing helps" if found.is_proved else "not found in time"
+            rows.append((way, what, "-" if found.is_proved else f"at least {found.bound}"))
+        else:
+            cost = str(found.cost) if found.is_proved else f"{found.bound} to {found.cost}"
+            rows.append((way, additions_text(found), cost))
+    return rows
+
+
+def lemma_rows(analysis: Analysis) -> list[tuple[str, bool, bool, bool | None]]:
+    """(property, by definition, by the corrected lemma, by the literal one)."""
+    named = (("weakly", analysis.weak), ("strongly", analysis.strong))
+    return [(f"{name} fault tolerant", v.definition, v.corrected, v.literal) for name, v in named]
+
+
+def difference_texts(found: Verdicts) -> list[str]:
+    """Where the literal lemma is wrong, one line for each reason."""
+    reasons: dict[tuple[str, bool], list[Fault]] = {}
+    for each in found.differences:
+        reasons.setdefault((each.reason, each.literal), []).append(each.fault)
+    lines = []
+    for (reason, literal), faults in reasons.items():
+        said = "tolerable, it is fatal" if literal else "not tolerable, it is survived"
+        lines.append(f"loss of {faults_text(faults)}: the literal lemma says {said}: {reason}")
+    return lines
+
+
+def task_groups(tasks: Sequence[TaskSlack]) -> list[tuple[str, TaskSlack]]:
+    """Tasks of one type with the same figures as one row: `diagnose_part (5 alike)`."""
+    rows: dict[object, list[TaskSlack]] = {}
+    for each in tasks:
+        needs = tuple((type_name(name), least, able) for name, least, able in each.needs)
+        key = (type_name(each.task), each.slack, needs, each.is_indispensable)
+        rows.setdefault(key, []).append(replace(each, needs=needs))
+    return [
+        (f"{type_name(group[0].task)} ({len(group)} alike)", group[0])
+        if len(group) > 1
+        else (group[0].task, group[0])
+        for group in rows.values()
+    ]
+
+
+def render_analysis(analysis: Analysis) -> RenderableType:
+    """The whole report."""
+    parts: list[RenderableType] = [_headline(analysis), "", _figures(analysis)]
+    for name, result in analysis.readings.items():
+        if result.question.obstacle:
+            parts.append(Text(f"{READING_NAMES[name]}: {result.question.obstacle}", "red"))
+    parts += ["", _examples(analysis.main), "", _tasks(analysis), "", _lemmas(analysis)]
+    for found in (analysis.weak, analysis.strong):
+        parts += [Text(f"  {line}", "yellow") for line in difference_texts(found)]
+    parts += ["", _advice(analysis)]
+    if not analysis.is_complete:
+        text = "Time ran out: ranges hold the true figures; a larger --limit narrows them."
+        parts += ["", Text(text, "yellow")]
+    lines = "\n".join(f"- {line}" for line in ASSUMPTIONS)
+    return Group(*parts, "", Text("Assumed", "bold"), Text(lines, "dim"))
+
+
+def _mark(value: bool | None) -> Text:
+    if value is None:
+        return Text("not known", "yellow")
+    return Text("yes", "bold green") if value else Text("no", "bold red")
+
+
+def _table(title: str, *columns: str) -> Table:
+    table = Table(
+        *columns,
+        title=title,
+        title_justify="left",
+        title_style="bold",
+        box=box.SIMPLE_HEAD,
+        header_style="dim",
+        pad_edge=False,
+    )
+    table.columns[0].no_wrap = True
+    return table
+
+
+def _headline(analysis: Analysis) -> RenderableType:
+    main = analysis.main
+    capabilities = main.minor.total
+    text = Text.assemble(
+        (analysis.mission.name, "bold"),
+        f"   {len(analysis.mission.robots)} robots, {capabilities} capabilities\n",
+        "survives the loss of any one capability (weakly fault tolerant)  ",
+        _mark(main.is_weak),
+        "\nsurvives the loss of any one robot (strongly fault tolerant)     ",
+        _mark(main.is_strong),
+    )
+    return Panel(text, expand=False, border_style="green" if main.is_strong else "red")
+
+
+def _figures(analysis: Analysis) -> RenderableType:
+    table = _table("How many faults", "the mission ...", "faults", "of", "survives", "fatal from")
+    for column in table.columns[2:]:
+        column.justify = "right"
+    for name, result in analysis.readings.items():
+        for kind, found in (("robots", result.major), ("capabilities", result.minor)):
+            table.add_row(
+                READING_NAMES[name] if kind == "robots" else "",
+                kind,
+                str(found.total),
+                Text(figure(found.max_tolerated, True), "green"),
+                Text(figure(found.min_fatal, False), "red"),
+            )
+    return table
+
+
+def _examples(main: ReadingResult) -> RenderableType:
+    table = _table("Which faults", "", "robots", "capabilities")
+    table.add_row(
+        "fatal alone", faults_text(main.major.critical), faults_text(main.minor.critical, "\n")
+    )
+    table.add_row(
+        "fatal together, fewest",
+        faults_text(main.major.min_fatal.chosen),
+        faults_text(main.minor.min_fatal.chosen, "\n"),
+    )
+    table.add_row(
+        "survived together, most",
+        faults_text(main.major.max_tolerated.chosen),
+        faults_text(main.minor.max_tolerated.chosen, "\n"),
+    )
+    return table
+
+
+def _tasks(analysis: Analysis) -> RenderableType:
+    title = "Slack: how many robots, any, a global task can lose"
+    table = _table(title, "global task", "slack", "needs (of capable robots)", "")
+    table.columns[1].justify = "right"
+    rows = sorted(task_groups(analysis.tasks), key=lambda row: row[1].slack)
+    for name, each in rows[:MAX_TASKS]:
+        style = "red" if each.slack <= 0 else "green"
+        needs = ", ".join(f"{least} of {able} {what}" for what, least, able in each.needs)
+        notes = [] if each.is_indispensable else ["has alternatives"]
+        if each.is_exclusive:
+            robots = analysis.mission.robots
+            notes.append(f"exclusive: {majority(robots)} of {len(robots)} robots grant it")
+        table.add_row(name, Text(str(each.slack), style), needs, Text(", ".join(notes), "dim"))
+    if len(rows) > MAX_TASKS:
+        table.add_row(Text(f"and {len(rows) - MAX_TASKS} more rows: --json", "dim"))
+    return table
+
+
+def _lemmas(analysis: Analysis) -> RenderableType:
+    columns = ("", "by definition", "corrected lemma", "lemma as printed")
+    table = _table("Definition and lemmas", *columns)
+    for name, *verdicts in lemma_rows(analysis):
+        table.add_row(name, *map(_mark, verdicts))
+    return table
+
+
+def _advice(analysis: Analysis) -> RenderableType:
+    table = _table("Advice: what to add", "to make it", "", "add", "cost")
+    for name, advice in (("weakly", analysis.weak_advice), ("strongly", analysis.strong_advice)):
+        for number, (way, what, cost) in enumerate(advice_rows(advice)):
+            table.add_row(f"{name} fault tolerant" if number == 0 else "", way, what, cost)
+    return table
