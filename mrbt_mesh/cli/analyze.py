@@ -77,7 +77,8 @@ def analyze(
 def _progress() -> Iterator[Callable[[str, int, int], None]]:
     """A bar on stderr for what takes long; it vanishes at the end."""
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=errors, transient=True) as bar:
+    is_hidden = not errors.is_terminal
+    with Progress(*columns, console=errors, transient=True, disable=is_hidden) as bar:
         task = bar.add_task("reading the mission", total=None)
 
         def say(what: str, done: int, of: int) -> None:

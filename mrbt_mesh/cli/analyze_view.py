@@ -212,7 +212,7 @@ def _examples(main: ReadingResult) -> RenderableType:
 
 
 def _tasks(analysis: Analysis) -> RenderableType:
-    title = "Slack: how many robots, any, a global task can lose"
+    title = "Slack: robots that a global task can lose, whichever they are"
     table = _table(title, "global task", "slack", "needs (of capable robots)", "")
     table.columns[1].justify = "right"
     rows = sorted(task_groups(analysis.tasks), key=lambda row: row[1].slack)

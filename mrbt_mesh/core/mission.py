@@ -24,7 +24,7 @@ MAX_ROBOTS = 1_000
 MAX_GLOBAL_TASKS = 10_000
 MAX_ARGUMENTS = 8
 MAX_COST = 1_000_000
-COMPILED_VERSION = 3
+COMPILED_VERSION = 2
 
 NAME_PATTERN = r"[A-Za-z_][A-Za-z0-9_]{0,63}"
 ARGUMENT_PATTERN = r"[A-Za-z0-9_.+-]{1,64}"
@@ -296,7 +296,7 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
             tree=build_tree(_spec_from_json(data["tree"])),
             parameters=data["parameters"],
             program=data["program"],
-            costs=Costs(*data["costs"]),
+            costs=Costs(*data.get("costs", ())),  # missions compiled before there were costs
         )
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"compiled mission is damaged: {error!r}") from error

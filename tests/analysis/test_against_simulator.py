@@ -46,7 +46,7 @@ def happens(mission: Mission, faults: Iterable[Fault]) -> str:
 
 @pytest.mark.parametrize("name", ["vehicle_repair", "explore", "dispense", "tool_search"])
 def test_runs_end_as_foretold(name: str) -> None:
-    """Every single fault of one robot of each type, the largest set that is survived and the smallest that is fatal.
+    """Every single fault of one robot of each type, and the sets that analysis names.
 
     In tool_search the large screwdriver does not fit, so what spares the small one is left out.
     """
