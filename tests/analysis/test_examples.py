@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from mrbt_mesh.analysis.analyse import Analysis, analyse
 from mrbt_mesh.analysis.lemmas import Verdicts, verdicts
 from mrbt_mesh.analysis.readings import parallel_width, serial
 from mrbt_mesh.analysis.service import capability_faults, robot_faults
-from mrbt_mesh.core.mission import Costs, Mission
+from mrbt_mesh.core.mission import MICRO, Costs, Mission
 from mrbt_mesh.core.tree import Kind, NodeSpec
 from mrbt_mesh.formats.mission_file import load_mission
 from tests.core.build import (
@@ -22,8 +23,10 @@ from tests.core.build import (
     inverter,
     make_mission,
     parallel,
+    repeat,
     sequence,
     task,
+    timeout,
 )
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -150,6 +153,25 @@ def test_costs_decide_what_is_cheapest() -> None:
     assert (nothing["cost"], nothing["robots"], nothing["capabilities"]) == (0, {}, [])
 
 
+def test_an_exclusive_task_takes_a_third_robot_to_lose_one() -> None:
+    """A second one that can do it is not enough: one of two is no majority."""
+    robots = {"R1": {"g": 1}, "R2": {"h": 1}}
+    mission = make_mission(action("g"), robots, [task("g", exclusive=True), task("h")])
+    types = {"T": {"g": MICRO}}
+    advice = analyse(replace(mission, robot_types=types), Costs(), 60).to_json()["advice"]
+    strong = advice["strongly_fault_tolerant"]
+    assert strong["cheapest"]["robots"] == strong["robots_only"]["robots"] == {"T": 1}
+    assert strong["capabilities_only"] == {
+        "cost": None,
+        "bound": None,
+        "proved": True,
+        "robots": {},
+        "capabilities": [],
+    }
+    (learned,) = advice["weakly_fault_tolerant"]["capabilities_only"]["capabilities"]
+    assert learned == {"robot": "R2", "capability": "g"}
+
+
 # -- the lemmas -------------------------------------------------------------------------------
 
 
@@ -222,6 +244,9 @@ FAILS = {name: task(name, blocked_fail_after_us=1) for name in "ab"}
         (inverter(A), WAITS, "a"),
         (inverter(A), FAILS, ""),
         (fallback(sequence(condition("c"), A), B), FAILS, "b"),
+        # A Timeout gives the alternative its turn.
+        (fallback(timeout(1, A), B), WAITS, ""),
+        (fallback(timeout(1, fallback(condition("c"), A)), B), WAITS, ""),
     ],
 )
 def test_what_a_tree_cannot_do_without(tree: NodeSpec, tasks: dict[str, Any], needed: str) -> None:
@@ -246,6 +271,9 @@ def test_a_mission_that_is_not_feasible_says_why() -> None:
     assert key_figures(data) == [False, False, None, 0, None, 0]
     hopeless = make_mission(decorated(Kind.FORCE_FAILURE, action("g")))
     assert "can never succeed" in serial(hopeless).obstacle
+    # What neither succeeds nor fails never gives its alternative a turn.
+    endless = make_mission(fallback(repeat(-1, decorated(Kind.FORCE_SUCCESS, A)), B))
+    assert "can never succeed" in serial(endless).obstacle
     assert (
         analyse(hopeless, Costs(), 60).to_json()["advice"]["weakly_fault_tolerant"]["cheapest"][
             "cost"
