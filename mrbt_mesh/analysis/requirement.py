@@ -192,7 +192,11 @@ class _Builder:
         if node.kind is Kind.FALLBACK:
             return self._folded(children, (0, 1, 0, 1), _in_fallback, _bools)
         if node.kind is Kind.PARALLEL:
-            return self._parallel(children, node.limit)
+            return self._parallel(children, node.limit, node.failures)
+        if node.kind is Kind.IF_THEN_ELSE:
+            if len(children) == 2:
+                children.append({(False, True, False, True): ALWAYS})
+            return self._folded(children, (), _in_branches, _bools)
         return self._mapped(children[0], self._decorator(node))
 
     def _mapped(self, states: States, change: Callable[[bool, bool], tuple[bool, bool]]) -> States:
@@ -244,9 +248,9 @@ class _Builder:
             found.setdefault(result(state), []).append(formula)
         return {state: self.formulas.any(parts) for state, parts in found.items()}
 
-    def _parallel(self, children: Sequence[States], needed: int) -> States:
+    def _parallel(self, children: Sequence[States], needed: int, failures: int) -> States:
         """Counts of children that can succeed and that can fail, as far as they matter."""
-        enough = (needed, len(children) - needed + 1) * 2
+        enough = (needed, failures or len(children) - needed + 1) * 2
 
         def merge(counts: tuple[int, ...], own: State) -> tuple[int, ...]:
             pairs = zip(counts, own, enough, strict=True)
@@ -273,6 +277,18 @@ def _in_sequence(before: tuple[int, ...], own: State) -> tuple[int, ...]:
         actual_s & own[2],
         actual_f | (actual_s & own[3]),
     )
+
+
+def _in_branches(before: tuple[int, ...], own: State) -> tuple[int, ...]:
+    """Condition, then-branch, else-branch: first what the condition can do, then with branches."""
+    if not before:
+        return own
+    s, f, actual_s, actual_f, *chosen = before
+    if not chosen:
+        then = (s & own[0], s & own[1], actual_s & own[2], actual_s & own[3])
+        return (*before, *then)
+    otherwise = (f & own[0], f & own[1], actual_f & own[2], actual_f & own[3])
+    return tuple(one | other for one, other in zip(chosen, otherwise, strict=True))
 
 
 def _in_fallback(before: tuple[int, ...], own: State) -> tuple[int, ...]:

@@ -14,7 +14,7 @@ from mrbt_mesh.analysis.service import Service, Team, service
 from mrbt_mesh.core.demand import Consistency
 from mrbt_mesh.core.evaluate import Evaluator
 from mrbt_mesh.core.mission import Mission
-from mrbt_mesh.core.tree import Kind, NodeSpec, Status, Tree, build_tree
+from mrbt_mesh.core.tree import Kind, Node, NodeSpec, Status, Tree, build_tree
 
 _ONCE = frozenset({Kind.RETRY, Kind.REPEAT, Kind.KEEP_RUNNING_UNTIL_FAILURE, Kind.TIMEOUT})
 
@@ -70,6 +70,9 @@ class _LockStep:
             wanted = self.wanted[node.index]
             opposite = Status.FAILURE if wanted is Status.SUCCESS else Status.SUCCESS
             passing = {Kind.SEQUENCE: Status.SUCCESS, Kind.FALLBACK: Status.FAILURE}.get(node.kind)
+            if node.kind is Kind.IF_THEN_ELSE:
+                self._want_a_branch(node, wanted)
+                continue
             for child in node.children:
                 if node.kind is Kind.INVERTER:
                     self.wanted[child] = opposite
@@ -79,6 +82,15 @@ class _LockStep:
                     is_last = child == node.children[-1]
                     leads_on = not is_last and not (self._acts[child] and wanted is not passing)
                     self.wanted[child] = passing if leads_on else wanted
+
+    def _want_a_branch(self, node: Node, wanted: Status) -> None:
+        """The first branch that leads on to work."""
+        condition, *branches = node.children
+        works = [self._acts[branch] for branch in branches]
+        is_then = works[0] or not any(works)
+        self.wanted[condition] = Status.SUCCESS if is_then else Status.FAILURE
+        for branch in branches:
+            self.wanted[branch] = wanted
 
     def _named(self, tree: Tree, index: int) -> NodeSpec:
         node = tree.nodes[index]
@@ -102,6 +114,10 @@ class _LockStep:
         del activation
         index = int(subject)
         return self.wanted[index] if index in self.done else Status.RUNNING
+
+    def passed(self, scope: str, position: int) -> None:
+        """Every leaf ends once, so there is nothing to remember."""
+        del scope, position
 
     def attempt(self, scope: str) -> int:
         """Nothing is tried again."""

@@ -16,11 +16,14 @@ from mrbt_mesh.core.mission import (
     Need,
     Robot,
 )
-from mrbt_mesh.core.tree import Kind, Node, NodeSpec, build_tree
+from mrbt_mesh.core.tree import Kind, Memory, Node, NodeSpec, build_tree
 
 Fault = str | tuple[str, str]
 MAX_CAPABILITIES = 9
-_COMPOSITES = (Kind.SEQUENCE, Kind.SEQUENCE, Kind.FALLBACK, Kind.PARALLEL)
+_COMPOSITES = (
+    *(Kind.SEQUENCE, Kind.SEQUENCE, Kind.SEQUENCE),
+    *(Kind.FALLBACK, Kind.FALLBACK, Kind.PARALLEL, Kind.PARALLEL, Kind.IF_THEN_ELSE),
+)
 _DECORATORS = (
     Kind.INVERTER,
     Kind.FORCE_SUCCESS,
@@ -67,7 +70,9 @@ def random_mission(seed: int) -> Mission:
         sizes = [budget // parts + (i < budget % parts) for i in range(parts)]
         children = tuple(node(size, depth + 1) for size in sizes)
         kind = pick.choice(_COMPOSITES)
-        return NodeSpec(kind, children, limit=pick.randint(1, parts))
+        limit = pick.randint(1, parts) if kind is Kind.PARALLEL else 0
+        memory = pick.choice((Memory.NONE, Memory.WHILE_RUNNING))
+        return NodeSpec(kind, children, limit=limit, memory=memory)
 
     tree = build_tree(node(leaves, 1))
     return Mission(
@@ -144,6 +149,11 @@ def outcomes(
             failures = sum(False in child for child in children)
             found = {True} if successes >= node.limit else set()
             return found | ({False} if failures > len(children) - node.limit else set())
+        case Kind.IF_THEN_ELSE:
+            condition, *branches = children
+            branches += [{False}] * (2 - len(branches))
+            chosen = zip((True, False), branches, strict=True)
+            return set().union(*(branch for value, branch in chosen if value in condition))
     return _decorated(mission, node, children[0])
 
 
