@@ -17,7 +17,8 @@ from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import Kill, simulate
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-TIMEOUT_US = 100_000_000
+TIMEOUT_US = 25_000_000
+SPEED = 5.0
 
 
 def happens(mission: Mission, faults: Iterable[Fault]) -> str:
@@ -41,6 +42,7 @@ def happens(mission: Mission, faults: Iterable[Fault]) -> str:
         seed=1,
         schedule=[(0, Kill(robot)) for robot in dead],
         timeout_us=TIMEOUT_US,
+        speed=SPEED,
     ).result
 
 
