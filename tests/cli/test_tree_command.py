@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -174,7 +175,7 @@ def test_convert_merges_included_files(tmp_path: Path) -> None:
 
 def _bare(spec: NodeSpec) -> NodeSpec:
     children = tuple(map(_bare, spec.children))
-    return NodeSpec(spec.kind, children, spec.name, spec.subject, spec.limit, spec.timeout_us)
+    return replace(spec, children=children)
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.parent.name)

@@ -47,7 +47,7 @@ def example(name: str) -> Mission:
 
 def test_the_examples_are_where_the_readme_says() -> None:
     names = [path.parent.name for path in EXAMPLES]
-    assert names == ["dispense", "explore", "tool_search", "vehicle_repair"]
+    assert names == ["dispense", "explore", "lift", "tool_search", "vehicle_repair"]
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.parent.name)
