@@ -60,7 +60,11 @@ class TaskRecord:
 
 
 class RunRecord:
-    """Collects the run. Times are on the observer's clock, reported from `started_us` on."""
+    """Collects the run. Times are on the observer's clock, reported from `started_us` on.
+
+    `claims` and `conditions` are all that robots made and said, in order and with their times;
+    `joined_us` is when each robot joined first.
+    """
 
     def __init__(self, mission: Mission) -> None:
         self.mission = mission
@@ -74,6 +78,8 @@ class RunRecord:
         self.blocked: list[BlockedEpisode] = []
         self.timeline: list[tuple[int, str]] = []
         self.claims: list[tuple[int, str, Claim]] = []
+        self.conditions: list[tuple[int, str, bool]] = []
+        self.joined_us: dict[str, int] = {}
         self._claims: dict[str, tuple[Claim, Incarnation]] = {}
         self._exits: dict[str, int] = {}
 
@@ -87,6 +93,7 @@ class RunRecord:
         """A joined robot beats."""
         if self.started_us is None:
             self.started_us = now_us
+        self.joined_us.setdefault(robot, now_us)
         known = self.robots.setdefault(robot, {})
         if known.get("incarnation") == incarnation:
             return
@@ -172,6 +179,7 @@ class RunRecord:
                 self.say(now_us, f"{robot}: {local_task} {how}")
             case ConditionValue() as condition:
                 name = records.split_name(entry.name)[1]
+                self.conditions.append((now_us, name, condition.value))
                 self.say(now_us, f"{robot}: {name} is {str(condition.value).lower()}")
             case records.Order() as order:
                 self.say(now_us, f"operator: {order.kind}")

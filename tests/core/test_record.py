@@ -7,7 +7,15 @@ import pytest
 from mrbt_mesh.core.facts import Entry, Incarnation, Version, make_entry
 from mrbt_mesh.core.membership import State
 from mrbt_mesh.core.record import RunRecord
-from mrbt_mesh.core.records import CLAIM, MEMBER, Claim, Member, Phase
+from mrbt_mesh.core.records import (
+    CLAIM,
+    CONDITION,
+    MEMBER,
+    Claim,
+    ConditionValue,
+    Member,
+    Phase,
+)
 from tests.core.build import action, make_mission
 
 FIRST, SECOND = Incarnation(1, "n"), Incarnation(2, "m")
@@ -83,3 +91,15 @@ def test_a_replacement_that_is_heard_of_before_the_death_took_over_all_the_same(
     record.verdict("A", FIRST, 3 * S + 30_000)
     (fault,) = record.major
     assert (fault.replacement, fault.reassigned_us) == ("B", 3 * S + 20_000)
+
+
+def test_when_robots_joined_and_what_conditions_became_are_kept(record: RunRecord) -> None:
+    record.robot_seen("A", FIRST, S)
+    record.robot_seen("B", FIRST, 2 * S)
+    record.robot_seen("A", SECOND, 3 * S)
+    for revision, value in ((1, True), (2, False)):
+        said = ConditionValue(value, revision, 0).to_value()
+        entry = make_entry("B", f"{CONDITION}/open(1)", Version(FIRST, revision), said)
+        record.fact(entry, (3 + revision) * S)
+    assert record.joined_us == {"A": S, "B": 2 * S}
+    assert record.conditions == [(4 * S, "open(1)", True), (5 * S, "open(1)", False)]
