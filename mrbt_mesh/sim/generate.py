@@ -64,6 +64,9 @@ class _Generator:
     def __init__(self, seed: int) -> None:
         self.seed = seed
         self.pick = random.Random(f"{seed}/mission")
+        # Drawn apart: which nodes remember changes nothing else of a mission.
+        self.memory = random.Random(f"{seed}/memory")
+        self.remembers = self.memory.random() < 0.35
         self.conditions = [f"c{i}" for i in range(self.pick.randint(1, 4))]
         self.local_tasks = [f"t{i}" for i in range(self.pick.randint(1, 6))]
         self.global_tasks: dict[str, Any] = {}
@@ -161,10 +164,25 @@ class _Generator:
     def composite(self, depth: int) -> Any:
         kind = self.pick.choice(_COMPOSITES)
         children = [self.node(depth + 1) for _ in range(self.pick.choice([1, 2, 2, 3]))]
-        if kind is not Kind.PARALLEL:
-            return {str(kind): children}
-        success = self.pick.choice(["all", "all", "any", self.pick.randint(1, len(children))])
-        return {str(kind): {"success": success, "children": children}}
+        body: dict[str, Any] = {"children": children}
+        if kind is Kind.PARALLEL:
+            choices = ["all", "all", "any", self.pick.randint(1, len(children))]
+            body["success"] = self.pick.choice(choices)
+        return self.with_memory(kind, body)
+
+    def with_memory(self, kind: Kind, body: dict[str, Any]) -> Any:
+        """In some missions controls remember, some Sequences choose, some Parallels fail early."""
+        count = len(body["children"])
+        if self.remembers:
+            if kind is Kind.SEQUENCE and count in (2, 3) and self.memory.random() < 0.25:
+                kind = Kind.IF_THEN_ELSE
+            if kind is Kind.PARALLEL and self.memory.random() < 0.25:
+                body["failures"] = self.memory.randint(1, count)
+            choices = ["none", "while_running", "while_running"]
+            if kind is Kind.SEQUENCE:
+                choices.append("until_success")
+            body["memory"] = self.memory.choice(choices)
+        return {str(kind): body}
 
     def decorator(self, depth: int) -> Any:
         kind = self.pick.choice(_DECORATORS)

@@ -15,6 +15,7 @@ from mrbt_mesh.core.records import (
     DONE,
     EXPIRED,
     OUTCOME,
+    PASSED,
     VERDICT,
     Outcome,
     split_name,
@@ -23,7 +24,7 @@ from mrbt_mesh.core.tree import Status
 from mrbt_mesh.sim.checkers.findings import Findings, alive_set, is_connected, joined
 from mrbt_mesh.sim.process import SimProcess
 
-_SCOPED = COALITION_KINDS | {OUTCOME, VERDICT, ATTEMPT, EXPIRED, DONE}
+_SCOPED = COALITION_KINDS | {OUTCOME, VERDICT, ATTEMPT, EXPIRED, PASSED, DONE}
 
 
 class Convergence:
