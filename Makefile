@@ -41,10 +41,10 @@ lint: $(READY)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# Teams of real processes have the machine to themselves; everything else shares it.
+# Teams of real processes wait most of the time: two at once, after everything else.
 test: lint
 	$(BIN)/pytest -n auto -m "not processes"
-	$(BIN)/pytest -m "processes and not docker and not slow"
+	$(BIN)/pytest -n 2 -m "processes and not docker and not slow"
 
 test-slow: $(READY)
 	$(BIN)/pytest -m slow
