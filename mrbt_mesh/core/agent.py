@@ -71,6 +71,9 @@ class Agent:
         self.refusals = Refusals()
         self._effects: list[fx.Effect] = []
         self._deadline_us = now_us
+        # Until then, and while nothing of it changes, nothing follows from another beat.
+        self._quiet_until_us = now_us
+        self._settled_state: tuple[int, ...] = ()
         self._done_us: int | None = None
         self._unsaid: dict[str, bool] = {}
         self._stopped = False
@@ -88,13 +91,17 @@ class Agent:
             self._from_outside(event, now_us)
         else:
             self._from_robot(event, now_us)
-        if not self._stopped:
+        if not self._stopped and not self._is_quiet(event, now_us):
             self._settle(now_us)
+            self._quiet_until_us = now_us
+            self._settled_state = self._state()
         effects, self._effects = self._effects, []
         return effects
 
     def next_deadline_us(self, now_us: int) -> int:
         """When to call `handle(TimerFired())` at the latest, if nothing else happens."""
+        if now_us < self._quiet_until_us:
+            return self._deadline_us
         deadlines = [
             self.gossip.next_beat_us,
             self.membership.next_deadline_us(now_us),
@@ -110,7 +117,27 @@ class Agent:
             deadlines.append(self._done_us + self.config.timing.beat_us)
         later = [d for d in deadlines if d is not None and d > now_us]
         self._deadline_us = min([*later, now_us + self.config.timing.beat_us])
+        self._quiet_until_us = self._deadline_us
         return self._deadline_us
+
+    def _state(self) -> tuple[int, ...]:
+        """All that another robot's message can change and that something follows from."""
+        return (
+            self.facts.changes,
+            *self.membership.versions,
+            *self.replica.repair_state,
+            self.gossip.next_beat_us,
+        )
+
+    def _is_quiet(self, event: fx.Input, now_us: int) -> bool:
+        """Whether a message has brought nothing that asks for more: most beats do not."""
+        return (
+            isinstance(event, fx.MessageReceived)
+            and now_us < self._quiet_until_us
+            and self.joining is None
+            and self.grants.is_idle
+            and self._settled_state == self._state()
+        )
 
     # -- inputs -------------------------------------------------------------------------------
 

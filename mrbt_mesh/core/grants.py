@@ -200,6 +200,11 @@ class Grants:
                     self._given[activation] = _Given(token, expires_us, mine)
                     break
 
+    @property
+    def is_idle(self) -> bool:
+        """Whether this robot neither seeks grants nor has given any."""
+        return self.seeks is None and not self._given
+
     def next_deadline_us(self) -> int | None:
         """When the next grant runs out, given or held."""
         deadlines = [given.expires_us for given in self._given.values()]

@@ -71,7 +71,13 @@ class Membership:
         # Until then, and while nothing below changes, `judge` would say nothing new.
         self._at_peace_until_us = 0
         self._hints = 0
+        self._reports = 0
         self._judged = (-1, -1)
+
+    @property
+    def versions(self) -> tuple[int, int, int]:
+        """Grow with every change of states, hints, and of what robots report."""
+        return self.changes, self._hints, self._reports
 
     def is_news(self, row: list[Any]) -> bool:
         """Whether a relay [robot, counter, nonce, number, ...] may tell more than is known."""
@@ -117,6 +123,8 @@ class Membership:
         else:
             self._listen(peer, now_us)
         peer.number, peer.evidence_us = heard.number, now_us
+        if (heard.plan_digest, heard.result) != (peer.plan_digest, peer.result):
+            self._reports += 1
         peer.plan_digest, peer.result = heard.plan_digest, heard.result
         if heard.joined != peer.joined:
             peer.joined = heard.joined

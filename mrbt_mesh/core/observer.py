@@ -50,6 +50,7 @@ class Observer:
         self.refused: dict[str, str] = {}
         self._solver = solver
         self._planned: tuple[int, int] = (-1, -1)
+        self._recorded: tuple[Plan | None, bool] = (None, False)
         self._has_caught_up = False
 
     def message(self, kind: MessageKind, source: str, data: bytes, now_us: int) -> None:
@@ -121,7 +122,10 @@ class Observer:
             alive = self.membership.alive()
             self.plan = make_plan(self.evaluator, self.facts, alive, self._solver)
         if self.plan is not None:
-            self.record.plan(self.plan, now_us, self._is_settled(self.plan))
+            settled = self._is_settled(self.plan)
+            if self._recorded[0] is not self.plan or self._recorded[1] is not settled:
+                self._recorded = (self.plan, settled)
+                self.record.plan(self.plan, now_us, settled)
         result = self.team_result
         if result is not None:
             self.record.over(result, now_us)

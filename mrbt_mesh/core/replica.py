@@ -267,6 +267,11 @@ class Replica:
             return max(quiet_us, repair.asked_us + self.timing.ask_timeout_us)
         return quiet_us
 
+    @property
+    def repair_state(self) -> tuple[int, int]:
+        """Changes when there is more or less to be repaired, or sooner."""
+        return len(self._repairs), self._next_us
+
     def next_deadline_us(self, now_us: int) -> int | None:
         """When, after `now_us`, somebody may have to be asked."""
         return max(self._next_us, now_us + 1) if self._repairs else None
