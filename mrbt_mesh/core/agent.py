@@ -36,14 +36,14 @@ from mrbt_mesh.core.wire import (
     IncompatibleError,
     MessageKind,
     WireError,
-    beat_body,
     decode,
     encode,
-    parse_beat,
 )
 from mrbt_mesh.core.work import Work
 
 CONDITIONS_PER_OUTCOME = 1_000
+_FROM_OUTSIDE = (fx.TokenChanged, fx.QueryReceived, fx.AnswerReceived)
+_MAY_BE_QUIET = (fx.MessageReceived, fx.ProgressReported, fx.TimerFired)
 
 
 class Agent:
@@ -55,7 +55,9 @@ class Agent:
         self.me = config.robot
         header = Header(mission.digest[:16], mission.name, config.run, config.robot)
         self.facts = TeamFacts(mission, config.run)
-        self.replica = Replica(self.facts, header, config.timing, config.nonce)
+        self.replica = Replica(
+            self.facts, header, config.timing, config.nonce, config.functions.read_batch
+        )
         self.replica.restore(config.restored)
         self.membership = Membership(self.me, config.timing)
         self.gossip = Gossip(config.timing, now_us)
@@ -63,7 +65,7 @@ class Agent:
         self.work = Work()
         self.tree = RobotTree({type_name(name) for name in config.capabilities})
         self.grants = Grants(self.me, self.facts, config.timing, now_us)
-        self.planner = Planner(self.me, mission.tree, self.facts, config.solver, self.tree)
+        self.planner = Planner(self.me, mission.tree, self.facts, config, self.tree)
         self.identity = Identity(self.me, config.nonce, config.takeover, config.timing)
         self.description = Description(
             self.me, config.type, config.capabilities, config.software, config.host, config.pid
@@ -71,9 +73,11 @@ class Agent:
         self.refusals = Refusals()
         self._effects: list[fx.Effect] = []
         self._deadline_us = now_us
-        # Until then, and while nothing of it changes, nothing follows from another beat.
+        # Until then, and while nothing of it changes, nothing follows but beats.
         self._quiet_until_us = now_us
-        self._settled_state: tuple[int, ...] = ()
+        self._settled_state: tuple[Any, ...] = ()
+        # What others report matters only to who waits to start, or to stop.
+        self._compares = False
         self._done_us: int | None = None
         self._unsaid: dict[str, bool] = {}
         self._stopped = False
@@ -85,25 +89,38 @@ class Agent:
         if self._stopped:
             return []
         self._check_own_silence(now_us)
-        if isinstance(
-            event, fx.MessageReceived | fx.TokenChanged | fx.QueryReceived | fx.AnswerReceived
-        ):
+        if isinstance(event, fx.MessageReceived):
+            self._message(event.kind, event.source, event.data, now_us)
+        elif isinstance(event, _FROM_OUTSIDE):
             self._from_outside(event, now_us)
         else:
             self._from_robot(event, now_us)
-        if not self._stopped and not self._is_quiet(event, now_us):
+        if self._stopped:
+            pass
+        elif not self._is_quiet(event, now_us):
             self._settle(now_us)
-            self._quiet_until_us = now_us
+            self._compares = self._done_us is not None or self.work.is_waiting or self._is_over()
             self._settled_state = self._state()
+            self._quiet_until_us = now_us
+        elif now_us >= self.gossip.next_beat_us:
+            self._hurry_if_seeking(now_us)
+            self._beat_now(now_us)
         effects, self._effects = self._effects, []
         return effects
 
     def next_deadline_us(self, now_us: int) -> int:
         """When to call `handle(TimerFired())` at the latest, if nothing else happens."""
-        if now_us < self._quiet_until_us:
-            return self._deadline_us
+        if now_us >= self._quiet_until_us:
+            self._quiet_until_us = self._next_step_us(now_us)
+        beat_us = self.gossip.next_beat_us
+        self._deadline_us = self._quiet_until_us
+        if now_us < beat_us < self._deadline_us:
+            self._deadline_us = beat_us
+        return self._deadline_us
+
+    def _next_step_us(self, now_us: int) -> int:
+        """When, after `now_us`, time alone may ask for more than a beat."""
         deadlines = [
-            self.gossip.next_beat_us,
             self.membership.next_deadline_us(now_us),
             self.replica.next_deadline_us(now_us),
             self.planner.watches.next_deadline_us(),
@@ -116,35 +133,41 @@ class Agent:
         if self._done_us is not None:
             deadlines.append(self._done_us + self.config.timing.beat_us)
         later = [d for d in deadlines if d is not None and d > now_us]
-        self._deadline_us = min([*later, now_us + self.config.timing.beat_us])
-        self._quiet_until_us = self._deadline_us
-        return self._deadline_us
+        return min(later, default=now_us + self.config.timing.detection_us)
 
-    def _state(self) -> tuple[int, ...]:
+    def _state(self) -> tuple[Any, ...]:
         """All that another robot's message can change and that something follows from."""
+        membership, replica = self.membership, self.replica
         return (
             self.facts.changes,
-            *self.membership.versions,
-            *self.replica.repair_state,
-            self.gossip.next_beat_us,
+            membership.changes,
+            membership.hints,
+            membership.reports if self._compares else -1,
+            replica.open_repairs,
+            replica.repair_us,
+            self.identity.rival,
         )
 
     def _is_quiet(self, event: fx.Input, now_us: int) -> bool:
-        """Whether a message has brought nothing that asks for more: most beats do not."""
+        """Whether nothing follows from an input but a beat that is due: so it is with most."""
         return (
-            isinstance(event, fx.MessageReceived)
-            and now_us < self._quiet_until_us
+            now_us < self._quiet_until_us
+            and isinstance(event, _MAY_BE_QUIET)
             and self.joining is None
             and self.grants.is_idle
             and self._settled_state == self._state()
         )
 
+    def _is_over(self) -> bool:
+        """Whether this robot's plan has the mission's result."""
+        return self.plan is not None and self.plan.result in (Status.SUCCESS, Status.FAILURE)
+
     # -- inputs -------------------------------------------------------------------------------
 
-    def _from_outside(self, event: fx.FromOutside, now_us: int) -> None:
+    def _from_outside(
+        self, event: fx.TokenChanged | fx.QueryReceived | fx.AnswerReceived, now_us: int
+    ) -> None:
         match event:
-            case fx.MessageReceived(kind, source, data):
-                self._message(kind, source, data, now_us)
             case fx.TokenChanged(robot, incarnation, held):
                 self.membership.token(robot, incarnation, held)
             case fx.QueryReceived(query, kind, data):
@@ -173,10 +196,9 @@ class Agent:
     def _message(self, kind: MessageKind, source: str, data: bytes, now_us: int) -> None:
         try:
             if kind is MessageKind.BEAT:
-                sender, body = decode(data, self.replica.header, kind)
-                if sender != source:
-                    raise WireError(f"sender {sender} published under the key of {source}")
-                self._beat(source, parse_beat(body, self.membership.is_news), now_us)
+                read, header = self.config.functions.read_beat, self.replica.header
+                beat = read(source, data, header, self.membership.is_news)
+                self._beat(source, beat, now_us)
             elif source != self.me:
                 self._take_in(source, self.replica.receive(source, data, now_us))
         except WireError as error:
@@ -193,13 +215,15 @@ class Agent:
             if known is None or known.incarnation != beat.incarnation:
                 self.log("info", "robot_heard", robot=source, incarnation=str(beat.incarnation))
             self.replica.compare(source, beat.fact_digest, now_us)
-            self.write(self.grants.heard(source, beat, now_us, self._may_grant), now_us)
-            if self.membership.is_asked(beat, mine):
+            if beat.seeks is not None or beat.grants:
+                self.write(self.grants.heard(source, beat, now_us, self._may_grant), now_us)
+            if beat.accusations and self.membership.is_asked(beat, mine):
                 self.gossip.hurry(self.membership.present, now_us)
         if self.joining is not None:
             self.joining.heard(source)
         reason = self.identity.relayed(source, beat, mine, starting, members, now_us)
-        self._stop(2, reason)
+        if reason is not None:
+            self._stop(2, reason)
 
     def _query(self, query: int, kind: MessageKind, data: bytes, now_us: int) -> None:
         header = self.replica.header
@@ -318,11 +342,12 @@ class Agent:
     def _check_own_silence(self, now_us: int) -> None:
         """Self-fencing, and patience with others after this robot itself was slow."""
         lag_us = now_us - self._deadline_us
-        if lag_us > self.config.timing.beat_us // 2:
-            self.membership.slowed(lag_us, now_us)
-        self._deadline_us = max(self._deadline_us, now_us)
+        if lag_us > 0:
+            if lag_us > self.config.timing.beat_us // 2:
+                self.membership.slowed(lag_us, now_us)
+            self._deadline_us = now_us
         silent_us = now_us - self.gossip.last_beat_us
-        if self.joining is None and silent_us > self.config.timing.fence_us:
+        if silent_us > self.config.timing.fence_us and self.joining is None:
             self.log("warning", "fenced", silent_s=silent_us / 1e6)
             heard = self.replica.next_incarnation(0)
             self._effects.append(fx.DeclareToken(heard))
@@ -376,6 +401,9 @@ class Agent:
             self.log(level, f"robot_{after}", robot=robot, before=str(before))
             if after in (State.DEAD, State.LEFT):
                 self.replica.forget(robot)
+        self._hurry_if_seeking(now_us)
+
+    def _hurry_if_seeking(self, now_us: int) -> None:
         if self.membership.is_seeking:
             self.gossip.hurry(self.membership.present, now_us)
 
@@ -418,8 +446,7 @@ class Agent:
     def _finish_mission(self, now_us: int) -> None:
         """Stop once every living robot has come to the same result, and has heard so."""
         plan = self.plan
-        over = (Status.SUCCESS, Status.FAILURE)
-        if self.joining is not None or plan is None or plan.result not in over:
+        if self.joining is not None or plan is None or not self._is_over():
             self._done_us = None
             return
         if not self.membership.all_report(int(plan.result)) or not self.work.is_idle:
@@ -461,7 +488,7 @@ class Agent:
             self.grants.seeks,
             self.grants.given(),
         )
-        data = encode(self.replica.header, MessageKind.BEAT, beat_body(beat))
+        data = self.config.functions.write_beat(beat, self.replica.header)
         self._effects.append(fx.Publish(MessageKind.BEAT, data))
 
     def write(self, values: Iterable[tuple[str, Any]], now_us: int) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from mrbt_mesh.core.assignment import Solver
 from mrbt_mesh.core.facts import Entry
+from mrbt_mesh.core.functions import INDEPENDENT, Functions
 from mrbt_mesh.core.timing import Timing
 
 
@@ -33,3 +34,4 @@ class AgentConfig:
     host: str = ""
     pid: int = 0
     restored: tuple[Entry, ...] = ()
+    functions: Functions = INDEPENDENT

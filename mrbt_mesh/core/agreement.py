@@ -25,7 +25,9 @@ class Gossip:
     @property
     def next_beat_us(self) -> int:
         """When the next beat is due, if nothing urgent changes before."""
-        return min([self._regular_us, *self._repeats_us[:1]])
+        if self._repeats_us and self._repeats_us[0] < self._regular_us:
+            return self._repeats_us[0]
+        return self._regular_us
 
     def urge(self, now_us: int) -> None:
         """Make a beat due now."""

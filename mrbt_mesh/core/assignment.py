@@ -53,6 +53,8 @@ def solve(problem: AssignmentProblem, solver: Solver) -> tuple[int, ...] | None:
 
     Raises SolverError if the solver's answer is not an optimum.
     """
+    if not problem.demands:
+        return (UNASSIGNED,) * len(problem.robots)
     found = solver(problem)
     return None if found is None else canonical(problem, found)
 

@@ -42,7 +42,10 @@ class Version(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One fact: `value` is plain data as on the wire, `record` what it means."""
+    """One fact: `value` is plain data as on the wire, `record` what it means.
+
+    `hash`: 128 bits over author, name, version and value.
+    """
 
     author: str
     name: str
@@ -50,13 +53,7 @@ class Entry:
     value: Any
     record: Record
     packed: bytes
-
-    @property
-    def hash(self) -> int:
-        """128 bits over author, name, version and value."""
-        (counter, nonce), sequence = self.version
-        head = msgpack.packb([self.author, self.name, counter, nonce, sequence])
-        return int.from_bytes(hashlib.blake2b(head + self.packed, digest_size=16).digest(), "big")
+    hash: int
 
 
 def make_entry(author: str, name: str, version: Version, value: Any) -> Entry:
@@ -68,7 +65,10 @@ def make_entry(author: str, name: str, version: Version, value: Any) -> Entry:
         raise ValueError(f"not plain data: {error}") from error
     if len(packed) > MAX_VALUE_BYTES:
         raise ValueError(f"value of {len(packed)} bytes, at most {MAX_VALUE_BYTES} are taken")
-    return Entry(author, name, version, value, record, packed)
+    (counter, nonce), sequence = version
+    head = msgpack.packb([author, name, counter, nonce, sequence])
+    digest = hashlib.blake2b(head + packed, digest_size=16).digest()
+    return Entry(author, name, version, value, record, packed, int.from_bytes(digest, "big"))
 
 
 def join(mine: Entry | None, other: Entry) -> Entry:

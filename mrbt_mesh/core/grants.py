@@ -158,6 +158,8 @@ class Grants:
 
     def given(self) -> tuple[Granted, ...]:
         """The answers that this robot's next beat carries."""
+        if not self._given:
+            return ()
         return tuple(
             Granted(str(given.token), member, given.echoes[member])
             for _, given in sorted(self._given.items())
@@ -168,6 +170,8 @@ class Grants:
         """Follow the facts and the clock; returns what to write of grants that have run out."""
         self._learn(now_us)
         writes: _Writes = []
+        if not self._given:
+            return writes
         for activation, given in sorted(self._given.items()):
             found = self._facts.coalitions(activation)
             never_began = given.token.leader in found.cleared.get(given.token, ())

@@ -32,7 +32,9 @@ class Hearing:
     def gap(self, gap_us: int, timing: Timing) -> None:
         """News came `gap_us` after the news before."""
         self.watched_us += gap_us
-        self.silent_us += max(0, gap_us - timing.beat_us * 5 // 4)
+        overdue_us = gap_us - timing.beat_us * 5 // 4
+        if overdue_us > 0:
+            self.silent_us += overdue_us
         if self.watched_us > MEMORY_PERIODS * timing.beat_us:
             self.watched_us //= 2
             self.silent_us //= 2

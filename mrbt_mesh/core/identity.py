@@ -76,7 +76,11 @@ class Identity:
         for accusation in beat.accusations:
             if accusation.robot == self._me and accusation.incarnation.nonce != self._nonce:
                 self.rival = max(self.rival, accusation.incarnation)
-        relay = next((heard for heard in beat.heard if heard.robot == self._me), None)
+        relay = None
+        for heard in beat.heard:
+            if heard.robot == self._me:
+                relay = heard
+                break
         if relay is None or relay.incarnation.nonce == self._nonce:
             self._relayed_by.discard(source)
             return None

@@ -61,23 +61,24 @@ class Peer:
 
 
 class Membership:
-    """One robot's view of the others. `me` never appears in it."""
+    """One robot's view of the others. `me` never appears in it.
+
+    `changes` grows with every change of who is alive, `hints` with every token that comes or
+    goes and every accusation, `reports` when a robot reports another plan or result.
+    """
 
     def __init__(self, me: str, timing: Timing) -> None:
         self.me = me
         self.timing = timing
         self.peers: dict[str, Peer] = {}
         self.changes = 0
+        self.hints = 0
+        self.reports = 0
         # Until then, and while nothing below changes, `judge` would say nothing new.
         self._at_peace_until_us = 0
-        self._hints = 0
-        self._reports = 0
         self._judged = (-1, -1)
-
-    @property
-    def versions(self) -> tuple[int, int, int]:
-        """Grow with every change of states, hints, and of what robots report."""
-        return self.changes, self._hints, self._reports
+        self._accusers: set[str] = set()
+        self._limits_us: dict[int, int] = {}
 
     def is_news(self, row: list[Any]) -> bool:
         """Whether a relay [robot, counter, nonce, number, ...] may tell more than is known."""
@@ -89,43 +90,58 @@ class Membership:
 
     def beat(self, robot: str, beat: Beat, now_us: int) -> bool:
         """Take in a beat that came from `robot` itself; False if it is old news."""
-        own = Heard(
-            robot, beat.incarnation, beat.number, beat.plan_digest, beat.joined, beat.result
-        )
-        if not self._news(own, now_us, beat):
+        if not self._news(robot, beat, now_us, beat):
             return False
+        peers, me = self.peers, self.me
         for heard in beat.heard:
-            if heard.robot != self.me:
-                self._news(heard, now_us, None)
-        for accusation in beat.accusations:
+            name = heard.robot
+            known = peers.get(name)
+            # Most relays tell nothing new.
+            if (
+                known is None
+                or heard.number > known.number
+                or heard.incarnation != known.incarnation
+            ) and name != me:
+                self._news(name, heard, now_us, None)
+        if beat.accusations or robot in self._accusers:
+            self._take_accusations(robot, beat.accusations)
+        return True
+
+    def _take_accusations(self, robot: str, accusations: tuple[Accusation, ...]) -> None:
+        """What a robot says of others, in place of what it said before."""
+        for accusation in accusations:
             self._accused(robot, accusation)
-        accused = {accusation.robot for accusation in beat.accusations}
+        accused = {accusation.robot for accusation in accusations}
         for name, peer in self.peers.items():
             if name not in accused and (robot in peer.accusers or robot in peer.buriers):
                 peer.accusers.discard(robot)
                 peer.buriers.discard(robot)
-                self._hints += 1
-        return True
+                self.hints += 1
+        if accused:
+            self._accusers.add(robot)
+        else:
+            self._accusers.discard(robot)
 
-    def _news(self, heard: Heard, now_us: int, beat: Beat | None) -> bool:
+    def _news(self, robot: str, heard: Beat | Heard, now_us: int, beat: Beat | None) -> bool:
         """Take in a robot's word: its own `beat`, or else the relay of one."""
-        peer = self.peers.get(heard.robot)
-        age = (heard.incarnation, heard.number)
-        if peer is not None and age <= (peer.incarnation, peer.number):
-            if beat is not None and age == (peer.incarnation, peer.number):
-                peer.beat = beat
-                return peer.state not in (State.DEAD, State.LEFT)
-            return False
+        peer = self.peers.get(robot)
+        if peer is not None:
+            age, known = (heard.incarnation, heard.number), (peer.incarnation, peer.number)
+            if age <= known:
+                if beat is not None and age == known:
+                    peer.beat = beat
+                    return peer.state not in (State.DEAD, State.LEFT)
+                return False
         if peer is None or heard.incarnation != peer.incarnation:
             peer = self._newcomer(heard, peer, now_us)
-            self.peers[heard.robot] = peer
+            self.peers[robot] = peer
             self.changes += 1
         else:
             self._listen(peer, now_us)
         peer.number, peer.evidence_us = heard.number, now_us
-        if (heard.plan_digest, heard.result) != (peer.plan_digest, peer.result):
-            self._reports += 1
-        peer.plan_digest, peer.result = heard.plan_digest, heard.result
+        if heard.plan_digest != peer.plan_digest or heard.result != peer.result:
+            self.reports += 1
+            peer.plan_digest, peer.result = heard.plan_digest, heard.result
         if heard.joined != peer.joined:
             peer.joined = heard.joined
             self.changes += 1
@@ -135,13 +151,15 @@ class Membership:
             if peer.token_lost or peer.accusers:
                 peer.token_lost = False
                 peer.accusers.clear()
-                self._hints += 1
-            self._set(peer, State.LEFT if beat.leaving else State.ALIVE)
+                self.hints += 1
+            state = State.LEFT if beat.leaving else State.ALIVE
+            if peer.state is not state:
+                self._set(peer, state)
         elif peer.state is State.DEAD or (peer.state is State.SUSPECT and not peer.token_lost):
             self._set(peer, State.ALIVE)
         return True
 
-    def _newcomer(self, heard: Heard, before: Peer | None, now_us: int) -> Peer:
+    def _newcomer(self, heard: Beat | Heard, before: Peer | None, now_us: int) -> Peer:
         """A robot's new life is heard over the same network as the one before."""
         hearing = before.hearing if before is not None else Hearing.unknown(self.timing)
         return Peer(
@@ -159,16 +177,24 @@ class Membership:
         """Learn from the time between two pieces of news; an outage is none of the network's."""
         if peer.state not in (State.DEAD, State.LEFT):
             peer.hearing.gap(now_us - peer.evidence_us, self.timing)
-        peer.limit_us = self.timing.limit_us(peer.hearing.silence_permille)
+            peer.limit_us = self._limit_us(peer.hearing.silence_permille)
         peer.sought = False
-        peer.buriers.clear()
+        if peer.buriers:
+            peer.buriers.clear()
         # The limit may have become shorter.
-        self._at_peace_until_us = min(self._at_peace_until_us, now_us + peer.seek_us)
+        seek_at_us = now_us + peer.seek_us
+        if seek_at_us < self._at_peace_until_us:
+            self._at_peace_until_us = seek_at_us
+
+    def _limit_us(self, silence_permille: int) -> int:
+        if silence_permille not in self._limits_us:
+            self._limits_us[silence_permille] = self.timing.limit_us(silence_permille)
+        return self._limits_us[silence_permille]
 
     def _accused(self, accuser: str, accusation: Accusation) -> None:
         peer = self.peers.get(accusation.robot)
         if peer is not None and accusation.incarnation == peer.incarnation:
-            self._hints += 1
+            self.hints += 1
             if accusation.token_lost:
                 peer.accusers.add(accuser)
             else:
@@ -207,7 +233,7 @@ class Membership:
         peer = self.peers.get(robot)
         if peer is not None and peer.incarnation == incarnation:
             peer.token_lost = not held
-            self._hints += 1
+            self.hints += 1
 
     def slowed(self, lag_us: int, now_us: int) -> None:
         """This robot itself was late by `lag_us`: messages may wait unread, so blame nobody yet.
@@ -219,7 +245,7 @@ class Membership:
 
     def judge(self, now_us: int) -> list[tuple[str, State, State]]:
         """Suspect and bury; returns (robot, before, after) for every change."""
-        if now_us < self._at_peace_until_us and self._judged == (self.changes, self._hints):
+        if now_us < self._at_peace_until_us and self._judged == (self.changes, self.hints):
             return []
         before = {robot: peer.state for robot, peer in self.peers.items()}
         silent = 0
@@ -238,7 +264,7 @@ class Membership:
             ):
                 self._set(peer, State.DEAD)
                 peer.sought = False
-        self._judged = (self.changes, self._hints)
+        self._judged = (self.changes, self.hints)
         self._at_peace_until_us = self._next_judgement_us(now_us)
         return [
             (robot, before[robot], self.peers[robot].state)
@@ -285,12 +311,18 @@ class Membership:
 
     def accusations(self) -> tuple[Accusation, ...]:
         """What this robot's next beat says of those it does not trust."""
+        distrusted = [
+            robot
+            for robot, peer in self.peers.items()
+            if peer.state is State.SUSPECT or peer.state is State.DEAD
+        ]
+        if not distrusted:
+            return ()
         return tuple(
             Accusation(
                 robot, peer.incarnation, peer.token_lost, peer.state is State.DEAD, peer.sought
             )
-            for robot, peer in sorted(self.peers.items())
-            if peer.state in (State.SUSPECT, State.DEAD)
+            for robot, peer in ((robot, self.peers[robot]) for robot in sorted(distrusted))
         )
 
     def heard(self) -> tuple[Heard, ...]:
@@ -306,15 +338,18 @@ class Membership:
 
         One that is still joining for the first time reports none, so it is waited for too.
         """
-        return all(
-            peer.joined and peer.plan_digest == digest
-            for peer in self.peers.values()
-            if peer.state is State.ALIVE
-        )
+        for peer in self.peers.values():
+            if peer.state is State.ALIVE and not (peer.joined and peer.plan_digest == digest):
+                return False
+        return True
 
     def all_report(self, result: int) -> bool:
         """Whether every robot of the alive set, suspects included, beats this mission status."""
-        return all(self.peers[robot].result == result for robot in self.alive())
+        return all(
+            peer.result == result
+            for peer in self.peers.values()
+            if peer.joined and peer.state in (State.ALIVE, State.SUSPECT)
+        )
 
     def next_deadline_us(self, now_us: int) -> int:
         """When, after `now_us`, `judge` may come to another answer without any message.

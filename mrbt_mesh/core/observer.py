@@ -11,9 +11,10 @@ from collections.abc import Iterable
 from mrbt_mesh.core.assignment import Solver
 from mrbt_mesh.core.evaluate import Evaluator
 from mrbt_mesh.core.facts import Entry, Incarnation
+from mrbt_mesh.core.functions import INDEPENDENT, Functions
 from mrbt_mesh.core.membership import Membership, State
 from mrbt_mesh.core.mission import Mission
-from mrbt_mesh.core.plan import Plan, make_plan
+from mrbt_mesh.core.plan import Plan
 from mrbt_mesh.core.record import RunRecord
 from mrbt_mesh.core.records import Claim
 from mrbt_mesh.core.replica import Replica
@@ -26,8 +27,6 @@ from mrbt_mesh.core.wire import (
     IncompatibleError,
     MessageKind,
     WireError,
-    decode,
-    parse_beat,
 )
 
 
@@ -38,18 +37,27 @@ class Observer:
     once per beat period.
     """
 
-    def __init__(self, mission: Mission, run: str, timing: Timing, solver: Solver) -> None:
+    def __init__(
+        self,
+        mission: Mission,
+        run: str,
+        timing: Timing,
+        solver: Solver,
+        functions: Functions = INDEPENDENT,
+    ) -> None:
         self.mission = mission
         self.facts = TeamFacts(mission, run)
         header = Header(mission.digest[:16], mission.name, run, "")
-        self.replica = Replica(self.facts, header, timing, "")
+        self.replica = Replica(self.facts, header, timing, "", functions.read_batch)
         self.membership = Membership("", timing)
         self.evaluator = Evaluator(mission.tree)
         self.record = RunRecord(mission)
         self.plan: Plan | None = None
         self.refused: dict[str, str] = {}
         self._solver = solver
+        self._functions = functions
         self._planned: tuple[int, int] = (-1, -1)
+        self._updated: tuple[int, int, int] = (-1, -1, -1)
         self._recorded: tuple[Plan | None, bool] = (None, False)
         self._has_caught_up = False
 
@@ -57,9 +65,9 @@ class Observer:
         """A published beat or batch; malformed or foreign ones are noted in `refused`."""
         try:
             if kind is MessageKind.BEAT:
-                sender, body = decode(data, self.replica.header, kind)
-                if sender == source:
-                    self._beat(source, parse_beat(body, self.membership.is_news), now_us)
+                read, header = self._functions.read_beat, self.replica.header
+                beat = read(source, data, header, self.membership.is_news)
+                self._beat(source, beat, now_us)
             else:
                 self._facts_changed(self.replica.receive(source, data, now_us).changed, now_us)
         except WireError as error:
@@ -115,12 +123,18 @@ class Observer:
         for robot, _, after in self.membership.judge(now_us):
             evidence_us = self.membership.peers[robot].evidence_us
             self.record.state(robot, after, evidence_us, now_us)
-        self.facts.prune(self.evaluator)
-        changes = (self.facts.changes, self.membership.changes)
+        facts, membership = self.facts, self.membership
+        state = (facts.changes, membership.changes, membership.reports)
+        if state == self._updated and self._has_caught_up:
+            return  # nothing has changed that follows below
+        facts.prune(self.evaluator)
+        self._updated = (facts.changes, membership.changes, membership.reports)
+        changes = (facts.changes, membership.changes)
         if changes != self._planned:
             self._planned = changes
             alive = self.membership.alive()
-            self.plan = make_plan(self.evaluator, self.facts, alive, self._solver)
+            make_plan, solver = self._functions.make_plan, self._solver
+            self.plan = make_plan(self.evaluator, self.facts, alive, solver)
         if self.plan is not None:
             settled = self._is_settled(self.plan)
             if self._recorded[0] is not self.plan or self._recorded[1] is not settled:

@@ -94,7 +94,7 @@ class Plan:
     waiting: tuple[Waiting, ...]
     feasible: bool
 
-    @property
+    @cached_property
     def result(self) -> Status:
         """The mission's status: T_G's, or FAILURE once the operator has aborted."""
         return Status.FAILURE if self.order is OrderKind.ABORT else self.evaluation.status

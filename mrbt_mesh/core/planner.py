@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from mrbt_mesh.core import records
-from mrbt_mesh.core.assignment import Solver
+from mrbt_mesh.core.agent_config import AgentConfig
 from mrbt_mesh.core.coalition import newly_broken
 from mrbt_mesh.core.evaluate import Evaluator
 from mrbt_mesh.core.facts import Incarnation
-from mrbt_mesh.core.plan import Plan, make_plan
+from mrbt_mesh.core.plan import Plan
 from mrbt_mesh.core.robot_tree import RobotTree
 from mrbt_mesh.core.team import TeamFacts
 from mrbt_mesh.core.tree import Tree
@@ -24,7 +24,7 @@ class Planner:
     """
 
     def __init__(
-        self, me: str, tree: Tree, facts: TeamFacts, solver: Solver, robot_tree: RobotTree
+        self, me: str, tree: Tree, facts: TeamFacts, config: AgentConfig, robot_tree: RobotTree
     ) -> None:
         self._me = me
         self.evaluator = Evaluator(tree)
@@ -32,7 +32,7 @@ class Planner:
         self.plan: Plan | None = None
         self.dropped: list[tuple[str, str]] = []
         self._facts = facts
-        self._solver = solver
+        self._config = config
         self._robot_tree = robot_tree
         self._planned: tuple[int, int] | None = None
         self._trigger: tuple[int, tuple[str, ...]] = (0, ())
@@ -59,7 +59,8 @@ class Planner:
         if self.plan is None or self._planned != state:
             self._planned = state
             living = alive()
-            self.plan = make_plan(self.evaluator, facts, living, self._solver)
+            make_plan, solver = self._config.functions.make_plan, self._config.solver
+            self.plan = make_plan(self.evaluator, facts, living, solver)
             latched = self._latches(self.plan, living)
             self._tick_assignment(self.plan)
         return latched + self.watches.expired(self.plan, facts, now_us)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mrbt_mesh.core.facts import Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.functions import ReadBatch, read_batch
 from mrbt_mesh.core.team import TeamFacts
 from mrbt_mesh.core.timing import Timing
 from mrbt_mesh.core.wire import (
@@ -56,15 +57,24 @@ class Received:
 class Replica:
     """The facts with this robot's incarnation and sequence number, and the repair of gaps."""
 
-    def __init__(self, facts: TeamFacts, header: Header, timing: Timing, nonce: str) -> None:
+    def __init__(
+        self,
+        facts: TeamFacts,
+        header: Header,
+        timing: Timing,
+        nonce: str,
+        read_batch: ReadBatch = read_batch,
+    ) -> None:
         self.facts = facts
         self.header = header
         self.timing = timing
         self.incarnation = Incarnation(0, nonce)
+        self._read_batch = read_batch
         self._sequence = 0
         self._repairs: dict[str, _Repair] = {}
         self._past: deque[bytes] = deque(maxlen=PAST_DIGESTS)
-        self._next_us = 0  # nobody is to be asked before, if anybody is
+        # Nobody is to be asked before, if anybody is.
+        self.repair_us = 0
         self.changed_us = 0
 
     @property
@@ -111,12 +121,7 @@ class Replica:
 
         Raises WireError.
         """
-        sender, body = decode(data, self.header, MessageKind.FACT)
-        if sender != source:
-            raise WireError(f"sender {sender} published under the key of {source}")
-        entries, malformed = parse_entries(body)
-        if any(entry.author != source for entry in entries):
-            raise WireError(f"{source} published entries of another author")
+        entries, malformed = self._read_batch(source, data, self.header)
         return self._merge(entries, malformed, now_us)
 
     def receive_state(self, data: bytes, now_us: int) -> Received:
@@ -189,7 +194,8 @@ class Replica:
         if not self._past or self._past[-1] != mine:
             self._past.append(mine)
         if digest == mine:
-            self._repairs.pop(peer, None)
+            if self._repairs:
+                self._repairs.pop(peer, None)
             return
         repair = self._repairs.setdefault(peer, _Repair())
         before = (repair.differs_us, repair.is_behind)
@@ -197,22 +203,22 @@ class Replica:
         if repair.differs_us is None:
             repair.differs_us = now_us
         if before != (repair.differs_us, repair.is_behind):
-            self._next_us = min(self._next_us, now_us + self.timing.repair_us)
+            self.repair_us = min(self.repair_us, now_us + self.timing.repair_us)
 
     def due(self, now_us: int) -> list[str]:
         """Peers to ask now: their facts have differed for a while, or their answer is overdue."""
-        if now_us < self._next_us or not self._repairs:
+        if now_us < self.repair_us or not self._repairs:
             return []
         ready = []
         # Who has to wait for others is looked at again soon.
-        self._next_us = now_us + self.timing.ask_timeout_us
+        self.repair_us = now_us + self.timing.ask_timeout_us
         for peer, repair in self._repairs.items():
             deadline_us = self._deadline_us(repair)
             if deadline_us is not None and deadline_us <= now_us:
                 ready.append(peer)
                 deadline_us = now_us + self.timing.repair_us
             if deadline_us is not None:
-                self._next_us = min(self._next_us, deadline_us)
+                self.repair_us = min(self.repair_us, deadline_us)
         return self.askable(ready, now_us)
 
     def askable(self, peers: Iterable[str], now_us: int) -> list[str]:
@@ -249,7 +255,7 @@ class Replica:
         if repair is not None and repair.asked_us is not None:
             retry_us = now_us - self.timing.ask_timeout_us + self.timing.repair_us
             repair.asked_us = min(repair.asked_us, retry_us)
-            self._next_us = min(self._next_us, now_us + self.timing.repair_us)
+            self.repair_us = min(self.repair_us, now_us + self.timing.repair_us)
 
     def forget(self, peer: str) -> None:
         """A dead peer answers nothing."""
@@ -268,10 +274,10 @@ class Replica:
         return quiet_us
 
     @property
-    def repair_state(self) -> tuple[int, int]:
-        """Changes when there is more or less to be repaired, or sooner."""
-        return len(self._repairs), self._next_us
+    def open_repairs(self) -> int:
+        """How many peers hold other facts."""
+        return len(self._repairs)
 
     def next_deadline_us(self, now_us: int) -> int | None:
         """When, after `now_us`, somebody may have to be asked."""
-        return max(self._next_us, now_us + 1) if self._repairs else None
+        return max(self.repair_us, now_us + 1) if self._repairs else None

@@ -59,6 +59,10 @@ class TeamFacts:
         self.outcomes: dict[str, dict[str, dict[str, bool]]] = {}
         self.max_stamp = 0
         self.changes = 0
+        # A sum of hashes over all entries that evaluating T_G may read: equal facts, equal sums.
+        self.tree_state = 0
+        tasks = mission.global_tasks.values()
+        self._tree_reads_claims = any(task.failure is FailurePolicy.PAPER for task in tasks)
         self.reach_changes = 0
         self.outcome_changes = 0
         self._fresh: list[Entry] = []
@@ -170,11 +174,7 @@ class TeamFacts:
 
     def granted(self) -> list[tuple[str, Coalitions]]:
         """The activations for which somebody has given a grant, sorted."""
-        return [
-            (name, self._coalitions[name])
-            for name in sorted(self._coalitions)
-            if self._coalitions[name].grants
-        ]
+        return sorted((name, found) for name, found in self._coalitions.items() if found.grants)
 
     def task_of(self, activation: str) -> GlobalTask | None:
         """The global task of an activation, None if there is none of that name."""
@@ -308,6 +308,7 @@ class TeamFacts:
         if parts[0] in (records.CONDITION, records.ATTEMPT):
             self.reach_changes += 1
         author, record = entry.author, entry.record
+        self._sum_up(parts[0], old, new)
         if new is None:
             self._forget(parts, author)
             return
@@ -340,6 +341,10 @@ class TeamFacts:
             case Latch() | Passed():
                 number = int(record.success) if isinstance(record, Passed) else 1
                 self._latches.setdefault(entry.name, {})[author] = number
+
+    def _sum_up(self, kind: str, old: Entry | None, new: Entry | None) -> None:
+        if kind != records.CLAIM or self._tree_reads_claims:
+            self.tree_state += (new.hash if new else 0) - (old.hash if old else 0)
 
     def _ended(self, parts: list[str], entry: Entry, outcome: Outcome) -> None:
         self.outcome_changes += 1

@@ -8,7 +8,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgpack
 
@@ -71,8 +71,7 @@ class Accusation:
         return int(self.token_lost) + 2 * int(self.dead) + 4 * int(self.sought)
 
 
-@dataclass(frozen=True, slots=True)
-class Heard:
+class Heard(NamedTuple):
     """The newest beat of another robot that the sender knows of: a relay of its word."""
 
     robot: str
@@ -92,8 +91,7 @@ class Granted:
     number: int
 
 
-@dataclass(frozen=True, slots=True)
-class Beat:
+class Beat(NamedTuple):
     """One heartbeat. `statuses` are those of T_i, T_A, T_G and T_Li; `progress` in percent.
 
     `result` is the mission's status as the sender sees it. `seeks` are the activation and the
@@ -163,7 +161,7 @@ def decode(data: bytes, mine: Header, kind: MessageKind) -> tuple[str, Any]:
 
 
 def _incarnation(counter: Any, nonce: Any) -> Incarnation:
-    if not isinstance(counter, int) or isinstance(counter, bool) or not 0 <= counter < 1 << 53:
+    if type(counter) is not int or not 0 <= counter < 1 << 53:
         raise WireError("incarnation counter is malformed")
     if not isinstance(nonce, str) or len(nonce) > MAX_NONCE:
         raise WireError("incarnation nonce is malformed")
@@ -177,7 +175,7 @@ def _robot(value: Any) -> str:
 
 
 def _count(value: Any, high: int = (1 << 53) - 1) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= high:
+    if type(value) is not int or not 0 <= value <= high:
         raise WireError("number out of range")
     return value
 
@@ -189,10 +187,11 @@ def _digest(value: Any, size: int = DIGEST_BYTES) -> bytes:
 
 
 def _rows(value: Any, width: int) -> list[list[Any]]:
-    if not isinstance(value, list) or any(
-        not isinstance(row, list) or len(row) != width for row in value
-    ):
+    if not isinstance(value, list):
         raise WireError("table is malformed")
+    for row in value:
+        if not isinstance(row, list) or len(row) != width:
+            raise WireError("table is malformed")
     return value
 
 
@@ -209,8 +208,8 @@ def beat_body(beat: Beat) -> list[Any]:
         beat.progress,
         [[a.robot, *a.incarnation, a.flags] for a in beat.accusations],
         [
-            [h.robot, *h.incarnation, h.number, h.plan_digest, int(h.joined), h.result]
-            for h in beat.heard
+            [robot, *incarnation, number, digest, int(joined), result]
+            for robot, incarnation, number, digest, joined, result in beat.heard
         ],
         list(beat.seeks) if beat.seeks is not None else None,
         [[g.token, g.member, g.number] for g in beat.grants],
@@ -250,19 +249,21 @@ def parse_beat(body: Any, is_news: Callable[[list[Any]], bool] = _all_is_news) -
             )
             for r, c, n, f in _rows(accused, 4)
         ),
-        tuple(
-            Heard(
-                _robot(r),
-                _incarnation(c, n),
-                _count(k),
-                _digest(d),
-                bool(_count(j, 1)),
-                _count(s, 3),
-            )
-            for r, c, n, k, d, j, s in filter(is_news, _rows(heard, 7))
-        ),
+        tuple([_heard(row) for row in filter(is_news, _rows(heard, 7))]),
         _seeks(seeks),
         tuple(Granted(_name(t), _robot(r), _count(n)) for t, r, n in _rows(grants, 3)),
+    )
+
+
+def _heard(row: list[Any]) -> Heard:
+    robot, counter, nonce, number, digest, joined, result = row
+    return Heard(
+        _robot(robot),
+        _incarnation(counter, nonce),
+        _count(number),
+        _digest(digest),
+        bool(_count(joined, 1)),
+        _count(result, 3),
     )
 
 

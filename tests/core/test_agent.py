@@ -330,3 +330,58 @@ def test_a_robot_whose_later_life_others_bury_joins_above_it() -> None:
     agent.handle(fx.TimerFired(), 60_000 * MS)
     assert agent.joining is None
     assert agent.incarnation.counter > later.counter
+
+
+# -- what costs little ------------------------------------------------------------------------
+
+
+def settled(script: Script, ms: int, monkeypatch: pytest.MonkeyPatch) -> tuple[int, int]:
+    """(how often the agents settled, how often they beat) while so much time passes."""
+    counts = {"_settle": 0, "_beat_now": 0}
+    for name in counts:
+        original = getattr(Agent, name)
+
+        def counted(self: Agent, now_us: int, name: str = name, original: Any = original) -> None:
+            counts[name] += 1
+            original(self, now_us)
+
+        monkeypatch.setattr(Agent, name, counted)
+    story(script, f"pass {ms}")
+    monkeypatch.undo()
+    return counts["_settle"], counts["_beat_now"]
+
+
+def test_a_team_at_work_beats_and_hardly_thinks(monkeypatch: pytest.MonkeyPatch) -> None:
+    script = team()
+    story(script, "pass 2000")
+    steps, beats = settled(script, 4_000, monkeypatch)
+    beat_us = script.team.processes["A"].agent.config.timing.beat_us
+    assert beats == 2 * 4_000 * MS // beat_us
+    assert 0 < steps < beats // 2
+
+
+def test_an_earlier_life_that_others_bury_is_noticed_at_once() -> None:
+    """The accusation changes no peer, no fact and no deadline: but this robot must outbid it."""
+    script = team()
+    story(script, "pass 1000")
+    agent = script.team.processes["A"].agent
+    before = agent.incarnation
+    later = Incarnation(before.counter + 3, "zz")
+    peer = agent.membership.peers["B"]
+    beat = Beat(
+        peer.incarnation,
+        peer.number + 1,
+        True,
+        False,
+        peer.plan_digest,
+        agent.facts.map.digest(),
+        (0, 0, 0, 0),
+        0,
+        0,
+        (Accusation("A", later, False, True, False),),
+        (),
+    )
+    data = encode(header(script), MessageKind.BEAT, beat_body(beat))
+    effects = agent.handle(fx.MessageReceived(MessageKind.BEAT, "B", data), script.team.now_us)
+    events = [effect.event for effect in effects if isinstance(effect, fx.Log)]
+    assert "later_life_found" in events

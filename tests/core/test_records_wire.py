@@ -15,6 +15,7 @@ from mrbt_mesh.core.records import parse_record
 from mrbt_mesh.core.wire import (
     Accusation,
     Beat,
+    Granted,
     Header,
     Heard,
     IncompatibleError,
@@ -67,6 +68,8 @@ beats = st.builds(
         st.builds(Heard, robots, incarnations, numbers, digests, st.booleans(), st.integers(0, 3)),
         max_size=3,
     ).map(tuple),
+    st.none() | st.tuples(st.text(max_size=8), st.text(max_size=8)),
+    st.lists(st.builds(Granted, st.text(max_size=8), robots, numbers), max_size=3).map(tuple),
 )
 GOOD_VALUES: list[tuple[str, Any]] = [
     ("member", ["A", {"drill": 5, "fix(2)": 7}, ["drill"], False, "1.0", "host", 77]),
