@@ -13,6 +13,7 @@ from mrbt_mesh.cli.analyze import analyze
 from mrbt_mesh.cli.drill import drill
 from mrbt_mesh.cli.lift import lift
 from mrbt_mesh.cli.sim import sim
+from mrbt_mesh.cli.simulate import simulate
 from mrbt_mesh.cli.tree import tree_app
 from mrbt_mesh.cli.up import up, watch
 
@@ -70,6 +71,7 @@ PANELS: dict[str, tuple[Callable[..., None], ...]] = {
         offline.assign,
         analyze,
         sim,
+        simulate,
         lift,
         offline.new,
         offline.key,

@@ -134,6 +134,9 @@ def sim(
 ) -> None:
     """Run a mission in virtual time: seconds of work in milliseconds, the same for the same seed.
 
+    One run, with the faults that you name. (`mrbt simulate` makes many, with faults by chance, and
+    tells how likely the mission succeeds.)
+
     Times count from the launch of the team. Exit status: 0 the mission succeeded, 1 it failed,
     2 bad input, 3 not finished in time or blocked at the end.
 

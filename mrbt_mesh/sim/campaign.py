@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import functools
-import multiprocessing
-import signal
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass, field
-from itertools import islice
 from pathlib import Path
 
 from mrbt_mesh.core.mission import Mission
@@ -17,10 +13,10 @@ from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim.chaos import ChaosKnobs, chaos, draw_knobs
 from mrbt_mesh.sim.generate import PROGRAM, generate_mission
+from mrbt_mesh.sim.parallel import spread
 from mrbt_mesh.sim.run import SimulationError, run_scenario
 from mrbt_mesh.sim.scenario import Scenario
 
-CHUNK = 4
 CRASH = "crash"
 
 
@@ -97,36 +93,5 @@ def run_seed(source: Source, seed: int) -> Verdict:
 
 
 def campaign(source: Source, seeds: Iterable[int], jobs: int) -> Iterator[Verdict]:
-    """The verdicts of all seeds, in the order in which they are done.
-
-    With several `jobs` in as many processes, started afresh; they are gone when the iterator
-    is closed or exhausted, and leave Ctrl-C to this process.
-    """
-    if jobs == 1:
-        yield from (run_seed(source, seed) for seed in seeds)
-        return
-    context = multiprocessing.get_context("spawn")
-    rest = iter(seeds)
-    chunks = iter(lambda: list(islice(rest, CHUNK)), [])
-    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_ignore_interrupts)
-    try:
-        running: set[Future[list[Verdict]]] = set()
-        while True:
-            # A short queue, so that an interrupt does not wait for long.
-            while len(running) < 2 * jobs and (chunk := next(chunks, None)):
-                running.add(pool.submit(_run_chunk, source, chunk))
-            if not running:
-                return
-            done, running = wait(running, return_when=FIRST_COMPLETED)
-            for future in done:
-                yield from future.result()
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _run_chunk(source: Source, seeds: Sequence[int]) -> list[Verdict]:
-    return [run_seed(source, seed) for seed in seeds]
-
-
-def _ignore_interrupts() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """The verdicts of all seeds, in the order in which they are done."""
+    return spread(functools.partial(run_seed, source), seeds, jobs)

@@ -96,13 +96,15 @@ class LocalClock:
         if self._suspended_us is not None:
             return self._monotonic_us
         passed_us = self._clock.now_us - self._since_us
+        if not self._rate_ppm:
+            return self._monotonic_us + passed_us
         return self._monotonic_us + passed_us + passed_us * self._rate_ppm // MICRO
 
     @property
     def boottime_us(self) -> int:
-        suspended_us = 0
-        if self._suspended_us is not None:
-            suspended_us = self._clock.now_us - self._suspended_us
+        if self._suspended_us is None:
+            return self.monotonic_us + self._ahead_us
+        suspended_us = self._clock.now_us - self._suspended_us
         return self.monotonic_us + self._ahead_us + suspended_us
 
     def when_us(self, monotonic_us: int) -> int:

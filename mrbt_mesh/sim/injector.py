@@ -109,7 +109,7 @@ class Injector:
                     world.arrive(seen_by, TokenChanged(robot, process.token, False))
             case faults.Garbage(robot, count):
                 for event in self._forger.inputs(robot, world.setup.robots, count):
-                    world.checkers.i8.arrives(process, event)
+                    world.inspection.garbage(process, event)
             case faults.Replay(robot, source, until_us, count):
                 past = [m for at_us, m in self._spoken.get(source, ()) if at_us <= until_us]
                 for message in past[-count:]:

@@ -125,25 +125,30 @@ class Network:
     def arrivals_us(self, source: str, target: str, now_us: int) -> list[int]:
         """When a message that is sent now arrives: never, once, or twice."""
         link = (source, target)
+        if link in self.blocked:
+            return []
         knobs = self._knobs_of(link, now_us)
-        if link in self.blocked or self._happens("loss", link, knobs.loss_permille):
+        if knobs.loss_permille and self._happens("loss", link, knobs.loss_permille):
             return []
         arrival_us = self._arrival_us(link, knobs, now_us)
-        if not self._happens("duplicate", link, knobs.duplicate_permille):
-            return [arrival_us]
-        return [arrival_us, self._arrival_us(link, knobs, now_us)]
+        if knobs.duplicate_permille and self._happens("duplicate", link, knobs.duplicate_permille):
+            return [arrival_us, self._arrival_us(link, knobs, now_us)]
+        return [arrival_us]
 
     def _arrival_us(self, link: Link, knobs: LinkKnobs, now_us: int) -> int:
         arrival_us = now_us + knobs.delay_us
         if knobs.jitter_us:
-            arrival_us += self._stream("jitter", link).randint(0, knobs.jitter_us)
-        if self._happens("reorder", link, knobs.reorder_permille):
+            arrival_us += self._stream("jitter", link).randrange(knobs.jitter_us + 1)
+        if knobs.reorder_permille and self._happens("reorder", link, knobs.reorder_permille):
             return arrival_us + self._stream("hold", link).randint(0, knobs.reorder_us)
-        self._last_us[link] = max(arrival_us, self._last_us.get(link, 0))
-        return self._last_us[link]
+        last_us = self._last_us.get(link, 0)
+        if arrival_us < last_us:
+            return last_us
+        self._last_us[link] = arrival_us
+        return arrival_us
 
     def _happens(self, purpose: str, link: Link, permille: int) -> bool:
-        return bool(permille) and self._stream(purpose, link).randrange(1_000) < permille
+        return self._stream(purpose, link).randrange(1_000) < permille
 
     def _stream(self, purpose: str, link: Link) -> random.Random:
         stream = self._streams.get((purpose, link))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextvars
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, Protocol
 
 import anyio
@@ -12,6 +13,7 @@ import anyio.abc
 
 from mrbt_mesh.core.agent import Agent
 from mrbt_mesh.core.effects import (
+    ActionFinished,
     Ask,
     CancelAction,
     DeclareToken,
@@ -32,7 +34,6 @@ from mrbt_mesh.runtime.inbox import MAX_WAITING
 from mrbt_mesh.runtime.journal import LAZY_COMMIT_S
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim.clock import MICRO, Gate, LocalClock, VirtualClock, current_gate
-from mrbt_mesh.sim.effect_log import EffectLog
 from mrbt_mesh.sim.journal import SimJournal
 
 
@@ -40,17 +41,27 @@ class Surroundings(Protocol):
     """What a process needs of its world."""
 
     clock: VirtualClock
-    log: EffectLog
+
+    @property
+    def inspection(self) -> Witness: ...
 
     def published(self, process: SimProcess, effect: Publish) -> None: ...
     def asked(self, process: SimProcess, effect: Ask) -> None: ...
     def replied(self, process: SimProcess, effect: Reply) -> None: ...
+    def outcome(self, process: SimProcess, event: ActionFinished) -> Input: ...
+    def completed(self, process: SimProcess) -> None: ...
     def declared(self, process: SimProcess, incarnation: Incarnation) -> None: ...
     def stopped(self, process: SimProcess) -> None: ...
     def recorded(self, process: SimProcess, event: Mapping[str, Any]) -> None: ...
+
+
+class Witness(Protocol):
+    """Sees what processes do."""
+
     def booted(self, process: SimProcess) -> None: ...
     def handling(self, process: SimProcess, event: Input) -> None: ...
-    def handled(self, process: SimProcess, event: Input, effects: list[Effect]) -> None: ...
+    def handled(self, process: SimProcess, event: Input, effects: Sequence[Effect]) -> None: ...
+    def logged(self, robot: str, effect: Effect) -> None: ...
 
 
 class SimProcess:
@@ -76,6 +87,7 @@ class SimProcess:
         self.stop: Stop | None = None
         self.agent: Agent | None = None
         self.killed = False
+        self.is_over = False
         self.is_frozen = False
         self.journal = journal
         self.local = local
@@ -93,10 +105,6 @@ class SimProcess:
         self._scope: anyio.CancelScope | None = None
         self._runner: ActionRunner | None = None
         self._context = contextvars.Context()
-
-    @property
-    def is_over(self) -> bool:
-        return self.killed or self.stop is not None
 
     @property
     def is_slow(self) -> bool:
@@ -124,7 +132,7 @@ class SimProcess:
         self.agent = agent = self._make_agent(self._ran_us)
         self._runner = ActionRunner(group, self._program, agent.mission, self.identity, self)
         self._context.run(self._runner.start_background)
-        self._world.booted(self)
+        self._world.inspection.booted(self)
         self.deliver(TimerFired())
 
     # -- inputs -------------------------------------------------------------------------------
@@ -139,19 +147,20 @@ class SimProcess:
             self._handle(event)
 
     def _handle(self, event: Input) -> None:
-        if self.is_over or self.agent is None:
+        agent, inspection = self.agent, self._world.inspection
+        if self.is_over or agent is None:
             return
         now_us = self.local.boottime_us
         gap_us, self._ran_us = now_us - self._ran_us, now_us
-        if gap_us > self.agent.config.timing.detection_us and not isinstance(event, TimerFired):
+        if gap_us > agent.config.timing.detection_us and not isinstance(event, TimerFired):
             self._handle(TimerFired())  # as runtime.fencing does
-        self._world.handling(self, event)
-        effects = self.agent.handle(event, now_us)
+        inspection.handling(self, event)
+        effects = agent.handle(event, now_us)
         for effect in effects:
-            self._world.log.write(self._world.clock.now_us, self.robot, effect)
             self._carry_out(effect)
-        self._world.handled(self, event, effects)
-        self._set_timer()
+        inspection.handled(self, event, effects)
+        if not self.is_over:
+            self._set_timer(agent, now_us)
 
     def _carry_out(self, effect: Effect) -> None:
         assert self._runner is not None
@@ -175,6 +184,7 @@ class SimProcess:
                 self._world.declared(self, incarnation)
             case Stop():
                 self.stop = effect
+                self.is_over = True
                 self.journal.commit()
                 self._end()
                 self._world.stopped(self)
@@ -204,11 +214,8 @@ class SimProcess:
             self._commits = False
             self.journal.commit()
 
-    def _set_timer(self) -> None:
-        if self.agent is None or self.is_over:
-            return
-        now_us = self.local.boottime_us
-        due_us = self.agent.next_deadline_us(now_us)
+    def _set_timer(self, agent: Agent, now_us: int) -> None:
+        due_us = agent.next_deadline_us(now_us)
         if self._timer_us is None or due_us < self._timer_us:
             self._timer_us = due_us
             at_us = self.local.when_us(self.local.monotonic_us + due_us - now_us)
@@ -225,7 +232,7 @@ class SimProcess:
 
     def kill(self) -> None:
         """SIGKILL."""
-        self.killed = True
+        self.killed = self.is_over = True
         self.journal.crash()
         self._end()
 
@@ -281,7 +288,12 @@ class SimProcess:
 
     def submit(self, event: Input) -> None:
         clock = self._world.clock
-        clock.at(clock.now_us, lambda: self.deliver(event))
+        if isinstance(event, ActionFinished):
+            event = self._world.outcome(self, event)
+            clock.at(clock.now_us, partial(self.deliver, event))
+            self._world.completed(self)
+        else:
+            clock.at(clock.now_us, partial(self.deliver, event))
 
     def read_condition(self, name: str) -> bool:
         return self.agent is not None and self.agent.facts.condition(name)
@@ -295,4 +307,4 @@ class SimProcess:
 
     def log(self, level: str, event: str, **fields: Any) -> None:
         if not self.killed:
-            self._world.log.write(self._world.clock.now_us, self.robot, Log(level, event, fields))
+            self._world.inspection.logged(self.robot, Log(level, event, fields))

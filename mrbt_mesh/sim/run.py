@@ -17,6 +17,7 @@ from mrbt_mesh.core.timing import Timing
 from mrbt_mesh.core.tree import Status
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim.clock import VirtualLoop
+from mrbt_mesh.sim.failures import NO_FAILURES, FailureModel
 from mrbt_mesh.sim.faults import Schedule
 from mrbt_mesh.sim.network import NetworkKnobs
 from mrbt_mesh.sim.scenario import Scenario
@@ -37,7 +38,8 @@ class SimulationResult:
     lines of events.jsonl), `violations` the invariants that did not hold, `checks` how often each
     one was checked. `done_twice` counts local tasks that succeeded more often than their `max`,
     `exclusive_done_twice` exclusive tasks that did. `stops` says why each agent stopped: (exit
-    code, reason). `agents` are those of the last processes, for a closer look.
+    code, reason). `befallen` counts the faults of each kind. `agents` are those of the last
+    processes, for a closer look.
     """
 
     seed: int
@@ -51,6 +53,7 @@ class SimulationResult:
     done_twice: int
     exclusive_done_twice: int
     stops: Mapping[str, tuple[int, str]]
+    befallen: Mapping[str, int]
     agents: Mapping[str, Agent]
     observer: Observer
     duration_us: int
@@ -73,12 +76,16 @@ def simulate(
     timeout_us: int = DEFAULT_TIMEOUT_US,
     speed: float = 1.0,
     exit_when_done: bool = True,
+    stop_when_stuck: bool = False,
+    failures: FailureModel = NO_FAILURES,
+    inspect: bool = True,
     keep_log: bool = False,
 ) -> SimulationResult:
     """Run `mission` with the robots (all of the file by default) in virtual time.
 
-    The same arguments give the same run, effect for effect. Raises ValueError for a robot that
-    the mission does not have, SimulationError if an agent breaks.
+    The same arguments give the same run, effect for effect. Without `inspect` nothing is checked
+    and no effect log is kept, which is faster and changes nothing else. Raises ValueError for a
+    robot that the mission does not have, SimulationError if an agent breaks.
     """
     team = tuple(sorted(mission.robots if robots is None else set(robots)))
     steps = tuple(schedule)
@@ -100,6 +107,9 @@ def simulate(
         timing=timing or Timing(),
         speed=speed,
         exit_when_done=exit_when_done,
+        stop_when_stuck=stop_when_stuck,
+        failures=failures,
+        inspect=inspect,
         keep_log=keep_log,
     )
     world = World(setup)
@@ -138,28 +148,29 @@ def _run(world: World) -> None:
 def _result(world: World) -> SimulationResult:
     observer, now_us = world.observer, world.clock.now_us
     if world.gave_up and not world.cut_off and world.network.is_reliable_at(now_us):
-        world.checkers.i6.never_stopped()
+        world.inspection.never_stopped()
     if world.timed_out and observer.record.result is None:
-        world.checkers.i6.timed_out()
+        world.inspection.timed_out()
     plan = observer.plan
     if observer.record.result is not None:
         result = "success" if observer.record.result is Status.SUCCESS else "failure"
     else:
         blocked = plan is not None and any(waiting.is_blocked for waiting in plan.waiting)
-        result = "blocked" if blocked else "timeout"
+        result = "blocked" if blocked or not world.living() else "timeout"
     processes = world.processes
     return SimulationResult(
         seed=world.setup.seed,
         result=result,
         summary=observer.record.summary(result, now_us),
         events=world.events,
-        effect_log_digest=world.log.digest,
-        effect_log=world.log.lines,
-        violations=world.checkers.violations,
-        checks=dict(world.checkers.checks),
-        done_twice=world.checkers.i6.done_twice,
-        exclusive_done_twice=world.checkers.i5.done_twice,
+        effect_log_digest=world.inspection.effect_log_digest,
+        effect_log=list(world.inspection.effect_log),
+        violations=list(world.inspection.violations),
+        checks=dict(world.inspection.checks),
+        done_twice=world.inspection.done_twice,
+        exclusive_done_twice=world.inspection.exclusive_done_twice,
         stops={r: (p.stop.code, p.stop.reason) for r, p in processes.items() if p.stop},
+        befallen=dict(world.befallen),
         agents={r: p.agent for r, p in processes.items() if p.agent},
         observer=observer,
         duration_us=now_us,

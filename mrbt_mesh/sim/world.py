@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -15,9 +16,9 @@ from mrbt_mesh.core.agent import Agent
 from mrbt_mesh.core.agent_config import AgentConfig
 from mrbt_mesh.core.assignment import Solver
 from mrbt_mesh.core.effects import (
+    ActionFinished,
     AnswerReceived,
     Ask,
-    Effect,
     Input,
     MessageReceived,
     Publish,
@@ -26,6 +27,7 @@ from mrbt_mesh.core.effects import (
     TokenChanged,
 )
 from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.functions import INDEPENDENT
 from mrbt_mesh.core.mission import Mission
 from mrbt_mesh.core.observer import Observer
 from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
@@ -35,13 +37,14 @@ from mrbt_mesh.core.wire import Header, MessageKind
 from mrbt_mesh.runtime.actions import Identity
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim import faults
-from mrbt_mesh.sim.checkers import Checkers
 from mrbt_mesh.sim.clock import LocalClock, VirtualClock
-from mrbt_mesh.sim.effect_log import EffectLog
-from mrbt_mesh.sim.injector import Injector, fault_text
+from mrbt_mesh.sim.failures import NO_FAILURES, FailureModel, Failures
+from mrbt_mesh.sim.injector import Injector
+from mrbt_mesh.sim.inspection import FullInspection, Inspection
 from mrbt_mesh.sim.journal import SimJournal
 from mrbt_mesh.sim.network import Network, NetworkKnobs
 from mrbt_mesh.sim.process import SimProcess
+from mrbt_mesh.sim.sharing import shared_functions
 
 # How long, in detection times, robots that were cut off may outlive the end of the mission.
 GIVE_UP_DETECTIONS = 5
@@ -51,7 +54,9 @@ GIVE_UP_DETECTIONS = 5
 class Setup:
     """All that decides a run. `robots` are launched at the start, within `start_spread_us`.
 
-    `speed` shortens the robots' work. `timeout_us` counts from the launch.
+    `speed` shortens the robots' work. `timeout_us` counts from the launch. `inspect`: check what
+    must always hold, and log every effect. `stop_when_stuck`: end a run of which nothing more
+    will come. `failures` befall the team besides the faults of the `schedule`.
     """
 
     mission: Mission
@@ -65,7 +70,10 @@ class Setup:
     solver: Solver = SOLVERS[DEFAULT_SOLVER]
     speed: float = 1.0
     exit_when_done: bool = True
+    stop_when_stuck: bool = False
+    failures: FailureModel = NO_FAILURES
     start_spread_us: int = 20_000
+    inspect: bool = True
     keep_log: bool = False
 
 
@@ -87,11 +95,15 @@ class World:
     def __init__(self, setup: Setup) -> None:
         self.setup = setup
         self.clock = VirtualClock()
-        self.log = EffectLog(setup.keep_log)
         self.network = Network(setup.network, setup.seed)
         self.run = f"sim{setup.seed}"
-        self.observer = Observer(setup.mission, self.run, setup.timing, setup.solver)
-        self.checkers = Checkers(self)
+        header = Header(setup.mission.digest[:16], setup.mission.name, self.run, "")
+        # What is checked must have been computed by each robot for itself.
+        self._functions = INDEPENDENT if setup.inspect else shared_functions(header)
+        self.observer = Observer(
+            setup.mission, self.run, setup.timing, setup.solver, self._functions
+        )
+        self.inspection = FullInspection(self, setup.keep_log) if setup.inspect else Inspection()
         self.processes: dict[str, SimProcess] = {}
         self.events: list[dict[str, Any]] = []
         self.error: Exception | None = None
@@ -102,9 +114,11 @@ class World:
         self._lives = 0
         self._questions: dict[int, _Question] = {}
         self._observing = False
+        self.befallen: Counter[str] = Counter()
+        self._stuck_since: tuple[int, int] = (0, 0)
         self._pending = len(setup.schedule)
-        header = Header(setup.mission.digest[:16], setup.mission.name, self.run, "")
         self._injector = Injector(self, header)
+        self._failures = Failures(self, setup.failures)
         self._never: set[str] = set()
         self._to_launch = len(setup.robots)
         self._journals: dict[str, SimJournal] = {}
@@ -121,7 +135,8 @@ class World:
                 at_us = int.from_bytes(offset, "big") % (setup.start_spread_us + 1)
                 self.clock.at(at_us, partial(self._launch_first, robot))
             for at_us, fault in sorted(setup.schedule, key=lambda item: item[0]):
-                self.clock.at(at_us, partial(self._befall, fault))
+                self.clock.at(at_us, partial(self._befall_scheduled, fault))
+            self._failures.begin()
             self.clock.at(setup.timeout_us, self._time_out)
             self.clock.at(0, self._observe_regularly)
             await self.over.wait()
@@ -182,7 +197,7 @@ class World:
         journal = self._journals.get(robot) if keeps_journal else None
         if journal is None:
             journal = self._journals[robot] = SimJournal()
-            self.checkers.i9.lost_journal(robot)
+            self.inspection.lost_journal(robot)
         setup, life = self.setup, self._lives
         description = setup.mission.robots[robot]
         identity = Identity(robot, description.type, 1_000 + life, setup.speed)
@@ -200,6 +215,7 @@ class World:
             restored=journal.read(),
             host="simulator",
             pid=identity.pid,
+            functions=self._functions,
         )
 
         def make_agent(now_us: int) -> Agent:
@@ -213,24 +229,33 @@ class World:
         self.processes[robot] = process
         assert self._group is not None
         self._group.start_soon(process.main)
+        self._failures.launched(process)
 
     # -- the network (process.Surroundings) ---------------------------------------------------
 
     def published(self, process: SimProcess, effect: Publish) -> None:
         now_us = self.clock.now_us
         event = MessageReceived(effect.kind, process.robot, effect.data)
+        arrivals: dict[int, list[str]] = {}
         for target in self.processes:
             if target != process.robot:
-                self._send(process.robot, target, event)
+                for arrival_us in self.network.arrivals_us(process.robot, target, now_us):
+                    arrivals.setdefault(arrival_us, []).append(target)
+        for arrival_us, targets in arrivals.items():
+            self.clock.at(arrival_us, partial(self._arrive_at_all, targets, event))
         self._injector.heard(process.robot, event)
         self.observer.message(effect.kind, process.robot, effect.data, now_us)
         if effect.kind is MessageKind.FACT:
-            self.checkers.findings.changed_us = now_us
+            self.inspection.published_facts()
         self._observe_soon()
 
     def _send(self, source: str, target: str, event: Input) -> None:
         for arrival_us in self.network.arrivals_us(source, target, self.clock.now_us):
             self.clock.at(arrival_us, partial(self.arrive, target, event))
+
+    def _arrive_at_all(self, targets: list[str], event: Input) -> None:
+        for target in targets:
+            self.processes[target].deliver(event)
 
     def arrive(self, target: str, event: Input) -> None:
         """Hand an input to a robot's process."""
@@ -299,19 +324,16 @@ class World:
             self.observer.record.over(plan.result, now_us)
             self.clock.at(now_us + GIVE_UP_DETECTIONS * self.timing.detection_us, self._give_up)
         self._undeclare(process)
-        self.checkers.findings.befell()  # the others have to notice
+        self.inspection.stopped()
+
+    def outcome(self, process: SimProcess, event: ActionFinished) -> ActionFinished:
+        return self._failures.outcome(process, event)
+
+    def completed(self, process: SimProcess) -> None:
+        self._failures.completed(process)
 
     def recorded(self, process: SimProcess, event: Mapping[str, Any]) -> None:
         self.events.append(dict(event))
-
-    def booted(self, process: SimProcess) -> None:
-        self.checkers.booted(process)
-
-    def handling(self, process: SimProcess, event: Input) -> None:
-        self.checkers.handling(process, event)
-
-    def handled(self, process: SimProcess, event: Input, effects: list[Effect]) -> None:
-        self.checkers.handled(process, event, effects)
 
     # -- the observer -------------------------------------------------------------------------
 
@@ -332,8 +354,8 @@ class World:
 
     def _observe_regularly(self) -> None:
         self._observe()
-        self.checkers.sample()
-        if self.checkers.i6.is_settled:
+        self.inspection.sample()
+        if self.inspection.is_settled or (self.setup.stop_when_stuck and self._is_stuck()):
             self.over.set()
         next_us = self.clock.now_us + self.setup.timing.beat_us
         self.clock.at(next_us, self._observe_regularly)
@@ -343,17 +365,52 @@ class World:
             return False  # they are still being launched
         if self.observer.record.result is not None:
             return not self.living()
-        return not self._pending and all(p.is_over for p in self.processes.values())
+        return not self._is_awaiting and all(p.is_over for p in self.processes.values())
+
+    @property
+    def _is_awaiting(self) -> bool:
+        """Whether something is still to befall that could help the team."""
+        return bool(self._pending or self._failures.awaited)
+
+    def _is_stuck(self) -> bool:
+        """Whether nothing more will happen: for as long as a verdict on a robot may take, nobody
+        has worked or had anything to do, no deadline ran, and no fact has changed.
+        """
+        changes = self.observer.facts.changes
+        if self._is_awaiting or self.setup.program.backgrounds or not self._rests():
+            changes = -1
+        if changes != self._stuck_since[0]:
+            self._stuck_since = (changes, self.clock.now_us)
+        return changes >= 0 and self._stuck_since[1] + self._patience_us <= self.clock.now_us
+
+    @property
+    def _patience_us(self) -> int:
+        return self.timing.longest_verdict_us + self.timing.detection_us
+
+    def _rests(self) -> bool:
+        agents = [process.agent for process in self.living()]
+        return all(
+            agent is not None
+            and agent.joining is None
+            and agent.plan is not None
+            and not agent.plan.lines
+            and agent.work.is_idle
+            and agent.planner.watches.next_deadline_us() is None
+            for agent in agents
+        )
 
     # -- faults -------------------------------------------------------------------------------
 
-    def _befall(self, fault: faults.Fault) -> None:
+    def _befall_scheduled(self, fault: faults.Fault) -> None:
         self._pending -= 1
+        self.befall(fault)
+
+    def befall(self, fault: faults.Fault) -> None:
+        """Let one fault happen now."""
         if self.setup.exit_when_done and self.observer.record.result is not None:
             return  # the mission is over, and with it the story
-        links = fault.links if isinstance(fault, faults.Block | faults.Unblock) else None
-        self.checkers.findings.befell(links)
-        self.log.note(self.clock.now_us, "-", f'{{"fault":"{fault_text(fault)}"}}')
+        self.inspection.befalls(fault)
+        self.befallen[type(fault).__name__] += 1
         self._injector.inject(fault)
         if isinstance(fault, faults.Heal):
             self.healed_us = self.clock.now_us

@@ -10,6 +10,7 @@ resumes from the journal.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 
 from mrbt_mesh.core.agent import Agent
 from mrbt_mesh.core.effects import CancelAction, Effect, Input, Log, StartAction
@@ -67,7 +68,7 @@ class Checkers:
         self._running = agent.work.claim if agent.work.action is not None else None
         self._life = agent.incarnation
 
-    def handled(self, process: SimProcess, event: Input, effects: list[Effect]) -> None:
+    def handled(self, process: SimProcess, event: Input, effects: Sequence[Effect]) -> None:
         """After every step of an agent."""
         agent = process.agent
         assert agent is not None

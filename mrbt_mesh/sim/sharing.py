@@ -1,0 +1,89 @@
+"""Robots that are simulated in one process read each message, and make each plan, once.
+
+Not for runs that check whether robots come to the same plan independently.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from typing import Any, TypeVar
+
+from mrbt_mesh.core.assignment import Solver
+from mrbt_mesh.core.evaluate import Evaluation, EvaluationFacts, Evaluator
+from mrbt_mesh.core.facts import Entry, Incarnation
+from mrbt_mesh.core.functions import Functions, read_batch, read_beat, write_beat
+from mrbt_mesh.core.plan import Plan, make_plan
+from mrbt_mesh.core.team import TeamFacts
+from mrbt_mesh.core.tree import Tree
+from mrbt_mesh.core.wire import Beat, Header
+
+# Messages and plans are shared among robots at about the same time.
+RECENT = 1_024
+
+
+_Key = TypeVar("_Key")
+_Value = TypeVar("_Value")
+
+
+class Recent(dict[_Key, _Value]):
+    """A dictionary that is emptied when it has grown too large."""
+
+    def __setitem__(self, key: _Key, value: _Value) -> None:
+        if len(self) >= RECENT:
+            self.clear()
+        super().__setitem__(key, value)
+
+
+class _RememberingEvaluator(Evaluator):
+    """Of one run's T_G: most changes of facts are of claims, which it does not read."""
+
+    def __init__(self, tree: Tree) -> None:
+        super().__init__(tree)
+        self._found: Recent[int, Evaluation] = Recent()
+
+    def evaluate(self, facts: EvaluationFacts) -> Evaluation:
+        assert isinstance(facts, TeamFacts)
+        found = self._found.get(facts.tree_state)
+        if found is None:
+            found = self._found[facts.tree_state] = super().evaluate(facts)
+        return found
+
+
+def shared_functions(mine: Header) -> Functions:
+    """Functions for all robots of one run, which remember what they have answered lately."""
+
+    beats: Recent[tuple[str, bytes], Beat] = Recent()
+
+    def shared_write(beat: Beat, mine: Header) -> bytes:
+        data = write_beat(beat, mine)
+        beats[mine.sender, data] = beat  # nobody needs to read what was written here
+        return data
+
+    def shared_beat(
+        source: str, data: bytes, mine: Header, is_news: Callable[[list[Any]], bool]
+    ) -> Beat:
+        return beats.get((source, data)) or read_beat(source, data, mine, is_news)
+
+    @lru_cache(maxsize=RECENT)
+    def batch_of(source: str, data: bytes) -> tuple[list[Entry], int]:
+        return read_batch(source, data, mine)
+
+    def shared_batch(source: str, data: bytes, mine: Header) -> tuple[list[Entry], int]:
+        return batch_of(source, data)
+
+    remembering: list[_RememberingEvaluator] = []
+    plans: Recent[tuple[bytes, frozenset[tuple[str, Incarnation]]], Plan] = Recent()
+
+    def shared_plan(
+        evaluator: Evaluator, facts: TeamFacts, alive: Mapping[str, Incarnation], solver: Solver
+    ) -> Plan:
+        key = (facts.map.digest(), frozenset(alive.items()))
+        plan = plans.get(key)
+        if plan is None:
+            if not remembering:
+                remembering.append(_RememberingEvaluator(evaluator.tree))
+            plan = plans[key] = make_plan(remembering[0], facts, alive, solver)
+        return plan
+
+    return Functions(shared_plan, shared_write, shared_beat, shared_batch)

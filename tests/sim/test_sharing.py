@@ -1,0 +1,94 @@
+"""Runs without inspection: faster, because robots read and plan together, and not different."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from runs import example
+
+from mrbt_mesh.core import functions
+from mrbt_mesh.core.wire import Header, WireError
+from mrbt_mesh.sim import NetworkKnobs, SimulationResult, sharing, simulate
+from mrbt_mesh.sim import faults as f
+from mrbt_mesh.sim.network import LinkKnobs
+
+SECOND_US = 1_000_000
+SCHEDULE = (
+    (4 * SECOND_US, f.Kill("C1")),
+    (6 * SECOND_US, f.Lose("A1", "do_diagnosis")),
+    (7 * SECOND_US, f.Freeze("B2")),
+    (9 * SECOND_US, f.Restart("C1")),
+    (11 * SECOND_US, f.Thaw("B2")),
+    (15 * SECOND_US, f.Kill("A2")),
+)
+LOSSY = NetworkKnobs(LinkKnobs(loss_permille=100, duplicate_permille=50, reorder_permille=100))
+
+
+def story(result: SimulationResult) -> tuple[Any, ...]:
+    """All that a run without inspection still tells."""
+    plans = {robot: agent.plan.packed for robot, agent in result.agents.items() if agent.plan}
+    return result.result, result.duration_us, result.summary, result.events, result.stops, plans
+
+
+@pytest.mark.parametrize("name", ["vehicle_repair", "dispense", "explore", "tool_search"])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_inspection_changes_nothing_of_a_run(name: str, seed: int) -> None:
+    mission, program = example(name)
+    watched = simulate(mission, program, seed=seed)
+    alone = simulate(mission, program, seed=seed, inspect=False)
+    assert story(alone) == story(watched), f"{name}, seed {seed}"
+    assert watched.checks
+    assert watched.effect_log_digest
+    assert not alone.checks
+    assert not alone.effect_log_digest
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nor_with_faults_and_a_bad_network(seed: int) -> None:
+    mission, program = example("vehicle_repair")
+    options: dict[str, Any] = {"seed": seed, "schedule": SCHEDULE, "network": LOSSY}
+    watched = simulate(mission, program, **options)
+    alone = simulate(mission, program, **options, inspect=False)
+    assert story(alone) == story(watched), f"seed {seed}"
+    assert watched.violations == []
+
+
+def test_a_message_is_read_and_a_plan_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts = {"make_plan": 0, "read_beat": 0, "read_batch": 0}
+
+    def counted(name: str) -> Any:
+        function = getattr(functions, name)
+
+        def call(*arguments: Any) -> Any:
+            counts[name] += 1
+            return function(*arguments)
+
+        return call
+
+    for name in counts:
+        monkeypatch.setattr(sharing, name, counted(name))
+    mission, program = example("vehicle_repair")
+    result = simulate(mission, program, seed=1, inspect=False)
+    told = sum(agent.facts.changes for agent in result.agents.values())
+    assert counts["read_beat"] == 0, "nobody needs to read what a robot here wrote"
+    assert 0 < counts["read_batch"] < told / len(result.agents)
+    assert 0 < counts["make_plan"] < told / 2
+
+
+def test_what_is_malformed_is_refused_by_everybody() -> None:
+    header = Header("0" * 16, "m", "r", "")
+    shared = sharing.shared_functions(header)
+    for _ in range(2):
+        with pytest.raises(WireError, match="not msgpack"):
+            shared.read_batch("A1", b"\xc1", header)
+        with pytest.raises(WireError, match="not msgpack"):
+            shared.read_beat("A1", b"\xc1", header, lambda row: True)
+
+
+def test_what_is_remembered_is_bounded() -> None:
+    recent: sharing.Recent[int, int] = sharing.Recent()
+    for number in range(3 * sharing.RECENT):
+        recent[number] = number
+        assert len(recent) <= sharing.RECENT
+        assert recent[number] == number
