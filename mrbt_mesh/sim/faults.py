@@ -21,6 +21,21 @@ class Kill:
 
 
 @dataclass(frozen=True, slots=True)
+class KillAfter:
+    """SIGKILL right after the robot has told the team how its `actions`-th action from now ended.
+
+    Actions that were cancelled do not count. Raises ValueError if `actions` is below 1.
+    """
+
+    robot: str
+    actions: int
+
+    def __post_init__(self) -> None:
+        if self.actions < 1:
+            raise ValueError(f"actions: at least 1 is expected, found {self.actions}")
+
+
+@dataclass(frozen=True, slots=True)
 class Restart:
     """Start a new process of this robot: one that died or left, or that was not there before.
 
@@ -177,6 +192,7 @@ class Command:
 
 Fault: TypeAlias = (
     Kill
+    | KillAfter
     | Restart
     | Freeze
     | Suspend

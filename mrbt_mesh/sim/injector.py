@@ -63,9 +63,8 @@ class Injector:
         self.cut_off |= isinstance(fault, _ISOLATING)
         self.cut_off |= isinstance(fault, faults.Heal) and bool(fault.broken)
         match fault:
-            case faults.Restart(robot, keeps_journal):
-                world.kill(robot)
-                world.launch(robot, keeps_journal)
+            case faults.Kill() | faults.KillAfter() | faults.Restart():
+                self._end(fault)
             case faults.Block(links):
                 world.network.block(links)
             case faults.Unblock(links):
@@ -81,14 +80,23 @@ class Injector:
                 world.local_clock(robot).set_rate(rate_ppm)
             case faults.ClockJump(robot, ahead_us):
                 world.local_clock(robot).jump(ahead_us)
-            case faults.Kill(robot):
-                world.kill(robot)
             case _:
                 process = world.processes.get(fault.robot)
                 if isinstance(fault, _OF_THE_ROBOT) and world.is_coming(fault.robot):
                     world.clock.at(world.clock.now_us + BOOT_US, partial(self.inject, fault))
                 elif process is not None and not process.is_over:
                     self._befall(process, fault)
+
+    def _end(self, fault: faults.Kill | faults.KillAfter | faults.Restart) -> None:
+        """What befalls a robot whether it has a process yet or not."""
+        match fault:
+            case faults.Kill(robot):
+                self._world.kill(robot)
+            case faults.KillAfter(robot, actions):
+                self._world.kill_after(robot, actions)
+            case faults.Restart(robot, keeps_journal):
+                self._world.kill(robot)
+                self._world.launch(robot, keeps_journal)
 
     def _befall(self, process: SimProcess, fault: faults.Fault) -> None:
         """What a process can only suffer while there is one."""

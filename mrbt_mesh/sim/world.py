@@ -120,6 +120,7 @@ class World:
         self._injector = Injector(self, header)
         self._failures = Failures(self, setup.failures)
         self._never: set[str] = set()
+        self._actions_left: dict[str, int] = {}
         self._to_launch = len(setup.robots)
         self._journals: dict[str, SimJournal] = {}
         self._clocks: dict[str, LocalClock] = {}
@@ -330,6 +331,12 @@ class World:
         return self._failures.outcome(process, event)
 
     def completed(self, process: SimProcess) -> None:
+        robot = process.robot
+        if robot in self._actions_left:
+            self._actions_left[robot] -= 1
+            if not self._actions_left[robot]:
+                del self._actions_left[robot]
+                self.clock.at(self.clock.now_us, partial(self.kill, robot))
         self._failures.completed(process)
 
     def recorded(self, process: SimProcess, event: Mapping[str, Any]) -> None:
@@ -424,6 +431,10 @@ class World:
             process.kill()
             self.observer.record.exited(robot, self.clock.now_us)
             self._undeclare(process)
+
+    def kill_after(self, robot: str, actions: int) -> None:
+        """End this robot's process once so many more of its actions have ended by themselves."""
+        self._actions_left[robot] = actions
 
     def _time_out(self) -> None:
         self.timed_out = True

@@ -19,6 +19,7 @@ from mrbt_mesh.sim import (
     Freeze,
     Heal,
     Kill,
+    KillAfter,
     Lose,
     Replay,
     Restart,
@@ -69,6 +70,38 @@ def test_a_killed_robot_forgets_what_it_heard_a_moment_ago_but_not_what_it_said(
     assert outcomes_in_the_journal(run, heard_us + 150_000) == 2
     own = min(s.end_s for s in of(undisturbed(3), "do_diagnosis") if s.robot == "B1")
     assert outcomes_in_the_journal(run, round(own * 1e6) + 1_000) >= 3
+
+
+@pytest.mark.parametrize("actions", [1, 2])
+def test_a_robot_that_dies_of_its_work_has_told_how_its_last_action_ended(
+    run: Run, actions: int
+) -> None:
+    own = sorted((s for s in undisturbed(3) if s.robot == "B1"), key=lambda s: s.end_s)
+    died_s = own[actions - 1].end_s
+    result = run("vehicle_repair", 3, schedule=[(0, KillAfter("B1", actions))])
+    ended = [s for s in spans(result.events) if s.robot == "B1" and s.end == "success"]
+    assert len(ended) == actions
+    assert [fault["robot"] for fault in result.summary["faults"]] == ["B1"]
+    assert result.summary["faults"][0]["at_s"] == pytest.approx(died_s, abs=0.1)
+    facts = result.agents["A1"].facts
+    told = [outcomes for of_task in facts.outcomes.values() for outcomes in of_task.values()]
+    assert sum("B1" in outcomes for outcomes in told) == actions
+    assert result.done_twice == 0
+
+
+def test_work_that_was_cancelled_wears_nobody_out(run: Run) -> None:
+    first = min((s for s in undisturbed(3) if s.robot == "B1"), key=lambda s: s.start_s)
+    lost_us = round((first.start_s + first.end_s) / 2 * 1e6)
+    schedule = [(0, KillAfter("B1", 1)), (lost_us, Lose("B1", "all"))]
+    result = run("vehicle_repair", 3, schedule=schedule, expect=None, timeout_us=60 * SECOND_US)
+    own = [s.end for s in spans(result.events) if s.robot == "B1"]
+    assert own == ["cancel"]
+    assert "B1" in result.stops or result.result != "success"
+
+
+def test_nobody_dies_of_no_action() -> None:
+    with pytest.raises(ValueError, match="at least 1"):
+        KillAfter("B1", 0)
 
 
 @pytest.mark.parametrize("seed", range(3))
