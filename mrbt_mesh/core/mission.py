@@ -44,6 +44,13 @@ class FailurePolicy(enum.StrEnum):
     RESILIENT = "resilient"
 
 
+class Assignment(enum.StrEnum):
+    """Which robots a request may have: all that are capable, or those that are needed least."""
+
+    ANY = "any"
+    SPARE_SCARCE = "spare_scarce"
+
+
 class InDoubt(enum.StrEnum):
     """What becomes of an exclusive task that was begun and ended without an outcome.
 
@@ -183,6 +190,7 @@ class Mission:
     conditions: Mapping[str, ConditionType]
     global_tasks: Mapping[GlobalTaskId, GlobalTask]
     tree: Tree
+    assignment: Assignment = Assignment.ANY
     parameters: Mapping[str, Any] = field(default_factory=dict)
     program: str | None = None
     costs: Costs = field(default_factory=Costs)
@@ -210,8 +218,13 @@ class Mission:
         return declared is not None and len(declared.parameters) == len(arguments)
 
     def to_json(self) -> dict[str, Any]:
-        """The compiled mission as plain data; `mission_from_json` takes it back."""
+        """The compiled mission as plain data; `mission_from_json` takes it back.
+
+        The usual assignment is left out, so that missions without it keep their digests.
+        """
+        usual = self.assignment is Assignment.ANY
         return {
+            **({} if usual else {"assignment": str(self.assignment)}),
             "compiled": COMPILED_VERSION,
             "name": self.name,
             "robots": {r.id: [r.type, dict(r.capabilities)] for r in self.robots.values()},
@@ -294,6 +307,7 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
                 ) in data["global_tasks"]
             },
             tree=build_tree(_spec_from_json(data["tree"])),
+            assignment=Assignment(data.get("assignment", Assignment.ANY)),
             parameters=data["parameters"],
             program=data["program"],
             costs=Costs(*data.get("costs", ())),  # missions compiled before there were costs

@@ -30,7 +30,9 @@ from mrbt_mesh.core.demand import (
 )
 from mrbt_mesh.core.evaluate import Evaluation, Evaluator
 from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.mission import Assignment
 from mrbt_mesh.core.records import OrderKind
+from mrbt_mesh.core.scarcity import spare_scarce
 from mrbt_mesh.core.team import TeamFacts
 from mrbt_mesh.core.tree import Status
 
@@ -170,9 +172,12 @@ def make_plan(
         for request, group in zip(evaluation.requests, demands, strict=True)
     ]
     barred = [index for index, text in enumerate(obstacles) if text]
-    kept, pinned = kept_requests(facts, demands, team, barred)
-    lines = _pinned_lines(demands, pinned)
-    chosen = _assign([d for i in kept for d in demands[i]], team, lines, solver)
+    offered: Sequence[Sequence[Demand]] = demands
+    if facts.mission.assignment is Assignment.SPARE_SCARCE:
+        offered = spare_scarce(facts, evaluation, demands, team)
+    kept, pinned = kept_requests(facts, offered, team, barred)
+    lines = _pinned_lines(offered, pinned)
+    chosen = _assign([d for i in kept for d in offered[i]], team, lines, solver)
     if chosen is not None:
         lines.update(chosen)
     waiting = tuple(
@@ -185,7 +190,9 @@ def make_plan(
         for index, r in enumerate(evaluation.requests)
         if index not in kept
     )
-    idle = {r: _why_idle(w, demands, kept, lines) for r, w in team.items() if r not in lines}
+    idle = {
+        r: _why_idle(w, demands, offered, kept, lines) for r, w in team.items() if r not in lines
+    }
     ordered = _with_leaders(facts, {robot: lines[robot] for robot in sorted(lines)}, team)
     return Plan(evaluation, order, ordered, idle | away, waiting, chosen is not None)
 
@@ -265,6 +272,7 @@ def _assign(
 def _why_idle(
     worker: Worker,
     demands: Sequence[Sequence[Demand]],
+    offered: Sequence[Sequence[Demand]],
     kept: Sequence[int],
     lines: Mapping[str, Line],
 ) -> str:
@@ -273,6 +281,9 @@ def _why_idle(
         return "nothing is requested"
     if not able:
         return "no request needs what it can do"
+    if not any(worker.id in d.candidates for group in offered for d in group):
+        names = sorted({demands[index][0].request.subject for index in able})
+        return f"{', '.join(names)}: spared for what fewer robots can do"
     served = [index for index in able if index in kept]
     if served:
         names = sorted({demands[index][0].request.subject for index in served})

@@ -8,6 +8,7 @@ from typing import Any
 
 from mrbt_mesh.core.mission import (
     MAX_GLOBAL_TASKS,
+    Assignment,
     ConditionType,
     Costs,
     FailurePolicy,
@@ -111,6 +112,7 @@ class _Builder:
             conditions=conditions,
             global_tasks=global_tasks,
             tree=tree,
+            assignment=Assignment(model.assignment),
             parameters=_sorted_deeply(model.parameters),
             program=resolve_program(model.program, folder),
             costs=Costs(

@@ -337,10 +337,15 @@ RobotEntry: TypeAlias = Annotated[
 
 
 class MissionModel(FileModel):
-    """A mission of a team of robots."""
+    """A mission of a team of robots.
+
+    `assignment: spare_scarce`: where robots may break at work, those that others can replace go
+    first, even if something has to wait for them.
+    """
 
     mission: Name
     program: ProgramText | None = None
+    assignment: Literal["any", "spare_scarce"] = "any"
     parameters: dict[Name, JsonValue] = {}
     local_tasks: dict[Name, LocalTaskModel]
     conditions: dict[Name, ConditionModel] = {}

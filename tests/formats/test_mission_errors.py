@@ -57,6 +57,7 @@ def test_the_good_one_is_good() -> None:
     [
         # Keys, shapes and types.
         ("mission: m", "misson: m", 1, "unknown key 'misson'; did you mean 'mission'?"),
+        ("mission: m", "mission: m\nassignment: best", 2, "any or spare_scarce is expected"),
         ("mission: m", "mission: 3", 1, "text is expected, found the number 3"),
         ("mission: m", "mission: m x", 1, "a name is expected: a letter or _"),
         ("mission: m", "mission: m\nprogram: robot.txt", 2, "e.g. robot.py or robot.py:name"),

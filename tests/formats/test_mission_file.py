@@ -11,7 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.mission import MICRO, FailurePolicy, Mission, mission_from_json, performance
+from mrbt_mesh.core.mission import (
+    MICRO,
+    Assignment,
+    FailurePolicy,
+    Mission,
+    mission_from_json,
+    performance,
+)
 from mrbt_mesh.core.tree import Kind, Memory
 from mrbt_mesh.formats.build import mission_from_yaml, resolve_program
 from mrbt_mesh.formats.compiled import mission_from_compiled
@@ -39,6 +46,14 @@ tree: fix(3)
 
 def load_text(text: str) -> Mission:
     return mission_from_yaml(dedent(text), "m.yaml", Path("/nowhere"))
+
+
+def test_the_assignment_is_read() -> None:
+    assert load_text(SMALL).assignment is Assignment.ANY
+    text = SMALL.replace("mission: small", "mission: small\nassignment: spare_scarce")
+    mission = load_text(text)
+    assert mission.assignment is Assignment.SPARE_SCARCE
+    assert mission_from_compiled(compile_mission(mission), "m.json") == mission
 
 
 def example(name: str) -> Mission:

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import os
 from collections import Counter
+from dataclasses import replace
 
 import pytest
 from runs import EXAMPLES
 
+from mrbt_mesh.core.mission import Assignment
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.sim.campaign import Source, Verdict, run_seed
+from mrbt_mesh.sim.campaign import Source, Verdict, judge, run_seed
 
 SEEDS = int(os.environ.get("MRBT_CHAOS_SEEDS", "200"))
 BLOCK = 20
@@ -56,6 +58,14 @@ def test_no_invariant_breaks_on_generated_missions(first: int) -> None:
     if len(seeds) == BLOCK:
         assert checked.keys() >= EVERYWHERE
         assert checked["I6"] >= BLOCK // 4  # liveness is demanded of most missions
+
+
+def test_no_invariant_breaks_where_scarce_robots_are_spared() -> None:
+    for seed in range(10):
+        mission, program = source(None).load(seed)
+        scenario = source(None).scenario(seed, mission)
+        sparing = replace(mission, assignment=Assignment.SPARE_SCARCE)
+        assert not judge(sparing, program, scenario).violations, f"seed {seed}"
 
 
 def test_every_invariant_is_checked_in_a_few_seeds() -> None:
