@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-slow test-docker lint check-lock lock drills soak clean \
-	bench-failover bench-resume bench-membership bench-simulate paper
+	bench-failover bench-resume bench-membership bench-simulate bench-robustness paper
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
@@ -20,6 +20,7 @@ help:
 	@echo "make bench-resume    50 rounds of killing the whole team and resuming it"
 	@echo "make bench-membership false deaths, detection and agreement on bad networks"
 	@echo "make bench-simulate  how many runs mrbt simulate makes in a minute"
+	@echo "make bench-robustness robots that die of their work, against published figures"
 	@echo "make paper           the paper's example, run again: docs/paper.md and its pictures"
 	@echo "make soak            chaos in the simulator on seeds of its own, MINUTES=30"
 	@echo "make lock            write requirements.lock again from pyproject.toml"
@@ -67,6 +68,9 @@ bench-membership: $(READY)
 
 bench-simulate: $(READY)
 	$(BIN)/python benchmarks/simulate.py --json simulate.json
+
+bench-robustness: $(READY)
+	$(BIN)/python -m benchmarks.robustness --json robustness.json
 
 paper: $(READY)
 	$(BIN)/python -m paper

@@ -2,26 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import statistics
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 from benchmarks.robustness.bounds import BestPolicy, allows
 from benchmarks.robustness.draws import Cell, draw
-from benchmarks.robustness.teams import independent_robots, our_team
+from benchmarks.robustness.teams import Way, independent_robots, our_team
 
-HEAD = ("robots", "h", "FP", "MRBTP, published", "independent", "ours", "best policy", "bound")
+# Column -> what it is called for people; success rates in percent.
+RATES = {
+    "published": "MRBTP, published",
+    "independent": "independent",
+    "ours": "ours",
+    "sparing": "sparing",
+    "one_at_a_time": "one at a time",
+    "best_policy": "best policy",
+    "bound": "bound",
+}
+HEAD = ("robots", "h", "FP", *RATES.values())
 
 
 @dataclass(frozen=True)
 class Judged:
     """What became of one draw: of our team, of independent robots; what was possible.
 
-    `best`: what the best policy made of it; `chance` is that policy's probability of success.
+    `ours`: (success, seconds). `best`: what the best policy made of it; `chance` is that
+    policy's probability of success.
     """
 
-    ours: bool
+    ours: Mapping[Way, tuple[bool, float]]
     independent: bool
     allowed: bool
     best: bool
@@ -41,7 +53,7 @@ def judge(cell: Cell, seeds: Sequence[int]) -> list[Judged]:
         policy = _policy(luck.able, cell.robots, cell.fault)
         found.append(
             Judged(
-                our_team(luck),
+                {way: our_team(luck, way) for way in Way},
                 independent_robots(luck),
                 allows(luck),
                 policy.succeeds(luck),
@@ -64,22 +76,30 @@ def summary(cell: Cell, judged: Sequence[Judged]) -> dict[str, Any]:
         "runs": len(judged),
         "published": cell.published,
         "independent": rate([each.independent for each in judged]),
-        "ours": rate([each.ours for each in judged]),
+        **{str(way): rate([each.ours[way][0] for each in judged]) for way in Way},
         "best_policy": rate([each.best for each in judged]),
         "best_policy_expected": rate([each.chance for each in judged]),
         "bound": rate([each.allowed for each in judged]),
-        "allowed_but_failed": sum(each.allowed and not each.ours for each in judged),
+        "allowed_but_failed": sum(each.allowed > each.ours[Way.USUAL][0] for each in judged),
         "succeeded_but_not_allowed": sum(
-            each.ours > each.allowed or each.independent > each.allowed for each in judged
+            max(each.independent, each.best, *(done for done, _ in each.ours.values()))
+            > each.allowed
+            for each in judged
         ),
+        "median_success_s": {str(way): _median_s(judged, way) for way in Way},
     }
+
+
+def _median_s(judged: Sequence[Judged], way: Way) -> float | None:
+    times_s = [seconds for done, seconds in (each.ours[way] for each in judged) if done]
+    return round(statistics.median(times_s), 2) if times_s else None
 
 
 def markdown(rows: Sequence[dict[str, Any]]) -> str:
     """The table for people, success rates in percent."""
     lines = [HEAD, ("---",) * len(HEAD)]
     for row in rows:
-        rates = [row[key] for key in ("published", "independent", "ours", "best_policy", "bound")]
+        rates = [row[key] for key in RATES]
         setting = (row["robots"], f"{row['homogeneity']:g}", f"{row['fault_probability']:g}")
         lines.append((*map(str, setting), *(f"{rate:.1f}" for rate in rates)))
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)

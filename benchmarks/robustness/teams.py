@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import random
 from dataclasses import replace
 from functools import cache
@@ -11,8 +12,8 @@ from pathlib import Path
 import anyio
 
 from benchmarks.robustness.draws import ACTIONS, NAMES, ROOMS, Draw
-from mrbt_mesh.core.mission import MICRO, Mission, Robot
-from mrbt_mesh.core.tree import Status
+from mrbt_mesh.core.mission import MICRO, Assignment, Mission, Robot
+from mrbt_mesh.core.tree import Kind, NodeSpec, Status, build_tree
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext
 from mrbt_mesh.sim import Block, Fault, KillAfter, SimulationResult, simulate
@@ -52,21 +53,41 @@ class World:
         return len(self.holds) == ACTIONS
 
 
+class Way(enum.StrEnum):
+    """How our team goes about it."""
+
+    USUAL = "ours"
+    SPARING = "sparing"
+    ONE_AT_A_TIME = "one_at_a_time"
+
+
 @cache
-def _file() -> Mission:
-    return load_mission(MISSION)
+def _file(way: Way) -> Mission:
+    mission = load_mission(MISSION)
+    if way is not Way.USUAL:
+        mission = replace(mission, assignment=Assignment.SPARE_SCARCE)
+    if way is Way.ONE_AT_A_TIME:
+        # The same children, one after the other.
+        mission = replace(
+            mission, tree=build_tree(NodeSpec(Kind.SEQUENCE, mission.tree.spec().children))
+        )
+    return mission
 
 
-def _mission(draw: Draw, performances: list[dict[str, int]]) -> Mission:
+def _mission(performances: list[dict[str, int]], way: Way = Way.USUAL) -> Mission:
     robots = {
         robot: Robot(robot, "drawn", capabilities)
         for robot, capabilities in zip(ROBOTS, performances, strict=False)
     }
-    return replace(_file(), robots=robots)
+    return replace(_file(way), robots=robots)
 
 
-def our_team(draw: Draw) -> bool:
-    """Whether the team succeeds that shares its facts and its plan."""
+def our_team(draw: Draw, way: Way = Way.USUAL) -> tuple[bool, float]:
+    """Whether the team succeeds that shares its facts and its plan, and after how many seconds.
+
+    `way`: with the usual plan, sparing robots that are needed for more, or that and one action
+    at a time.
+    """
     world = World()
     program = RobotProgram()
 
@@ -77,14 +98,14 @@ def our_team(draw: Draw) -> bool:
         task.set_condition(_EFFECTS[task.local_task], True)
 
     able = [{NAMES[a]: MICRO for a in draw.capabilities(i)} for i in range(len(draw.lives))]
-    result = _simulate(_mission(draw, able), program, draw, [])
+    result = _simulate(_mission(able, way), program, draw, [])
     plan = result.observer.plan
     done = plan is not None and plan.result is Status.SUCCESS
     if done != world.is_done:
         raise RuntimeError(f"seed {draw.seed}: the team and the world differ about success")
     if result.duration_us >= TIMEOUT_US and plan is not None and plan.lines:
         raise RuntimeError(f"seed {draw.seed}: the team was still at work at the end")
-    return done
+    return done, result.duration_us / MICRO
 
 
 def independent_robots(draw: Draw) -> bool:
@@ -126,7 +147,7 @@ def independent_robots(draw: Draw) -> bool:
         random.Random(f"independent/{draw.seed}/{i}").shuffle(wishes)
         able.append({NAMES[a]: wishes[a] * MICRO for a in draw.capabilities(i)})
     links = frozenset(permutations(ROBOTS[: len(draw.lives)], 2))
-    _simulate(_mission(draw, able), program, draw, [(0, Block(links))])
+    _simulate(_mission(able), program, draw, [(0, Block(links))])
     if busy:
         raise RuntimeError(f"seed {draw.seed}: {', '.join(sorted(busy))} still acted at the end")
     return world.is_done
