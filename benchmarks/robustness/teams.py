@@ -158,5 +158,11 @@ def _simulate(
 ) -> SimulationResult:
     deaths = [(0, KillAfter(r, n)) for r, n in zip(ROBOTS, draw.lives, strict=False)]
     return simulate(
-        mission, program, seed=draw.seed, schedule=[*steps, *deaths], timeout_us=TIMEOUT_US
+        mission,
+        program,
+        seed=draw.seed,
+        schedule=[*steps, *deaths],
+        timeout_us=TIMEOUT_US,
+        stop_when_stuck=True,
+        inspect=False,
     )
