@@ -159,6 +159,8 @@ class SimProcess:
         for effect in effects:
             self._carry_out(effect)
         inspection.handled(self, event, effects)
+        if isinstance(event, ActionFinished):
+            self._world.completed(self)
         if not self.is_over:
             self._set_timer(agent, now_us)
 
@@ -290,10 +292,7 @@ class SimProcess:
         clock = self._world.clock
         if isinstance(event, ActionFinished):
             event = self._world.outcome(self, event)
-            clock.at(clock.now_us, partial(self.deliver, event))
-            self._world.completed(self)
-        else:
-            clock.at(clock.now_us, partial(self.deliver, event))
+        clock.at(clock.now_us, partial(self.deliver, event))
 
     def read_condition(self, name: str) -> bool:
         return self.agent is not None and self.agent.facts.condition(name)

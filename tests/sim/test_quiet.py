@@ -1,0 +1,23 @@
+"""An agent that lets most inputs pass does just what one does that settles after each."""
+
+import pytest
+
+from mrbt_mesh.core.agent import Agent
+from mrbt_mesh.sim.campaign import Source
+from mrbt_mesh.sim.run import run_scenario
+
+
+def effect_log(seed: int) -> list[str]:
+    source = Source()
+    mission, program = source.load(seed)
+    scenario = source.scenario(seed, mission)
+    return list(run_scenario(mission, program, scenario, keep_log=True).effect_log)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_what_is_let_pass_would_have_had_no_effect(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = effect_log(seed)
+    monkeypatch.setattr(Agent, "_is_quiet", lambda *_: False)
+    assert effect_log(seed) == expected
