@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,7 +25,8 @@ from mrbt_mesh.cli.common import (
     read_mission,
 )
 from mrbt_mesh.cli.plan_view import render_plan
-from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, Bounds, solve
+from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, Bounds
+from mrbt_mesh.core.canonical import solve
 from mrbt_mesh.core.mission import MAX_PERFORMANCE, MICRO
 from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
 from mrbt_mesh.formats.facts_file import plan_from_file
@@ -181,7 +183,7 @@ def _short(problem: AssignmentProblem) -> list[int]:
             b if i in kept or i == index else Bounds(b.id, 0, b.upper)
             for i, b in enumerate(problem.demands)
         )
-        trial = AssignmentProblem(problem.robots, bounds, problem.performance)
+        trial = replace(problem, demands=bounds)
         if SOLVERS[DEFAULT_SOLVER](trial) is None:
             short.append(index)
         else:
@@ -212,7 +214,7 @@ def _read_problem(path: Path) -> tuple[AssignmentProblem, list[str]]:
         by_task.setdefault(local_task, []).append(index)
     robots = tuple(sorted(data["robots"]))
     performance = tuple(_performance(path, r, data["robots"][r], by_task) for r in robots)
-    return AssignmentProblem(robots, tuple(b for b, _ in demands), performance), ids
+    return AssignmentProblem.of(robots, (b for b, _ in demands), performance), ids
 
 
 def _demand(path: Path, index: int, row: Any) -> tuple[Bounds, str]:

@@ -15,7 +15,8 @@ from typing import Any
 
 import msgpack
 
-from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, Bounds, Solver, solve
+from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, Bounds, Solver
+from mrbt_mesh.core.canonical import solve
 from mrbt_mesh.core.coalition import standing
 from mrbt_mesh.core.demand import (
     Demand,
@@ -259,7 +260,7 @@ def _assign(
         {i: d.candidates[robot] for i, d in enumerate(open_demands) if robot in d.candidates}
         for robot in robots
     )
-    choice = solve(AssignmentProblem(robots, tuple(bounds), performance), solver)
+    choice = solve(AssignmentProblem.of(robots, bounds, performance), solver)
     if choice is None:
         return None
     return {

@@ -5,50 +5,48 @@ A solver is a function from AssignmentProblem to any optimum; the canonical pass
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
+import numpy as np
 from ortools.graph.python.min_cost_flow import SimpleMinCostFlow
 
-from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, Solver, SolverError
+from mrbt_mesh.core.assignment import (
+    UNASSIGNED,
+    AssignmentProblem,
+    Integers,
+    Solver,
+    SolverError,
+)
 
 
-def min_cost_flow(problem: AssignmentProblem) -> Sequence[int] | None:
+def min_cost_flow(problem: AssignmentProblem) -> Integers | None:
     """Solve as a transportation problem with OR-tools' min-cost flow; polynomial and exact.
 
     Every robot sends one unit to a demand or to the pool. A demand keeps its lower bound and
     passes up to (upper - lower) on to the pool, so that feasibility needs no penalty cost.
     """
-    robots, demands = len(problem.robots), problem.demands
-    pool = robots + len(demands)
-    spare = robots - sum(bounds.lower for bounds in demands)
+    robots, demands, pairs = len(problem.robots), len(problem.demands), len(problem.pair_robot)
+    pool = robots + demands
+    spare = robots - int(problem.lower.sum())
     if spare < 0:
         return None
+    nodes = np.arange(pool + 1)
     flow = SimpleMinCostFlow()
-    arcs: list[tuple[int, int]] = []
-    for robot, performance in enumerate(problem.performance):
-        for demand in sorted(performance):
-            flow.add_arc_with_capacity_and_unit_cost(
-                robot, robots + demand, 1, -performance[demand]
-            )
-            arcs.append((robot, demand))
-        flow.add_arc_with_capacity_and_unit_cost(robot, pool, 1, 0)
-        arcs.append((robot, UNASSIGNED))
-        flow.set_node_supply(robot, 1)
-    for demand, bounds in enumerate(demands):
-        flow.add_arc_with_capacity_and_unit_cost(
-            robots + demand, pool, bounds.upper - bounds.lower, 0
-        )
-        flow.set_node_supply(robots + demand, -bounds.lower)
-    flow.set_node_supply(pool, -spare)
+    flow.add_arcs_with_capacity_and_unit_cost(
+        np.concatenate((problem.pair_robot, nodes[:pool])),
+        np.concatenate((problem.pair_demand + robots, np.full(pool, pool))),
+        np.concatenate((np.ones(pairs + robots, np.int64), (problem.upper - problem.lower)[:-1])),
+        np.concatenate((-problem.pair_performance, np.zeros(pool, np.int64))),
+    )
+    flow.set_nodes_supplies(
+        nodes, np.concatenate((np.ones(robots, np.int64), -problem.lower[:-1], [-spare]))
+    )
     status = flow.solve()
     if status == flow.INFEASIBLE:
         return None
     if status != flow.OPTIMAL:
         raise SolverError(f"min-cost flow ended with status {status.name}")
-    choice = [UNASSIGNED] * robots
-    for arc, (robot, demand) in enumerate(arcs):
-        if flow.flow(arc):
-            choice[robot] = demand
+    choice = np.full(robots, UNASSIGNED)
+    used = np.flatnonzero(flow.flows(np.arange(pairs)))
+    choice[problem.pair_robot[used]] = problem.pair_demand[used]
     return choice
 
 

@@ -9,14 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.assignment import (
-    UNASSIGNED,
-    AssignmentProblem,
-    Bounds,
-    SolverError,
-    canonical,
-    solve,
-)
+from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, Bounds, SolverError
+from mrbt_mesh.core.canonical import canonical, solve
 from mrbt_mesh.core.mission import MAX_PERFORMANCE
 from mrbt_mesh.core.solvers import SOLVERS, min_cost_flow
 
@@ -24,7 +18,7 @@ from mrbt_mesh.core.solvers import SOLVERS, min_cost_flow
 def problem(demands: Sequence[tuple[int, int]], *performance: dict[int, int]) -> AssignmentProblem:
     robots = tuple(f"r{number}" for number in range(len(performance)))
     bounds = tuple(Bounds(f"d{i}", low, high) for i, (low, high) in enumerate(demands))
-    return AssignmentProblem(robots, bounds, performance)
+    return AssignmentProblem.of(robots, bounds, performance)
 
 
 def feasible(given_problem: AssignmentProblem) -> Iterator[tuple[int, ...]]:
@@ -98,7 +92,7 @@ def test_every_answer_that_is_not_feasible_is_refused(
 
 @given(problems())
 def test_performances_of_any_size_are_exact(given_problem: AssignmentProblem) -> None:
-    large = AssignmentProblem(
+    large = AssignmentProblem.of(
         given_problem.robots,
         given_problem.demands,
         tuple(

@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import Any
 from unittest import mock
 
-from mrbt_mesh.core import assignment, coalition, commands, demand, grants, plan
+from mrbt_mesh.core import assignment, canonical, coalition, commands, demand, grants, plan
 from mrbt_mesh.core.agent import Agent
 from mrbt_mesh.core.effects import Persist
 from mrbt_mesh.core.facts import Entry, FactMap, Incarnation
@@ -180,7 +180,7 @@ def any_optimum() -> Iterator[None]:
     def last(problem: assignment.AssignmentProblem, optimum: Sequence[int]) -> tuple[int, ...]:
         return tuple(optimum)
 
-    with mock.patch.object(assignment, "canonical", last):
+    with mock.patch.object(canonical, "canonical", last):
         yield
 
 

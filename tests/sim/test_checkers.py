@@ -12,7 +12,8 @@ from mutations import MUTATIONS
 from runs import Run, example
 
 from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.assignment import AssignmentProblem, Bounds, SolverError, solve
+from mrbt_mesh.core.assignment import AssignmentProblem, Bounds, SolverError
+from mrbt_mesh.core.canonical import solve
 from mrbt_mesh.core.effects import (
     ActionFinished,
     ActionStopped,
@@ -377,7 +378,7 @@ def test_i6_coalitions_that_form_and_break_are_no_progress(team: Team) -> None:
 def problem(*performance: dict[int, int], bounds: list[tuple[int, int]]) -> AssignmentProblem:
     robots = tuple(f"R{i}" for i in range(len(performance)))
     demands = tuple(Bounds(f"d{i}", *each) for i, each in enumerate(bounds))
-    return AssignmentProblem(robots, demands, performance)
+    return AssignmentProblem.of(robots, demands, performance)
 
 
 @pytest.mark.parametrize("seed", range(40))

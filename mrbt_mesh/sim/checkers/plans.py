@@ -6,7 +6,8 @@ import math
 from collections.abc import Iterable, Sequence
 
 from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, solve
+from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, Integers
+from mrbt_mesh.core.canonical import solve
 from mrbt_mesh.core.plan import make_plan
 from mrbt_mesh.sim.checkers.findings import Findings, alive_set, current_plan
 
@@ -52,7 +53,7 @@ class OptimalAssignment:
         agent = agents[self._turn % len(agents)]
         problems: list[AssignmentProblem] = []
 
-        def noting(problem: AssignmentProblem) -> Sequence[int] | None:
+        def noting(problem: AssignmentProblem) -> Sequence[int] | Integers | None:
             problems.append(problem)
             return self._findings.world.solver(problem)
 
