@@ -152,7 +152,7 @@ def turned(solver: Solver) -> Solver:
     def solve(problem: AssignmentProblem) -> list[int] | None:
         last = len(problem.demands) - 1
         rows = [{last - d: p for d, p in row.items()} for row in reversed(problem.performance)]
-        answer = solver(AssignmentProblem(problem.robots[::-1], problem.demands[::-1], tuple(rows)))
+        answer = solver(AssignmentProblem.of(problem.robots[::-1], problem.demands[::-1], rows))
         return None if answer is None else [d if d < 0 else last - d for d in reversed(answer)]
 
     return solve
