@@ -203,7 +203,8 @@ def check(
         bool, typer.Option("--strict", help="Every rule of BehaviorTree.CPP 4, to the letter.")
     ] = False,
     team: Annotated[
-        bool, typer.Option("--team", help="Also say what a team of robots cannot carry out.")
+        bool,
+        typer.Option("--team", help="Also say what a team cannot carry out, or does otherwise."),
     ] = False,
     assume_actions: Annotated[
         bool, typer.Option("--assume-actions", help="With --team: leaves without a model.")
@@ -228,12 +229,14 @@ def check(
             _print_unreadable(file, error)
             raise typer.Exit(BAD_INPUT) from None
         refusals: tuple[Problem, ...] = ()
+        notes: tuple[Problem, ...] = ()
         main = library.main_tree
         if team and not findings.errors:
             if main is None:
                 raise InputError(f"{file}: main_tree_to_execute has to name a tree")
             leaves = Category.ACTION if assume_actions else None
-            refusals = to_team_tree(library, main, leaves).refusals
+            found = to_team_tree(library, main, leaves)
+            refusals, notes = found.refusals, found.notes
     is_valid = not findings.errors and not refusals
     counts = {
         "files": len(library.documents),
@@ -244,10 +247,11 @@ def check(
         data = {"file": str(file), "valid": is_valid, **counts}
         data["findings"] = [finding.to_json() for finding in findings.in_order()]
         if team:
-            data["refusals"] = [_refusal_json(problem) for problem in refusals]
+            data["refusals"] = [_reason_json(problem) for problem in refusals]
+            data["notes"] = [_reason_json(problem) for problem in notes]
         print_json(data)
     else:
-        _print_check(file, counts, findings, refusals)
+        _print_check(file, counts, findings, refusals, notes)
     if not is_valid:
         raise typer.Exit(BAD_INPUT)
 
@@ -258,7 +262,7 @@ def _print_unreadable(file: Path, error: TreeFileError) -> None:
     print_json({**data, "findings": found})
 
 
-def _refusal_json(problem: Problem) -> dict[str, str | int]:
+def _reason_json(problem: Problem) -> dict[str, str | int]:
     return {
         "file": problem.file,
         "line": problem.line,
@@ -268,7 +272,11 @@ def _refusal_json(problem: Problem) -> dict[str, str | int]:
 
 
 def _print_check(
-    file: Path, counts: dict[str, int], findings: Findings, refusals: tuple[Problem, ...]
+    file: Path,
+    counts: dict[str, int],
+    findings: Findings,
+    refusals: tuple[Problem, ...],
+    notes: tuple[Problem, ...],
 ) -> None:
     for finding in findings.in_order():
         _print_finding(finding, errors)
@@ -276,6 +284,8 @@ def _print_check(
         _print_line(errors, "error:", "bold red", "and more")
     for problem in refusals:
         _print_line(errors, "not for a team:", "bold red", str(problem))
+    for problem in notes:
+        _print_line(errors, "note:", "cyan", str(problem))
     if findings.errors or refusals:
         return
     listed = ", ".join(

@@ -187,7 +187,8 @@ def test_convert_a_mission_and_take_it_back(path: Path, tmp_path: Path) -> None:
     result = to_team_tree(library, "MainTree")
     assert result.spec == _bare(load_mission(path).tree.spec())
     code, output, problems = tree("check", target, "--team", "--strict")
-    assert (code, problems) == (0, "")
+    assert code == 0
+    assert all(line.startswith("note: ") for line in problems.splitlines()), problems
     assert output.startswith("valid")
 
 
@@ -221,6 +222,26 @@ def test_check_for_a_team(old: Path) -> None:
     assert code == 2
     reason = "Grasp: port 'force' uses the blackboard entry 'force', which a team does not share"
     assert f"not for a team: {old}:5: Main/fetch/Grasp: {reason}" in problems
+
+
+def test_check_for_a_team_notes_what_a_team_does_otherwise(tmp_path: Path) -> None:
+    path = tmp_path / "reactive.xml"
+    path.write_text(
+        '<root BTCPP_format="4">\n<BehaviorTree ID="A">\n<ReactiveSequence>\n'
+        '<Action ID="Move"/>\n<Action ID="Grasp"/>\n'
+        "</ReactiveSequence>\n</BehaviorTree>\n</root>"
+    )
+    code, output, problems = tree("check", path, "--team")
+    assert code == 0
+    assert output.startswith("valid")
+    said = "ReactiveSequence: an action before its last child is begun again at every tick"
+    assert problems.startswith(f"note: {path}:3: A/ReactiveSequence: {said}")
+    data = json.loads(tree("check", path, "--team", "--json")[1])
+    assert (data["valid"], data["refusals"]) == (True, [])
+    (note,) = data["notes"]
+    assert (note["file"], note["line"], note["path"]) == (str(path), 3, "A/ReactiveSequence")
+    assert note["reason"].startswith(said)
+    assert tree("check", path)[2] == ""
 
 
 def test_check_a_mission() -> None:
