@@ -35,8 +35,6 @@ from mrbt_mesh.formats.problems import Problem
 _INTEGER = re.compile(r"[+-]?[0-9]{1,20}", re.ASCII)
 _REAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", re.ASCII)
 
-# Written by our own export: BehaviorTree.CPP keeps it, and ignores it.
-REACTIVE = "_reactive"
 # Ports that hold scripts: their text names blackboard entries.
 SCRIPT_PORTS = {"Script": "code", "ScriptCondition": "code", "Precondition": "if"}
 

@@ -23,9 +23,9 @@ from mrbt_mesh.formats.btcpp.document import (
     type_id,
 )
 from mrbt_mesh.formats.btcpp.elements import Content, Element, Text
-from mrbt_mesh.formats.btcpp.expand import REACTIVE, expand
+from mrbt_mesh.formats.btcpp.expand import expand
 from mrbt_mesh.formats.btcpp.library import Library, TreeSource
-from mrbt_mesh.formats.btcpp.team_tree import KINDS
+from mrbt_mesh.formats.btcpp.team_tree import KINDS, REACTIVE
 from mrbt_mesh.formats.btcpp.xml_reader import TreeFileError
 from mrbt_mesh.formats.problems import Problem
 

@@ -22,7 +22,6 @@ from mrbt_mesh.formats.btcpp.document import (
     read_boolean,
 )
 from mrbt_mesh.formats.btcpp.expand import (
-    REACTIVE,
     SCRIPT_PORTS,
     ExpandedNode,
     ExpandedTree,
@@ -64,6 +63,8 @@ KINDS = {
     "SubTree": (Kind.SUBTREE, Memory.NONE),
 }
 
+# Written by our own export: BehaviorTree.CPP keeps it, and ignores it.
+REACTIVE = "_reactive"
 # The condition that stands for AlwaysSuccess; a mission declares it with the default true.
 ALWAYS = "always"
 
