@@ -19,7 +19,6 @@ from mrbt_mesh.analysis.effects import (
     Ends,
     Known,
     Summary,
-    conditions,
     ends,
     guards,
     summary,
@@ -222,7 +221,7 @@ class Lifter:
         if spec.kind is Kind.FALLBACK and spec.memory is Memory.NONE:
             # Behind the first child of a Fallback a condition is no guard, in a Parallel it is.
             for index in pair:
-                if conditions(spec.children[index]):
+                if spec.children[index].contains(Kind.CONDITION):
                     name = label(spec.children[index])
                     return f"{name} is asked at every tick, and only if those before it fail"
         if spec.kind is Kind.FALLBACK and (one.writes or other.writes) and not same:
@@ -420,8 +419,8 @@ def _work(spec: NodeSpec, work: Mapping[str, int], is_serial: bool) -> int:
     parts = [_work(child, work, is_serial) for child in spec.children]
     match spec.kind:
         case Kind.FALLBACK:
-            asks = [p for p, child in zip(parts, spec.children, strict=True) if _acts(child)]
-            return asks[0] if asks else 0
+            children = zip(parts, spec.children, strict=True)
+            return next((part for part, child in children if child.contains(Kind.ACTION)), 0)
         case Kind.PARALLEL:
             needed = sorted(parts)[: spec.limit]
             return sum(needed) if is_serial else max(needed)
@@ -430,7 +429,3 @@ def _work(spec: NodeSpec, work: Mapping[str, int], is_serial: bool) -> int:
         case Kind.REPEAT:
             return sum(parts) * max(1, spec.limit)
     return sum(parts)
-
-
-def _acts(spec: NodeSpec) -> bool:
-    return spec.kind is Kind.ACTION or any(map(_acts, spec.children))

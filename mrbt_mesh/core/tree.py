@@ -86,6 +86,10 @@ class NodeSpec:
     memory: Memory = Memory.NONE
     failures: int = 0
 
+    def contains(self, kind: Kind) -> bool:
+        """Whether this node or any below it is of the kind."""
+        return self.kind is kind or any(child.contains(kind) for child in self.children)
+
 
 @dataclass(frozen=True, slots=True)
 class Node:

@@ -178,3 +178,10 @@ def test_a_parallel_may_fail_at_fewer_failures_and_its_children_count_in_their_o
 def test_what_a_control_cannot_have(spec: NodeSpec, message: str) -> None:
     with pytest.raises(TreeError, match=message):
         build_tree(spec)
+
+
+@given(tree_specs())
+def test_a_tree_contains_the_kinds_of_its_nodes(spec: NodeSpec) -> None:
+    assert {kind for kind in Kind if spec.contains(kind)} == {
+        node.kind for node in build_tree(spec).nodes
+    }

@@ -303,7 +303,7 @@ class _Translation:
             return None
         is_reactive = spec.memory is Memory.NONE and spec.kind in _REACTIVE_KINDS
         asking = spec.children[:1] if spec.kind is Kind.IF_THEN_ELSE else spec.children[:-1]
-        if is_reactive and any(map(has_action, asking)):
+        if is_reactive and any(child.contains(Kind.ACTION) for child in asking):
             reason = (
                 "an action before its last child is begun again at every tick by "
                 "BehaviorTree.CPP; a team does it once"
@@ -395,11 +395,6 @@ def _truth(expression: Expression) -> bool | None:
     if isinstance(expression, Number) and expression.value in (0, 1):
         return bool(expression.value)
     return None
-
-
-def has_action(spec: NodeSpec) -> bool:
-    """Whether any action is below a node."""
-    return spec.kind is Kind.ACTION or any(map(has_action, spec.children))
 
 
 def _keepers(root: ExpandedNode) -> set[str]:
