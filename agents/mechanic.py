@@ -8,45 +8,26 @@ from mrbt_mesh import RobotProgram, TaskContext
 
 robot = RobotProgram()
 
+# Local task -> conditions that it changes, with its part in place of {}, and their new values.
+EFFECTS = {
+    "remove_screws": {"screwed": False},
+    "remove_cover": {"covered": False},
+    "diagnose": {"diagnosed({})": True},
+    "replace_hw": {},
+    "replace_wires": {},
+    "solder": {},
+    "place_cover": {"covered": True},
+    "place_screws": {"screwed": True},
+}
 
-@robot.local_task("remove_screws")
+
 @physical
-async def remove_screws(task: TaskContext) -> None:
+async def change(task: TaskContext, *part: str) -> None:
+    """Work, then say what has changed, together with this task's outcome."""
     await work(task)
-    task.set_condition("screwed", False)
+    for condition, value in EFFECTS[task.local_task.partition("(")[0]].items():
+        task.set_condition(condition.format(*part), value)
 
 
-@robot.local_task("remove_cover")
-@physical
-async def remove_cover(task: TaskContext) -> None:
-    await work(task)
-    task.set_condition("covered", False)
-
-
-@robot.local_task("diagnose")
-@physical
-async def diagnose(task: TaskContext, part: str) -> None:
-    await work(task)
-    task.set_condition(f"diagnosed({part})", True)
-
-
-@robot.local_task("replace_hw")
-@robot.local_task("replace_wires")
-@robot.local_task("solder")
-@physical
-async def repair(task: TaskContext, part: str) -> None:
-    await work(task)
-
-
-@robot.local_task("place_cover")
-@physical
-async def place_cover(task: TaskContext) -> None:
-    await work(task)
-    task.set_condition("covered", True)
-
-
-@robot.local_task("place_screws")
-@physical
-async def place_screws(task: TaskContext) -> None:
-    await work(task)
-    task.set_condition("screwed", True)
+for local_task in EFFECTS:
+    robot.local_task(local_task)(change)
