@@ -14,6 +14,9 @@ import typer
 from rich.console import Console
 
 from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.formats.btcpp.check import check_file
+from mrbt_mesh.formats.btcpp.findings import Findings
+from mrbt_mesh.formats.btcpp.library import Library
 from mrbt_mesh.formats.mission_file import MissionError, load_mission
 from mrbt_mesh.runtime.program import ProgramError
 from mrbt_mesh.runtime.program_loader import check_program, load_program
@@ -77,6 +80,16 @@ def read_mission(path: Path) -> Mission:
     """Load a mission, or end with exit status 2 and the list of its problems."""
     with input_errors():
         return load_mission(path)
+
+
+def read_tree_file(path: Path, is_strict: bool = False) -> tuple[Library, Findings]:
+    """A BehaviorTree.CPP file and what is wrong with it; packages are sought where ROS 2 has them.
+
+    Raises TreeFileError for a file that cannot be read at all.
+    """
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    folders = [Path(prefix) / "share" for prefix in prefixes if prefix]
+    return check_file(path, is_strict, folders)
 
 
 def print_json(data: Any) -> None:

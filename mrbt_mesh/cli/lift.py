@@ -19,9 +19,8 @@ from mrbt_mesh.cli.common import (
     fail,
     input_errors,
     print_json,
+    read_tree_file,
 )
-from mrbt_mesh.formats.btcpp.check import check_file
-from mrbt_mesh.formats.btcpp.findings import Severity
 from mrbt_mesh.formats.btcpp.library import Library
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.mission_file import MissionError
@@ -83,11 +82,8 @@ def lift(
 
 def _library(file: Path, tree: str | None) -> tuple[Library, str]:
     """The checked file and the ID of the tree to lift."""
-    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    library, findings = check_file(file, False, [Path(p) / "share" for p in prefixes if p])
-    wrong = [finding for finding in findings.in_order() if finding.severity is Severity.ERROR]
-    if wrong:
-        raise InputError("\n".join(str(finding) for finding in wrong))
+    library, findings = read_tree_file(file)
+    findings.raise_errors()
     name = tree or library.main_tree
     if name is None or name not in library.trees:
         known = ", ".join(library.trees) or "none"

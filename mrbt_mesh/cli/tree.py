@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -21,11 +20,11 @@ from mrbt_mesh.cli.common import (
     input_errors,
     print_json,
     read_mission,
+    read_tree_file,
 )
 from mrbt_mesh.cli.tree_drawing import render_dot, render_mermaid, render_text
 from mrbt_mesh.cli.tree_shapes import Shape, file_shapes, mission_shapes
 from mrbt_mesh.cli.tree_svg import render_svg
-from mrbt_mesh.formats.btcpp.check import check_file
 from mrbt_mesh.formats.btcpp.document import Category, Document
 from mrbt_mesh.formats.btcpp.export import compact, explicit, team_tree_document, with_ids
 from mrbt_mesh.formats.btcpp.findings import Finding, Findings, Severity
@@ -57,13 +56,6 @@ def _is_mission(path: Path) -> bool:
     if suffix not in (".xml", *MISSION_SUFFIXES):
         raise InputError(f"{path}: a tree is in a file that ends in .xml, .yaml, .yml or .json")
     return suffix != ".xml"
-
-
-def _read(path: Path, is_strict: bool = False) -> tuple[Library, Findings]:
-    """A checked file; packages of includes are looked for where ROS 2 has them."""
-    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    folders = [Path(prefix) / "share" for prefix in prefixes if prefix]
-    return check_file(path, is_strict, folders)
 
 
 def _write(text: str, path: Path | None) -> None:
@@ -137,7 +129,7 @@ def _shapes(file: Path) -> list[Shape]:
     if _is_mission(file):
         mission = read_mission(file)
         return mission_shapes(mission.name, mission.tree)
-    library, findings = _read(file)
+    library, findings = read_tree_file(file)
     count = len(findings.errors)
     if count:
         what = "an error" if count == 1 else f"{count} errors"
@@ -184,7 +176,7 @@ def _converted(source: Path, merge: bool, ids: bool) -> tuple[Document, list[Fin
         if ids or merge:
             raise InputError("--ids and --merge are for BehaviorTree.CPP files")
         return explicit(_library_of_mission(source)), []
-    library, findings = _read(source)
+    library, findings = read_tree_file(source)
     findings.raise_errors()
     document = with_ids(library) if ids else explicit(library, is_merged=merge)
     return document, findings.warnings
@@ -222,7 +214,7 @@ def check(
             _check_mission(file, as_json)
             return
         try:
-            library, findings = _read(file, strict)
+            library, findings = read_tree_file(file, strict)
         except TreeFileError as error:
             if not as_json:
                 raise

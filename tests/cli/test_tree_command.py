@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -19,6 +21,7 @@ from mrbt_mesh.formats.mission_file import load_mission
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = sorted(ROOT.glob("examples/*/mission.yaml"))
+LIFT = ROOT / "examples" / "lift"
 REPAIR = str(ROOT / "examples" / "vehicle_repair" / "mission.yaml")
 
 VERSION_3 = """\
@@ -242,6 +245,27 @@ def test_check_for_a_team_notes_what_a_team_does_otherwise(tmp_path: Path) -> No
     assert (note["file"], note["line"], note["path"]) == (str(path), 3, "A/ReactiveSequence")
     assert note["reason"].startswith(said)
     assert tree("check", path)[2] == ""
+
+
+@pytest.mark.parametrize(
+    "command",
+    [["tree", "check", "--strict"], ["lift", "--tree", "Repair", "--robots", LIFT / "team.yaml"]],
+)
+def test_packages_are_sought_where_ros_2_has_them(tmp_path: Path, command: list[Any]) -> None:
+    package = tmp_path / "ros" / "share" / "garage"
+    package.mkdir(parents=True)
+    (package / "repair.xml").write_text((LIFT / "repair.xml").read_text())
+    path = tmp_path / "tree.xml"
+    path.write_text(
+        '<root BTCPP_format="4" main_tree_to_execute="Mine">'
+        '<include ros_pkg="garage" path="repair.xml"/>'
+        '<BehaviorTree ID="Mine"><SubTree ID="Repair"/></BehaviorTree></root>'
+    )
+    arguments = [*map(str, command), str(path)]
+    prefixes = os.pathsep.join([str(tmp_path / "none"), "", str(tmp_path / "ros")])
+    found = CliRunner().invoke(app, arguments, env={"AMENT_PREFIX_PATH": prefixes})
+    assert found.exit_code == 0, found.stderr
+    assert CliRunner().invoke(app, arguments, env={"AMENT_PREFIX_PATH": ""}).exit_code == 2
 
 
 def test_check_a_mission() -> None:
