@@ -11,7 +11,7 @@ from paper.caption import all_of, caption, seconds
 from paper.picture import draw
 from paper.situations import SITUATIONS, Situation, find
 from paper.tables import bounds, performances, table, tree_lines
-from paper.tolerance import critical, spares, tolerated_major, tolerated_minor
+from paper.tolerance import spares, survived
 
 DOCUMENT = Path("docs") / "paper.md"
 PICTURES = Path("docs") / "paper"
@@ -135,15 +135,16 @@ def _situation(situation: Situation, title: str, lines: list[str], picture: Path
 
 def _tolerance(mission: Mission) -> list[str]:
     counted = spares(mission)
-    minor = tolerated_minor(mission)
-    major, survived = tolerated_major(mission)
-    (frame,) = critical(mission)
+    found = survived(mission)
+    minor, major = found.minor, len(found.majors[0])
+    fatal = {fault[1] for fault in found.critical if not isinstance(fault, str)}
+    (frame,) = (spare for spare in counted if spare.local_task in fatal)
     (solder,) = (spare for spare in counted if spare.local_task == "use_soldering_iron")
     rows = [
         (spare.local_task, " ".join(spare.capable), len(spare.capable), spare.needed, spare.count)
         for spare in counted
     ]
-    sets = ", or ".join(all_of(list(dead)) for dead in survived)
+    sets = ", or ".join(all_of(list(dead)) for dead in found.majors)
     return [
         "## Faults it survives",
         "",

@@ -1,8 +1,9 @@
-"""How many faults the mission survives, by counting: the paper's section VI-B.
+"""Which faults the mission survives, and why so many: the paper's section VI-B.
 
 Each global task of this mission needs one local task only, and in the worst case they come one
 after the other. So the team can do all of them as long as each local task keeps as many capable
-robots as the largest nu asks for.
+robots as the largest nu asks for. The table of what is to spare explains the figures; they
+themselves come from the analysis, which knows nothing of this.
 """
 
 from __future__ import annotations
@@ -10,7 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import combinations
 
+from mrbt_mesh.analysis.readings import serial
+from mrbt_mesh.analysis.service import Fault, Team, capability_faults, robot_faults
+from mrbt_mesh.analysis.tolerance import tolerance
 from mrbt_mesh.core.mission import Mission, performance, type_name
+
+LIMIT_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -50,25 +56,27 @@ def spares(mission: Mission) -> list[Spare]:
     ]
 
 
-def tolerated_minor(mission: Mission) -> int:
-    """The most minor faults that can be tolerated."""
-    return sum(spare.count for spare in spares(mission))
+@dataclass(frozen=True)
+class Survived:
+    """As `mrbt analyze` has it: how many minor faults at most, all largest sets of robots that
+    may be lost, and what is fatal alone: robots, and capabilities as (robot, local task).
+    """
+
+    minor: int
+    majors: tuple[tuple[str, ...], ...]
+    critical: tuple[Fault, ...]
 
 
-def tolerated_major(mission: Mission) -> tuple[int, list[tuple[str, ...]]]:
-    """The most major faults that can be tolerated, and all sets of so many robots."""
-    asked = spares(mission)
-    for count in range(len(mission.robots), -1, -1):
-        survived = [
-            dead
-            for dead in combinations(sorted(mission.robots), count)
-            if all(len(set(s.capable) - set(dead)) >= s.needed for s in asked)
-        ]
-        if survived:
-            return count, survived
-    raise ValueError("the team cannot do the mission even without a fault")
-
-
-def critical(mission: Mission) -> list[Spare]:
-    """Local tasks of which no capable robot can be spared."""
-    return [spare for spare in spares(mission) if spare.count == 0]
+def survived(mission: Mission) -> Survived:
+    """Raises ValueError if the team cannot do the mission, or a solver did not come to an end."""
+    reading = serial(mission).reading
+    minor = tolerance(reading, capability_faults(mission), LIMIT_S)
+    major = tolerance(reading, robot_faults(mission), LIMIT_S)
+    capabilities, robots = minor.max_tolerated, major.max_tolerated
+    if capabilities.value is None or robots.value is None:
+        raise ValueError("the team cannot do the mission even without a fault")
+    if not capabilities.is_proved or not robots.is_proved:
+        raise ValueError(f"{LIMIT_S:g} s are too short to tell how many faults are survived")
+    lost = combinations(sorted(mission.robots), robots.value)
+    majors = tuple(dead for dead in lost if reading.survives(Team(mission).with_faults(*dead)))
+    return Survived(capabilities.value, majors, major.critical + minor.critical)

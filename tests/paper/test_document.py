@@ -14,7 +14,7 @@ from mrbt_mesh.core.mission import Need
 from paper.account import ROOT, load
 from paper.document import DOCUMENT, PICTURES, files
 from paper.tables import bounds, performances, tree_lines
-from paper.tolerance import critical, spares, tolerated_major, tolerated_minor
+from paper.tolerance import spares, survived
 
 INF = "−∞"
 # The paper's tables, under the mission's names of its tasks.
@@ -94,7 +94,8 @@ def test_the_tree_shows_what_is_the_same_for_all_parts_once() -> None:
 
 def test_the_figures_on_faults_are_the_papers() -> None:
     mission = load()
-    assert {s.local_task: s.count for s in spares(mission)} == {
+    to_spare = {s.local_task: s.count for s in spares(mission)}
+    assert to_spare == {
         "use_screwdriver": 1,
         "move_frame": 0,
         "do_diagnosis": 3,
@@ -102,10 +103,18 @@ def test_the_figures_on_faults_are_the_papers() -> None:
         "replace_wires": 3,
         "use_soldering_iron": 1,
     }
-    assert tolerated_minor(mission) == 11
-    assert tolerated_major(mission) == (3, [("A1", "A2", "B1"), ("A1", "A2", "B2")])
-    assert [(s.local_task, s.capable) for s in critical(mission)] == [("move_frame", ("C1", "C2"))]
+    found = survived(mission)
+    assert found.minor == sum(to_spare.values()) == 11
+    assert found.majors == (("A1", "A2", "B1"), ("A1", "A2", "B2"))
+    assert found.critical == ("C1", "C2", ("C1", "move_frame"), ("C2", "move_frame"))
     assert "add up to 10" in files()[DOCUMENT].replace("\n", " ")
+
+
+def test_a_team_that_cannot_do_the_mission_survives_nothing() -> None:
+    mission = load()
+    few = {name: robot for name, robot in mission.robots.items() if name != "C1"}
+    with pytest.raises(ValueError, match="even without a fault"):
+        survived(replace(mission, robots=few))
 
 
 def test_counting_is_refused_where_it_is_not_enough() -> None:
