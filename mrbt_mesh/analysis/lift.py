@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 from mrbt_mesh.analysis.arrange import Arrangement, Pair, Parallel, arrange, closure
 from mrbt_mesh.analysis.effects import (
@@ -243,13 +244,17 @@ class Lifter:
         count = len(spec.children)
         for j in range(count):
             self._support(spec, j, known, reasons, trusted)
-        before = _before(count, reasons)
+        failing = [
+            not trusted[index]
+            and ends(child, self._known_after(spec, known, before), self.declared).may_fail
+            for index, (child, before) in enumerate(
+                zip(spec.children, _before(count, reasons), strict=True)
+            )
+        ]
         for j in range(count):
             for i in range(j):
                 for index, beside in ((i, found[j]), (j, found[i])):
-                    after = self._known_after(spec, known, before[index])
-                    may_fail = ends(spec.children[index], after, self.declared).may_fail
-                    if may_fail and not trusted[index] and beside.writes:
+                    if failing[index] and beside.writes:
                         name = label(spec.children[index])
                         reason = f"{name} may fail, which the other one's work depends on"
                         reasons.setdefault((i, j), reason)
@@ -381,12 +386,24 @@ def root_path(spec: NodeSpec) -> str:
     return spec.name or spec.subject or str(spec.kind)
 
 
-def paths(spec: NodeSpec, path: str | None = None) -> Iterator[tuple[str, NodeSpec]]:
-    """All nodes with their paths, in preorder."""
-    path = root_path(spec) if path is None else path
-    yield path, spec
-    for position, child in enumerate(spec.children):
-        yield from paths(child, child_path(path, spec, position))
+class Placed(NamedTuple):
+    """A node of a tree. `place`: the positions of it and its ancestors among their siblings."""
+
+    place: tuple[int, ...]
+    path: str
+    spec: NodeSpec
+
+
+def walk(spec: NodeSpec) -> Iterator[Placed]:
+    """All nodes of a tree, in preorder."""
+    waiting = [Placed((), root_path(spec), spec)]
+    while waiting:
+        node = waiting.pop()
+        yield node
+        waiting += [
+            Placed((*node.place, position), child_path(node.path, node.spec, position), child)
+            for position, child in reversed(list(enumerate(node.spec.children)))
+        ]
 
 
 def child_path(path: str, parent: NodeSpec, position: int) -> str:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mrbt_mesh.analysis.lift import Lifted, Lifter, paths
+from mrbt_mesh.analysis.lift import Lifted, Lifter, walk
 from mrbt_mesh.core.mission import split_call, type_name
 from mrbt_mesh.core.tree import Kind, NodeSpec
 from mrbt_mesh.formats.btcpp.document import Category, read_boolean
@@ -55,7 +55,7 @@ def lift_mission(
 
 
 def _subjects(spec: NodeSpec, kind: Kind) -> list[str]:
-    subjects = [node.subject for _, node in paths(spec) if node.kind is kind]
+    subjects = [node.spec.subject for node in walk(spec) if node.spec.kind is kind]
     return list(dict.fromkeys(subjects))
 
 
@@ -83,18 +83,10 @@ def _check_tasks(
         raise MissionError(problems)
 
 
-def _placed(
-    spec: NodeSpec, place: tuple[int, ...] = ()
-) -> Iterator[tuple[tuple[int, ...], NodeSpec]]:
-    yield place, spec
-    for position, child in enumerate(spec.children):
-        yield from _placed(child, (*place, position))
-
-
 def _declarations(spec: NodeSpec, found: TeamTree, team: TeamFile) -> dict[str, Declaration]:
     """What the team file says of each action, and the annotations at the node."""
     declared: dict[str, Declaration] = {}
-    for place, node in _placed(spec):
+    for place, _, node in walk(spec):
         if node.kind is not Kind.ACTION:
             continue
         known = declared.get(node.subject) or team.declaration(node.subject)
@@ -127,20 +119,21 @@ def _items(text: str) -> Iterable[str]:
 
 def _independent(spec: NodeSpec, found: TeamTree, named: Collection[str]) -> frozenset[str]:
     """The paths of the nodes whose children are independent."""
-    places = dict(zip((place for place, _ in _placed(spec)), paths(spec), strict=True))
+    nodes = list(walk(spec))
     chosen, unknown = set(), []
     for name in named:
-        matching = [path for path, node in places.values() if name in (path, node.name)]
+        matching = [node.path for node in nodes if name in (node.path, node.spec.name)]
         chosen.update(matching)
         if not matching:
-            known = [path for path, node in places.values() if len(node.children) > 1]
+            known = [node.path for node in nodes if len(node.spec.children) > 1]
             message = f"no node has the path or name {name!r}{nearest(name, known)}"
             unknown.append(Problem("--assume-independent", 0, "", message))
     if unknown:
         raise MissionError(unknown)
-    for place, attributes in found.annotations.items():
-        if place in places and read_boolean(attributes.get(INDEPENDENT, "false")):
-            chosen.add(places[place][0])
+    for node in nodes:
+        attributes = found.annotations.get(node.place, {})
+        if read_boolean(attributes.get(INDEPENDENT, "false")):
+            chosen.add(node.path)
     return frozenset(chosen)
 
 

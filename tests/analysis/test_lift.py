@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mrbt_mesh.analysis.effects import Declarations
-from mrbt_mesh.analysis.lift import Lifter
-from mrbt_mesh.core.tree import Kind, Memory, NodeSpec, Status
+from mrbt_mesh.analysis.lift import Lifter, child_path, root_path, walk
+from mrbt_mesh.core.tree import Kind, Memory, NodeSpec, Status, build_tree
 from mrbt_mesh.formats.declaration import Declaration
 from tests.core.build import World, action, condition
 
@@ -276,3 +276,16 @@ def test_below_a_timeout_everything_stays() -> None:
     inner = sequence(A, B)
     spec = NodeSpec(Kind.TIMEOUT, (inner,), timeout_us=5_000_000)
     assert Lifter({"a": PURE, "b": PURE}).lift(spec).tree == spec
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_walk_places_every_node_of_a_tree_in_preorder(seed: int) -> None:
+    tree = Grower(random.Random(seed)).tree()
+    nodes = list(walk(tree))
+    assert [node.spec.kind for node in nodes] == [node.kind for node in build_tree(tree).nodes]
+    assert [node.place for node in nodes] == sorted(node.place for node in nodes)
+    for node in nodes:
+        spec, path = tree, root_path(tree)
+        for position in node.place:
+            spec, path = spec.children[position], child_path(path, spec, position)
+        assert (spec, path) == (node.spec, node.path)
