@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -151,6 +153,7 @@ def sim(
 
     Example: mrbt sim --schedule chaos-failures/seed-17-minimised.json
     """
+    output = Output(events, log, as_json)
     with input_errors():
         _check_mode(mission, generated, chaos, schedule_file)
     if chaos:
@@ -160,49 +163,35 @@ def sim(
         run_chaos(Options(mission, source, numbers, jobs, keep, minimise, as_json, minutes))
     if schedule_file is not None:
         with input_errors():
-            scenario_mission, scenario_code, scenario = read_schedule(
-                schedule_file, mission, program
-            )
-        _finish(
-            lambda: run_scenario(
-                scenario_mission, scenario_code, scenario, keep_log=log is not None
-            ),
-            events,
-            log,
-            as_json,
-        )
+            replayed = read_schedule(schedule_file, mission, program)
+        _finish(partial(run_scenario, *replayed), output)
     model, code = _load(mission, program, robots, seed)
     with input_errors():
-        schedule = _schedule(
-            model,
-            (kill, faults.Kill),
-            (restart, faults.Restart),
-            (freeze, faults.Freeze),
-            (thaw, faults.Thaw),
-            (leave, faults.Leave),
-        )
-        schedule += _minor_faults(model, fault or (), faults.Lose)
-        schedule += _minor_faults(model, restore or (), faults.Restore)
+        schedule = [
+            *_faults(model, kill, faults.Kill),
+            *_faults(model, restart, faults.Restart),
+            *_faults(model, freeze, faults.Freeze),
+            *_faults(model, thaw, faults.Thaw),
+            *_faults(model, leave, faults.Leave),
+            *_minor_faults(model, fault, faults.Lose),
+            *_minor_faults(model, restore, faults.Restore),
+        ]
         network = _network(loss, duplicate, reorder, delay_ms, jitter_ms)
         team = chosen_robots(robots, model)
         if not timeout > 0 or not speed > 0:
             raise InputError("--timeout and --speed are above 0")
-    _finish(
-        lambda: simulate(
-            model,
-            code,
-            seed=seed,
-            robots=team,
-            schedule=schedule,
-            network=network,
-            timeout_us=round(timeout * 1e6),
-            speed=speed,
-            keep_log=log is not None,
-        ),
-        events,
-        log,
-        as_json,
+    run = partial(
+        simulate,
+        model,
+        code,
+        seed=seed,
+        robots=team,
+        schedule=schedule,
+        network=network,
+        timeout_us=round(timeout * 1e6),
+        speed=speed,
     )
+    _finish(run, output)
 
 
 def _check_mode(mission: Path | None, generated: bool, chaos: bool, schedule: Path | None) -> None:
@@ -225,15 +214,22 @@ def _load(
         return model, load_program(checked_program(model, chosen_robots(robots, model), program))
 
 
-def _finish(
-    run: Callable[[], SimulationResult], events: Path | None, log: Path | None, as_json: bool
-) -> NoReturn:
+@dataclass(frozen=True)
+class Output:
+    """Where the events and the effects of a run go, and how its end is told."""
+
+    events: Path | None
+    log: Path | None
+    as_json: bool
+
+
+def _finish(run: Callable[..., SimulationResult], output: Output) -> NoReturn:
     try:
-        result = run()
+        result = run(keep_log=output.log is not None)
     except SimulationError as error:
         fail(str(error), FAILURE)
-    _write_files(result, events, log)
-    _show(result, as_json)
+    _write_files(result, output)
+    _show(result, output.as_json)
 
 
 def _show(result: SimulationResult, as_json: bool) -> NoReturn:
@@ -248,12 +244,13 @@ def _show(result: SimulationResult, as_json: bool) -> NoReturn:
     raise typer.Exit(FAILURE if result.violations else EXIT_OF_RESULT[result.result])
 
 
-def _write_files(result: SimulationResult, events: Path | None, log: Path | None) -> None:
+def _write_files(result: SimulationResult, output: Output) -> None:
     try:
-        if events is not None:
-            result.write_events(events)
-        if log is not None:
-            log.write_text("".join(f"{line}\n" for line in result.effect_log), encoding="utf-8")
+        if output.events is not None:
+            result.write_events(output.events)
+        if output.log is not None:
+            lines = "".join(f"{line}\n" for line in result.effect_log)
+            output.log.write_text(lines, encoding="utf-8")
     except OSError as error:
         fail(f"{error.filename}: cannot be written: {error.strerror}")
 
@@ -277,9 +274,9 @@ def _network(
     )
 
 
-def _times(mission: Mission, texts: Iterable[str]) -> Iterable[tuple[int, str, str]]:
+def _times(mission: Mission, texts: Times) -> Iterator[tuple[int, str, str]]:
     """(at_us, robot, local task or nothing) for each `ROBOT[:LOCAL_TASK]@SECONDS`."""
-    for part in (part.strip() for text in texts for part in re.split(r",(?![^(]*\))", text)):
+    for part in (part.strip() for text in texts or () for part in re.split(r",(?![^(]*\))", text)):
         match = _WHEN.fullmatch(part)
         if match is None:
             raise InputError(f"{part!r}: expected ROBOT@SECONDS, e.g. A1@12.5")
@@ -289,22 +286,18 @@ def _times(mission: Mission, texts: Iterable[str]) -> Iterable[tuple[int, str, s
         yield round(float(match["at_s"]) * 1e6), robot, local_task
 
 
-def _schedule(
-    mission: Mission, *options: tuple[list[str] | None, Callable[[str], faults.Fault]]
-) -> list[tuple[int, faults.Fault]]:
-    schedule = []
-    for texts, make in options:
-        for at_us, robot, local_task in _times(mission, texts or ()):
-            if local_task:
-                raise InputError(f"{robot}:{local_task}: only --fault and --restore name a task")
-            schedule.append((at_us, make(robot)))
-    return schedule
+def _faults(
+    mission: Mission, texts: Times, make: Callable[[str], faults.Fault]
+) -> Iterator[tuple[int, faults.Fault]]:
+    for at_us, robot, local_task in _times(mission, texts):
+        if local_task:
+            raise InputError(f"{robot}:{local_task}: only --fault and --restore name a task")
+        yield at_us, make(robot)
 
 
 def _minor_faults(
-    mission: Mission, texts: Iterable[str], make: Callable[[str, str], faults.Fault]
-) -> list[tuple[int, faults.Fault]]:
-    schedule = []
+    mission: Mission, texts: Times, make: Callable[[str, str], faults.Fault]
+) -> Iterator[tuple[int, faults.Fault]]:
     for at_us, robot, local_task in _times(mission, texts):
         if not local_task and make is faults.Lose:
             raise InputError(f"--fault {robot}: which local task? e.g. {robot}:all@4")
@@ -313,5 +306,4 @@ def _minor_faults(
         able = performance(own, local_task) is not None or type_name(local_task) in known
         if local_task and local_task != "all" and not able:
             raise InputError(f"{robot} has no local task {local_task!r} ({', '.join(sorted(own))})")
-        schedule.append((at_us, make(robot, local_task or "all")))
-    return schedule
+        yield at_us, make(robot, local_task or "all")

@@ -165,20 +165,25 @@ def simulate(
     experiment = Experiment(
         str(mission), reference, points, runs, seed, speed, round(timeout * 1e6)
     )
-    cores = jobs or os.cpu_count() or 1
+    _make_and_tell(experiment, model, jobs or os.cpu_count() or 1, plot_file, as_json)
+
+
+def _make_and_tell(
+    experiment: Experiment, model: Mission, jobs: int, plot_file: Path | None, as_json: bool
+) -> None:
     started_s = time.monotonic()
-    found, interrupted = _run(experiment, cores)
+    found, interrupted = _run(experiment, jobs)
     took_s = time.monotonic() - started_s
     summaries = summarise(experiment, found)
     if plot_file is not None and summaries:
         try:
-            plot(summaries, f"{model.name}, {runs} runs each", plot_file)
+            plot(summaries, f"{model.name}, {experiment.runs} runs each", plot_file)
         except PlotError as error:
             fail(str(error))
     if as_json:
         print_json(_json(experiment, model, summaries, interrupted))
     elif summaries:
-        _show(model, summaries, len(found), took_s, cores)
+        _show(model, summaries, len(found), took_s, jobs)
     if interrupted:
         fail("interrupted", NOT_FINISHED)
 
