@@ -7,7 +7,7 @@ and a virtual one.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any
 
 from mrbt_mesh.core import effects as fx
@@ -22,11 +22,12 @@ from mrbt_mesh.core.identity import Identity
 from mrbt_mesh.core.joining import Joining
 from mrbt_mesh.core.membership import Membership, State
 from mrbt_mesh.core.mission import Mission, type_name
-from mrbt_mesh.core.performing import check_grants, given_up, may_grant, perform, seek_grants
+from mrbt_mesh.core.performing import check_grants, may_grant, perform, seek_grants
 from mrbt_mesh.core.plan import Plan
 from mrbt_mesh.core.planner import Planner
 from mrbt_mesh.core.refusals import Refusals
 from mrbt_mesh.core.replica import Received, Replica
+from mrbt_mesh.core.reporting import change_capability, finished, leave, set_conditions
 from mrbt_mesh.core.robot_tree import RobotTree
 from mrbt_mesh.core.team import TeamFacts
 from mrbt_mesh.core.tree import Status
@@ -41,7 +42,6 @@ from mrbt_mesh.core.wire import (
 )
 from mrbt_mesh.core.work import Work
 
-CONDITIONS_PER_OUTCOME = 1_000
 _FROM_OUTSIDE = (fx.TokenChanged, fx.QueryReceived, fx.AnswerReceived)
 _MAY_BE_QUIET = (fx.MessageReceived, fx.ProgressReported, fx.TimerFired)
 
@@ -79,7 +79,8 @@ class Agent:
         # What others report matters only to who waits to start, or to stop.
         self._compares = False
         self._done_us: int | None = None
-        self._unsaid: dict[str, bool] = {}
+        # Conditions that a new life keeps until its incarnation is above all earlier ones.
+        self.unsaid: dict[str, bool] = {}
         self._stopped = False
 
     # -- the two calls ------------------------------------------------------------------------
@@ -178,18 +179,18 @@ class Agent:
     def _from_robot(self, event: fx.Input, now_us: int) -> None:
         match event:
             case fx.ActionFinished():
-                self._finished(event, now_us)
+                finished(self, event, now_us)
             case fx.ActionStopped(ticket):
                 self.work.stopped(ticket)
             case fx.ProgressReported(ticket, percent):
                 if self.work.action is not None and self.work.action.number == ticket:
                     self.work.progress = max(0, min(100, percent))
             case fx.ConditionSet(name, value):
-                self._set_conditions({name: value}, now_us)
+                set_conditions(self, {name: value}, now_us)
             case fx.CapabilityChanged(local_task, lost):
-                self.change_capability(local_task, lost, now_us)
+                change_capability(self, local_task, lost, now_us)
             case fx.LeaveRequested():
-                self.leave(now_us)
+                leave(self, now_us)
             case _:
                 pass  # TimerFired: what is due follows below
 
@@ -260,82 +261,6 @@ class Agent:
             self._effects.append(fx.Persist(tuple(received.changed), synced=False))
         if received.refused:
             self._refuse(source, received.reason)
-
-    def _finished(self, event: fx.ActionFinished, now_us: int) -> None:
-        claimed = self.work.claim
-        action = self.work.finish(event.ticket)
-        if action is None:
-            return
-        name = f"{records.OUTCOME}/{action.activation}/{action.local_task}"
-        if action.coalition:
-            name += f"/{action.coalition}"
-        writes: list[tuple[str, Any]] = [(name, [event.success, event.data])]
-        problem = self.replica.problem(*writes[0])
-        if problem is not None:
-            local_task = action.local_task
-            self.log("error", "result_data_refused", local_task=local_task, reason=problem)
-            writes = [(name, [event.success, None])]
-        writes += self._condition_writes(event.conditions)
-        if self.work.claim is None and claimed is not None:
-            writes.append((records.CLAIM, None))
-        self.write(writes, now_us)
-        self.log(
-            "info" if event.success else "warning",
-            "local_task_finished",
-            global_task=action.global_task,
-            local_task=action.local_task,
-            outcome="success" if event.success else "failure",
-            error=event.error,
-        )
-
-    def _condition_writes(
-        self, conditions: Iterable[tuple[str, bool]]
-    ) -> list[tuple[str, list[Any]]]:
-        """The entries that make conditions true or false; none where they are so already."""
-        writes: dict[str, list[Any]] = {}
-        stamp = self.replica.stamp()
-        for name, value in list(conditions)[:CONDITIONS_PER_OUTCOME]:
-            if not self.mission.knows_condition(name):
-                self.log("error", "condition_not_declared", condition=name)
-            elif self.facts.condition(name) != value:
-                revision = self.facts.revision(name) + 1
-                writes[f"{records.CONDITION}/{name}"] = [value, revision, stamp]
-            else:
-                writes.pop(f"{records.CONDITION}/{name}", None)
-        return list(writes.items())
-
-    def _set_conditions(self, values: Mapping[str, bool], now_us: int) -> None:
-        """Tell them; a new life keeps them until it has an incarnation above all earlier ones."""
-        if self.is_new:
-            known = {n: v for n, v in values.items() if self.mission.knows_condition(n)}
-            self._unsaid |= known
-            values = {n: v for n, v in values.items() if n not in known}
-        self.write(self._condition_writes(values.items()), now_us)
-
-    def change_capability(self, local_task: str, lost: bool, now_us: int) -> str | None:
-        """Declare a minor fault or its end; returns what is wrong with it, or None."""
-        change = self.description.lose if lost else self.description.restore
-        problem = change(local_task)
-        if problem is not None:
-            self.log("error", "capability_unknown", reason=problem)
-            return problem
-        self.log("warning", "capabilities_changed", lost=list(self.description.lost))
-        if self.joining is None:
-            self.write([(records.MEMBER, self.description.to_value())], now_us)
-        return None
-
-    def leave(self, now_us: int) -> None:
-        """Hand the work over and stop once nothing runs here any more."""
-        if self.leaving:
-            return
-        self.description.leaving = True
-        self.log("info", "leaving")
-        writes = given_up(self, self.work.claim)
-        self._effects += self.work.drop()
-        if self.joining is None:
-            member = (records.MEMBER, self.description.to_value())
-            self.write([*writes, member, (records.CLAIM, None)], now_us)
-        self.gossip.urge(now_us)
 
     # -- what follows from it -----------------------------------------------------------------
 
@@ -430,8 +355,8 @@ class Agent:
         self.log("info", "joined", incarnation=str(self.replica.incarnation))
         member = (records.MEMBER, self.description.to_value())
         self.write([member, (records.CLAIM, None)], now_us)
-        unsaid, self._unsaid = self._unsaid, {}
-        self._set_conditions(unsaid, now_us)
+        unsaid, self.unsaid = self.unsaid, {}
+        set_conditions(self, unsaid, now_us)
         self.gossip.urge(now_us)
 
     def _replan(self, now_us: int) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from mrbt_mesh.core import records
 from mrbt_mesh.core.evaluate import parse_scope
 from mrbt_mesh.core.records import OrderKind
+from mrbt_mesh.core.reporting import change_capability, leave
 
 if TYPE_CHECKING:
     from mrbt_mesh.core.agent import Agent
@@ -45,13 +46,13 @@ def carry_out(agent: Agent, body: Any, now_us: int) -> tuple[bool, str]:
     command, argument = body
     match command:
         case "fault" | "restore":
-            problem = agent.change_capability(argument, command == FAULT, now_us)
+            problem = change_capability(agent, argument, command == FAULT, now_us)
             if problem is not None:
                 return False, problem
             lost = ", ".join(agent.description.lost) or "nothing"
             return True, f"{agent.me} has lost {lost}"
         case "leave":
-            agent.leave(now_us)
+            leave(agent, now_us)
             return True, f"{agent.me} leaves"
         case "order":
             try:
