@@ -25,6 +25,7 @@ from mrbt_mesh.core.mission import Mission, type_name
 from mrbt_mesh.core.performing import check_grants, may_grant, perform, seek_grants
 from mrbt_mesh.core.plan import Plan
 from mrbt_mesh.core.planner import Planner
+from mrbt_mesh.core.quiet import Quiet
 from mrbt_mesh.core.refusals import Refusals
 from mrbt_mesh.core.replica import Received, Replica
 from mrbt_mesh.core.reporting import change_capability, finished, leave, set_conditions
@@ -43,7 +44,6 @@ from mrbt_mesh.core.wire import (
 from mrbt_mesh.core.work import Work
 
 _FROM_OUTSIDE = (fx.TokenChanged, fx.QueryReceived, fx.AnswerReceived)
-_MAY_BE_QUIET = (fx.MessageReceived, fx.ProgressReported, fx.TimerFired)
 
 
 class Agent:
@@ -73,12 +73,9 @@ class Agent:
         self.refusals = Refusals()
         self._effects: list[fx.Effect] = []
         self._deadline_us = now_us
-        # Until then, and while nothing of it changes, nothing follows but beats.
-        self._quiet_until_us = now_us
-        self._settled_state: tuple[Any, ...] = ()
-        # What others report matters only to who waits to start, or to stop.
-        self._compares = False
-        self._done_us: int | None = None
+        self.quiet = Quiet(now_us)
+        # Since when all report the mission's result.
+        self.done_us: int | None = None
         # Conditions that a new life keeps until its incarnation is above all earlier ones.
         self.unsaid: dict[str, bool] = {}
         self._stopped = False
@@ -98,11 +95,9 @@ class Agent:
             self._from_robot(event, now_us)
         if self._stopped:
             pass
-        elif not self._is_quiet(event, now_us):
+        elif not self.quiet.lets_pass(self, event, now_us):
             self._settle(now_us)
-            self._compares = self._done_us is not None or self.work.is_waiting or self._is_over()
-            self._settled_state = self._state()
-            self._quiet_until_us = now_us
+            self.quiet.begin(self, now_us)
         elif now_us >= self.gossip.next_beat_us:
             self._hurry_if_seeking(now_us)
             self._beat_now(now_us)
@@ -111,57 +106,11 @@ class Agent:
 
     def next_deadline_us(self, now_us: int) -> int:
         """When to call `handle(TimerFired())` at the latest, if nothing else happens."""
-        if now_us >= self._quiet_until_us:
-            self._quiet_until_us = self._next_step_us(now_us)
         beat_us = self.gossip.next_beat_us
-        self._deadline_us = self._quiet_until_us
+        self._deadline_us = self.quiet.ends_us(self, now_us)
         if now_us < beat_us < self._deadline_us:
             self._deadline_us = beat_us
         return self._deadline_us
-
-    def _next_step_us(self, now_us: int) -> int:
-        """When, after `now_us`, time alone may ask for more than a beat."""
-        deadlines = [
-            self.membership.next_deadline_us(now_us),
-            self.replica.next_deadline_us(now_us),
-            self.planner.watches.next_deadline_us(),
-            self.grants.next_deadline_us(),
-        ]
-        if self.joining is not None:
-            deadlines.append(self.joining.deadline_us)
-        if self.work.is_waiting:
-            deadlines.append(self.grace_ends_us())
-        if self._done_us is not None:
-            deadlines.append(self._done_us + self.config.timing.beat_us)
-        later = [d for d in deadlines if d is not None and d > now_us]
-        return min(later, default=now_us + self.config.timing.detection_us)
-
-    def _state(self) -> tuple[Any, ...]:
-        """All that another robot's message can change and that something follows from."""
-        membership, replica = self.membership, self.replica
-        return (
-            self.facts.changes,
-            membership.changes,
-            membership.hints,
-            membership.reports if self._compares else -1,
-            replica.open_repairs,
-            replica.repair_us,
-            self.identity.rival,
-        )
-
-    def _is_quiet(self, event: fx.Input, now_us: int) -> bool:
-        """Whether nothing follows from an input but a beat that is due: so it is with most."""
-        return (
-            now_us < self._quiet_until_us
-            and isinstance(event, _MAY_BE_QUIET)
-            and self.joining is None
-            and self.grants.is_idle
-            and self._settled_state == self._state()
-        )
-
-    def _is_over(self) -> bool:
-        """Whether this robot's plan has the mission's result."""
-        return self.plan is not None and self.plan.result in (Status.SUCCESS, Status.FAILURE)
 
     # -- inputs -------------------------------------------------------------------------------
 
@@ -371,15 +320,15 @@ class Agent:
     def _finish_mission(self, now_us: int) -> None:
         """Stop once every living robot has come to the same result, and has heard so."""
         plan = self.plan
-        if self.joining is not None or plan is None or not self._is_over():
-            self._done_us = None
+        if self.joining is not None or plan is None or not self.is_over:
+            self.done_us = None
             return
         if not self.membership.all_report(int(plan.result)) or not self.work.is_idle:
-            self._done_us = None
-        elif self._done_us is None:
-            self._done_us = now_us
+            self.done_us = None
+        elif self.done_us is None:
+            self.done_us = now_us
             self.log("info", "mission_over", result=plan.result.name.lower())
-        elif self.config.exit_when_done and now_us >= self._done_us + self.config.timing.beat_us:
+        elif self.config.exit_when_done and now_us >= self.done_us + self.config.timing.beat_us:
             self._beat_now(now_us)
             code = 0 if plan.result is Status.SUCCESS else 1
             self._stop(code, f"mission {plan.result.name.lower()}")
@@ -477,6 +426,11 @@ class Agent:
     def plan(self) -> Plan | None:
         """The plan of the last step, None while this robot has never joined."""
         return self.planner.plan
+
+    @property
+    def is_over(self) -> bool:
+        """Whether this robot's plan has the mission's result."""
+        return self.plan is not None and self.plan.result in (Status.SUCCESS, Status.FAILURE)
 
     @property
     def is_new(self) -> bool:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from mrbt_mesh.core.agent import Agent
+from mrbt_mesh.core.quiet import Quiet
 from mrbt_mesh.sim.campaign import Source
 from mrbt_mesh.sim.run import run_scenario
 
@@ -19,5 +19,5 @@ def test_what_is_let_pass_would_have_had_no_effect(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     expected = effect_log(seed)
-    monkeypatch.setattr(Agent, "_is_quiet", lambda *_: False)
+    monkeypatch.setattr(Quiet, "lets_pass", lambda *_: False)
     assert effect_log(seed) == expected
