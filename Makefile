@@ -64,7 +64,7 @@ bench-failover: $(READY)
 	$(BIN)/python benchmarks/failover.py
 
 bench-membership: $(READY)
-	$(BIN)/python benchmarks/membership.py --json membership.json
+	$(BIN)/python -m benchmarks.membership --json membership.json
 
 bench-simulate: $(READY)
 	$(BIN)/python benchmarks/simulate.py --json simulate.json

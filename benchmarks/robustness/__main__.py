@@ -17,24 +17,19 @@ import time
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
+from benchmarks.report import bar_of_jobs, write_docs
 from benchmarks.robustness.draws import CELLS, Cell
 from benchmarks.robustness.results import Judged, judge, markdown, summary
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "robustness.md"
-MARKS = ("<!-- measured -->", "<!-- end of measured -->")
 CHUNK = 10
 
 
 def run_all(runs: int, seed: int, jobs: int) -> dict[Cell, list[Judged]]:
     """Judge `runs` draws per cell, in `jobs` processes, with progress on standard error."""
     found: dict[Cell, list[Judged]] = {cell: [] for cell in CELLS}
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    progress = Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True))
     context = multiprocessing.get_context("spawn")
-    with progress, ProcessPoolExecutor(jobs, mp_context=context) as pool:
+    with bar_of_jobs() as progress, ProcessPoolExecutor(jobs, mp_context=context) as pool:
         bar = progress.add_task("draws", total=runs * len(CELLS))
         running: dict[Future[list[Judged]], Cell] = {}
         for start in range(seed, seed + runs, CHUNK):
@@ -46,13 +41,6 @@ def run_all(runs: int, seed: int, jobs: int) -> dict[Cell, list[Judged]]:
             found[running[future]] += judged
             progress.advance(bar, len(judged))
     return found
-
-
-def write_docs(text: str) -> None:
-    """Put the table between the marks in docs/robustness.md."""
-    before, _, rest = DOCS.read_text().partition(MARKS[0])
-    _, _, after = rest.partition(MARKS[1])
-    DOCS.write_text(f"{before}{MARKS[0]}\n\n{text}\n\n{MARKS[1]}{after}")
 
 
 def _count(text: str) -> int:
@@ -86,7 +74,7 @@ def main() -> None:
         result = {"runs": options.runs, "seed": options.seed, "seconds": seconds, "rows": rows}
         options.json.write_text(json.dumps(result, indent=2) + "\n")
     if options.write_docs:
-        write_docs(text)
+        write_docs(DOCS, text)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+from benchmarks.report import grid
 from benchmarks.robustness.bounds import BestPolicy, allows
 from benchmarks.robustness.draws import Cell, draw
 from benchmarks.robustness.teams import Way, independent_robots, our_team
@@ -97,9 +98,9 @@ def _median_s(judged: Sequence[Judged], way: Way) -> float | None:
 
 def markdown(rows: Sequence[dict[str, Any]]) -> str:
     """The table for people, success rates in percent."""
-    lines = [HEAD, ("---",) * len(HEAD)]
+    shown = []
     for row in rows:
         rates = [row[key] for key in RATES]
         setting = (row["robots"], f"{row['homogeneity']:g}", f"{row['fault_probability']:g}")
-        lines.append((*map(str, setting), *(f"{rate:.1f}" for rate in rates)))
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+        shown.append((*setting, *(f"{rate:.1f}" for rate in rates)))
+    return grid(HEAD, shown)

@@ -1,6 +1,6 @@
 """How fast a team agrees, and joins, where messages are lost and late.
 
-Reduced; benchmarks/membership.py measures the rest.
+Reduced; benchmarks/membership measures the rest.
 """
 
 from __future__ import annotations

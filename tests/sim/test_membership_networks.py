@@ -1,6 +1,6 @@
 """Nobody is thought dead who lives, however bad the network; who dies is found in time.
 
-Reduced; benchmarks/membership.py measures the rest.
+Reduced; benchmarks/membership measures the rest.
 """
 
 from __future__ import annotations

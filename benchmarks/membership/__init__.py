@@ -1,0 +1,1 @@
+"""How membership and agreement fare on networks from good to hopeless: docs/membership.md."""

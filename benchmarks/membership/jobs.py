@@ -1,0 +1,64 @@
+"""What is run: every measurement on its networks, as jobs for processes of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from benchmarks.membership.agreement import agreement, traffic
+from benchmarks.membership.networks import BAD, BROKEN, GRADED, Net
+from benchmarks.membership.verdicts import verdicts
+
+
+@dataclass(frozen=True)
+class Job:
+    """One call in a process of its own."""
+
+    kind: str
+    robots: int
+    net: Net
+    arguments: tuple[int, ...]
+
+    def run(self) -> Any:
+        call = {"verdicts": verdicts, "agreement": agreement, "traffic": traffic}[self.kind]
+        return call(self.robots, self.net, *self.arguments)  # type: ignore[operator]
+
+
+def jobs(full: bool) -> Iterator[Job]:
+    """Long ones first. Sizes: (robots, networks, seconds at rest, runs, victims)."""
+    some = [Net(), Net(30), BAD, *(net for net in BROKEN if net.loss_percent)]
+    sizes: list[tuple[int, Iterable[Net], int, int, int]] = [
+        (64, (BAD,), 600 if full else 10, 1, 4 if full else 1),
+        (32, GRADED + BROKEN if full else some, 600 if full else 12, 2 if full else 1, 4),
+        (6, GRADED + BROKEN, 600, 20 if full else 1, 2),
+        (6, GRADED + BROKEN, 20, 50 if full else 12, 2),
+        (3, GRADED + BROKEN, 600, 100 if full else 3, 1),
+        (3, GRADED + BROKEN, 20, 200 if full else 40, 1),
+        (2, GRADED, 600, 100 if full else 3, 1),
+        (2, GRADED, 20, 200 if full else 40, 1),
+    ]
+    yield Job("traffic", 64, Net(), (1,))
+    for robots, net, runs, events in (
+        (32, BAD, 20 if full else 2, 18),
+        (32, Net(), 5 if full else 1, 6),
+        (6, BAD, 100 if full else 10, 18),
+        (6, Net(), 10, 18),
+    ):
+        for seed in range(runs):
+            yield Job("agreement", robots, net, (events, seed))
+    for robots in (32, 6):
+        for net in (Net(), BAD):
+            yield Job("traffic", robots, net, (1,))
+    for robots, nets, rest_s, runs, victims in sizes:
+        for net in nets:
+            for seed in range(runs):
+                yield Job("verdicts", robots, net, (rest_s, victims, 1_000 * rest_s + seed))
+
+
+def long_jobs() -> Iterator[Job]:
+    """Ten minutes of large teams on a bad network, with a broken link and a one-way link in it."""
+    rough = Net(30, 200, "0>1 2-3")
+    yield Job("verdicts", 64, rough, (600, 4, 3))
+    yield Job("verdicts", 32, BAD, (600, 4, 1))
+    yield Job("verdicts", 32, rough, (600, 0, 2))

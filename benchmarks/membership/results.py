@@ -1,0 +1,107 @@
+"""All results as plain data, and as tables."""
+
+from __future__ import annotations
+
+import statistics
+from typing import Any
+
+from benchmarks.membership.agreement import Drill
+from benchmarks.membership.networks import BROKEN, GRADED, SECOND_US, Net
+from benchmarks.membership.verdicts import Verdicts
+from benchmarks.report import grid
+
+
+def spread_s(times_us: list[int]) -> dict[str, float]:
+    """Median, 99th percentile and greatest, in seconds."""
+    ordered = sorted(times_us)
+    p99 = ordered[min(len(ordered) - 1, int(0.99 * len(ordered)))]
+    return {
+        "count": len(ordered),
+        "median_s": round(statistics.median(ordered) / SECOND_US, 3),
+        "p99_s": round(p99 / SECOND_US, 3),
+        "max_s": round(ordered[-1] / SECOND_US, 3),
+    }
+
+
+def summary(found: dict[tuple[str, int, Net], list[Any]]) -> dict[str, list[dict[str, Any]]]:
+    """Everything as plain data."""
+    tables: dict[str, list[dict[str, Any]]] = {"verdicts": [], "agreement": [], "traffic": []}
+    order = {net: index for index, net in enumerate([*GRADED, *BROKEN])}
+    for kind, robots, net in sorted(found, key=lambda key: (key[0], key[1], order[key[2]])):
+        results = found[kind, robots, net]
+        row: dict[str, Any] = {"robots": robots, "network": str(net)}
+        if kind == "verdicts":
+            total = Verdicts()
+            for result in results:
+                total.add(result)
+            row |= {"minutes": round(total.minutes, 1), "false": total.false}
+            row["plain_false"] = total.plain_false
+            row["detection"] = spread_s(total.detection_us)
+            row["plain_detection"] = spread_s(total.plain_detection_us or [0])
+        elif kind == "agreement":
+            times: dict[str, list[int]] = {}
+            for result in results:
+                for event, each in result.items():
+                    times.setdefault(event, []).extend(each)
+                    times.setdefault("all", []).extend(each)
+            row |= {event: spread_s(each) for event, each in sorted(times.items())}
+        else:
+            row |= {key: round(value, 1) for key, value in results[0].items()}
+        tables[kind].append(row)
+    return tables
+
+
+def median_p99(spread: dict[str, float]) -> str:
+    return f"{spread['median_s']:.2f} / {spread['p99_s']:.2f}"
+
+
+def verdict_rows(rows: list[dict[str, Any]]) -> list[list[Any]]:
+    return [
+        [
+            row["robots"],
+            row["network"],
+            f"{row['minutes']:g}",
+            row["false"],
+            row["plain_false"],
+            median_p99(row["detection"]),
+            median_p99(row["plain_detection"]),
+        ]
+        for row in rows
+    ]
+
+
+def markdown(tables: dict[str, list[dict[str, Any]]]) -> str:
+    """All tables, for people."""
+    head = ["robots", "network", "minutes", "false", "plain", "found after, s", "plain, s"]
+    teams = [row for row in tables["verdicts"] if row["robots"] > 2]
+    pairs = [row for row in tables["verdicts"] if row["robots"] == 2]
+    kinds = [*sorted(set(Drill.KINDS)), "all"]
+    agreed = [
+        [
+            row["robots"],
+            row["network"],
+            *(median_p99(row[kind]) if kind in row else "-" for kind in kinds),
+        ]
+        for row in tables["agreement"]
+    ]
+    columns = ("rest_messages", "rest_kb", "event_messages", "event_kb")
+    sent = [
+        [row["robots"], row["network"], *(row[c] for c in columns)] for row in tables["traffic"]
+    ]
+    return "\n\n".join(
+        [
+            "**Verdicts.** `minutes` of a team at rest, `false` verdicts on living robots in them "
+            "(beside it those of the plain detector), and the time from a freeze until a robot "
+            "has found it (median / 99th percentile).",
+            grid(head, verdict_rows(teams)),
+            "**Two robots**, where nobody else can be asked:",
+            grid(head, verdict_rows(pairs)),
+            "**Agreement.** Seconds from an event (a death: from the first verdict; a join: from "
+            "the start of the process) until every living robot may start without its grace "
+            "(median / 99th percentile).",
+            grid(["robots", "network", *kinds], agreed),
+            "**Traffic.** Copies sent per robot and second, and kB, at rest and in the second "
+            "after an outcome.",
+            grid(["robots", "network", "rest", "kB", "event", "kB"], sent),
+        ]
+    )

@@ -1,0 +1,94 @@
+"""Who is thought dead: the agents, and beside them a plain detector that sees the same beats."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass, field
+
+from benchmarks.membership.networks import SECOND_US, TIMING, WARM_UP_US, Net, mission, name
+from mrbt_mesh.core.membership import State
+from mrbt_mesh.sim.mesh import Mesh, Node
+from mrbt_mesh.sim.network import Link
+
+
+@dataclass
+class Verdicts:
+    """What both detectors made of one kind of network, over some runs of one team size."""
+
+    minutes: float = 0.0
+    false: int = 0
+    plain_false: int = 0
+    detection_us: list[int] = field(default_factory=list)
+    plain_detection_us: list[int] = field(default_factory=list)
+
+    def add(self, other: Verdicts) -> None:
+        self.minutes += other.minutes
+        self.false += other.false
+        self.plain_false += other.plain_false
+        self.detection_us += other.detection_us
+        self.plain_detection_us += other.plain_detection_us
+
+
+class Watch:
+    """Follows both detectors of every robot while a mesh runs."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh = mesh
+        self.found = Verdicts()
+        self._dead: set[Link] = set()
+        self._beat_us: dict[Link, int] = {}
+        self._frozen_us: dict[str, int] = {}
+        mesh.on_step = self._step
+        mesh.on_beat = self._beat
+
+    def _step(self, node: Node, now_us: int) -> None:
+        for robot, peer in node.agent.membership.peers.items():
+            pair = (robot, node.agent.me)
+            if peer.state is not State.DEAD:
+                self._dead.discard(pair)
+            elif pair not in self._dead:
+                self._dead.add(pair)
+                if robot in self._frozen_us:
+                    self.found.detection_us.append(now_us - self._frozen_us[robot])
+                else:
+                    self.found.false += 1
+
+    def _beat(self, source: str, target: str, now_us: int) -> None:
+        silent_us = now_us - self._beat_us.get((source, target), now_us)
+        self.found.plain_false += silent_us >= TIMING.detection_us
+        self._beat_us[source, target] = now_us
+
+    def freeze(self, robot: str) -> None:
+        self._frozen_us[robot] = self.mesh.now_us
+        self.mesh.freeze(robot)
+
+    def close(self) -> Verdicts:
+        """The plain detector's times follow from the last beat that each robot received."""
+        silent = set(self.mesh.network.blocked)
+        for (source, target), last_us in self._beat_us.items():
+            due_us = last_us + TIMING.detection_us
+            if (source, target) in silent:
+                self.found.plain_false += source not in self._frozen_us  # and for ever
+            elif source in self._frozen_us and target not in self._frozen_us:
+                # One that was held for dead already at the freeze is found in no time.
+                self.found.plain_detection_us.append(max(0, due_us - self._frozen_us[source]))
+        return self.found
+
+
+def verdicts(robots: int, net: Net, rest_s: int, victims: int, seed: int) -> Verdicts:
+    """A team at rest for a while; then some robots freeze, one after the other."""
+    mesh = Mesh(mission(robots, 1), net.knobs(), seed)
+    watch = Watch(mesh)
+    choose = random.Random(f"victims/{seed}")
+    mesh.launch_all()
+    mesh.run_until(min(WARM_UP_US, rest_s * SECOND_US))
+    mesh.network.block(net.blocked())
+    mesh.run_until(rest_s * SECOND_US)
+    watch.found.minutes = rest_s / 60
+    # Of three robots, the third that the ends of a broken link have to ask must stay.
+    candidates = range(1) if net.links and robots == 3 else range(robots)
+    for victim in choose.sample(candidates, victims):
+        mesh.run_until(mesh.now_us + choose.randrange(TIMING.beat_us))
+        watch.freeze(name(victim))
+        mesh.run_until(mesh.now_us + TIMING.longest_verdict_us + SECOND_US)
+    return watch.close()

@@ -1,0 +1,79 @@
+"""The membership benchmark: what it measures, and its tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks.membership.agreement import Drill, agreement, traffic
+from benchmarks.membership.jobs import Job, jobs, long_jobs
+from benchmarks.membership.networks import BAD, SECOND_US, TIMING, Net, name
+from benchmarks.membership.results import markdown, summary
+from benchmarks.membership.verdicts import verdicts
+from benchmarks.report import MARKS, grid, write_docs
+
+
+def test_both_detectors_find_frozen_robots_and_only_the_plain_one_errs_on_a_bad_network() -> None:
+    good, bad = verdicts(3, Net(), 12, 1, seed=1), verdicts(3, BAD, 60, 1, seed=1)
+    for found in (good, bad):
+        assert len(found.detection_us) == len(found.plain_detection_us) == 2
+        assert all(0 < time_us <= TIMING.longest_verdict_us for time_us in found.detection_us)
+    assert (good.false, good.plain_false) == (0, 0)
+    assert (bad.false, bad.plain_false > 0) == (0, True)
+
+
+def test_a_broken_link_is_a_death_for_the_plain_detector_alone() -> None:
+    found = verdicts(3, Net(links="0-1"), 20, 0, seed=1)
+    assert (found.false, found.plain_false) == (0, 2)
+    assert Net(links="0-1").blocked() == [(name(0), name(1)), (name(1), name(0))]
+    assert Net(links="0>1").blocked() == [(name(0), name(1))]
+
+
+def test_every_kind_of_event_ends_in_agreement() -> None:
+    times = agreement(3, Net(), 6, seed=1)
+    assert set(times) == set(Drill.KINDS)
+    assert all(0 < time_us < SECOND_US for each in times.values() for time_us in each)
+
+
+def test_an_event_costs_messages() -> None:
+    sent = traffic(3, Net(), seed=1)
+    assert sent["event_messages"] > sent["rest_messages"] > 0
+    assert sent["event_kb"] > sent["rest_kb"] > 0
+
+
+def test_all_that_is_run_has_its_place_in_the_tables() -> None:
+    todo = [*jobs(full=True), *long_jobs()]
+    assert {job.kind for job in todo} == {"verdicts", "agreement", "traffic"}
+    chosen = [
+        Job("verdicts", 2, Net(), (12, 1, 1)),
+        Job("verdicts", 3, Net(10), (12, 1, 1)),
+        Job("agreement", 3, Net(), (6, 1)),
+        Job("traffic", 3, Net(), (1,)),
+    ]
+    tables = summary({(job.kind, job.robots, job.net): [job.run()] for job in chosen})
+    assert [row["robots"] for row in tables["verdicts"]] == [2, 3]
+    lines = markdown(tables).splitlines()
+    assert sum(line.startswith("| 3 | 0 % loss |") for line in lines) == 2
+    assert sum(line.startswith("| 3 | 10 % loss | 0.2 | 0 | 0 |") for line in lines) == 1
+    assert sum(line.startswith("| 2 | 0 % loss | 0.2 | 0 | 0 |") for line in lines) == 1
+
+
+def test_tables_take_the_place_of_the_former_ones(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(f"above\n{MARKS[0]}\nformer\n{MARKS[1]}\nbelow\n")
+    write_docs(page, grid(["a", "b"], [[1, 2]]))
+    table = "| a | b |\n| --- | --- |\n| 1 | 2 |"
+    assert page.read_text() == f"above\n{MARKS[0]}\n\n{table}\n\n{MARKS[1]}\nbelow\n"
+    write_docs(page, "again")
+    assert page.read_text() == f"above\n{MARKS[0]}\n\nagain\n\n{MARKS[1]}\nbelow\n"
+    page.write_text("no marks")
+    with pytest.raises(ValueError, match="has no place for what was measured"):
+        write_docs(page, "new")
+    assert page.read_text() == "no marks"
+
+
+@pytest.mark.parametrize("page", ["membership.md", "robustness.md"])
+def test_the_pages_have_a_place_for_what_is_measured(page: str) -> None:
+    text = (Path(__file__).parents[2] / "docs" / page).read_text()
+    assert [text.count(mark) for mark in MARKS] == [1, 1]
