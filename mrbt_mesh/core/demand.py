@@ -9,21 +9,13 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from mrbt_mesh.core.capable import Capable, Worker
 from mrbt_mesh.core.coalition import Coalitions, is_in, majority, standing
 from mrbt_mesh.core.evaluate import Request
 from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.mission import GlobalTask, InDoubt, Need
-from mrbt_mesh.core.records import Member, Phase, Token
-from mrbt_mesh.core.team import TeamFacts, capability
-
-
-@dataclass(frozen=True, slots=True)
-class Worker:
-    """A robot that the plan may use: alive, joined, not leaving."""
-
-    id: str
-    member: Member
-    incarnation: Incarnation
+from mrbt_mesh.core.records import Phase, Token
+from mrbt_mesh.core.team import TeamFacts
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,58 +37,88 @@ class Demand:
     candidates: Mapping[str, int]
 
 
-def workers(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> dict[str, Worker]:
-    """The robots that a plan may use, sorted by id."""
-    found = {}
-    for robot in sorted(alive):
-        known = facts.members.get(robot)
-        if known is not None and known[1] == alive[robot] and not known[0].leaving:
-            found[robot] = Worker(robot, known[0], known[1])
-    return found
+# What one need's demand follows from besides the request: robot -> performance, (robot, success)
+# of the outcomes, and (since, robot) of the running claims.
+_Inputs: TypeAlias = tuple[Mapping[str, int], tuple[tuple[str, bool], ...], list[tuple[int, str]]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    request: Request
+    inputs: list[_Inputs]
+    group: tuple[Demand, ...]
+
+    def holds(self, request: Request, inputs: list[_Inputs]) -> bool:
+        same = request is self.request or request == self.request
+        return same and all(
+            mine[0] is other[0] and mine[1:] == other[1:]
+            for mine, other in zip(self.inputs, inputs, strict=True)
+        )
+
+
+class Demands:
+    """The demands of the present requests. A group that nothing has changed for stays the same
+    object, so that whoever works on demands sees at a glance what is new.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[str, _Known] = {}
+
+    def groups(
+        self, facts: TeamFacts, requests: Sequence[Request], capable: Capable
+    ) -> list[tuple[Demand, ...]]:
+        """The demands of each request, in tree order and the task's order of needs.
+
+        lower = nu - successes, upper = mu - successes - failures (never below lower). Once
+        successes reach nu, nobody new is assigned. At most mu running claims are pinned, in the
+        canonical order of claims: (since, robot).
+        """
+        running: dict[tuple[str, str], list[tuple[int, str]]] = {}
+        for robot in capable.team:
+            claim = facts.valid_claim(robot)
+            if claim is not None and claim.phase is Phase.RUNNING:
+                key = (claim.activation, claim.local_task)
+                running.setdefault(key, []).append((claim.since, robot))
+        before, self._known = self._known, {}
+        result = []
+        for request in requests:
+            task, activation = facts.mission.global_tasks[request.subject], request.activation
+            if task.by_coalition:
+                result.append(_coalition_demands(facts, request, task, capable))
+                continue
+            inputs: list[_Inputs] = [
+                (
+                    capable.able(need.local_task),
+                    tuple(facts.results(activation, need.local_task).items()),
+                    sorted(running.get((activation, need.local_task), ())),
+                )
+                for need in task.needs
+            ]
+            known = before.get(activation)
+            if known is None or not known.holds(request, inputs):
+                pairs = zip(task.needs, inputs, strict=True)
+                known = _Known(request, inputs, tuple(_demand(request, *pair) for pair in pairs))
+            self._known[activation] = known
+            result.append(known.group)
+        return result
 
 
 def demands_of(
-    facts: TeamFacts, requests: Sequence[Request], team: Mapping[str, Worker]
-) -> list[list[Demand]]:
-    """The demands of each request, in tree order and the task's order of needs.
-
-    lower = nu - successes, upper = mu - successes - failures (never below lower). Once
-    successes reach nu, nobody new is assigned. At most mu running claims are pinned, in the
-    canonical order of claims: (since, robot).
-    """
-    running: dict[tuple[str, str], list[tuple[int, str]]] = {}
-    for robot in team:
-        claim = facts.valid_claim(robot)
-        if claim is not None and claim.phase is Phase.RUNNING:
-            key = (claim.activation, claim.local_task)
-            running.setdefault(key, []).append((claim.since, robot))
-    result = []
-    for request in requests:
-        task = facts.mission.global_tasks[request.subject]
-        if task.by_coalition:
-            result.append(_coalition_demands(facts, request, task, team))
-        else:
-            result.append([_demand(facts, request, need, team, running) for need in task.needs])
-    return result
+    facts: TeamFacts, requests: Sequence[Request], capable: Capable
+) -> list[tuple[Demand, ...]]:
+    """The demands of these requests, for one look."""
+    return Demands().groups(facts, requests, capable)
 
 
-def _demand(
-    facts: TeamFacts,
-    request: Request,
-    need: Need,
-    team: Mapping[str, Worker],
-    running: Mapping[tuple[str, str], list[tuple[int, str]]],
-) -> Demand:
-    results = facts.results(request.activation, need.local_task)
-    successes = sum(results.values())
+def _demand(request: Request, need: Need, inputs: _Inputs) -> Demand:
+    able, results, claims = inputs
+    successes = sum(success for _, success in results)
     lower = max(0, need.min_robots - successes)
     upper = max(lower, need.max_robots - len(results), 0)
-    candidates = {}
-    for robot, worker in team.items():
-        value = capability(worker.member, need.local_task)
-        if value is not None and robot not in results:
-            candidates[robot] = value
-    claims = sorted(running.get((request.activation, need.local_task), ()))
+    candidates = able
+    if results:
+        ended = {robot for robot, _ in results}
+        candidates = {robot: value for robot, value in able.items() if robot not in ended}
     pinned = tuple(robot for _, robot in claims if robot in candidates)[:upper]
     if not lower:
         upper = len(pinned)
@@ -104,20 +126,17 @@ def _demand(
 
 
 def _coalition_demands(
-    facts: TeamFacts, request: Request, task: GlobalTask, team: Mapping[str, Worker]
-) -> list[Demand]:
+    facts: TeamFacts, request: Request, task: GlobalTask, capable: Capable
+) -> tuple[Demand, ...]:
     """Who has started goes on, and nobody joins; without a coalition the bounds are nu and mu."""
-    found = facts.coalitions(request.activation)
+    team, found = capable.team, facts.coalitions(request.activation)
     token = standing(facts, task, request.activation, lives(team))
     at_work = _at_work(facts, request, found, token, team) if token is not None else {}
     result = []
     for need in task.needs:
         failed = found.failed(need.local_task)
-        candidates = {}
-        for robot, worker in team.items():
-            value = capability(worker.member, need.local_task)
-            if value is not None and robot not in failed:
-                candidates[robot] = value
+        able = capable.able(need.local_task)
+        candidates = {robot: value for robot, value in able.items() if robot not in failed}
         lower, upper = need.min_robots, need.max_robots
         pinned: tuple[str, ...] = ()
         if token is not None:
@@ -125,7 +144,7 @@ def _coalition_demands(
             lower = upper = len(pinned)
         demand = Demand(request, need.local_task, need.min_robots, lower, upper, pinned, candidates)
         result.append(demand)
-    return result
+    return tuple(result)
 
 
 def _at_work(
@@ -345,20 +364,18 @@ class Shortage:
         return text + "".join(f", {count} {what}" for count, what in counts if count)
 
 
-def shortages(
-    facts: TeamFacts, group: Sequence[Demand], team: Mapping[str, Worker]
-) -> tuple[Shortage, ...]:
+def shortages(facts: TeamFacts, group: Sequence[Demand], capable: Capable) -> tuple[Shortage, ...]:
     """What makes a request *blocked*: no set of living robots could serve it, busy or not.
 
     Empty if it is not blocked. Where each local task alone could be met but not all together,
     every one of them is listed.
     """
-    if Consistency(team).keep(0, group, {}):
+    if Consistency(capable.team).keep(0, group, {}):
         return ()
 
     def shortage(demand: Demand) -> Shortage:
         results = facts.results(demand.request.activation, demand.local_task)
-        able = [w for w in team.values() if capability(w.member, demand.local_task) is not None]
+        able = capable.able(demand.local_task)
         done = sum(results.values())
         failed = len(results) - done
         return Shortage(demand.local_task, demand.needed, len(able), done, failed)

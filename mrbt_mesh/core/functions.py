@@ -13,7 +13,8 @@ from typing import Any, TypeAlias
 from mrbt_mesh.core.assignment import Solver
 from mrbt_mesh.core.evaluate import Evaluator
 from mrbt_mesh.core.facts import Entry, Incarnation
-from mrbt_mesh.core.plan import Plan, make_plan
+from mrbt_mesh.core.plan import Plan
+from mrbt_mesh.core.planning import PlanMaker
 from mrbt_mesh.core.team import TeamFacts
 from mrbt_mesh.core.wire import (
     Beat,
@@ -27,12 +28,19 @@ from mrbt_mesh.core.wire import (
     parse_entries,
 )
 
-MakePlan: TypeAlias = Callable[[Evaluator, TeamFacts, Mapping[str, Incarnation], Solver], Plan]
+MakePlan: TypeAlias = Callable[[TeamFacts, Mapping[str, Incarnation]], Plan]
+# What makes one robot's plans.
+PlanMaking: TypeAlias = Callable[[Evaluator, Solver], MakePlan]
 WriteBeat: TypeAlias = Callable[[Beat, Header], bytes]
 # (robot under whose key it was published, message, own header, which relays may be news)
 ReadBeat: TypeAlias = Callable[[str, bytes, Header, Callable[[list[Any]], bool]], Beat]
 # (robot under whose key it was published, message, own header)
 ReadBatch: TypeAlias = Callable[[str, bytes, Header], tuple[list[Entry], int]]
+
+
+def plan_making(evaluator: Evaluator, solver: Solver) -> MakePlan:
+    """Plans that follow one another: each uses what has not changed since the one before."""
+    return PlanMaker(evaluator, solver).plan
 
 
 def write_beat(beat: Beat, mine: Header) -> bytes:
@@ -64,7 +72,7 @@ def _body(source: str, data: bytes, mine: Header, kind: MessageKind) -> Any:
 class Functions:
     """What an agent or an observer computes plans and reads messages with."""
 
-    make_plan: MakePlan = make_plan
+    plan_making: PlanMaking = plan_making
     write_beat: WriteBeat = write_beat
     read_beat: ReadBeat = read_beat
     read_batch: ReadBatch = read_batch

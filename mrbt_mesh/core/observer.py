@@ -54,7 +54,7 @@ class Observer:
         self.record = RunRecord(mission)
         self.plan: Plan | None = None
         self.refused: dict[str, str] = {}
-        self._solver = solver
+        self._make_plan = functions.plan_making(self.evaluator, solver)
         self._functions = functions
         self._planned: tuple[int, int] = (-1, -1)
         self._updated: tuple[int, int, int] = (-1, -1, -1)
@@ -133,8 +133,7 @@ class Observer:
         if changes != self._planned:
             self._planned = changes
             alive = self.membership.alive()
-            make_plan, solver = self._functions.make_plan, self._solver
-            self.plan = make_plan(self.evaluator, self.facts, alive, solver)
+            self.plan = self._make_plan(self.facts, alive)
         if self.plan is not None:
             settled = self._is_settled(self.plan)
             if self._recorded[0] is not self.plan or self._recorded[1] is not settled:

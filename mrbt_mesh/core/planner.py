@@ -32,7 +32,7 @@ class Planner:
         self.plan: Plan | None = None
         self.dropped: list[tuple[str, str]] = []
         self._facts = facts
-        self._config = config
+        self._make_plan = config.functions.plan_making(self.evaluator, config.solver)
         self._robot_tree = robot_tree
         self._planned: tuple[int, int] | None = None
         self._trigger: tuple[int, tuple[str, ...]] = (0, ())
@@ -59,8 +59,7 @@ class Planner:
         if self.plan is None or self._planned != state:
             self._planned = state
             living = alive()
-            make_plan, solver = self._config.functions.make_plan, self._config.solver
-            self.plan = make_plan(self.evaluator, facts, living, solver)
+            self.plan = self._make_plan(facts, living)
             latched = self._latches(self.plan, living)
             self._tick_assignment(self.plan)
         return latched + self.watches.expired(self.plan, facts, now_us)

@@ -12,7 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
-from mrbt_mesh.core.demand import Consistency, Demand, Worker
+from mrbt_mesh.core.capable import Worker
+from mrbt_mesh.core.demand import Consistency, Demand
 from mrbt_mesh.core.evaluate import Evaluation
 from mrbt_mesh.core.mission import Need
 from mrbt_mesh.core.team import TeamFacts, capability
@@ -27,7 +28,7 @@ def spare_scarce(
     evaluation: Evaluation,
     demands: Sequence[Sequence[Demand]],
     team: Mapping[str, Worker],
-) -> list[list[Demand]]:
+) -> list[tuple[Demand, ...]]:
     """The demands with their candidates narrowed to the least needed robots, of equals all.
 
     A request that has been begun, or that those robots alone could not serve, keeps all its
@@ -37,10 +38,10 @@ def spare_scarce(
     values = _values(facts, evaluation, team)
     result = []
     for group in demands:
-        narrowed = [_narrowed(demand, values) for demand in group]
+        narrowed = tuple(_narrowed(demand, values) for demand in group)
         begun = any(demand.pinned for demand in group)
         result.append(
-            narrowed if not begun and Consistency(team).keep(0, narrowed, {}) else list(group)
+            narrowed if not begun and Consistency(team).keep(0, narrowed, {}) else tuple(group)
         )
     return result
 

@@ -20,7 +20,8 @@ from mrbt_mesh.core import records
 from mrbt_mesh.core.evaluate import Evaluator, parse_scope
 from mrbt_mesh.core.facts import Incarnation, Version, make_entry
 from mrbt_mesh.core.mission import Mission, Robot
-from mrbt_mesh.core.plan import Plan, make_plan
+from mrbt_mesh.core.plan import Plan
+from mrbt_mesh.core.planning import make_plan
 from mrbt_mesh.core.records import (
     Claim,
     Coalition,

@@ -12,8 +12,15 @@ from typing import Any, TypeVar
 from mrbt_mesh.core.assignment import Solver
 from mrbt_mesh.core.evaluate import Evaluation, EvaluationFacts, Evaluator
 from mrbt_mesh.core.facts import Entry, Incarnation
-from mrbt_mesh.core.functions import Functions, read_batch, read_beat, write_beat
-from mrbt_mesh.core.plan import Plan, make_plan
+from mrbt_mesh.core.functions import (
+    Functions,
+    MakePlan,
+    plan_making,
+    read_batch,
+    read_beat,
+    write_beat,
+)
+from mrbt_mesh.core.plan import Plan
 from mrbt_mesh.core.team import TeamFacts
 from mrbt_mesh.core.tree import Tree
 from mrbt_mesh.core.wire import Beat, Header
@@ -72,18 +79,19 @@ def shared_functions(mine: Header) -> Functions:
     def shared_batch(source: str, data: bytes, mine: Header) -> tuple[list[Entry], int]:
         return batch_of(source, data)
 
-    remembering: list[_RememberingEvaluator] = []
+    makers: list[MakePlan] = []
     plans: Recent[tuple[bytes, frozenset[tuple[str, Incarnation]]], Plan] = Recent()
 
-    def shared_plan(
-        evaluator: Evaluator, facts: TeamFacts, alive: Mapping[str, Incarnation], solver: Solver
-    ) -> Plan:
+    def shared_plan(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
         key = (facts.map.digest(), frozenset(alive.items()))
         plan = plans.get(key)
         if plan is None:
-            if not remembering:
-                remembering.append(_RememberingEvaluator(evaluator.tree))
-            plan = plans[key] = make_plan(remembering[0], facts, alive, solver)
+            plan = plans[key] = makers[0](facts, alive)
         return plan
 
-    return Functions(shared_plan, shared_write, shared_beat, shared_batch)
+    def shared_planning(evaluator: Evaluator, solver: Solver) -> MakePlan:
+        if not makers:
+            makers.append(plan_making(_RememberingEvaluator(evaluator.tree), solver))
+        return shared_plan
+
+    return Functions(shared_planning, shared_write, shared_beat, shared_batch)

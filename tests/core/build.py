@@ -19,7 +19,8 @@ from mrbt_mesh.core.mission import (
     Robot,
     type_name,
 )
-from mrbt_mesh.core.plan import Plan, make_plan
+from mrbt_mesh.core.plan import Plan
+from mrbt_mesh.core.planning import make_plan
 from mrbt_mesh.core.records import Claim, Coalition, Member, Phase, Token
 from mrbt_mesh.core.solvers import min_cost_flow
 from mrbt_mesh.core.team import TeamFacts

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.demand import Demand, Worker, demands_of, kept_requests, shortages, workers
+from mrbt_mesh.core.capable import Capable, Worker, workers
+from mrbt_mesh.core.demand import Demand, demands_of, kept_requests, shortages
 from mrbt_mesh.core.tree import NodeSpec
 from tests.core.build import World, action, make_mission, parallel, task
 
@@ -22,9 +23,8 @@ def lifters(needed: int, allowed: int, *names: str) -> World:
     return World(make_mission(action("lift"), robots, [task("lift", ("lift", needed, allowed))]))
 
 
-def all_demands(world: World) -> list[list[Demand]]:
-    team = workers(world.facts, world.alive)
-    return demands_of(world.facts, world.tick().requests, team)
+def all_demands(world: World) -> list[tuple[Demand, ...]]:
+    return demands_of(world.facts, world.tick().requests, Capable.of(world.facts, world.alive))
 
 
 def demand(world: World) -> Demand:
@@ -323,9 +323,9 @@ def test_a_long_chain_of_robots_that_step_aside_is_no_problem() -> None:
 
 
 def reasons(world: World) -> list[str]:
-    team = workers(world.facts, world.alive)
+    capable = Capable.of(world.facts, world.alive)
     (group,) = all_demands(world)
-    return [str(each) for each in shortages(world.facts, group, team)]
+    return [str(each) for each in shortages(world.facts, group, capable)]
 
 
 def test_a_request_is_blocked_when_no_living_robots_could_serve_it() -> None:
@@ -338,8 +338,8 @@ def test_a_request_is_blocked_when_no_living_robots_could_serve_it() -> None:
 def test_robots_that_are_busy_block_nothing() -> None:
     world = two_tasks((1, 1), (1, 1), "A")
     world.claim("A", world.activation("two"), "lift")
-    team = workers(world.facts, world.alive)
-    assert [shortages(world.facts, group, team) for group in all_demands(world)] == [(), ()]
+    capable = Capable.of(world.facts, world.alive)
+    assert [shortages(world.facts, group, capable) for group in all_demands(world)] == [(), ()]
 
 
 def test_successes_so_far_are_named() -> None:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.facts import Incarnation
-from mrbt_mesh.core.plan import make_plan
+from mrbt_mesh.core.planning import make_plan
 from mrbt_mesh.core.solvers import min_cost_flow
 from mrbt_mesh.core.tree import Status
 from tests.core.build import World, action, fallback, make_mission, parallel, sequence, task

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.core.assignment import AssignmentProblem, Solver
 from mrbt_mesh.core.mission import Assignment, Mission, mission_from_json
-from mrbt_mesh.core.plan import Plan, make_plan
+from mrbt_mesh.core.plan import Plan
+from mrbt_mesh.core.planning import make_plan
 from mrbt_mesh.core.solvers import min_cost_flow
 from tests.core.build import (
     World,

@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import Any
 from unittest import mock
 
-from mrbt_mesh.core import assignment, canonical, coalition, commands, demand, grants, plan
+from mrbt_mesh.core import assignment, canonical, capable, coalition, commands, demand, grants
 from mrbt_mesh.core.agent import Agent
 from mrbt_mesh.core.effects import Persist
 from mrbt_mesh.core.facts import Entry, FactMap, Incarnation
@@ -46,12 +46,14 @@ def join_keeps_older() -> Iterator[None]:
 def unsorted_workers() -> Iterator[None]:
     """Robots are taken in the order in which a set has them, which differs between robots."""
 
-    def workers(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> dict[str, demand.Worker]:
-        found = original(facts, alive)
+    def workers(
+        facts: TeamFacts, alive: Mapping[str, Incarnation], *before: Any
+    ) -> dict[str, capable.Worker]:
+        found = original(facts, alive, *before)
         return {robot: found[robot] for robot in alive if robot in found}
 
-    original = demand.workers
-    with mock.patch.object(plan, "workers", workers):
+    original = capable.workers
+    with mock.patch.object(capable, "workers", workers):
         yield
 
 

@@ -8,6 +8,7 @@ import pytest
 from runs import example
 
 from mrbt_mesh.core import functions
+from mrbt_mesh.core.planning import PlanMaker
 from mrbt_mesh.core.wire import Header, WireError
 from mrbt_mesh.sim import NetworkKnobs, SimulationResult, sharing, simulate
 from mrbt_mesh.sim import faults as f
@@ -55,10 +56,10 @@ def test_nor_with_faults_and_a_bad_network(seed: int) -> None:
 
 
 def test_a_message_is_read_and_a_plan_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    counts = {"make_plan": 0, "read_beat": 0, "read_batch": 0}
+    counts = {"plan": 0, "read_beat": 0, "read_batch": 0}
 
-    def counted(name: str) -> Any:
-        function = getattr(functions, name)
+    def counted(place: Any, name: str) -> Any:
+        function = getattr(place, name)
 
         def call(*arguments: Any) -> Any:
             counts[name] += 1
@@ -66,14 +67,15 @@ def test_a_message_is_read_and_a_plan_made_once(monkeypatch: pytest.MonkeyPatch)
 
         return call
 
-    for name in counts:
-        monkeypatch.setattr(sharing, name, counted(name))
+    for name in ("read_beat", "read_batch"):
+        monkeypatch.setattr(sharing, name, counted(functions, name))
+    monkeypatch.setattr(PlanMaker, "plan", counted(PlanMaker, "plan"))
     mission, program = example("vehicle_repair")
     result = simulate(mission, program, seed=1, inspect=False)
     told = sum(agent.facts.changes for agent in result.agents.values())
     assert counts["read_beat"] == 0, "nobody needs to read what a robot here wrote"
     assert 0 < counts["read_batch"] < told / len(result.agents)
-    assert 0 < counts["make_plan"] < told / 2
+    assert 0 < counts["plan"] < told / 2
 
 
 def test_what_is_malformed_is_refused_by_everybody() -> None:

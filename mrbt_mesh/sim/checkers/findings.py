@@ -10,7 +10,8 @@ from mrbt_mesh.core.agent import Agent
 from mrbt_mesh.core.assignment import Solver
 from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.mission import Mission
-from mrbt_mesh.core.plan import Plan, make_plan
+from mrbt_mesh.core.plan import Plan
+from mrbt_mesh.core.planning import make_plan
 from mrbt_mesh.core.timing import Timing
 from mrbt_mesh.sim.clock import VirtualClock
 from mrbt_mesh.sim.network import Link, Network

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from mrbt_mesh.core.agent import Agent
 from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, Integers
 from mrbt_mesh.core.canonical import solve
-from mrbt_mesh.core.plan import make_plan
+from mrbt_mesh.core.planning import make_plan
 from mrbt_mesh.sim.checkers.findings import Findings, alive_set, current_plan
 
 MAX_CHOICES = 2_000

@@ -7,7 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.demand import Consistency, demands_of, workers
+from mrbt_mesh.core.capable import Capable, workers
+from mrbt_mesh.core.demand import Consistency, demands_of
 from mrbt_mesh.core.effects import ActionFinished, Effect, Input, Persist, StartAction
 from mrbt_mesh.core.evaluate import Request
 from mrbt_mesh.core.facts import Entry, Incarnation
@@ -115,8 +116,8 @@ class Bounds:
             return
         waiting = {w.activation for w in plan.waiting}
         on = Counter((line.activation, line.local_task) for line in plan.lines.values())
-        team = workers(agent.facts, alive)
-        for group in demands_of(agent.facts, plan.evaluation.requests, team):
+        capable = Capable.of(agent.facts, alive)
+        for group in demands_of(agent.facts, plan.evaluation.requests, capable):
             for demand in group:
                 place = (demand.request.activation, demand.local_task)
                 low = 0 if place[0] in waiting else demand.lower
@@ -136,8 +137,8 @@ def keeps_pin(agent: Agent, plan: Plan, claim: Claim) -> bool:
     Otherwise pins may yield, also this one.
     """
     facts = agent.facts
-    team = workers(facts, alive_set(agent))
-    groups = demands_of(facts, plan.evaluation.requests, team)
+    capable = Capable.of(facts, alive_set(agent))
+    groups = [list(group) for group in demands_of(facts, plan.evaluation.requests, capable)]
     obstacles = {waiting.activation for waiting in plan.waiting if waiting.obstacle}
     for index, group in enumerate(groups):
         for number, demand in enumerate(group):
@@ -145,7 +146,7 @@ def keeps_pin(agent: Agent, plan: Plan, claim: Claim) -> bool:
                 others = [robot for robot in demand.pinned if robot != agent.me]
                 groups[index][number] = replace(demand, pinned=(*others, agent.me))
     pinned = {r: i for i, group in enumerate(groups) for d in group for r in d.pinned}
-    check = Consistency(team)
+    check = Consistency(capable.team)
     return any(
         check.keep(index, group, pinned) and group[0].request.activation == claim.activation
         for index, group in enumerate(groups)
@@ -348,10 +349,10 @@ def can_finish(agent: Agent, alive: Mapping[str, Incarnation]) -> bool:
         return False
     if agent.plan is not None and any(waiting.obstacle for waiting in agent.plan.waiting):
         return False  # an exclusive task in doubt, or without a majority that lives
-    team = workers(agent.facts, alive)
+    capable = Capable.of(agent.facts, alive)
     for node in mission.tree.actions():
         request = Request(node.index, node.subject, "")
-        (group,) = demands_of(agent.facts, [request], team)
-        if not Consistency(team).keep(0, group, {}):
+        (group,) = demands_of(agent.facts, [request], capable)
+        if not Consistency(capable.team).keep(0, group, {}):
             return False
     return True

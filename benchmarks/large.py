@@ -1,0 +1,109 @@
+"""Large missions in full swing, with their facts: what the benchmarks of planning run on.
+
+The tree is a Parallel of jobs. Each has ten nodes: it is carried out once it is ready, is skipped
+where it is done, and then has two more actions, one of which is tried again. Every job has local
+tasks of its own that ten robots can do.
+"""
+
+from __future__ import annotations
+
+import random
+from typing import Any
+
+from mrbt_mesh.core import records
+from mrbt_mesh.core.evaluate import Evaluator, parse_scope
+from mrbt_mesh.core.facts import Incarnation, Version, make_entry
+from mrbt_mesh.core.mission import MICRO, ConditionType, GlobalTask, LocalTask, Mission, Need, Robot
+from mrbt_mesh.core.plan import Plan
+from mrbt_mesh.core.planning import PlanMaker
+from mrbt_mesh.core.records import Claim, Member, Phase
+from mrbt_mesh.core.solvers import min_cost_flow
+from mrbt_mesh.core.team import TeamFacts
+from mrbt_mesh.core.tree import Kind, NodeSpec, build_tree
+
+NODES_PER_JOB = 10
+RUN = "benchmark"
+
+
+def large_mission(robots: int, nodes: int, capable: int = 10, seed: int = 0) -> Mission:
+    """So many robots, and about so many nodes; nu 1 to 3, mu nu to 5, performance 1 to 1000."""
+    draw = random.Random(f"{seed}/{robots}/{nodes}")
+    jobs = range(max(1, nodes // NODES_PER_JOB))
+    team: list[dict[str, int]] = [{} for _ in range(robots)]
+    tasks: dict[str, GlobalTask] = {}
+    for job in jobs:
+        able = draw.sample(range(robots), min(capable, robots))
+        for robot in able:
+            team[robot][f"work{job}"] = draw.randint(1, 1000) * MICRO
+        for step in "abcd":
+            least = draw.randint(1, 3)
+            need = Need(f"work{job}", least, draw.randint(least, 5))
+            tasks[f"{step}{job}"] = GlobalTask(f"{step}{job}", (need,))
+    names = [f"R{robot:04}" for robot in range(robots)]
+    conditions = [f"{name}{job}" for job in jobs for name in ("ready", "done")]
+    tree = NodeSpec(Kind.PARALLEL, tuple(map(_job, jobs)), limit=len(jobs))
+    return Mission(
+        name="large",
+        robots={name: Robot(name, "T", can) for name, can in zip(names, team, strict=True)},
+        robot_types={"T": {}},
+        local_tasks={f"work{job}": LocalTask(f"work{job}") for job in jobs},
+        conditions={name: ConditionType(name, default=name[0] == "r") for name in conditions},
+        global_tasks=tasks,
+        tree=build_tree(tree),
+    )
+
+
+def _job(job: int) -> NodeSpec:
+    def leaf(kind: Kind, name: str) -> NodeSpec:
+        return NodeSpec(kind, subject=f"{name}{job}")
+
+    first = NodeSpec(Kind.SEQUENCE, (leaf(Kind.ACTION, "a"), leaf(Kind.ACTION, "b")))
+    unless = NodeSpec(Kind.FALLBACK, (leaf(Kind.CONDITION, "done"), first))
+    again = NodeSpec(Kind.RETRY, (leaf(Kind.ACTION, "d"),), limit=3)
+    ready = leaf(Kind.CONDITION, "ready")
+    return NodeSpec(Kind.SEQUENCE, (ready, unless, leaf(Kind.ACTION, "c"), again))
+
+
+class LargeTeam:
+    """The facts of a team at work on a mission, as its robots write them."""
+
+    def __init__(self, mission: Mission) -> None:
+        self.mission = mission
+        self.facts = TeamFacts(mission, RUN)
+        self.evaluator = Evaluator(mission.tree)
+        self.alive = dict.fromkeys(mission.robots, Incarnation(1, "n"))
+        self._maker = PlanMaker(self.evaluator, min_cost_flow)
+        self._sequence = 0
+        for robot in mission.robots.values():
+            member = Member("T", robot.capabilities, (), False, "", "", 0)
+            self.write(robot.id, (records.MEMBER, member.to_value()))
+
+    def write(self, robot: str, *values: tuple[str, Any]) -> None:
+        """One batch of a robot's facts."""
+        self._sequence += 1
+        version = Version(Incarnation(1, "n"), self._sequence)
+        self.facts.map.merge([make_entry(robot, name, version, value) for name, value in values])
+
+    def plan(self) -> Plan:
+        """The next plan."""
+        self.facts.prune(self.evaluator)
+        return self._maker.plan(self.facts, self.alive)
+
+    def start(self, plan: Plan) -> None:
+        """Every robot begins what the plan has for it."""
+        for line in plan.lines.values():
+            if not line.pinned:
+                task = parse_scope(line.activation).subject
+                claim = Claim(line.activation, task, line.local_task, Phase.RUNNING, 1)
+                self.write(line.robot, (records.CLAIM, claim.to_value()))
+
+    def finish(self, plan: Plan, robot: str) -> None:
+        """A robot succeeds with what it does."""
+        line = plan.lines[robot]
+        outcome = (f"{records.OUTCOME}/{line.activation}/{line.local_task}", [True, None])
+        self.write(robot, outcome, (records.CLAIM, None))
+
+    def turn(self, name: str, value: bool, robot: str) -> None:
+        """A robot sees a condition change."""
+        row = [value, self.facts.revision(name) + 1, self.facts.max_stamp + 1]
+        self.write(robot, (f"{records.CONDITION}/{name}", row))

@@ -1,0 +1,93 @@
+"""Who of the team can do what how well, kept up to date as robots come, change and go."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.mission import type_name
+from mrbt_mesh.core.records import Member
+from mrbt_mesh.core.team import TeamFacts, capability
+
+# Above this share of changed robots everything is looked up again.
+_MANY = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Worker:
+    """A robot that the plan may use: alive, joined, not leaving."""
+
+    id: str
+    member: Member
+    incarnation: Incarnation
+
+
+def workers(
+    facts: TeamFacts,
+    alive: Mapping[str, Incarnation],
+    before: Mapping[str, Worker] | None = None,
+) -> dict[str, Worker]:
+    """The robots that a plan may use, sorted by id; who is as `before` is the same object."""
+    found = {}
+    for robot in sorted(alive):
+        known = facts.members.get(robot)
+        if known is not None and known[1] == alive[robot] and not known[0].leaving:
+            worker = before.get(robot) if before is not None else None
+            if worker is None or worker.member is not known[0] or worker.incarnation != known[1]:
+                worker = Worker(robot, *known)
+            found[robot] = worker
+    return found
+
+
+class Capable:
+    """Local task -> robot -> performance, for one team. A mapping that has changed is a new one."""
+
+    def __init__(self) -> None:
+        self.team: dict[str, Worker] = {}
+        self._able: dict[str, dict[str, int]] = {}
+        self._of_type: dict[str, list[str]] = {}
+
+    @classmethod
+    def of(cls, facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Capable:
+        """For one look."""
+        found = cls()
+        found.follow(facts, alive)
+        return found
+
+    def follow(self, facts: TeamFacts, alive: Mapping[str, Incarnation]) -> dict[str, Worker]:
+        """The team as it is now."""
+        before, team = self.team, workers(facts, alive, self.team)
+        gone = [worker for robot, worker in before.items() if team.get(robot) is not worker]
+        come = [worker for robot, worker in team.items() if before.get(robot) is not worker]
+        self.team = team
+        if _MANY * (len(gone) + len(come)) > len(team):
+            self._able.clear()
+            self._of_type.clear()
+            return team
+        for worker in gone:
+            for local_task in self._known(worker):
+                able = self._able[local_task]
+                if worker.id in able:
+                    self._able[local_task] = {r: p for r, p in able.items() if r != worker.id}
+        for worker in come:
+            for local_task in self._known(worker):
+                value = capability(worker.member, local_task)
+                if value is not None:
+                    able = {**self._able[local_task], worker.id: value}
+                    self._able[local_task] = {robot: able[robot] for robot in sorted(able)}
+        return team
+
+    def able(self, local_task: str) -> Mapping[str, int]:
+        """The robots that can do it, sorted by id, and how well."""
+        able = self._able.get(local_task)
+        if able is None:
+            found = ((r, capability(w.member, local_task)) for r, w in self.team.items())
+            able = self._able[local_task] = {r: value for r, value in found if value is not None}
+            self._of_type.setdefault(type_name(local_task), []).append(local_task)
+        return able
+
+    def _known(self, worker: Worker) -> list[str]:
+        """The local tasks that have been asked for and that a robot has a capability for."""
+        types = dict.fromkeys(type_name(name) for name in worker.member.capabilities)
+        return [local_task for each in types for local_task in self._of_type.get(each, ())]

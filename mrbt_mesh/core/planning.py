@@ -1,0 +1,245 @@
+"""Making plans: evaluate T_G, check consistency, assign robots.
+
+A plan follows from the facts and the alive set alone. `PlanMaker` also remembers what it has
+worked out for the plan before, and uses that where nothing has changed: the plans are the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from mrbt_mesh.core.assignment import (
+    UNASSIGNED,
+    AssignmentProblem,
+    Bounds,
+    Solver,
+    integers,
+)
+from mrbt_mesh.core.canonical import solve
+from mrbt_mesh.core.capable import Capable, Worker
+from mrbt_mesh.core.coalition import standing
+from mrbt_mesh.core.demand import (
+    Demand,
+    Demands,
+    kept_requests,
+    lives,
+    obstacle,
+    shortages,
+)
+from mrbt_mesh.core.evaluate import Evaluator, Request
+from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.mission import Assignment
+from mrbt_mesh.core.plan import Line, Plan, Waiting
+from mrbt_mesh.core.records import OrderKind
+from mrbt_mesh.core.scarcity import spare_scarce
+from mrbt_mesh.core.team import TeamFacts
+
+Group = tuple[Demand, ...]
+
+
+def make_plan(
+    evaluator: Evaluator, facts: TeamFacts, alive: Mapping[str, Incarnation], solver: Solver
+) -> Plan:
+    """The plan for these facts and this alive set, from scratch."""
+    return PlanMaker(evaluator, solver).plan(facts, alive)
+
+
+@dataclass(frozen=True, slots=True)
+class _Open:
+    """A demand that still takes robots, beside those that are pinned to it."""
+
+    demand: Demand
+    bounds: Bounds
+
+
+class PlanMaker:
+    """Makes one plan after the other, for one tree."""
+
+    def __init__(self, evaluator: Evaluator, solver: Solver) -> None:
+        self.evaluator = evaluator
+        self._solver = solver
+        self._capable = Capable()
+        self._demands = Demands()
+        self._waiting: dict[str, tuple[Group, Waiting]] = {}
+        self._lines: dict[tuple[str, bool], tuple[Demand, Line]] = {}
+
+    def plan(self, facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
+        """The plan for these facts and this alive set."""
+        evaluation = self.evaluator.evaluate(facts)
+        order = facts.order()
+        team = self._capable.follow(facts, alive)
+        away = {robot: "leaving" for robot in sorted(alive) if robot not in team}
+        if order is not OrderKind.RESUME:
+            idle = dict.fromkeys(team, f"the operator's order is {order}")
+            return Plan(evaluation, order, {}, idle | away, (), True)
+        requests = evaluation.requests
+        demands: Sequence[Group] = self._demands.groups(facts, requests, self._capable)
+        obstacles = self._obstacles(facts, requests, demands)
+        offered = demands
+        if facts.mission.assignment is Assignment.SPARE_SCARCE:
+            offered = spare_scarce(facts, evaluation, demands, team)
+        kept, pinned = kept_requests(facts, offered, team, obstacles)
+        holders = self._pinned_lines(offered, pinned)
+        chosen = self._assign([offered[i] for i in kept], team, holders)
+        lines = holders if chosen is None else holders | chosen
+        served = frozenset(kept)
+        rest = [i for i in range(len(requests)) if i not in served]
+        waiting = self._wait(facts, [(demands[i], obstacles.get(i, "")) for i in rest])
+        idle = _why_idle([r for r in team if r not in lines], demands, offered, served)
+        ordered = _with_leaders(facts, {robot: lines[robot] for robot in sorted(lines)}, team)
+        return Plan(evaluation, order, ordered, idle | away, waiting, chosen is not None)
+
+    def _obstacles(
+        self, facts: TeamFacts, requests: Sequence[Request], demands: Sequence[Group]
+    ) -> dict[int, str]:
+        """What is in the way of requests, whoever is free."""
+        tasks = facts.mission.global_tasks
+        found = {
+            index: obstacle(facts, request, demands[index], self._capable.team)
+            for index, request in enumerate(requests)
+            if tasks[request.subject].exclusive
+        }
+        return {index: text for index, text in found.items() if text}
+
+    def _line(self, robot: str, demand: Demand, pinned: bool) -> Line:
+        known = self._lines.get((robot, pinned))
+        if known is None or known[0] is not demand:
+            request = demand.request
+            line = Line(
+                robot,
+                request.activation,
+                request.subject,
+                demand.local_task,
+                demand.candidates[robot],
+                pinned,
+            )
+            known = self._lines[robot, pinned] = demand, line
+        return known[1]
+
+    def _pinned_lines(self, demands: Sequence[Group], pinned: Mapping[str, int]) -> dict[str, Line]:
+        return {
+            robot: self._line(robot, demand, True)
+            for index, group in enumerate(demands)
+            for demand in group
+            for robot in demand.pinned
+            if pinned.get(robot) == index
+        }
+
+    def _assign(
+        self, groups: Sequence[Group], team: Mapping[str, Worker], pinned: Mapping[str, Line]
+    ) -> dict[str, Line] | None:
+        """Put robots that are not pinned on what the kept demands still want; None: infeasible."""
+        free = [robot for robot in team if robot not in pinned]
+        wanted = _open_demands(groups, pinned)
+        number = {robot: index for index, robot in enumerate(free)}
+        pairs = sorted(
+            (number[robot], index, value)
+            for index, wants in enumerate(wanted)
+            for robot, value in wants.demand.candidates.items()
+            if robot in number
+        )
+        problem = AssignmentProblem(
+            tuple(free),
+            tuple(wants.bounds for wants in wanted),
+            *map(integers, zip(*pairs, strict=True) if pairs else ((), (), ())),
+        )
+        choice = solve(problem, self._solver)
+        if choice is None:
+            return None
+        return {
+            robot: self._line(robot, wanted[index].demand, False)
+            for robot, index in zip(free, choice, strict=True)
+            if index != UNASSIGNED
+        }
+
+    def _wait(self, facts: TeamFacts, rest: Sequence[tuple[Group, str]]) -> tuple[Waiting, ...]:
+        """Why the requests that are not kept wait, in tree order."""
+        before, self._waiting = self._waiting, {}
+        found = []
+        for group, text in rest:
+            request = group[0].request
+            known = before.get(request.activation)
+            if known is None or known[0] is not group or known[1].obstacle != text:
+                short = () if text else shortages(facts, group, self._capable)
+                known = group, Waiting(request.activation, request.subject, short, text)
+            self._waiting[request.activation] = known
+            found.append(known[1])
+        return tuple(found)
+
+
+def _open_demands(groups: Sequence[Group], pinned: Mapping[str, Line]) -> list[_Open]:
+    found = []
+    for group in groups:
+        for demand in group:
+            activation = demand.request.activation
+            held = sum(
+                robot in pinned and pinned[robot].activation == activation
+                for robot in demand.pinned
+            )
+            if demand.upper > held:
+                key = f"{activation}/{demand.local_task}"
+                bounds = Bounds(key, max(0, demand.lower - held), demand.upper - held)
+                found.append(_Open(demand, bounds))
+    return found
+
+
+def _with_leaders(
+    facts: TeamFacts, lines: Mapping[str, Line], team: Mapping[str, Worker]
+) -> dict[str, Line]:
+    """Name the leader where a task is carried out by a coalition: that of the standing one,
+    else the first robot that the plan has on the activation.
+    """
+    leaders: dict[str, tuple[str, int]] = {}
+    result = {}
+    for robot, line in lines.items():
+        task = facts.mission.global_tasks[line.global_task]
+        if task.by_coalition:
+            if line.activation not in leaders:
+                token = standing(facts, task, line.activation, lives(team))
+                number = facts.coalitions(line.activation).round(facts.givers, token)
+                leaders[line.activation] = (token.leader if token is not None else robot, number)
+            leader, number = leaders[line.activation]
+            line = replace(line, leader=leader, round=number)
+        result[robot] = line
+    return result
+
+
+def _why_idle(
+    robots: Sequence[str],
+    demands: Sequence[Group],
+    offered: Sequence[Group],
+    kept: Collection[int],
+) -> dict[str, str]:
+    """For robots without a line: why."""
+    if not demands:
+        return dict.fromkeys(robots, "nothing is requested")
+    able, spared = _able_requests(robots, demands), set(robots)
+    if offered is demands:
+        spared.clear()
+    else:
+        spared -= {robot for robot, found in _able_requests(robots, offered).items() if found}
+    reasons = {}
+    for robot, found in able.items():
+        served = [index for index in found if index in kept]
+        names = sorted({demands[index][0].request.subject for index in served or found})
+        if not found:
+            reasons[robot] = "no request needs what it can do"
+        elif robot in spared:
+            names = sorted({demands[index][0].request.subject for index in found})
+            reasons[robot] = f"{', '.join(names)}: spared for what fewer robots can do"
+        elif served:
+            reasons[robot] = f"{', '.join(names)}: as many robots as are allowed or useful"
+        else:
+            reasons[robot] = f"{', '.join(names)}: waits for robots"
+    return reasons
+
+
+def _able_requests(robots: Sequence[str], demands: Sequence[Group]) -> dict[str, list[int]]:
+    """Robot -> the requests that it could help with, in tree order."""
+    found: dict[str, list[int]] = {robot: [] for robot in robots}
+    for index, group in enumerate(demands):
+        for demand in group:
+            for robot in found.keys() & demand.candidates.keys():
+                found[robot].append(index)
+    return found
