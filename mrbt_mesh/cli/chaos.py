@@ -14,15 +14,7 @@ from typing import Any
 
 import typer
 from rich.markup import escape
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    SpinnerColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from mrbt_mesh.cli.common import (
@@ -30,6 +22,7 @@ from mrbt_mesh.cli.common import (
     NOT_FINISHED,
     SUCCESS,
     InputError,
+    bar_of_runs,
     checked_program,
     console,
     errors,
@@ -130,18 +123,8 @@ def run_chaos(options: Options) -> None:
 def _run_all(options: Options) -> tuple[list[Verdict], bool]:
     verdicts: list[Verdict] = []
     failures = 0
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]:.1f} seeds/s"),
-        TextColumn("{task.fields[failures]}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
     total = len(options.seeds) if options.minutes is None else None
-    with Progress(*columns, console=errors, transient=True) as bar:
+    with bar_of_runs("{task.fields[rate]:.1f} seeds/s", "{task.fields[failures]}") as bar:
         task = bar.add_task("chaos", total=total, rate=0.0, failures="")
         started_s = time.monotonic()
         runs = campaign(options.source, options.all_seeds(), options.jobs)

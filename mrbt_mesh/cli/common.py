@@ -12,6 +12,15 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from mrbt_mesh.core.mission import Mission
 from mrbt_mesh.formats.btcpp.check import check_file
@@ -95,6 +104,24 @@ def read_tree_file(path: Path, is_strict: bool = False) -> tuple[Library, Findin
 def print_json(data: Any) -> None:
     """One JSON document on stdout, as it is: no colours, no wrapping."""
     sys.stdout.write(json.dumps(data, indent=2) + "\n")
+
+
+def bar_of_runs(*fields: str) -> Progress:
+    """Many runs on their way, on stderr; it vanishes at the end.
+
+    `fields` are texts of the bar's task besides how many are done, e.g. `{task.fields[rate]}`.
+    """
+    return Progress(
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        *map(TextColumn, fields),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=errors,
+        transient=True,
+    )
 
 
 def end_process(code: int) -> NoReturn:

@@ -9,15 +9,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    SpinnerColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 from rich.table import Table
 
 from mrbt_mesh.cli.common import (
@@ -26,9 +17,9 @@ from mrbt_mesh.cli.common import (
     InputError,
     JsonOption,
     MissionArgument,
+    bar_of_runs,
     checked_program,
     console,
-    errors,
     fail,
     input_errors,
     print_json,
@@ -198,16 +189,7 @@ def _microseconds(name: str, seconds: float | None) -> int | None:
 
 def _run(experiment: Experiment, jobs: int) -> tuple[list[Outcome], bool]:
     found: list[Outcome] = []
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]:.0f} runs a minute"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=errors, transient=True) as bar:
+    with bar_of_runs("{task.fields[rate]:.0f} runs a minute") as bar:
         total = experiment.runs * len(experiment.points)
         task = bar.add_task("simulate", total=total, rate=0.0)
         started_s = time.monotonic()
