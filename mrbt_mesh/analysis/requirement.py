@@ -173,10 +173,7 @@ class _Builder:
         self.services = services
         self.waits = waits
         self.formulas = Formulas()
-        self._acts = [False] * len(tree.nodes)
-        for node in reversed(tree.nodes):
-            below = any(self._acts[child] for child in node.children)
-            self._acts[node.index] = node.kind is Kind.ACTION or below
+        self._acts = tree.containing(Kind.ACTION)
 
     def of(self, node: Node) -> States:
         """The combinations that the conditions below `node` allow, with their formulas."""

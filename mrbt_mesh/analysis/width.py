@@ -55,10 +55,7 @@ class _LockStep:
     """What the tree reads: every leaf has a name of its own, and ends as the run wants it."""
 
     def __init__(self, tree: Tree) -> None:
-        self._acts = [False] * len(tree.nodes)
-        for node in reversed(tree.nodes):
-            below = any(self._acts[child] for child in node.children)
-            self._acts[node.index] = node.kind is Kind.ACTION or below
+        self._acts = tree.containing(Kind.ACTION)
         self.wanted = [Status.SUCCESS] * len(tree.nodes)
         self._want(tree)
         self.tree = build_tree(self._named(tree, 0))

@@ -147,15 +147,13 @@ class Evaluator:
         self._guards: list[tuple[Guard, ...]] = [()] * count
         self._attempt_nodes: list[tuple[int, ...]] = [()] * count
         self._ends = [0] * count
-        self.has_action = [node.kind is Kind.ACTION for node in tree.nodes]
-        self.has_condition = [node.kind is Kind.CONDITION for node in tree.nodes]
+        self.has_action = tree.containing(Kind.ACTION)
+        self.has_condition = tree.containing(Kind.CONDITION)
         self._derive()
 
     def _derive(self) -> None:
         for node in reversed(self.tree.nodes):
             self._ends[node.index] = self._ends[node.children[-1]] if node.children else node.index
-            for below in (self.has_action, self.has_condition):
-                below[node.index] |= any(below[child] for child in node.children)
         # Where there are only conditions, a node ends in the tick in which it begins.
         self.remembering = [
             node.memory is not Memory.NONE and self.has_action[node.index]

@@ -151,6 +151,13 @@ class Tree:
         """Action leaves in tree order."""
         return (node for node in self.nodes if node.kind is Kind.ACTION)
 
+    def containing(self, kind: Kind) -> list[bool]:
+        """For each node, whether it or any below it is of the kind."""
+        found = [node.kind is kind for node in self.nodes]
+        for node in reversed(self.nodes):
+            found[node.index] |= any(found[child] for child in node.children)
+        return found
+
     def spec(self, index: int = 0) -> NodeSpec:
         """The nested form of the subtree at `index`; `build_tree` takes it back."""
         node = self.nodes[index]

@@ -182,6 +182,8 @@ def test_what_a_control_cannot_have(spec: NodeSpec, message: str) -> None:
 
 @given(tree_specs())
 def test_a_tree_contains_the_kinds_of_its_nodes(spec: NodeSpec) -> None:
-    assert {kind for kind in Kind if spec.contains(kind)} == {
-        node.kind for node in build_tree(spec).nodes
-    }
+    tree = build_tree(spec)
+    assert {kind for kind in Kind if spec.contains(kind)} == {node.kind for node in tree.nodes}
+    for kind in Kind:
+        below = [tree.spec(node.index).contains(kind) for node in tree.nodes]
+        assert tree.containing(kind) == below
