@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
-from mrbt_mesh.core.membership import Peer, State
+from mrbt_mesh.core.membership import Peer
 from mrbt_mesh.core.timing import Timing
 
 
@@ -65,7 +65,7 @@ class Joining:
             robot
             for robot in sorted(self._heard - self._exchanged)
             if (peer := peers.get(robot)) is not None
-            and peer.state in (State.ALIVE, State.SUSPECT)
+            and peer.state.is_present
             and not (caught_up and peer.beat is not None and peer.beat.fact_digest == digest)
         ]
 

@@ -22,12 +22,22 @@ from mrbt_mesh.core.wire import Accusation, Beat, Heard
 
 
 class State(enum.StrEnum):
-    """A robot as another one sees it. LEFT: gone on purpose."""
+    """A robot as another one sees it. LEFT: gone on purpose.
+
+    `is_alive`: in good standing. `is_present`: neither dead nor gone. `is_distrusted`: neither
+    alive nor gone on purpose.
+    """
 
     ALIVE = "alive"
     SUSPECT = "suspect"
     DEAD = "dead"
     LEFT = "left"
+
+    # Asked with every message, as members of an enumeration are slow to look up.
+    def __init__(self, name: str) -> None:
+        self.is_alive = name == "alive"
+        self.is_present = name in ("alive", "suspect")
+        self.is_distrusted = name in ("suspect", "dead")
 
 
 @dataclass(slots=True)
@@ -78,6 +88,7 @@ class Membership:
         self._at_peace_until_us = 0
         self._judged = (-1, -1)
         self._accusers: set[str] = set()
+        self._distrusted: dict[str, Peer] = {}
         self._limits_us: dict[int, int] = {}
 
     def is_news(self, row: list[Any]) -> bool:
@@ -125,19 +136,17 @@ class Membership:
     def _news(self, robot: str, heard: Beat | Heard, now_us: int, beat: Beat | None) -> bool:
         """Take in a robot's word: its own `beat`, or else the relay of one."""
         peer = self.peers.get(robot)
-        if peer is not None:
-            age, known = (heard.incarnation, heard.number), (peer.incarnation, peer.number)
-            if age <= known:
-                if beat is not None and age == known:
-                    peer.beat = beat
-                    return peer.state not in (State.DEAD, State.LEFT)
-                return False
         if peer is None or heard.incarnation != peer.incarnation:
-            peer = self._newcomer(heard, peer, now_us)
-            self.peers[robot] = peer
-            self.changes += 1
-        else:
+            if peer is not None and heard.incarnation < peer.incarnation:
+                return False
+            peer = self._newcomer(robot, heard, peer, now_us)
+        elif heard.number > peer.number:
             self._listen(peer, now_us)
+        elif beat is not None and heard.number == peer.number:
+            peer.beat = beat
+            return peer.state.is_present
+        else:
+            return False
         peer.number, peer.evidence_us = heard.number, now_us
         if heard.plan_digest != peer.plan_digest or heard.result != peer.result:
             self.reports += 1
@@ -152,17 +161,20 @@ class Membership:
                 peer.token_lost = False
                 peer.accusers.clear()
                 self.hints += 1
-            state = State.LEFT if beat.leaving else State.ALIVE
-            if peer.state is not state:
-                self._set(peer, state)
+            if beat.leaving:
+                self._set(robot, peer, State.LEFT)
+            elif not peer.state.is_alive:
+                self._set(robot, peer, State.ALIVE)
         elif peer.state is State.DEAD or (peer.state is State.SUSPECT and not peer.token_lost):
-            self._set(peer, State.ALIVE)
+            self._set(robot, peer, State.ALIVE)
         return True
 
-    def _newcomer(self, heard: Beat | Heard, before: Peer | None, now_us: int) -> Peer:
+    def _newcomer(self, robot: str, heard: Beat | Heard, before: Peer | None, now_us: int) -> Peer:
         """A robot's new life is heard over the same network as the one before."""
         hearing = before.hearing if before is not None else Hearing.unknown(self.timing)
-        return Peer(
+        self.changes += 1
+        self._distrusted.pop(robot, None)
+        peer = self.peers[robot] = Peer(
             heard.incarnation,
             heard.number,
             now_us,
@@ -172,10 +184,11 @@ class Membership:
             hearing,
             self.timing.limit_us(hearing.silence_permille),
         )
+        return peer
 
     def _listen(self, peer: Peer, now_us: int) -> None:
         """Learn from the time between two pieces of news; an outage is none of the network's."""
-        if peer.state not in (State.DEAD, State.LEFT):
+        if peer.state.is_present:
             peer.hearing.gap(now_us - peer.evidence_us, self.timing)
             peer.limit_us = self._limit_us(peer.hearing.silence_permille)
         peer.sought = False
@@ -212,7 +225,7 @@ class Membership:
                 asked = accusation.robot == self.me and accusation.incarnation == mine
                 if asked or (
                     peer is not None
-                    and peer.state is State.ALIVE
+                    and peer.state.is_alive
                     and peer.incarnation == accusation.incarnation
                 ):
                     return True
@@ -221,12 +234,12 @@ class Membership:
     @property
     def present(self) -> int:
         """How many others there are, neither dead nor gone."""
-        return sum(p.state not in (State.DEAD, State.LEFT) for p in self.peers.values())
+        return sum(peer.state.is_present for peer in self.peers.values())
 
     @property
     def is_seeking(self) -> bool:
         """Whether a robot that is not given up has been silent for too long."""
-        return any(peer.sought for peer in self.peers.values())
+        return any(peer.sought for peer in self._distrusted.values())
 
     def token(self, robot: str, incarnation: Incarnation, held: bool) -> None:
         """A liveliness token came (held) or went. Its presence proves nothing."""
@@ -249,12 +262,11 @@ class Membership:
             return []
         before = {robot: peer.state for robot, peer in self.peers.items()}
         silent = 0
-        for peer in self.peers.values():
-            present = peer.state not in (State.DEAD, State.LEFT)
-            peer.sought = present and now_us - peer.evidence_us >= peer.seek_us
+        for robot, peer in self.peers.items():
+            peer.sought = peer.state.is_present and now_us - peer.evidence_us >= peer.seek_us
             silent += peer.sought
-            if peer.sought or (present and peer.token_lost):
-                self._set(peer, State.SUSPECT)
+            if peer.sought or (peer.state.is_present and peer.token_lost):
+                self._set(robot, peer, State.SUSPECT)
         extra_us = self._extra_us(silent)
         for robot in sorted(self.peers):
             peer = self.peers[robot]
@@ -262,7 +274,7 @@ class Membership:
                 now_us - peer.evidence_us >= self._patience_us(peer) + extra_us
                 or self._everybody_lost(robot, peer)
             ):
-                self._set(peer, State.DEAD)
+                self._set(robot, peer, State.DEAD)
                 peer.sought = False
         self._judged = (self.changes, self.hints)
         self._at_peace_until_us = self._next_judgement_us(now_us)
@@ -280,7 +292,7 @@ class Membership:
     def _patience_us(self, peer: Peer) -> int:
         """The silence after which a suspect is dead: less if another robot has buried it."""
         buried = any(
-            other is not None and other.state is State.ALIVE
+            other is not None and other.state.is_alive
             for other in map(self.peers.get, peer.buriers)
         )
         return max(self.timing.detection_us, peer.seek_us) if buried else peer.limit_us
@@ -292,45 +304,49 @@ class Membership:
         witnesses = [
             name
             for name, other in self.peers.items()
-            if name != robot and other.joined and other.state is State.ALIVE
+            if name != robot and other.joined and other.state.is_alive
         ]
         return bool(witnesses) and all(name in peer.accusers for name in witnesses)
 
-    def _set(self, peer: Peer, state: State) -> None:
-        if peer.state is not state:
-            peer.state = state
-            self.changes += 1
+    def _set(self, robot: str, peer: Peer, state: State) -> None:
+        if peer.state is state:
+            return
+        peer.state = state
+        if state.is_distrusted:
+            self._distrusted[robot] = peer
+        else:
+            self._distrusted.pop(robot, None)
+        self.changes += 1
 
     def alive(self) -> dict[str, Incarnation]:
         """Joined robots that are not dead or gone, suspects included: the plan's alive set."""
         return {
             robot: self.peers[robot].incarnation
             for robot in sorted(self.peers)
-            if self.peers[robot].joined and self.peers[robot].state in (State.ALIVE, State.SUSPECT)
+            if self.peers[robot].joined and self.peers[robot].state.is_present
         }
 
     def accusations(self) -> tuple[Accusation, ...]:
         """What this robot's next beat says of those it does not trust."""
-        distrusted = [
-            robot
-            for robot, peer in self.peers.items()
-            if peer.state is State.SUSPECT or peer.state is State.DEAD
-        ]
-        if not distrusted:
+        if not self._distrusted:
             return ()
         return tuple(
             Accusation(
                 robot, peer.incarnation, peer.token_lost, peer.state is State.DEAD, peer.sought
             )
-            for robot, peer in ((robot, self.peers[robot]) for robot in sorted(distrusted))
+            for robot, peer in sorted(self._distrusted.items())
         )
 
     def heard(self) -> tuple[Heard, ...]:
         """The relays that this robot's next beat carries."""
         return tuple(
-            Heard(robot, peer.incarnation, peer.number, peer.plan_digest, peer.joined, peer.result)
-            for robot, peer in sorted(self.peers.items())
-            if peer.state is State.ALIVE
+            [
+                Heard(
+                    robot, peer.incarnation, peer.number, peer.plan_digest, peer.joined, peer.result
+                )
+                for robot, peer in sorted(self.peers.items())
+                if peer.state.is_alive
+            ]
         )
 
     def agrees(self, digest: bytes) -> bool:
@@ -339,7 +355,7 @@ class Membership:
         One that is still joining for the first time reports none, so it is waited for too.
         """
         for peer in self.peers.values():
-            if peer.state is State.ALIVE and not (peer.joined and peer.plan_digest == digest):
+            if peer.state.is_alive and not (peer.joined and peer.plan_digest == digest):
                 return False
         return True
 
@@ -348,7 +364,7 @@ class Membership:
         return all(
             peer.result == result
             for peer in self.peers.values()
-            if peer.joined and peer.state in (State.ALIVE, State.SUSPECT)
+            if peer.joined and peer.state.is_present
         )
 
     def next_deadline_us(self, now_us: int) -> int:
@@ -363,7 +379,7 @@ class Membership:
     def _next_judgement_us(self, now_us: int) -> int:
         earliest_us = now_us + self.timing.detection_us
         for peer in self.peers.values():
-            if peer.state in (State.DEAD, State.LEFT):
+            if not peer.state.is_present:
                 continue
             for wait_us in (peer.seek_us, self.timing.detection_us, peer.limit_us):
                 for extra_us in (0, self.timing.detection_us):

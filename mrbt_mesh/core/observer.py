@@ -151,7 +151,7 @@ class Observer:
         self._has_caught_up = self._has_caught_up or self.caught_up
         if not self._has_caught_up:
             return False
-        good = [p for p in self.membership.peers.values() if p.state is State.ALIVE]
+        good = [p for p in self.membership.peers.values() if p.state.is_alive]
         return all(p.joined for p in good) and any(p.plan_digest == plan.digest for p in good)
 
     @property
@@ -176,7 +176,7 @@ class Observer:
     def caught_up(self) -> bool:
         """Whether it hears whoever the robots hear, and holds the same facts as they."""
         peers = self.membership.peers.values()
-        beats = [p.beat for p in peers if p.joined and p.state is State.ALIVE]
+        beats = [p.beat for p in peers if p.joined and p.state.is_alive]
         digest = self.facts.map.digest()
         return bool(beats) and all(b is not None and b.fact_digest == digest for b in beats)
 
@@ -186,7 +186,7 @@ class Observer:
         digests = {
             peer.plan_digest
             for peer in self.membership.peers.values()
-            if peer.joined and peer.state is State.ALIVE
+            if peer.joined and peer.state.is_alive
         }
         return len(digests) <= 1
 
@@ -196,7 +196,7 @@ class Observer:
         held = self.facts.claims.get(robot)
         if peer is None or held is None or held[1] != peer.incarnation:
             return None
-        return held[0] if peer.state in (State.ALIVE, State.SUSPECT) else None
+        return held[0] if peer.state.is_present else None
 
     def robot_state(self, robot: str) -> State:
         """ALIVE, SUSPECT, DEAD or LEFT; a robot known only from facts is dead or has left."""
