@@ -20,6 +20,7 @@ from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.grants import Grants
 from mrbt_mesh.core.identity import Identity
 from mrbt_mesh.core.joining import Joining
+from mrbt_mesh.core.meanwhile import Meanwhile
 from mrbt_mesh.core.membership import Membership, State
 from mrbt_mesh.core.mission import Mission, type_name
 from mrbt_mesh.core.performing import check_grants, may_grant, perform, seek_grants
@@ -74,6 +75,7 @@ class Agent:
         self._effects: list[fx.Effect] = []
         self._deadline_us = now_us
         self.quiet = Quiet(now_us)
+        self.meanwhile = Meanwhile()
         # Since when all report the mission's result.
         self.done_us: int | None = None
         # Conditions that a new life keeps until its incarnation is above all earlier ones.
@@ -87,27 +89,46 @@ class Agent:
         if self._stopped:
             return []
         self._check_own_silence(now_us)
-        if isinstance(event, fx.MessageReceived):
-            self._message(event.kind, event.source, event.data, now_us)
-        elif isinstance(event, _FROM_OUTSIDE):
-            self._from_outside(event, now_us)
+        if self.config.plans_apart:
+            for each in self.meanwhile.due(event, self.planner.is_busy):
+                self._take(each, now_us)
         else:
-            self._from_robot(event, now_us)
-        if self._stopped:
-            pass
+            self._take(event, now_us)
+        if not self._stopped:
+            self._follow(event, now_us)
+        effects, self._effects = self._effects, []
+        return effects
+
+    def _follow(self, event: fx.Input, now_us: int) -> None:
+        if self.planner.is_busy:
+            self._judge(now_us)
+            self._ask_who_differs(now_us)
+            if self.gossip.is_due(self._urgent(), now_us):
+                self._beat_now(now_us)
         elif not self.quiet.lets_pass(self, event, now_us):
             self._settle(now_us)
             self.quiet.begin(self, now_us)
         elif now_us >= self.gossip.next_beat_us:
             self._hurry_if_seeking(now_us)
             self._beat_now(now_us)
-        effects, self._effects = self._effects, []
-        return effects
+
+    def _take(self, event: fx.Input, now_us: int) -> None:
+        if isinstance(event, fx.MessageReceived):
+            self._message(event.kind, event.source, event.data, now_us)
+        elif isinstance(event, _FROM_OUTSIDE):
+            self._from_outside(event, now_us)
+        else:
+            self._from_robot(event, now_us)
 
     def next_deadline_us(self, now_us: int) -> int:
         """When to call `handle(TimerFired())` at the latest, if nothing else happens."""
         beat_us = self.gossip.next_beat_us
-        self._deadline_us = self.quiet.ends_us(self, now_us)
+        if self.meanwhile.waits and not self.planner.is_busy:
+            self._deadline_us = now_us + 1
+        elif self.planner.is_busy:
+            self._deadline_us = self.membership.next_deadline_us(now_us)
+        else:
+            self._deadline_us = self.quiet.ends_us(self, now_us)
         if now_us < beat_us < self._deadline_us:
             self._deadline_us = beat_us
         return self._deadline_us
@@ -140,6 +161,9 @@ class Agent:
                 change_capability(self, local_task, lost, now_us)
             case fx.LeaveRequested():
                 leave(self, now_us)
+            case fx.PlanMade(number, plan):
+                if self.planner.is_busy and number == self.planner.number:
+                    self.write(self.planner.made(plan), now_us)
             case _:
                 pass  # TimerFired: what is due follows below
 
@@ -165,7 +189,8 @@ class Agent:
             if known is None or known.incarnation != beat.incarnation:
                 self.log("info", "robot_heard", robot=source, incarnation=str(beat.incarnation))
             self.replica.compare(source, beat.fact_digest, now_us)
-            if beat.seeks is not None or beat.grants:
+            # Every beat says it again.
+            if (beat.seeks is not None or beat.grants) and not self.planner.is_busy:
                 self.write(self.grants.heard(source, beat, now_us, self._may_grant), now_us)
             if beat.accusations and self.membership.is_asked(beat, mine):
                 self.gossip.hurry(self.membership.present, now_us)
@@ -258,16 +283,21 @@ class Agent:
         if self.joining is None:
             check_grants(self, now_us)
             self._replan(now_us)
-            perform(self, now_us)
-            seek_grants(self)
-        for peer in self.replica.due(now_us):
-            self._ask(peer, now_us)
-        self._finish_mission(now_us)
+            if not self.planner.is_busy:
+                perform(self, now_us)
+                seek_grants(self)
+        self._ask_who_differs(now_us)
+        if not self.planner.is_busy:
+            self._finish_mission(now_us)
         if self.leaving and self.work.is_idle:
             self._beat_now(now_us)
             self._stop(0, "left")
         elif self.gossip.is_due(self._urgent(), now_us):
             self._beat_now(now_us)
+
+    def _ask_who_differs(self, now_us: int) -> None:
+        for peer in self.replica.due(now_us):
+            self._ask(peer, now_us)
 
     def _judge(self, now_us: int) -> None:
         for robot, before, after in self.membership.judge(now_us):
@@ -310,9 +340,13 @@ class Agent:
 
     def _replan(self, now_us: int) -> None:
         """Plan again if facts or the alive set have changed, until nothing more follows."""
-
-        while latched := self.planner.step(self.alive, self.membership.changes, now_us):
+        # Grants may have to be renewed meanwhile, and they are facts.
+        apart = self.config.plans_apart and self.grants.is_idle
+        changes = self.membership.changes
+        while latched := self.planner.step(self.alive, changes, now_us, apart):
             self.write(latched, now_us)
+        if self.planner.is_busy:
+            self._effects.append(fx.MakePlan(self.planner.number))
         if self.planner.dropped:
             self._effects.append(fx.Forget(tuple(self.planner.dropped)))
             self.planner.dropped = []

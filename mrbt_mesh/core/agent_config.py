@@ -17,7 +17,7 @@ class AgentConfig:
     `expected` are the robots of the team that should be heard at the start. `takeover`
     replaces a live robot of the same id. `exit_when_done` stops the agent once the whole team
     has the mission's result; otherwise it stays to serve latecomers. `restored` is what the
-    robot's journal kept.
+    robot's journal kept. `plans_apart`: plans are made outside of `Agent.handle` (`meanwhile`).
     """
 
     robot: str
@@ -35,3 +35,4 @@ class AgentConfig:
     pid: int = 0
     restored: tuple[Entry, ...] = ()
     functions: Functions = INDEPENDENT
+    plans_apart: bool = False

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 from mrbt_mesh.core.facts import Entry, Incarnation
+from mrbt_mesh.core.plan import Plan
 from mrbt_mesh.core.wire import MessageKind
 
 
@@ -100,6 +101,14 @@ class TimerFired:
     """`next_deadline_us` has come."""
 
 
+@dataclass(frozen=True, slots=True)
+class PlanMade:
+    """The plan that MakePlan of this number asked for."""
+
+    number: int
+    plan: Plan
+
+
 FromOutside: TypeAlias = MessageReceived | TokenChanged | QueryReceived | AnswerReceived
 
 Input: TypeAlias = (
@@ -111,6 +120,7 @@ Input: TypeAlias = (
     | CapabilityChanged
     | LeaveRequested
     | TimerFired
+    | PlanMade
 )
 
 
@@ -171,6 +181,13 @@ class StartAction:
 
 
 @dataclass(frozen=True, slots=True)
+class MakePlan:
+    """Call `Planner.compute`, in another thread if there is one; answered by PlanMade."""
+
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
 class CancelAction:
     """Stop the action; answered by ActionStopped, or ActionFinished if it was quicker."""
 
@@ -208,6 +225,7 @@ Effect: TypeAlias = (
     | Ask
     | Reply
     | StartAction
+    | MakePlan
     | CancelAction
     | DeclareToken
     | Log

@@ -34,12 +34,15 @@ class Planner:
         self._facts = facts
         self._make_plan = config.functions.plan_making(self.evaluator, config.solver)
         self._robot_tree = robot_tree
+        # Of the plan that is being made elsewhere; `number` is its.
+        self._wanted: tuple[tuple[int, int], Mapping[str, Incarnation]] | None = None
+        self.number = 0
         self._planned: tuple[int, int] | None = None
         self._trigger: tuple[int, tuple[str, ...]] = (0, ())
 
     def forget(self) -> None:
-        """Plan anew at the next step, whatever has changed."""
-        self._planned = None
+        """Plan anew at the next step, whatever has changed or is being made."""
+        self._planned = self._wanted = None
 
     def is_current(self, alive_changes: int) -> bool:
         """Whether the plan is that of the facts and the alive set as they are now.
@@ -49,20 +52,46 @@ class Planner:
         return self.plan is not None and self._planned == (self._facts.changes, alive_changes)
 
     def step(
-        self, alive: Callable[[], Mapping[str, Incarnation]], alive_changes: int, now_us: int
+        self,
+        alive: Callable[[], Mapping[str, Incarnation]],
+        alive_changes: int,
+        now_us: int,
+        apart: bool = False,
     ) -> list[tuple[str, Any]]:
-        """Bring the plan up to date; returns facts to write, after which to step again."""
+        """Bring the plan up to date; returns facts to write, after which to step again.
+
+        With `apart` a plan is only asked for: then `is_busy`.
+        """
         facts = self._facts
         self.dropped += facts.prune(self.evaluator)
         state = (facts.changes, alive_changes)
         latched: list[tuple[str, Any]] = []
         if self.plan is None or self._planned != state:
-            self._planned = state
-            living = alive()
-            self.plan = self._make_plan(facts, living)
-            latched = self._latches(self.plan, living)
-            self._tick_assignment(self.plan)
+            self._wanted = state, alive()
+            self.number += 1
+            if apart:
+                return []
+            latched = self.made(self.compute())
+        assert self.plan is not None
         return latched + self.watches.expired(self.plan, facts, now_us)
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a plan is being made elsewhere: the facts must stay as they are until then."""
+        return self._wanted is not None
+
+    def compute(self) -> Plan:
+        """The plan that is asked for. Reads the facts and changes nothing that others read."""
+        assert self._wanted is not None
+        return self._make_plan(self._facts, self._wanted[1])
+
+    def made(self, plan: Plan) -> list[tuple[str, Any]]:
+        """Follow the plan that was asked for; returns facts to write."""
+        assert self._wanted is not None
+        (self._planned, living), self._wanted = self._wanted, None
+        self.plan = plan
+        self._tick_assignment(plan)
+        return self._latches(plan, living)
 
     def _latches(self, plan: Plan, alive: Mapping[str, Incarnation]) -> list[tuple[str, Any]]:
         evaluation = plan.evaluation

@@ -26,6 +26,7 @@ from mrbt_mesh.runtime.log import configure_log, robot_logger
 from mrbt_mesh.runtime.program import ProgramError
 from mrbt_mesh.runtime.program_loader import check_program, load_program
 from mrbt_mesh.runtime.run_dir import RunDir
+from mrbt_mesh.runtime.solver_process import SolverProcess
 from mrbt_mesh.runtime.team_address import (
     DEFAULT_BEAT_S,
     DEFAULT_DETECTION_S,
@@ -35,6 +36,10 @@ from mrbt_mesh.runtime.team_address import (
     on_network,
 )
 from mrbt_mesh.runtime.zenoh_transport import PROTOCOLS, WIRED, TransportError
+
+# From so many on, planning may take longer than the event loop may stand still.
+LARGE_ROBOTS = 100
+LARGE_NODES = 2_000
 
 EXAMPLE = """\
 example, two robots on two machines that find each other by multicast:
@@ -135,13 +140,16 @@ def make_driver(options: argparse.Namespace) -> Driver:
     )
     journal = open_journal(options.run_dir, mission, address.run, options.robot)
     expected = options.expect.split(",") if options.expect else list(mission.robots)
+    solver = SOLVERS[DEFAULT_SOLVER]
+    is_large = len(mission.robots) >= LARGE_ROBOTS or len(mission.tree.nodes) >= LARGE_NODES
     config = AgentConfig(
         robot=options.robot,
         type=kind,
         capabilities=dict(capabilities),
         run=address.run,
         nonce=secrets.token_hex(4),
-        solver=SOLVERS[DEFAULT_SOLVER],
+        solver=SolverProcess(solver) if is_large else solver,
+        plans_apart=is_large,
         timing=address.timing,
         expected=frozenset(expected),
         takeover=options.takeover,

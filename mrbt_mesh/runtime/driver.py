@@ -24,7 +24,9 @@ from mrbt_mesh.core.effects import (
     Input,
     LeaveRequested,
     Log,
+    MakePlan,
     Persist,
+    PlanMade,
     Publish,
     Reply,
     StartAction,
@@ -107,6 +109,7 @@ class Driver:
         await anyio.to_thread.run_sync(self._transport.open)
         try:
             async with anyio.create_task_group() as group:
+                self._group = group
                 identity = Identity(self._config.robot, self._config.type, os.getpid(), self._speed)
                 self._runner = ActionRunner(group, self._program, self._mission, identity, self)
                 self._runner.start_background()
@@ -220,10 +223,8 @@ class Driver:
                 self._transport.ask(peer, MessageKind.PULL, data, timeout_s)
             case Reply(query, pages):
                 self._transport.reply(query, pages)
-            case StartAction():
-                self._runner.start(effect)
-            case CancelAction(ticket):
-                self._runner.cancel(ticket)
+            case StartAction() | CancelAction() | MakePlan():
+                self._work(effect)
             case DeclareToken(incarnation):
                 self._transport.declare_token(incarnation)
             case Log(level, event, fields):
@@ -233,6 +234,26 @@ class Driver:
                     self._stop = effect
                     self.log("info" if code == 0 else "error", "stopped", code=code, reason=reason)
                     self._stopped.set()
+
+    def _work(self, effect: StartAction | CancelAction | MakePlan) -> None:
+        match effect:
+            case StartAction():
+                self._runner.start(effect)
+            case CancelAction(ticket):
+                self._runner.cancel(ticket)
+            case MakePlan(number):
+                self._group.start_soon(self._make_plan, number)
+
+    async def _make_plan(self, number: int) -> None:
+        planner = self._agent.planner
+        try:
+            plan = await anyio.to_thread.run_sync(planner.compute, abandon_on_cancel=True)
+        except Exception:
+            # A robot that was fenced off meanwhile wants no plan, and has changed its facts.
+            if planner.is_busy and planner.number == number:
+                raise
+        else:
+            self.submit(PlanMade(number, plan))
 
     def _persist(self, entries: tuple[Entry, ...], synced: bool) -> None:
         if self._journal is None:

@@ -101,6 +101,12 @@ def chaos(mission: Mission, seed: int, knobs: ChaosKnobs, speed: float = 1.0) ->
     return _Chaos(mission, seed, knobs).draw(speed)
 
 
+def _plan_delay_us(seed: int) -> int | None:
+    """Some teams make their plans outside of their agents, and some of these slowly."""
+    pick = random.Random(f"{seed}/plans")
+    return pick.choice([0, 2 * MS, 10 * MS, 50 * MS]) if pick.random() < 0.25 else None
+
+
 class _Chaos:
     def __init__(self, mission: Mission, seed: int, knobs: ChaosKnobs) -> None:
         self.seed = seed
@@ -164,6 +170,7 @@ class _Chaos:
             token_delay_us=self.pick.choice([1 * MS, 5 * MS, 5 * MS, 50 * MS, None]),
             speed=speed,
             stays=bool(knobs.stays),
+            plan_delay_us=_plan_delay_us(self.seed),
         )
 
     # -- times and victims --------------------------------------------------------------------

@@ -21,7 +21,9 @@ from mrbt_mesh.core.effects import (
     Forget,
     Input,
     Log,
+    MakePlan,
     Persist,
+    PlanMade,
     Publish,
     Reply,
     StartAction,
@@ -80,6 +82,7 @@ class SimProcess:
         journal: SimJournal,
         local: LocalClock,
         make_agent: Callable[[int], Agent],
+        plan_delay_us: int = 0,
     ) -> None:
         self.robot = identity.robot
         self.identity = identity
@@ -94,6 +97,7 @@ class SimProcess:
         self._world = world
         self._program = program
         self._make_agent = make_agent
+        self._plan_delay_us = plan_delay_us
         # A bounded queue, as the real one: the oldest are lost.
         self._inbox: deque[Input] = deque(maxlen=MAX_WAITING)
         self._gate = Gate(local)
@@ -178,6 +182,9 @@ class SimProcess:
                 self._world.asked(self, effect)
             case Reply():
                 self._world.replied(self, effect)
+            case MakePlan(number):
+                clock = self._world.clock
+                clock.at(clock.now_us + self._plan_delay_us, partial(self._make_plan, number))
             case StartAction():
                 self._context.run(self._runner.start, effect)
             case CancelAction(ticket):
@@ -192,6 +199,12 @@ class SimProcess:
                 self._world.stopped(self)
             case Log():
                 pass  # it is in the effect log
+
+    def _make_plan(self, number: int) -> None:
+        planner = self.agent.planner if self.agent is not None else None
+        if self.is_over or planner is None or not planner.is_busy or planner.number != number:
+            return  # fenced off meanwhile
+        self.deliver(PlanMade(number, planner.compute()))
 
     def _persist(self, entries: tuple[Entry, ...], synced: bool) -> None:
         self.journal.put(entries)

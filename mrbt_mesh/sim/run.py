@@ -78,12 +78,14 @@ def simulate(
     exit_when_done: bool = True,
     stop_when_stuck: bool = False,
     failures: FailureModel = NO_FAILURES,
+    plan_delay_us: int | None = None,
     inspect: bool = True,
     keep_log: bool = False,
 ) -> SimulationResult:
     """Run `mission` with the robots (all of the file by default) in virtual time.
 
-    The same arguments give the same run, effect for effect. Without `inspect` nothing is checked
+    The same arguments give the same run, effect for effect. With `plan_delay_us` a plan takes so
+    long, during which its robot goes on beating. Without `inspect` nothing is checked
     and no effect log is kept, which is faster and changes nothing else. Raises ValueError for a
     robot that the mission does not have, SimulationError if an agent breaks.
     """
@@ -109,6 +111,7 @@ def simulate(
         exit_when_done=exit_when_done,
         stop_when_stuck=stop_when_stuck,
         failures=failures,
+        plan_delay_us=plan_delay_us,
         inspect=inspect,
         keep_log=keep_log,
     )
@@ -127,6 +130,7 @@ def run_scenario(
         seed=scenario.seed,
         robots=scenario.robots,
         schedule=scenario.steps,
+        plan_delay_us=scenario.plan_delay_us,
         network=scenario.network,
         timeout_us=scenario.timeout_us,
         speed=scenario.speed,

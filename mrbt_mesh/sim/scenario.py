@@ -32,6 +32,7 @@ class Scenario:
     From `heal_us` on nothing breaks any more (the last step is a `Heal`), and the team must
     converge and finish what can be finished. `links` is how all links usually behave,
     `token_delay_us` as in NetworkKnobs. `stays`: robots do not stop when the mission is over.
+    `plan_delay_us` as in `simulate`.
     """
 
     seed: int
@@ -43,6 +44,7 @@ class Scenario:
     token_delay_us: int | None = 5_000
     speed: float = 1.0
     stays: bool = False
+    plan_delay_us: int | None = None
 
     @property
     def network(self) -> NetworkKnobs:

@@ -54,7 +54,8 @@ GIVE_UP_DETECTIONS = 5
 class Setup:
     """All that decides a run. `robots` are launched at the start, within `start_spread_us`.
 
-    `speed` shortens the robots' work. `timeout_us` counts from the launch. `inspect`: check what
+    With `plan_delay_us` plans are made outside of the agents, and take so long. `speed` shortens
+    the robots' work. `timeout_us` counts from the launch. `inspect`: check what
     must always hold, and log every effect. `stop_when_stuck`: end a run of which nothing more
     will come. `failures` befall the team besides the faults of the `schedule`.
     """
@@ -73,6 +74,7 @@ class Setup:
     stop_when_stuck: bool = False
     failures: FailureModel = NO_FAILURES
     start_spread_us: int = 20_000
+    plan_delay_us: int | None = None
     inspect: bool = True
     keep_log: bool = False
 
@@ -154,6 +156,10 @@ class World:
         return self.setup.timing
 
     @property
+    def plan_delay_us(self) -> int:
+        return self.setup.plan_delay_us or 0
+
+    @property
     def solver(self) -> Solver:
         return self.setup.solver
 
@@ -217,6 +223,7 @@ class World:
             host="simulator",
             pid=identity.pid,
             functions=self._functions,
+            plans_apart=setup.plan_delay_us is not None,
         )
 
         def make_agent(now_us: int) -> Agent:
@@ -226,7 +233,9 @@ class World:
             return Agent(setup.mission, config, now_us)
 
         local = self.local_clock(robot)
-        process = SimProcess(self, identity, setup.program, journal, local, make_agent)
+        process = SimProcess(
+            self, identity, setup.program, journal, local, make_agent, self.plan_delay_us
+        )
         self.processes[robot] = process
         assert self._group is not None
         self._group.start_soon(process.main)

@@ -37,6 +37,7 @@ class Run(Protocol):
         robots: Iterable[str] | None = None,
         timeout_us: int = 120_000_000,
         speed: float = 1.0,
+        plan_delay_us: int | None = None,
         keep_log: bool = False,
         parameters: dict[str, Any] | None = None,
     ) -> SimulationResult: ...
@@ -59,6 +60,7 @@ def run_example(
     robots: Iterable[str] | None = None,
     timeout_us: int = 120_000_000,
     speed: float = 1.0,
+    plan_delay_us: int | None = None,
     keep_log: bool = False,
     parameters: dict[str, Any] | None = None,
 ) -> SimulationResult:
@@ -77,6 +79,7 @@ def run_example(
         robots=robots,
         timeout_us=timeout_us,
         speed=speed,
+        plan_delay_us=plan_delay_us,
         keep_log=keep_log,
     )
     where = f"seed {seed}, schedule {steps}, network {network}, speed {speed}"

@@ -32,6 +32,8 @@ class View(Protocol):
     @property
     def timing(self) -> Timing: ...
     @property
+    def plan_delay_us(self) -> int: ...
+    @property
     def solver(self) -> Solver: ...
     @property
     def speed(self) -> float: ...
@@ -80,7 +82,7 @@ class Findings:
         timing = self.world.timing
         # A question may just have been asked in vain; then facts are pulled in at most two steps.
         repair_us = timing.ask_timeout_us + 4 * timing.repair_us + 2 * timing.beat_us
-        return repair_us + 6 * self.world.network.slowest_us
+        return repair_us + 6 * (self.world.network.slowest_us + self.world.plan_delay_us)
 
     @property
     def verdict_us(self) -> int:

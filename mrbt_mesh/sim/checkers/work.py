@@ -77,7 +77,8 @@ class Bounds:
             text = f"{agent.me} starts {start.local_task}, which it cannot do"
             self._findings.say("I4", text)
         world = self._findings.world
-        prompt = world.network.slowest_us < world.timing.grace_us // 4
+        delay_us = world.network.slowest_us + 2 * world.plan_delay_us
+        prompt = delay_us < world.timing.grace_us // 4
         if prompt and world.network.is_reliable_at(world.clock.now_us) and not world.cut_off:
             self._check_crowd(agent, start)
 
