@@ -32,6 +32,7 @@ from mrbt_mesh.core.replica import Received, Replica
 from mrbt_mesh.core.reporting import change_capability, finished, leave, set_conditions
 from mrbt_mesh.core.robot_tree import RobotTree
 from mrbt_mesh.core.team import TeamFacts
+from mrbt_mesh.core.timing import NEVER_US
 from mrbt_mesh.core.tree import Status
 from mrbt_mesh.core.wire import (
     Beat,
@@ -88,7 +89,8 @@ class Agent:
         """Take in one input; returns what is to be done, in order."""
         if self._stopped:
             return []
-        self._check_own_silence(now_us)
+        if now_us > self._deadline_us:
+            self._catch_up(now_us)
         if self.config.plans_apart:
             for each in self.meanwhile.due(event, self.planner.is_busy):
                 self._take(each, now_us)
@@ -102,15 +104,18 @@ class Agent:
     def _follow(self, event: fx.Input, now_us: int) -> None:
         if self.planner.is_busy:
             self._judge(now_us)
-            self._ask_who_differs(now_us)
+            self._ask_who_is_due(now_us)
             if self.gossip.is_due(self._urgent(), now_us):
                 self._beat_now(now_us)
         elif not self.quiet.lets_pass(self, event, now_us):
             self._settle(now_us)
             self.quiet.begin(self, now_us)
-        elif now_us >= self.gossip.next_beat_us:
-            self._hurry_if_seeking(now_us)
-            self._beat_now(now_us)
+        else:
+            if now_us >= self.replica.ask_us:
+                self._ask_who_is_due(now_us)
+            if now_us >= self.gossip.next_beat_us:
+                self._hurry_if_seeking(now_us)
+                self._beat_now(now_us)
 
     def _take(self, event: fx.Input, now_us: int) -> None:
         if isinstance(event, fx.MessageReceived):
@@ -122,15 +127,18 @@ class Agent:
 
     def next_deadline_us(self, now_us: int) -> int:
         """When to call `handle(TimerFired())` at the latest, if nothing else happens."""
-        beat_us = self.gossip.next_beat_us
-        if self.meanwhile.waits and not self.planner.is_busy:
-            self._deadline_us = now_us + 1
-        elif self.planner.is_busy:
-            self._deadline_us = self.membership.next_deadline_us(now_us)
-        else:
-            self._deadline_us = self.quiet.ends_us(self, now_us)
-        if now_us < beat_us < self._deadline_us:
-            self._deadline_us = beat_us
+        step_us = self.quiet.step_us
+        if self.config.plans_apart:
+            if self.planner.is_busy:
+                step_us = NEVER_US
+            elif self.meanwhile.waits:
+                step_us = now_us
+        self._deadline_us = min(
+            step_us,
+            self.membership.at_peace_until_us,
+            self.replica.ask_us,
+            self.gossip.next_beat_us,
+        )
         return self._deadline_us
 
     # -- inputs -------------------------------------------------------------------------------
@@ -238,13 +246,15 @@ class Agent:
 
     # -- what follows from it -----------------------------------------------------------------
 
-    def _check_own_silence(self, now_us: int) -> None:
-        """Self-fencing, and patience with others after this robot itself was slow."""
+    def _catch_up(self, now_us: int) -> None:
+        """Self-fencing, and patience with others after this robot itself was slow.
+
+        A deadline is never later than this robot's next beat.
+        """
         lag_us = now_us - self._deadline_us
-        if lag_us > 0:
-            if lag_us > self.config.timing.beat_us // 2:
-                self.membership.slowed(lag_us, now_us)
-            self._deadline_us = now_us
+        if lag_us > self.config.timing.beat_us // 2:
+            self.membership.slowed(lag_us, now_us)
+        self._deadline_us = now_us
         silent_us = now_us - self.gossip.last_beat_us
         if silent_us > self.config.timing.fence_us and self.joining is None:
             self.log("warning", "fenced", silent_s=silent_us / 1e6)
@@ -286,7 +296,7 @@ class Agent:
             if not self.planner.is_busy:
                 perform(self, now_us)
                 seek_grants(self)
-        self._ask_who_differs(now_us)
+        self._ask_who_is_due(now_us)
         if not self.planner.is_busy:
             self._finish_mission(now_us)
         if self.leaving and self.work.is_idle:
@@ -294,10 +304,6 @@ class Agent:
             self._stop(0, "left")
         elif self.gossip.is_due(self._urgent(), now_us):
             self._beat_now(now_us)
-
-    def _ask_who_differs(self, now_us: int) -> None:
-        for peer in self.replica.due(now_us):
-            self._ask(peer, now_us)
 
     def _judge(self, now_us: int) -> None:
         for robot, before, after in self.membership.judge(now_us):
@@ -410,6 +416,10 @@ class Agent:
         """Take in the operator's word and tell the team."""
         self.log("warning", "order", order=str(kind))
         self.write([(records.ORDER, [str(kind), self.replica.stamp()])], now_us)
+
+    def _ask_who_is_due(self, now_us: int) -> None:
+        for peer in self.replica.due(now_us):
+            self._ask(peer, now_us)
 
     def _ask(self, peer: str, now_us: int) -> None:
         self.replica.asked(peer, now_us)

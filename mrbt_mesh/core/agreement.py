@@ -10,7 +10,10 @@ from mrbt_mesh.core.timing import Timing
 
 
 class Gossip:
-    """The schedule of one robot's beats, and their counter."""
+    """The schedule of one robot's beats, and their counter.
+
+    `next_beat_us` is when the next one is due, if nothing urgent changes before.
+    """
 
     def __init__(self, timing: Timing, now_us: int) -> None:
         self._timing = timing
@@ -21,23 +24,21 @@ class Gossip:
         self._hurry_until_us = now_us
         self._hurry_us = timing.beat_us
         self.last_beat_us = now_us
-
-    @property
-    def next_beat_us(self) -> int:
-        """When the next beat is due, if nothing urgent changes before."""
-        if self._repeats_us and self._repeats_us[0] < self._regular_us:
-            return self._repeats_us[0]
-        return self._regular_us
+        self.next_beat_us = now_us
 
     def urge(self, now_us: int) -> None:
         """Make a beat due now."""
-        self._regular_us = now_us
+        self._schedule(now_us)
 
     def hurry(self, robots: int, now_us: int) -> None:
         """Beat faster for one beat period: news is wanted, in a team of so many robots."""
         self._hurry_us = self._timing.hurry_us(robots)
         self._hurry_until_us = now_us + self._timing.beat_us
-        self._regular_us = min(self._regular_us, self.last_beat_us + self._hurry_us)
+        self._schedule(min(self._regular_us, self.last_beat_us + self._hurry_us))
+
+    def _schedule(self, regular_us: int) -> None:
+        self._regular_us = regular_us
+        self.next_beat_us = min([regular_us, *self._repeats_us])
 
     def is_due(self, urgent: tuple[Any, ...], now_us: int) -> bool:
         """Whether to beat now: by the schedule, or because `urgent` has changed."""
@@ -52,6 +53,6 @@ class Gossip:
             self._repeats_us = [due_us for due_us in self._repeats_us if due_us > now_us]
         self._number += 1
         hurried = now_us < self._hurry_until_us
-        self._regular_us = now_us + (self._hurry_us if hurried else self._timing.beat_us)
+        self._schedule(now_us + (self._hurry_us if hurried else self._timing.beat_us))
         self.last_beat_us = now_us
         return self._number

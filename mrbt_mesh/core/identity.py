@@ -19,7 +19,7 @@ class Identity:
     """Watches one process's own id. Methods return why to stop, or None.
 
     `rival` is the highest incarnation under this id that is not this process's own: of one that
-    beats, or that others bury.
+    beats, or that others bury. `rivals` grows with each new one.
     """
 
     def __init__(self, me: str, nonce: str, takeover: bool, timing: Timing) -> None:
@@ -31,6 +31,7 @@ class Identity:
         self._relayed_number = 0
         self._relayed_by: set[str] = set()
         self.rival = Incarnation(0, "")
+        self.rivals = 0
 
     def restart(self) -> None:
         """Begin to start anew: forget who counts this id among the living."""
@@ -53,7 +54,7 @@ class Identity:
             return None
         if not starting:
             return self._replaced_by(beat.incarnation, mine) if beat.joined else None
-        self.rival = max(self.rival, beat.incarnation)
+        self._notice(beat.incarnation)
         may_replace = self._takeover and mine.counter == 0
         if not may_replace and (beat.joined or beat.incarnation > mine):
             return self._is_running(members)
@@ -75,7 +76,7 @@ class Identity:
         """
         for accusation in beat.accusations:
             if accusation.robot == self._me and accusation.incarnation.nonce != self._nonce:
-                self.rival = max(self.rival, accusation.incarnation)
+                self._notice(accusation.incarnation)
         relay = None
         for heard in beat.heard:
             if heard.robot == self._me:
@@ -94,6 +95,11 @@ class Identity:
         if grown and now_us >= self._relayed_us + self._patience_us and not self._takeover:
             return self._is_running(members)
         return None
+
+    def _notice(self, other: Incarnation) -> None:
+        if other > self.rival:
+            self.rival = other
+            self.rivals += 1
 
     def _is_running(self, members: Mapping[str, _Known]) -> str:
         known = members.get(self._me)

@@ -74,7 +74,8 @@ class Membership:
     """One robot's view of the others. `me` never appears in it.
 
     `changes` grows with every change of who is alive, `hints` with every token that comes or
-    goes and every accusation, `reports` when a robot reports another plan or result.
+    goes and every accusation, `reports` when a robot reports another plan or result. Until
+    `at_peace_until_us`, and while nothing of it changes, `judge` would say nothing new.
     """
 
     def __init__(self, me: str, timing: Timing) -> None:
@@ -84,9 +85,8 @@ class Membership:
         self.changes = 0
         self.hints = 0
         self.reports = 0
-        # Until then, and while nothing below changes, `judge` would say nothing new.
-        self._at_peace_until_us = 0
-        self._judged = (-1, -1)
+        self.at_peace_until_us = 0
+        self._judged = -1
         self._accusers: set[str] = set()
         self._distrusted: dict[str, Peer] = {}
         self._limits_us: dict[int, int] = {}
@@ -196,8 +196,8 @@ class Membership:
             peer.buriers.clear()
         # The limit may have become shorter.
         seek_at_us = now_us + peer.seek_us
-        if seek_at_us < self._at_peace_until_us:
-            self._at_peace_until_us = seek_at_us
+        if seek_at_us < self.at_peace_until_us:
+            self.at_peace_until_us = seek_at_us
 
     def _limit_us(self, silence_permille: int) -> int:
         if silence_permille not in self._limits_us:
@@ -256,9 +256,24 @@ class Membership:
         for peer in self.peers.values():
             peer.evidence_us = min(now_us, peer.evidence_us + lag_us)
 
+    def is_at_peace(self, now_us: int) -> bool:
+        """Whether `judge` would find nothing new."""
+        if self._judged != self.changes + self.hints:
+            return False
+        if now_us < self.at_peace_until_us:
+            return True
+        if self._distrusted or any(
+            peer.state.is_present and now_us - peer.evidence_us >= peer.seek_us
+            for peer in self.peers.values()
+        ):
+            return False
+        # Newer evidence has put it off.
+        self.at_peace_until_us = self._next_judgement_us(now_us)
+        return True
+
     def judge(self, now_us: int) -> list[tuple[str, State, State]]:
         """Suspect and bury; returns (robot, before, after) for every change."""
-        if now_us < self._at_peace_until_us and self._judged == (self.changes, self.hints):
+        if self.is_at_peace(now_us):
             return []
         before = {robot: peer.state for robot, peer in self.peers.items()}
         silent = 0
@@ -276,8 +291,8 @@ class Membership:
             ):
                 self._set(robot, peer, State.DEAD)
                 peer.sought = False
-        self._judged = (self.changes, self.hints)
-        self._at_peace_until_us = self._next_judgement_us(now_us)
+        self._judged = self.changes + self.hints
+        self.at_peace_until_us = self._next_judgement_us(now_us)
         return [
             (robot, before[robot], self.peers[robot].state)
             for robot in sorted(before)
@@ -366,15 +381,6 @@ class Membership:
             for peer in self.peers.values()
             if peer.joined and peer.state.is_present
         )
-
-    def next_deadline_us(self, now_us: int) -> int:
-        """When, after `now_us`, `judge` may come to another answer without any message.
-
-        Newer evidence may have put it off meanwhile.
-        """
-        if now_us >= self._at_peace_until_us:
-            return self._next_judgement_us(now_us)
-        return self._at_peace_until_us
 
     def _next_judgement_us(self, now_us: int) -> int:
         earliest_us = now_us + self.timing.detection_us

@@ -10,7 +10,7 @@ from typing import Any
 from mrbt_mesh.core.facts import Entry, Incarnation, Version, make_entry
 from mrbt_mesh.core.functions import ReadBatch, read_batch
 from mrbt_mesh.core.team import TeamFacts
-from mrbt_mesh.core.timing import Timing
+from mrbt_mesh.core.timing import NEVER_US, Timing
 from mrbt_mesh.core.wire import (
     Header,
     MessageKind,
@@ -55,7 +55,10 @@ class Received:
 
 
 class Replica:
-    """The facts with this robot's incarnation and sequence number, and the repair of gaps."""
+    """The facts with this robot's incarnation and sequence number, and the repair of gaps.
+
+    `ask_us` is when somebody may have to be asked for facts (see `due`).
+    """
 
     def __init__(
         self,
@@ -73,8 +76,9 @@ class Replica:
         self._sequence = 0
         self._repairs: dict[str, _Repair] = {}
         self._past: deque[bytes] = deque(maxlen=PAST_DIGESTS)
+        self.ask_us = NEVER_US
         # Nobody is to be asked before, if anybody is.
-        self.repair_us = 0
+        self._repair_us = 0
         self.changed_us = 0
 
     @property
@@ -195,7 +199,7 @@ class Replica:
             self._past.append(mine)
         if digest == mine:
             if self._repairs:
-                self._repairs.pop(peer, None)
+                self.forget(peer)
             return
         repair = self._repairs.setdefault(peer, _Repair())
         before = (repair.differs_us, repair.is_behind)
@@ -203,22 +207,22 @@ class Replica:
         if repair.differs_us is None:
             repair.differs_us = now_us
         if before != (repair.differs_us, repair.is_behind):
-            self.repair_us = min(self.repair_us, now_us + self.timing.repair_us)
+            self._ask_from(now_us + self.timing.repair_us)
 
     def due(self, now_us: int) -> list[str]:
         """Peers to ask now: their facts have differed for a while, or their answer is overdue."""
-        if now_us < self.repair_us or not self._repairs:
+        if now_us < self.ask_us:
             return []
         ready = []
         # Who has to wait for others is looked at again soon.
-        self.repair_us = now_us + self.timing.ask_timeout_us
+        self._repair_us = self.ask_us = now_us + self.timing.ask_timeout_us
         for peer, repair in self._repairs.items():
             deadline_us = self._deadline_us(repair)
             if deadline_us is not None and deadline_us <= now_us:
                 ready.append(peer)
                 deadline_us = now_us + self.timing.repair_us
             if deadline_us is not None:
-                self.repair_us = min(self.repair_us, deadline_us)
+                self._ask_from(deadline_us)
         return self.askable(ready, now_us)
 
     def askable(self, peers: Iterable[str], now_us: int) -> list[str]:
@@ -238,6 +242,7 @@ class Replica:
 
     def asked(self, peer: str, now_us: int) -> None:
         self._repairs.setdefault(peer, _Repair()).asked_us = now_us
+        self.ask_us = self._repair_us
 
     def is_asking(self, peer: str, now_us: int) -> bool:
         """Whether an answer of this peer is awaited and not overdue."""
@@ -247,7 +252,7 @@ class Replica:
         return now_us < repair.asked_us + self.timing.ask_timeout_us
 
     def answered(self, peer: str) -> None:
-        self._repairs.pop(peer, None)
+        self.forget(peer)
 
     def unanswered(self, peer: str, now_us: int) -> None:
         """The peer could not be asked: try again soon, it may be only just connecting."""
@@ -255,11 +260,16 @@ class Replica:
         if repair is not None and repair.asked_us is not None:
             retry_us = now_us - self.timing.ask_timeout_us + self.timing.repair_us
             repair.asked_us = min(repair.asked_us, retry_us)
-            self.repair_us = min(self.repair_us, now_us + self.timing.repair_us)
+            self._ask_from(now_us + self.timing.repair_us)
 
     def forget(self, peer: str) -> None:
-        """A dead peer answers nothing."""
+        """Nothing is wanted of this peer any more: it is repaired, or dead."""
         self._repairs.pop(peer, None)
+        if not self._repairs:
+            self.ask_us = NEVER_US
+
+    def _ask_from(self, at_us: int) -> None:
+        self._repair_us = self.ask_us = min(self._repair_us, at_us)
 
     def _deadline_us(self, repair: _Repair) -> int | None:
         if repair.differs_us is None:
@@ -272,12 +282,3 @@ class Replica:
         if repair.asked_us is not None:
             return max(quiet_us, repair.asked_us + self.timing.ask_timeout_us)
         return quiet_us
-
-    @property
-    def open_repairs(self) -> int:
-        """How many peers hold other facts."""
-        return len(self._repairs)
-
-    def next_deadline_us(self, now_us: int) -> int | None:
-        """When, after `now_us`, somebody may have to be asked."""
-        return max(self.repair_us, now_us + 1) if self._repairs else None

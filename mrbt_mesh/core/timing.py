@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 SECOND_US = 1_000_000
-
+NEVER_US = 1 << 62
 
 # A verdict waits until the odds of that much silence, by what was measured, are below 1 in 2**20.
 ODDS_BITS = 20

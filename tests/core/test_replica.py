@@ -7,6 +7,7 @@ import pytest
 from mrbt_mesh.core.facts import Incarnation, Version
 from mrbt_mesh.core.replica import Replica
 from mrbt_mesh.core.team import TeamFacts
+from mrbt_mesh.core.timing import NEVER_US
 from mrbt_mesh.core.wire import MAX_MESSAGE_BYTES, Header, WireError
 from tests.core.build import RUN, action, condition, make_mission, sequence
 from tests.core.harness import MS, TIMING
@@ -96,7 +97,7 @@ def test_facts_that_differ_are_asked_for_after_a_while_and_again_if_no_answer_co
     mine = replica("A")
     mine.compare("B", b"another!", 1_000 * MS)
     assert mine.due(1_000 * MS) == []
-    deadline_us = mine.next_deadline_us(1_000 * MS)
+    deadline_us = mine.ask_us
     assert deadline_us == 1_000 * MS + TIMING.repair_us
     assert mine.due(deadline_us) == ["B"]
     mine.asked("B", deadline_us)
@@ -109,7 +110,7 @@ def test_facts_that_came_to_agree_by_themselves_are_not_asked_for() -> None:
     mine = replica("A")
     mine.compare("B", b"another!", 0)
     mine.compare("B", mine.facts.map.digest(), 10)
-    assert mine.next_deadline_us(10) is None
+    assert mine.ask_us == NEVER_US
 
 
 def test_a_team_that_is_never_quiet_is_repaired_all_the_same() -> None:
@@ -165,7 +166,5 @@ def test_a_peer_that_was_behind_and_now_holds_something_else_is_asked_soon() -> 
     mine.compare("B", before, 0)
     assert mine.due(TIMING.repair_us) == []
     mine.compare("B", b"another!", TIMING.repair_us)
-    due_us = mine.next_deadline_us(TIMING.repair_us)
-    assert due_us is not None
-    assert due_us <= 2 * TIMING.repair_us
-    assert mine.due(due_us) == ["B"]
+    assert mine.ask_us <= 2 * TIMING.repair_us
+    assert mine.due(mine.ask_us) == ["B"]
