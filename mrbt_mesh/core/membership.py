@@ -20,6 +20,9 @@ from mrbt_mesh.core.hearing import Hearing
 from mrbt_mesh.core.timing import Timing
 from mrbt_mesh.core.wire import Accusation, Beat, Heard
 
+# A robot is sought once it has been silent for one part in so many of its limit.
+SEEK_SHARE = 2
+
 
 class State(enum.StrEnum):
     """A robot as another one sees it. LEFT: gone on purpose.
@@ -45,8 +48,9 @@ class Peer:
     """What is known of one robot's newest incarnation.
 
     `evidence_us` is when a newer beat than before arrived, from itself or relayed; after
-    `limit_us` of silence it is dead. `accusers` are the robots that lost its token too,
-    `buriers` those that hold it for dead. `sought`: it was silent for half of its limit.
+    `limit_us` of silence it is dead. After `seek_us` it is `sought`, and left out when agreement is
+    counted. `accusers` are the robots that lost its token too, `buriers` those that hold it for
+    dead.
     """
 
     incarnation: Incarnation
@@ -57,17 +61,13 @@ class Peer:
     result: int
     hearing: Hearing
     limit_us: int
+    seek_us: int
     beat: Beat | None = None
     sought: bool = False
     token_lost: bool = False
     state: State = State.ALIVE
     accusers: set[str] = field(default_factory=set)
     buriers: set[str] = field(default_factory=set)
-
-    @property
-    def seek_us(self) -> int:
-        """The silence after which it is sought, and left out when agreement is counted."""
-        return self.limit_us // 2
 
 
 class Membership:
@@ -172,6 +172,7 @@ class Membership:
     def _newcomer(self, robot: str, heard: Beat | Heard, before: Peer | None, now_us: int) -> Peer:
         """A robot's new life is heard over the same network as the one before."""
         hearing = before.hearing if before is not None else Hearing.unknown(self.timing)
+        limit_us = self._limit_us(hearing.silence_permille)
         self.changes += 1
         self._distrusted.pop(robot, None)
         peer = self.peers[robot] = Peer(
@@ -182,7 +183,8 @@ class Membership:
             heard.joined,
             heard.result,
             hearing,
-            self.timing.limit_us(hearing.silence_permille),
+            limit_us,
+            limit_us // SEEK_SHARE,
         )
         return peer
 
@@ -190,7 +192,9 @@ class Membership:
         """Learn from the time between two pieces of news; an outage is none of the network's."""
         if peer.state.is_present:
             peer.hearing.gap(now_us - peer.evidence_us, self.timing)
-            peer.limit_us = self._limit_us(peer.hearing.silence_permille)
+            limit_us = self._limit_us(peer.hearing.silence_permille)
+            if limit_us != peer.limit_us:
+                peer.limit_us, peer.seek_us = limit_us, limit_us // SEEK_SHARE
         peer.sought = False
         if peer.buriers:
             peer.buriers.clear()

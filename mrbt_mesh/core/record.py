@@ -91,12 +91,12 @@ class RunRecord:
 
     def robot_seen(self, robot: str, incarnation: Incarnation, now_us: int) -> None:
         """A joined robot beats."""
-        if self.started_us is None:
-            self.started_us = now_us
-        self.joined_us.setdefault(robot, now_us)
         known = self.robots.setdefault(robot, {})
         if known.get("incarnation") == incarnation:
             return
+        if self.started_us is None:
+            self.started_us = now_us
+        self.joined_us.setdefault(robot, now_us)
         previous = known.get("incarnation")
         if previous is not None and known.get("state") not in (State.DEAD, State.LEFT):
             # It is back before anybody missed it; its old life ended all the same.
