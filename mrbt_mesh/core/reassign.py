@@ -1,0 +1,99 @@
+"""*Assign Agents* again and again: the canonical optimum of each problem from that of the last.
+
+The answer is the same as from scratch, always; what differs is the time it takes. Small teams and
+many changes at once are solved from scratch, and so is what turns out to reach far.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import TypeAlias
+
+from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem
+from mrbt_mesh.core.changes import Changes, Team, difference
+from mrbt_mesh.core.optimum import Optimum
+from mrbt_mesh.core.residual import InfeasibleError, TooFarError
+
+# From scratch to the canonical optimum: a demand's index or UNASSIGNED per robot; None: infeasible.
+FromScratch: TypeAlias = Callable[[AssignmentProblem], Sequence[int] | None]
+
+# Teams from which on a change is faster than solving again: benchmarks/incremental.py.
+SMALLEST_TEAM = 100
+# So many robots per change: with more changes at once, solving again is faster.
+ROBOTS_PER_CHANGE = 50
+# After solving from scratch, so many small changes are solved from scratch too before prices are
+# worked out, which takes as long as one or two solutions; twice as many whenever that was in vain.
+FIRST_WAIT, LONGEST_WAIT = 1, 63
+
+
+class Reassigner:
+    """Keeps the last problem and its optimum."""
+
+    def __init__(self, from_scratch: FromScratch, smallest_team: int = SMALLEST_TEAM) -> None:
+        self._from_scratch = from_scratch
+        self._smallest_team = smallest_team
+        self._team = Team((), ())
+        self._assigned: dict[str, str] | None = {}
+        self._optimum: Optimum | None = None
+        self._wait = FIRST_WAIT
+        self._small_changes = 0
+
+    def update(self, team: Team) -> Mapping[str, str] | None:
+        """Robot -> demand, without the idle robots, in no order; None if infeasible.
+
+        A view, of this problem until the next update.
+        """
+        changes = self._small_difference(team)
+        if changes is None:
+            self._small_changes = 0
+            self._solve(team)
+        elif not self._is_ready():
+            self._small_changes += 1
+            self._solve(team)
+        else:
+            self._apply(changes, team)
+        return None if self._assigned is None else MappingProxyType(self._assigned)
+
+    def prepare(self) -> None:
+        """Work the prices out now, so that the next update finds them."""
+        if self._optimum is None and self._assigned is not None:
+            self._optimum = Optimum(self._team, self._assigned)
+
+    def _small_difference(self, team: Team) -> Changes | None:
+        if self._assigned is None or len(team.robots) < self._smallest_team:
+            return None
+        changes = difference(self._team, team)
+        few = changes is not None and len(changes) * ROBOTS_PER_CHANGE <= len(team.robots)
+        return changes if few else None
+
+    def _is_ready(self) -> bool:
+        if self._optimum is None and self._small_changes >= self._wait:
+            self.prepare()
+        return self._optimum is not None
+
+    def _solve(self, team: Team) -> None:
+        choice = self._from_scratch(team.problem())
+        self._team, self._optimum = team, None
+        self._assigned = None
+        if choice is not None:
+            self._assigned = {
+                robot: team.demands[index].id
+                for robot, index in zip(team.robots, choice, strict=True)
+                if index != UNASSIGNED
+            }
+
+    def _apply(self, changes: Changes, team: Team) -> None:
+        optimum, self._optimum = self._optimum, None
+        assert optimum is not None
+        try:
+            optimum.apply(changes, visits=16 + len(team.robots) // 8)
+        except InfeasibleError:
+            self._team, self._assigned = team, None
+        except TooFarError:
+            self._wait = min(2 * self._wait + 1, LONGEST_WAIT)
+            self._small_changes = 0
+            self._solve(team)
+        else:
+            self._wait = max(FIRST_WAIT, self._wait - 1)
+            self._team, self._optimum, self._assigned = team, optimum, optimum.assigned
