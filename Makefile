@@ -58,16 +58,16 @@ drills: $(READY)
 	$(BIN)/mrbt drill --all --brief --junit drills.xml
 
 bench-resume: $(READY)
-	$(BIN)/python benchmarks/resume.py
+	$(BIN)/python -m benchmarks.resume
 
 bench-failover: $(READY)
-	$(BIN)/python benchmarks/failover.py
+	$(BIN)/python -m benchmarks.failover
 
 bench-membership: $(READY)
 	$(BIN)/python -m benchmarks.membership --json membership.json
 
 bench-simulate: $(READY)
-	$(BIN)/python benchmarks/simulate.py --json simulate.json
+	$(BIN)/python -m benchmarks.simulate --json simulate.json
 
 bench-robustness: $(READY)
 	$(BIN)/python -m benchmarks.robustness --json robustness.json

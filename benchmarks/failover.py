@@ -1,6 +1,6 @@
 """Time from a fault until the replacement has started, on real processes.
 
-    python benchmarks/failover.py [--kills 20] [--freezes 5] [--transport wireless] [--json FILE]
+    python -m benchmarks.failover [--kills 20] [--freezes 5] [--transport wireless] [--json FILE]
 
 For each trial a team of the vehicle repair is started, and the robot that has just begun its
 longest task is killed (SIGKILL) or frozen (SIGSTOP) while a capable robot is free. The time
@@ -23,7 +23,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from run import REPAIR, WAIT_S, Run, machine, say
+from benchmarks.run import REPAIR, WAIT_S, Run, machine, say
 
 DETECTION_S = 1.0
 REST_S = 10.0

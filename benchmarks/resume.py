@@ -1,6 +1,6 @@
 """Rounds of killing a whole team at random moments and resuming it, on real processes.
 
-    python benchmarks/resume.py [--rounds 50] [--seed 1] [--json FILE]
+    python -m benchmarks.resume [--rounds 50] [--seed 1] [--json FILE]
 
 Each round starts a team of the vehicle repair, kills all its robots (SIGKILL) at a random
 moment, and resumes it with `mrbt up --run-dir SAME --resume`; in every second round, on the
@@ -29,8 +29,8 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
-from run import REPAIR, Run, machine, say
 
+from benchmarks.run import REPAIR, Run, machine, say
 from mrbt_mesh.core.mission import Mission
 from mrbt_mesh.drills.inject import Deeds, Snapshot
 from mrbt_mesh.drills.journals import read
@@ -157,7 +157,7 @@ def main() -> None:
     load_before = os.getloadavg()[0]
     duration_s = undisturbed_s()
     say(f"an undisturbed team needs {duration_s:.1f} s")
-    rounds = []
+    rounds: list[Round] = []
     seed = options.seed
     while len(rounds) < options.rounds:
         done = play(mission, seed, duration_s)

@@ -1,6 +1,6 @@
 """How many runs of the vehicle repair `mrbt simulate` makes in a minute.
 
-    python benchmarks/simulate.py [--runs 200] [--jobs N] [--json FILE]
+    python -m benchmarks.simulate [--runs 200] [--jobs N] [--json FILE]
 
 Six robots, the whole mission in virtual time (24 s), no faults; once in one process, and once in
 as many as there are cores. CPU time is of one run in one process, without the start of Python.
@@ -11,13 +11,11 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import sys
 import time
 from pathlib import Path
 from typing import Any
 
-from run import REPAIR, machine, say
-
+from benchmarks.run import REPAIR, machine, say
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.sim.failures import FailureModel
 from mrbt_mesh.sim.statistics import Experiment, Point, outcomes, run_one
@@ -63,4 +61,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -1,0 +1,1 @@
+"""Measurements that a test must not assert: `python -m benchmarks --list`."""
