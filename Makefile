@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-slow test-docker lint check-lock lock drills soak clean \
-	bench-failover bench-resume bench-membership bench-simulate bench-robustness paper
+	bench bench-failover bench-resume bench-membership bench-simulate bench-robustness paper
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
@@ -16,6 +16,7 @@ help:
 	@echo "make test-slow       wireless teams, discovery, split sessions: real processes, some minutes"
 	@echo "make lint            ruff, mypy, import-linter"
 	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
+	@echo "make bench           the planner against what one would use instead: docs/performance.md"
 	@echo "make bench-failover  time from a kill or a freeze until the replacement has started"
 	@echo "make bench-resume    50 rounds of killing the whole team and resuming it"
 	@echo "make bench-membership false deaths, detection and agreement on bad networks"
@@ -56,6 +57,11 @@ test-docker: $(READY)
 
 drills: $(READY)
 	$(BIN)/mrbt drill --all --brief --junit drills.xml
+
+# SciPy and the like are not in requirements.lock: the product and its tests do not need them.
+bench: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[bench]'
+	$(BIN)/python -m benchmarks --json bench.json --plot bench-plots
 
 bench-resume: $(READY)
 	$(BIN)/python -m benchmarks.resume

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -92,6 +93,17 @@ def machine() -> str:
     """What the figures were measured on."""
     system = f"{platform.system()} {platform.release()}, Python {platform.python_version()}"
     return f"{os.cpu_count()} cores, {platform.machine()}, {system}"
+
+
+def versions() -> dict[str, str]:
+    """Version of each package that figures depend on, of those that are installed."""
+    found = {}
+    for package in ("ortools", "numpy", "scipy", "py_trees"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return found
 
 
 def say(text: str) -> None:

@@ -1,0 +1,300 @@
+"""One broadcast and an exact plan everywhere, against CBBA's rounds of bids."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from itertools import pairwise, product
+from typing import Any
+
+import msgpack
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks import ours
+from benchmarks.assignment import significant
+from benchmarks.cbba import network
+from benchmarks.cbba.cbaa import cbaa
+from benchmarks.cbba.cbba import cbba
+from benchmarks.cbba.scoring import SingleTask
+from benchmarks.cbba.slots import Verdict, judge, slots
+from benchmarks.instances import Density, Instance, Spec, Values, draw
+from benchmarks.registry import Benchmark, Chart, Result, Setting, Table
+
+ROBOTS = (6, 50, 200)
+SEEDS = {6: 100, 50: 30, 200: 8}
+QUICK_SEEDS = {6: 20, 50: 5, 200: 1}
+# Demands per robot: few, so that robots are left over once lower bounds are met, or as many as
+# there are robots, so that lower bounds take nearly all.
+LOADS = {"roomy": 1 / 3.5, "tight": 1.0}
+TITLES = {"roomy": "3.5 robots per demand offered", "tight": "one robot per demand offered"}
+NETWORKS: dict[str, Callable[[int, int], NDArray[np.bool_]]] = {
+    "complete": lambda robots, _: network.complete(robots),
+    "ring": lambda robots, _: network.ring(robots),
+    "line": lambda robots, _: network.line(robots),
+    "random": network.random,
+}
+NETWORK_ROBOTS, NETWORK_SEEDS, QUICK_NETWORK_SEEDS = 50, 5, 1
+EXACT, WITH_BONUS, PLAIN, SINGLE = "exact", "cbba_bonus", "cbba", "cbaa_bonus"
+LABELS = {
+    EXACT: "broadcast + exact",
+    WITH_BONUS: "CBBA with bonus",
+    PLAIN: "CBBA",
+    SINGLE: "CBAA with bonus",
+}
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Of one instance and one way; `compute_ms` per robot; scores as ratios to the optimum."""
+
+    rounds: int
+    messages: int
+    bytes: int
+    score: float
+    usable: float
+    missed: int
+    compute_ms: float
+
+
+def record_bytes(instance: Instance) -> NDArray[np.int64]:
+    """What each robot broadcasts: the demands it can serve and its performances, in msgpack."""
+    edges = np.searchsorted(instance.robot, np.arange(instance.robots + 1))
+    return np.array(
+        [
+            len(msgpack.packb([instance.demand[a:b].tolist(), instance.performance[a:b].tolist()]))
+            for a, b in pairwise(edges)
+        ]
+    )
+
+
+def exact(instance: Instance, links: NDArray[np.bool_]) -> tuple[Figures, int]:
+    """(one broadcast per robot, then everybody solves; the optimum)."""
+    problem = ours.prepare(instance)
+    started_s = time.perf_counter()
+    choice = ours.answer(problem)
+    compute_s = time.perf_counter() - started_s
+    optimum = instance.objective(choice)  # checks the bounds
+    sent = network.flooding(links, record_bytes(instance))
+    return _figures(sent, judge(instance, choice), optimum, compute_s), optimum
+
+
+def auction(instance: Instance, links: NDArray[np.bool_], way: str, optimum: int) -> Figures:
+    """An auction over the demands' slots."""
+    tasks = slots(instance, bonus=way != PLAIN)
+    started_s = time.perf_counter()
+    if way == SINGLE:
+        outcome = cbaa(tasks.values, links, spread=True)
+    else:
+        outcome = cbba(SingleTask(tasks.values), links, spread=True)
+    compute_s = (time.perf_counter() - started_s) / instance.robots
+    sent = outcome.rounds, outcome.messages, outcome.bytes
+    return _figures(sent, judge(instance, tasks.choice(outcome)), optimum, compute_s)
+
+
+def _figures(
+    sent: tuple[int, int, int], verdict: Verdict, optimum: int, compute_s: float
+) -> Figures:
+    return Figures(
+        *sent,
+        verdict.score / optimum,
+        verdict.usable / optimum,
+        verdict.missed,
+        compute_s * 1e3,
+    )
+
+
+def measure(
+    spec: dict[str, Any], seeds: Sequence[int], load: float, network_name: str, ways: Sequence[str]
+) -> dict[str, list[Figures]]:
+    """Way -> figures, one per seed; the exact one is the measure of the others."""
+    found: dict[str, list[Figures]] = {way: [] for way in ways}
+    for seed in seeds:
+        offered = max(1, round(spec["robots"] * load))
+        instance = draw(Spec(offered=offered, seed=seed, **spec))
+        links = NETWORKS[network_name](spec["robots"], seed)
+        best, optimum = exact(instance, links)
+        for way in ways:
+            found[way].append(best if way == EXACT else auction(instance, links, way, optimum))
+    return found
+
+
+def summary(figures: Sequence[Figures]) -> dict[str, float]:
+    """Medians, and the least and the most where that tells more."""
+    columns = {each.name: [getattr(f, each.name) for f in figures] for each in fields(Figures)}
+    found = {f"{name}_median": statistics.median(values) for name, values in columns.items()}
+    for name in ("score", "usable"):
+        found[f"{name}_min"] = min(columns[name])
+    found["missed_max"] = max(columns["missed"])
+    found["missed_mean"] = statistics.fmean(columns["missed"])
+    found["rounds_max"] = max(columns["rounds"])
+    return found
+
+
+HEAD = (
+    "rounds",
+    "messages",
+    "MB",
+    "score",
+    "usable",
+    "missed",
+    "plain: rounds",
+    "usable",
+    "missed",
+)
+
+
+def cells(exact: dict[str, float], bonus: dict[str, float], plain: dict[str, float]) -> list[str]:
+    """A row of the table, as in HEAD, of CBBA with and without the bonus; ratios to the exact."""
+    messages, sent_bytes = bonus["messages_median"], bonus["bytes_median"]
+    return [
+        f"{bonus['rounds_median']:g}",
+        f"{messages:,.0f} ({significant(messages / exact['messages_median'])})",
+        f"{significant(sent_bytes / 1e6)} ({significant(sent_bytes / exact['bytes_median'])})",
+        _spread(bonus, "score"),
+        _spread(bonus, "usable"),
+        f"{bonus['missed_mean']:.1f}",
+        f"{plain['rounds_median']:g}",
+        _spread(plain, "usable"),
+        f"{plain['missed_mean']:.1f}",
+    ]
+
+
+def _spread(found: dict[str, float], name: str) -> str:
+    return f"{found[f'{name}_min']:.3f}..{found[f'{name}_median']:.3f}"
+
+
+def run(setting: Setting) -> Result:
+    """Measure all sizes on complete networks, and one size on other networks."""
+    rows: list[dict[str, Any]] = []
+    tables = []
+    seeds_of = QUICK_SEEDS if setting.quick else SEEDS
+    for load, per_robot in LOADS.items():
+        shown = []
+        for robots, density, values in product(ROBOTS, Density, Values):
+            seeds = range(setting.seed, setting.seed + seeds_of[robots])
+            spec = {"robots": robots, "density": density, "values": values}
+            found = measure(spec, seeds, per_robot, "complete", tuple(LABELS))
+            of_way = {way: summary(figures) for way, figures in found.items()}
+            kind = {**_plain(spec), "load": load, "network": "complete", "instances": len(seeds)}
+            rows += [{**kind, "way": way, **figures} for way, figures in of_way.items()]
+            names = (str(robots), str(density), str(values))
+            shown.append([*names, *cells(of_way[EXACT], of_way[WITH_BONUS], of_way[PLAIN])])
+            setting.say(f"  {load}: {robots} robots, {density}, performances {values}")
+        title = f"CBBA, everybody hears everybody, {TITLES[load]}"
+        tables.append(Table(title, ("robots", "density", "p", *HEAD), shown))
+    notes = [NOTE, _about_cbaa(rows)]
+    charts = _charts(rows)
+    other_rows, others = _networks(setting)
+    return Result(
+        "one broadcast per robot, N(N-1) messages in one round, and the exact optimum",
+        rows + other_rows,
+        [_exact_table(rows), *tables, others],
+        charts,
+        notes,
+    )
+
+
+def _exact_table(rows: Sequence[dict[str, Any]]) -> Table:
+    shown = []
+    for row in rows:
+        kind = row["load"], row["performances"], row["way"]
+        if kind == ("roomy", str(Values.WIDE), EXACT):
+            shown.append(
+                [
+                    str(row["robots"]),
+                    row["density"],
+                    f"{row['rounds_median']:g}",
+                    f"{row['messages_median']:,.0f}",
+                    f"{row['bytes_median'] / 1e6:.4f}",
+                    _spread(row, "score"),
+                    f"{row['missed_max']}",
+                ]
+            )
+    head = ("robots", "density", "rounds", "messages", "MB", "score", "missed")
+    title = f"One broadcast per robot and the exact plan ({TITLES['roomy']}, p {Values.WIDE})"
+    return Table(title, head, shown)
+
+
+def _about_cbaa(rows: Sequence[dict[str, Any]]) -> str:
+    """How CBAA compares with CBBA, whose bundles are of size 1 here."""
+    keys = ("robots", "density", "performances", "load")
+    of_way = {
+        way: {tuple(row[key] for key in keys): row for row in rows if row["way"] == way}
+        for way in (SINGLE, WITH_BONUS)
+    }
+    outcome = ("rounds_median", "score_median", "score_min", "missed_mean")
+    pairs = [(row, of_way[WITH_BONUS][kind]) for kind, row in of_way[SINGLE].items()]
+    same = sum(all(one[key] == other[key] for key in outcome) for one, other in pairs)
+    share = statistics.median(one["bytes_median"] / other["bytes_median"] for one, other in pairs)
+    return (
+        f"CBAA, the single-assignment auction, needs the rounds of CBBA and comes to its scores in "
+        f"{same} of {len(pairs)} settings, with {share:.0%} of the bytes (median)."
+    )
+
+
+def _plain(spec: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "robots": spec["robots"],
+        "density": str(spec["density"]),
+        "performances": str(spec["values"]),
+    }
+
+
+def _networks(setting: Setting) -> tuple[list[dict[str, Any]], Table]:
+    rows: list[dict[str, Any]] = []
+    shown = []
+    count = QUICK_NETWORK_SEEDS if setting.quick else NETWORK_SEEDS
+    seeds = range(setting.seed, setting.seed + count)
+    spec = {"robots": NETWORK_ROBOTS, "density": Density.SPARSE, "values": Values.WIDE}
+    for name in NETWORKS:
+        found = measure(spec, seeds, LOADS["roomy"], name, (EXACT, WITH_BONUS, PLAIN))
+        of_way = {way: summary(figures) for way, figures in found.items()}
+        kind = {**_plain(spec), "load": "roomy", "network": name, "instances": count}
+        rows += [{**kind, "way": way, **figures} for way, figures in of_way.items()]
+        ours_rounds = f"{of_way[EXACT]['rounds_median']:g}"
+        shown.append([name, ours_rounds, *cells(of_way[EXACT], of_way[WITH_BONUS], of_way[PLAIN])])
+        setting.say(f"  {NETWORK_ROBOTS} robots, network {name}")
+    title = f"Other networks: {NETWORK_ROBOTS} robots, sparse, p {Values.WIDE}, {TITLES['roomy']}"
+    return rows, Table(title, ("network", "flooding: rounds", *HEAD), shown)
+
+
+def _charts(rows: Sequence[dict[str, Any]]) -> list[Chart]:
+    charts = []
+    for density in Density:
+        kind = {"density": density, "performances": Values.WIDE, "load": "roomy"}
+        chosen = [row for row in rows if kind.items() <= row.items()]
+        curves = {
+            LABELS[way]: [
+                (float(row["robots"]), float(row["messages_median"]))
+                for row in chosen
+                if row["way"] == way
+            ]
+            for way in (EXACT, WITH_BONUS, PLAIN)
+        }
+        charts.append(
+            Chart(
+                f"auction-messages-{density}",
+                f"Messages until all agree, {density}, performances {Values.WIDE}",
+                "robots",
+                "messages (median)",
+                curves,
+            )
+        )
+    return charts
+
+
+NOTE = (
+    "In brackets the ratio to one broadcast per robot, which is flooding on other networks. "
+    "`rounds` until everybody holds the same lists and bids no more, as an onlooker sees it; the "
+    "robots themselves need more to know. `MB`: payload of all messages in msgpack: the demands a "
+    "robot can serve with its performances, or CBBA's lists of bids, winners and times, which go "
+    "out whole in each round. `score`: the sum of performances as a share of the optimum within "
+    "the bounds, least and median (above 1 only where bounds are broken); `usable`: without the "
+    "robots on demands whose lower bound is not met, which cannot begin; `missed`: such demands, "
+    "on average. The last columns are CBBA without the bonus for what a lower bound needs."
+)
+
+BENCHMARK = Benchmark("one broadcast and an exact plan against CBBA's rounds and bids", run)
