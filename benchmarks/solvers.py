@@ -24,12 +24,14 @@ class TimeLimitError(Exception):
 
 @dataclass(frozen=True)
 class Solver:
-    """`prepare` is not timed: it is the form in which the problem is at hand."""
+    """`prepare` is not timed: it is the form in which the problem is at hand. `needs`: a module
+    of the package it comes with. `limited`: it keeps to its time limit."""
 
     label: str
     solve: Callable[[Any, float], NDArray[np.int64]]
     needs: str
     prepare: Callable[[Instance], Any] = lambda instance: instance
+    limited: bool = False
 
 
 def min_cost_flow(instance: Instance, limit_s: float) -> NDArray[np.int64]:
@@ -140,7 +142,7 @@ OURS = "ours"
 SOLVERS = {
     REFERENCE: Solver("OR-tools min-cost flow", min_cost_flow, "ortools"),
     OURS: Solver("ours, canonical", ours_canonical, "ortools", ours.prepare),
-    "cp_sat": Solver("CP-SAT", cp_sat, "ortools.sat.python.cp_model"),
-    "milp": Solver("HiGHS milp", milp, "scipy.optimize"),
+    "cp_sat": Solver("CP-SAT", cp_sat, "ortools.sat.python.cp_model", limited=True),
+    "milp": Solver("HiGHS milp", milp, "scipy.optimize", limited=True),
     "linear_sum_assignment": Solver("LSA on slots", linear_sum_assignment, "scipy.optimize"),
 }

@@ -98,13 +98,20 @@ def test_measured_cells_become_rows_tables_and_charts() -> None:
 
 
 def test_who_would_take_too_long_is_not_begun() -> None:
-    small, large = (Cell(robots, Density.DENSE, Values.WIDE) for robots in (200, 1000))
-    small.times_s = {"milp": [2.3], "cp_sat": [2.5]}
-    assert feasible_in_time(large, small, "milp")  # 25 times as many pairs: 57.5 s
-    assert not feasible_in_time(large, small, "cp_sat")
+    least, small, large = (Cell(robots, Density.DENSE, Values.WIDE) for robots in (50, 250, 1250))
+    least.times_s = {"milp": [0.01], "cp_sat": [0.01], OURS: [0.01], REFERENCE: [0.1]}
+    small.times_s = {"milp": [2.3], "cp_sat": [2.5], OURS: [2.3], REFERENCE: [2.3]}
+    before = [least, small]
+    assert feasible_in_time(large, before, "milp")  # 25 times as many pairs: 57.5 s
+    assert not feasible_in_time(large, before, "cp_sat")
+    # Those without a limit as they grew: 230 times would be too long, 23 times is not.
+    assert not feasible_in_time(large, before, OURS)
+    assert feasible_in_time(large, before, REFERENCE)
+    assert feasible_in_time(large, [small], OURS)
+    assert feasible_in_time(large, [], "milp")
     small.beyond_limit = {"milp"}
-    assert not feasible_in_time(large, small, "milp")
-    assert feasible_in_time(large, None, "milp")
+    assert not feasible_in_time(large, before, "milp")
+    assert not feasible_in_time(large, before, "linear_sum_assignment")
 
 
 def test_a_wrong_answer_is_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
