@@ -35,10 +35,10 @@ from benchmarks.registry import (
     Setting,
     load,
 )
+from benchmarks.report import grid, write_docs
 from benchmarks.run import ROOT, machine, say, versions
-from benchmarks.tables import DOCS, markdown, write_between
 
-DOCUMENT = DOCS / "performance.md"
+DOCUMENT = ROOT / "docs" / "performance.md"
 FORMAT = 1
 WIDTH = 150  # of tables, where the terminal has fewer columns
 
@@ -47,7 +47,7 @@ def as_markdown(result: Result) -> str:
     """A result's tables and notes."""
     parts = []
     for table in result.tables:
-        parts += [f"**{table.title}**", markdown(table.head, table.rows)]
+        parts += [f"**{table.title}**", grid(table.head, table.rows)]
     parts += result.notes
     return "\n\n".join(parts)
 
@@ -148,7 +148,7 @@ def _run(name: str, options: argparse.Namespace, console: Console) -> dict[str, 
     result = load(name).run(Setting(options.quick, options.seed, say))
     show(result, console)
     if options.write_docs:
-        write_between(DOCUMENT, f"On {machine()}.\n\n{as_markdown(result)}", name)
+        write_docs(DOCUMENT, f"On {machine()}.\n\n{as_markdown(result)}", name)
     if options.plot is not None:
         for file in draw(result.charts, options.plot):
             say(f"{name}: {file}")

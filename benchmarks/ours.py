@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.instances import Instance
-from mrbt_mesh.core.assignment import AssignmentProblem, Bounds, solve
+from mrbt_mesh.core.assignment import AssignmentProblem, Bounds
+from mrbt_mesh.core.canonical import solve
 from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
 
 
@@ -19,11 +20,8 @@ def prepare(instance: Instance) -> AssignmentProblem:
             zip(instance.lower.tolist(), instance.upper.tolist(), strict=True)
         )
     )
-    performance: list[dict[int, int]] = [{} for _ in robots]
-    columns = (instance.robot, instance.demand, instance.performance)
-    for robot, demand, value in zip(*(column.tolist() for column in columns), strict=True):
-        performance[robot][demand] = value
-    return AssignmentProblem(robots, demands, tuple(performance))
+    pairs = (instance.robot, instance.demand, instance.performance)
+    return AssignmentProblem(robots, demands, *pairs)
 
 
 def answer(problem: AssignmentProblem) -> NDArray[np.int64]:

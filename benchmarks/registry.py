@@ -32,11 +32,19 @@ class Setting:
 
 @dataclass(frozen=True)
 class Table:
-    """A table for people; the cells as they are to be printed."""
+    """A table for people; the cells as they are to be printed.
+
+    Raises ValueError if a row is not as long as the head.
+    """
 
     title: str
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
+
+    def __post_init__(self) -> None:
+        for row in self.rows:
+            if len(row) != len(self.head):
+                raise ValueError(f"{len(row)} cells under {len(self.head)} headings: {row}")
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import __main__ as entry
-from benchmarks import auction, registry, tables
+from benchmarks import auction, registry, report
 from benchmarks.instances import Density, Spec, Values, draw
 from benchmarks.registry import (
     MODULES,
@@ -53,8 +53,7 @@ def test_every_benchmark_has_its_module_and_place_in_the_document() -> None:
     document = entry.DOCUMENT.read_text(encoding="utf-8")
     for name in MODULES:
         assert load(name).summary
-        assert f"<!-- measured: {name} -->" in document
-        assert f"<!-- end of measured: {name} -->" in document
+        assert all(document.count(mark) == 1 for mark in report.marks(name)), name
 
 
 @pytest.mark.parametrize("name", SCRIPTS)
@@ -94,13 +93,13 @@ def test_json_table_and_plot(
 
 def test_documents(example: list[Setting], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     document = tmp_path / "performance.md"
-    marks = "<!-- measured: example -->\nold\n<!-- end of measured: example -->"
+    marks = "\nold\n".join(report.marks("example"))
     document.write_text(f"# Before\n\n{marks}\n\nafter\n")
     monkeypatch.setattr(entry, "DOCUMENT", document)
     assert entry.main(["--write-docs"]) == 0
     text = document.read_text()
     assert "old" not in text
-    assert "| 6 | 1.5 |\n| 50 | 8 |\n\nA note.\n\n<!-- end" in text
+    assert "| 6 | 1.5 |\n| 50 | 8 |\n\nA note.\n\n<!-- measured" in text
     assert text.startswith("# Before\n")
     assert text.endswith("-->\n\nafter\n")
     entry.main(["--write-docs"])
@@ -109,20 +108,19 @@ def test_documents(example: list[Setting], tmp_path: Path, monkeypatch: pytest.M
 
 @pytest.mark.parametrize(
     "text",
-    ["", "<!-- measured: a -->", "<!-- end of measured: a --> <!-- measured: a -->"],
+    ["", report.marks("a")[0], " ".join(reversed(report.marks("a"))), " ".join(report.marks())],
 )
 def test_a_document_without_its_place_is_left_alone(tmp_path: Path, text: str) -> None:
     document = tmp_path / "page.md"
     document.write_text(text)
-    with pytest.raises(ValueError, match=r"page\.md needs one line <!-- measured: a -->"):
-        tables.write_between(document, "new", "a")
+    with pytest.raises(ValueError, match=r"page\.md has no place .* <!-- measured a: begin -->"):
+        report.write_docs(document, "new", "a")
     assert document.read_text() == text
 
 
 def test_a_row_that_does_not_fit_its_table() -> None:
-    assert tables.markdown(("a", "b"), [(1, "x")]) == "| a | b |\n| --- | --- |\n| 1 | x |"
     with pytest.raises(ValueError, match="1 cells under 2 headings"):
-        tables.markdown(("a", "b"), [("x",)])
+        Table("", ("a", "b"), [("x",)])
 
 
 def test_a_missing_package_ends_in_status_2_and_a_remedy(

@@ -11,7 +11,7 @@ from benchmarks.membership.jobs import Job, jobs, long_jobs
 from benchmarks.membership.networks import BAD, SECOND_US, TIMING, Net, name
 from benchmarks.membership.results import markdown, summary
 from benchmarks.membership.verdicts import verdicts
-from benchmarks.report import MARKS, grid, write_docs
+from benchmarks.report import grid, marks, write_docs
 
 
 def test_both_detectors_find_frozen_robots_and_only_the_plain_one_errs_on_a_bad_network() -> None:
@@ -60,13 +60,13 @@ def test_all_that_is_run_has_its_place_in_the_tables() -> None:
 
 
 def test_tables_take_the_place_of_the_former_ones(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    page.write_text(f"above\n{MARKS[0]}\nformer\n{MARKS[1]}\nbelow\n")
+    page, (first, last) = tmp_path / "page.md", marks()
+    page.write_text(f"above\n{first}\nformer\n{last}\nbelow\n")
     write_docs(page, grid(["a", "b"], [[1, 2]]))
     table = "| a | b |\n| --- | --- |\n| 1 | 2 |"
-    assert page.read_text() == f"above\n{MARKS[0]}\n\n{table}\n\n{MARKS[1]}\nbelow\n"
+    assert page.read_text() == f"above\n{first}\n\n{table}\n\n{last}\nbelow\n"
     write_docs(page, "again")
-    assert page.read_text() == f"above\n{MARKS[0]}\n\nagain\n\n{MARKS[1]}\nbelow\n"
+    assert page.read_text() == f"above\n{first}\n\nagain\n\n{last}\nbelow\n"
     page.write_text("no marks")
     with pytest.raises(ValueError, match="has no place for what was measured"):
         write_docs(page, "new")
@@ -76,4 +76,4 @@ def test_tables_take_the_place_of_the_former_ones(tmp_path: Path) -> None:
 @pytest.mark.parametrize("page", ["membership.md", "robustness.md"])
 def test_the_pages_have_a_place_for_what_is_measured(page: str) -> None:
     text = (Path(__file__).parents[2] / "docs" / page).read_text()
-    assert [text.count(mark) for mark in MARKS] == [1, 1]
+    assert [text.count(mark) for mark in marks()] == [1, 1]
