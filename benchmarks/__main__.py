@@ -35,7 +35,7 @@ from benchmarks.registry import (
     Setting,
     load,
 )
-from benchmarks.report import grid, write_docs
+from benchmarks.report import grid, marks, write_docs
 from benchmarks.run import ROOT, machine, say, versions
 
 DOCUMENT = ROOT / "docs" / "performance.md"
@@ -106,6 +106,11 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     if options.json is not None and not options.json.resolve().parent.is_dir():
         parser.error(f"--json {options.json}: there is no such folder")
+    if options.write_docs:  # now and not after an hour
+        page = DOCUMENT.read_text(encoding="utf-8")
+        for name in set(options.only or MODULES) - SCRIPTS.keys():
+            if any(mark not in page for mark in marks(name)):
+                parser.error(f"{DOCUMENT} has no place for {name}: {' ... '.join(marks(name))}")
     return options
 
 

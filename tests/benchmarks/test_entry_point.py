@@ -104,6 +104,11 @@ def test_documents(example: list[Setting], tmp_path: Path, monkeypatch: pytest.M
     assert text.endswith("-->\n\nafter\n")
     entry.main(["--write-docs"])
     assert document.read_text() == text
+    document.write_text("no place")
+    example.clear()
+    with pytest.raises(SystemExit) as ended:
+        entry.main(["--write-docs"])
+    assert (ended.value.code, example) == (2, []), "refused before anything is measured"
 
 
 @pytest.mark.parametrize(
