@@ -185,7 +185,7 @@ def run(setting: Setting) -> Result:
             setting.say(f"  {load}: {robots} robots, {density}, performances {values}")
         title = f"CBBA, everybody hears everybody, {TITLES[load]}"
         tables.append(Table(title, ("robots", "density", "p", *HEAD), shown))
-    notes = [NOTE, _about_cbaa(rows)]
+    notes = [NOTE, _counts(seeds_of, setting.quick), _about_cbaa(rows)]
     charts = _charts(rows)
     other_rows, others = _networks(setting)
     return Result(
@@ -216,6 +216,12 @@ def _exact_table(rows: Sequence[dict[str, Any]]) -> Table:
     head = ("robots", "density", "rounds", "messages", "MB", "score", "missed")
     title = f"One broadcast per robot and the exact plan ({TITLES['roomy']}, p {Values.WIDE})"
     return Table(title, head, shown)
+
+
+def _counts(seeds_of: dict[int, int], quick: bool) -> str:
+    counts = ", ".join(f"{count} with {robots} robots" for robots, count in seeds_of.items())
+    others = QUICK_NETWORK_SEEDS if quick else NETWORK_SEEDS
+    return f"Instances per row: {counts}; on other networks {others}."
 
 
 def _about_cbaa(rows: Sequence[dict[str, Any]]) -> str:
