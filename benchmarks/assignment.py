@@ -171,6 +171,7 @@ def run(setting: Setting) -> Result:
 
 def result(cells: Sequence[Cell], setting: Setting) -> Result:
     """Rows, tables and charts of what was measured."""
+    instances = max(len(cell.pairs) for cell in cells)
     return Result(
         SOLVERS[REFERENCE].label,
         [row for cell in cells for row in _rows(cell)],
@@ -180,7 +181,7 @@ def result(cells: Sequence[Cell], setting: Setting) -> Result:
             "As many demands are offered as there are robots, with lower bounds 1 to 3 and upper "
             "bounds up to 5; those are kept that are feasible together with the ones before "
             "(`kept`). Sparse: 10 capable robots per demand. Times are medians of building and "
-            f"solving, over up to {INSTANCES} instances that all solve in turn (the lesser of "
+            f"solving, over up to {instances} instances that all solve in turn (the lesser of "
             "elapsed and CPU time, for the machine may be shared); in brackets the ratio to "
             "min-cost flow, the median of the instances' ratios. "
             f"`> {LIMIT_S:g} s`: not done in that time, or not begun as it would take longer by "
