@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from benchmarks.instances import Instance
 from mrbt_mesh.core.assignment import AssignmentProblem, Bounds
 from mrbt_mesh.core.canonical import solve
-from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
+from mrbt_mesh.core.solvers import default_solver
 
 
 def prepare(instance: Instance) -> AssignmentProblem:
@@ -26,7 +26,7 @@ def prepare(instance: Instance) -> AssignmentProblem:
 
 def answer(problem: AssignmentProblem) -> NDArray[np.int64]:
     """The exact and canonical optimum: a demand, or -1, per robot."""
-    found = solve(problem, SOLVERS[DEFAULT_SOLVER])
+    found = solve(problem, default_solver)
     if found is None:
         raise ValueError("infeasible")
     return np.array(found, dtype=np.int64)

@@ -22,6 +22,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from mrbt_mesh.core.assignment import SolverError
 from mrbt_mesh.core.mission import Mission
 from mrbt_mesh.formats.btcpp.check import check_file
 from mrbt_mesh.formats.btcpp.findings import Findings
@@ -52,6 +53,15 @@ RunDirOption = Annotated[
 RobotsOption = Annotated[
     str | None, typer.Option("--robots", help="Only these robots, A1,A2. Default: all.")
 ]
+SolverOption = Annotated[
+    str | None,
+    typer.Option(
+        "--solver",
+        metavar="NAME",
+        help="min_cost_flow, cp_sat, brute_force, or your own: docs/solvers.md. "
+        "Default: the mission's.",
+    ),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 
 
@@ -81,6 +91,7 @@ def input_errors() -> Iterator[None]:
         AddressError,
         TransportError,
         InputError,
+        SolverError,
     ) as error:
         fail(str(error))
 

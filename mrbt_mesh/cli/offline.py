@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import json
-from collections import Counter
-from collections.abc import Mapping
 from dataclasses import replace
-from decimal import Decimal, InvalidOperation
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.table import Table
 
 from mrbt_mesh.cli.common import (
     FAILURE,
-    InputError,
     JsonOption,
     MissionArgument,
+    SolverOption,
     console,
     fail,
     input_errors,
@@ -27,13 +23,13 @@ from mrbt_mesh.cli.common import (
 from mrbt_mesh.cli.plan_view import render_plan
 from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, Bounds
 from mrbt_mesh.core.canonical import solve
-from mrbt_mesh.core.mission import MAX_PERFORMANCE, MICRO
-from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
+from mrbt_mesh.core.mission import MICRO
+from mrbt_mesh.core.solvers import default_solver
+from mrbt_mesh.formats.assignment_file import problem_from_file
 from mrbt_mesh.formats.facts_file import plan_from_file
 from mrbt_mesh.formats.mission_file import compile_mission, mission_warnings
 from mrbt_mesh.formats.template import FolderInUseError, write_template
-
-MAX_PROBLEM_BYTES = 256 << 20
+from mrbt_mesh.runtime.solver_loader import load_solver, solver_for
 
 
 def validate(
@@ -79,6 +75,7 @@ def plan(
     alive: Annotated[
         str | None, typer.Option("--alive", help="Living robots, A1,B1. Default: all.")
     ] = None,
+    solver: SolverOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Plan for given facts and explain the plan. No network.
@@ -87,7 +84,7 @@ def plan(
     """
     loaded = read_mission(mission)
     with input_errors():
-        result = plan_from_file(loaded, facts, _names(alive))
+        result = plan_from_file(loaded, facts, _names(alive), solver_for(loaded, solver))
     if as_json:
         data = result.to_json() | {"digest": result.digest.hex()}
         data["statuses"] = {
@@ -141,6 +138,7 @@ def key(
 
 def assign(
     problem: Annotated[Path, typer.Argument(help="Problem file (.json).", metavar="PROBLEM")],
+    solver: SolverOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Solve one assignment problem, exactly and canonically. Exit status 1 if infeasible.
@@ -150,8 +148,9 @@ def assign(
     "min": 1, "max": 2}]}
     """
     with input_errors():
-        parsed, demands = _read_problem(problem)
-    choice = solve(parsed, SOLVERS[DEFAULT_SOLVER])
+        parsed = problem_from_file(problem)
+        choice = solve(parsed, load_solver(solver, bool(parsed.constraints)))
+    demands = [bounds.id for bounds in parsed.demands]
     if choice is None:
         short = _short(parsed)
         if as_json:
@@ -184,69 +183,8 @@ def _short(problem: AssignmentProblem) -> list[int]:
             for i, b in enumerate(problem.demands)
         )
         trial = replace(problem, demands=bounds)
-        if SOLVERS[DEFAULT_SOLVER](trial) is None:
+        if default_solver(trial) is None:
             short.append(index)
         else:
             kept.append(index)
     return short
-
-
-def _read_problem(path: Path) -> tuple[AssignmentProblem, list[str]]:
-    try:
-        if path.stat().st_size > MAX_PROBLEM_BYTES:
-            raise InputError(f"{path} is larger than {MAX_PROBLEM_BYTES >> 20} MiB")
-        data = json.loads(path.read_text())
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is not JSON: {error}") from error
-    if not isinstance(data, dict) or not isinstance(data.get("robots"), dict):
-        raise InputError(f'{path}: expected {{"robots": {{...}}, "demands": [...]}}')
-    if not isinstance(data.get("demands"), list):
-        raise InputError(f"{path}: demands: a list is expected")
-    demands = [_demand(path, i, row) for i, row in enumerate(data["demands"])]
-    ids = [bounds.id for bounds, _ in demands]
-    for name, count in Counter(ids).items():
-        if count > 1:
-            raise InputError(f"{path}: demand {name!r} appears {count} times")
-    by_task: dict[str, list[int]] = {}
-    for index, (_, local_task) in enumerate(demands):
-        by_task.setdefault(local_task, []).append(index)
-    robots = tuple(sorted(data["robots"]))
-    performance = tuple(_performance(path, r, data["robots"][r], by_task) for r in robots)
-    return AssignmentProblem.of(robots, (b for b, _ in demands), performance), ids
-
-
-def _demand(path: Path, index: int, row: Any) -> tuple[Bounds, str]:
-    where = f"{path}: demands[{index}]"
-    if not isinstance(row, dict) or not {"id", "local_task", "min", "max"} <= set(row):
-        raise InputError(f"{where}: id, local_task, min and max are expected")
-    if not isinstance(row["id"], str) or not isinstance(row["local_task"], str):
-        raise InputError(f"{where}: id and local_task are texts")
-    low, high = row["min"], row["max"]
-    if any(not isinstance(n, int) or isinstance(n, bool) for n in (low, high)):
-        raise InputError(f"{where}: min and max are whole numbers")
-    if not 0 <= low <= high:
-        raise InputError(f"{where}: 0 <= min <= max is expected, found min {low}, max {high}")
-    return Bounds(row["id"], low, high), row["local_task"]
-
-
-def _performance(
-    path: Path, robot: str, table: Any, by_task: Mapping[str, list[int]]
-) -> dict[int, int]:
-    if not isinstance(table, dict):
-        raise InputError(f"{path}: robots.{robot}: a map of local task to performance is expected")
-    result = {}
-    for local_task, value in table.items():
-        where = f"{path}: robots.{robot}.{local_task}"
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise InputError(f"{where}: a number is expected; leave out what it cannot do")
-        try:
-            micro = int((Decimal(str(value)) * MICRO).to_integral_value())
-        except (InvalidOperation, ValueError, OverflowError):
-            raise InputError(f"{where}: {value} is no finite number") from None
-        if abs(micro) > MAX_PERFORMANCE:
-            raise InputError(f"{where}: {value} is out of range (at most 1e6 either way)")
-        for index in by_task.get(local_task, ()):
-            result[index] = micro
-    return result

@@ -18,6 +18,7 @@ from mrbt_mesh.cli.common import (
     InputError,
     JsonOption,
     RobotsOption,
+    SolverOption,
     checked_program,
     chosen_robots,
     console,
@@ -31,6 +32,7 @@ from mrbt_mesh.cli.summary import render_summary
 from mrbt_mesh.core.mission import Mission, performance, type_name
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import load_program
+from mrbt_mesh.runtime.solver_loader import solver_for
 from mrbt_mesh.sim import faults
 from mrbt_mesh.sim.generate import PROGRAM, generate_mission
 from mrbt_mesh.sim.network import LinkKnobs, NetworkKnobs
@@ -108,6 +110,7 @@ def sim(
     seed: Annotated[int, typer.Option(help="The same seed gives the same run.")] = 0,
     robots: RobotsOption = None,
     program: ProgramOption = None,
+    solver: SolverOption = None,
     kill: KillOption = None,
     restart: RestartOption = None,
     freeze: FreezeOption = None,
@@ -178,6 +181,7 @@ def sim(
         ]
         network = _network(loss, duplicate, reorder, delay_ms, jitter_ms)
         team = chosen_robots(robots, model)
+        chosen = solver_for(model, solver)
         if not timeout > 0 or not speed > 0:
             raise InputError("--timeout and --speed are above 0")
     run = partial(
@@ -190,6 +194,7 @@ def sim(
         network=network,
         timeout_us=round(timeout * 1e6),
         speed=speed,
+        solver=chosen,
     )
     _finish(run, output)
 

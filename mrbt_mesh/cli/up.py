@@ -26,6 +26,7 @@ from mrbt_mesh.cli.common import (
     JsonOption,
     MissionArgument,
     RobotsOption,
+    SolverOption,
     checked_program,
     chosen_robots,
     console,
@@ -43,6 +44,7 @@ from mrbt_mesh.core.mission import Mission
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.run_dir import SUMMARY_FILE, RunDir, RunInfo, state_dir, write_atomically
+from mrbt_mesh.runtime.solver_loader import solver_for
 from mrbt_mesh.runtime.team import Team, address_of, new_run
 from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.runtime.watcher import Watcher, watching
@@ -83,6 +85,7 @@ def up(
     program: Annotated[
         str | None, typer.Option("--program", help="Robot program FILE.py[:NAME].")
     ] = None,
+    solver: SolverOption = None,
     beat_s: Annotated[float, typer.Option("--beat", help="Heartbeat period in s.")] = 0.2,
     detection_s: Annotated[
         float, typer.Option("--detection", help="Silence until a robot is dead, in s.")
@@ -102,6 +105,7 @@ def up(
     with input_errors():
         names = chosen_robots(robots, loaded)
         reference = checked_program(loaded, names, program)
+        solver_for(loaded, solver)
         info = new_run(
             loaded,
             mission,
@@ -111,6 +115,7 @@ def up(
             detection_s=detection_s,
             speed=speed,
             transport=transport,
+            solver=solver,
         )
         created = _resumed(run_dir, info, loaded) if resume else _created(run_dir, info, loaded)
     with input_errors():

@@ -356,6 +356,10 @@ class Agent:
         if self.planner.dropped:
             self._effects.append(fx.Forget(tuple(self.planner.dropped)))
             self.planner.dropped = []
+        for reason in self.planner.failures:
+            if self.refusals.count("solver", "broke its contract"):
+                self.log("error", "solver_failed", reason=reason, instead="the default solver")
+        self.planner.failures = []
 
     def _finish_mission(self, now_us: int) -> None:
         """Stop once every living robot has come to the same result, and has heard so."""

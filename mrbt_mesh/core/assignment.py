@@ -2,7 +2,8 @@
 
 Maximise the sum of p(i, l) r(i, l) within the bounds of each demand, at most one demand per
 robot, in integers. A solver finds some optimum (`solvers`), which `canonical.solve` turns into
-the one that the order of robots and demands names.
+the one that the order of robots and demands names. Side constraints, as the paper's
+r(i, j) r(h, j) = 0, are limits on who may be assigned together.
 """
 
 from __future__ import annotations
@@ -29,6 +30,26 @@ class Bounds:
     upper: int
 
 
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """At most `count` of these robots on these demands, counted together. Both are indices."""
+
+    robots: tuple[int, ...]
+    demands: tuple[int, ...]
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """At most `count` of these groups of demands have any robot. Groups are indices, disjoint."""
+
+    groups: tuple[tuple[int, ...], ...]
+    count: int
+
+
+SideConstraint: TypeAlias = Limit | Shared
+
+
 def integers(values: Iterable[int]) -> Integers:
     """As an array of 64-bit integers."""
     return np.array(list(values), np.int64)
@@ -40,7 +61,8 @@ class AssignmentProblem:
 
     `pair_robot`, `pair_demand` and `pair_performance` are arrays of equal length, one entry per
     robot and demand that it can do, ordered by robot, then demand: their indices, and p in
-    micro-units, below 2^60 divided by the number of robots and demands. Absent: cannot.
+    micro-units, below 2^60 divided by the number of robots and demands. Absent: cannot. The
+    arrays cannot be written to: a solver that changed them would be checked against its changes.
     """
 
     robots: tuple[str, ...]
@@ -48,6 +70,11 @@ class AssignmentProblem:
     pair_robot: Integers
     pair_demand: Integers
     pair_performance: Integers
+    constraints: tuple[SideConstraint, ...] = ()
+
+    def __post_init__(self) -> None:
+        for pairs in (self.pair_robot, self.pair_demand, self.pair_performance):
+            pairs.setflags(write=False)
 
     @classmethod
     def of(
@@ -55,6 +82,7 @@ class AssignmentProblem:
         robots: Iterable[str],
         demands: Iterable[Bounds],
         performance: Iterable[Mapping[int, int]],
+        constraints: Iterable[SideConstraint] = (),
     ) -> AssignmentProblem:
         """From one mapping per robot, from a demand's index to p."""
         rows = [sorted(row.items()) for row in performance]
@@ -64,6 +92,7 @@ class AssignmentProblem:
             integers(robot for robot, row in enumerate(rows) for _ in row),
             integers(demand for row in rows for demand, _ in row),
             integers(value for row in rows for _, value in row),
+            tuple(constraints),
         )
 
     @cached_property
@@ -89,10 +118,28 @@ class AssignmentProblem:
         """The sum of performances of an assignment, in micro-units."""
         return sum(self.performance[i][d] for i, d in enumerate(choice) if d != UNASSIGNED)
 
+    def violated(self, choice: Sequence[int]) -> SideConstraint | None:
+        """The first side constraint that an assignment breaks, None if it keeps them all."""
+        for constraint in self.constraints:
+            if isinstance(constraint, Limit):
+                count = sum(choice[robot] in constraint.demands for robot in constraint.robots)
+            else:
+                used = set(choice)
+                count = sum(not used.isdisjoint(group) for group in constraint.groups)
+            if count > constraint.count:
+                return constraint
+        return None
+
 
 # A solver returns one demand index per robot (UNASSIGNED for none), or None if infeasible.
+# One that minds `problem.constraints` says so: `solver.supports_constraints = True`.
 Solver: TypeAlias = Callable[[AssignmentProblem], Sequence[int] | Integers | None]
 
 
 class SolverError(RuntimeError):
-    """A solver broke its contract: its answer is not feasible or not optimal."""
+    """A solver broke its contract, or cannot solve this problem; the message says which."""
+
+
+def supports_constraints(solver: Solver) -> bool:
+    """Whether a solver minds side constraints."""
+    return getattr(solver, "supports_constraints", False) is True

@@ -21,7 +21,9 @@ from mrbt_mesh.core.assignment import (
     Integers,
     Solver,
     SolverError,
+    supports_constraints,
 )
+from mrbt_mesh.core.solvers import cp_sat, default_solver, min_cost_flow
 
 # Of so few robots at a node it is worth while to look anew where they can go.
 _FEW = 8
@@ -47,12 +49,54 @@ class Optimum:
 def solve(problem: AssignmentProblem, solver: Solver) -> tuple[int, ...] | None:
     """The canonical optimum: a demand index or UNASSIGNED per robot; None if infeasible.
 
-    Raises SolverError if the solver's answer is not an optimum.
+    Raises SolverError if the solver fails, or its answer is not an optimum, or wrongly none.
     """
     if not problem.demands:
         return (UNASSIGNED,) * len(problem.robots)
-    found = solver(problem)
-    return None if found is None else canonical(problem, found)
+    if problem.constraints:
+        return _solve_constrained(problem, solver)
+    found = _ask(problem, solver)
+    if found is not None:
+        return canonical(problem, found)
+    if solver not in _TRUSTED and min_cost_flow(problem) is not None:
+        raise SolverError("it finds no assignment, but there is one")
+    return None
+
+
+# What these say of there being no assignment is not solved again.
+_TRUSTED = (min_cost_flow, default_solver)
+
+
+def _ask(problem: AssignmentProblem, solver: Solver) -> Sequence[int] | Integers | None:
+    try:
+        return solver(problem)
+    except SolverError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise SolverError(f"it raised {type(error).__name__}: {error}") from error
+
+
+def _solve_constrained(problem: AssignmentProblem, solver: Solver) -> tuple[int, ...] | None:
+    """By CP-SAT, which proves what it finds: another solver's answer is held against that."""
+    # For those who use it alone: the library is large.
+    from mrbt_mesh.core.cp_sat import first_optimum
+
+    if not supports_constraints(solver):
+        raise SolverError("it does not mind side constraints: use cp_sat")
+    best = first_optimum(problem)
+    if solver not in (cp_sat, default_solver):
+        found = _ask(problem, solver)
+        if (found is None) != (best is None):
+            raise SolverError("it is wrong about whether there is an assignment")
+        if found is not None and best is not None:
+            choice, _, _ = checked(problem, found)
+            given = [UNASSIGNED if d == len(problem.demands) else d for d in choice.tolist()]
+            broken = problem.violated(given)
+            if broken is not None:
+                raise SolverError(f"its assignment breaks the side constraint {broken}")
+            if problem.objective(given) != problem.objective(best):
+                raise SolverError("the assignment is not optimal: CP-SAT finds a better one")
+    return None if best is None else tuple(best)
 
 
 def canonical(problem: AssignmentProblem, optimum: Sequence[int] | Integers) -> tuple[int, ...]:
@@ -69,7 +113,18 @@ def canonical(problem: AssignmentProblem, optimum: Sequence[int] | Integers) -> 
 
 def proven(problem: AssignmentProblem, optimum: Sequence[int] | Integers) -> Optimum:
     """Check that an assignment is feasible and optimal. Raises SolverError if it is not."""
-    idle, given = len(problem.demands), np.asarray(optimum, np.int64)
+    choice, value, counts = checked(problem, optimum)
+    return Optimum(problem, choice, value, counts, _potentials(problem, choice, value, counts))
+
+
+def checked(
+    problem: AssignmentProblem, answer: Sequence[int] | Integers
+) -> tuple[Integers, Integers, Integers]:
+    """An assignment that keeps the bounds, as in Optimum: (choice, value, counts).
+
+    Raises SolverError if it does not keep them, or is no assignment at all.
+    """
+    idle, given = len(problem.demands), _as_integers(answer)
     if len(given) != len(problem.robots):
         raise SolverError(f"{len(given)} answers for {len(problem.robots)} robots")
     unassigned = given == UNASSIGNED
@@ -87,7 +142,19 @@ def proven(problem: AssignmentProblem, optimum: Sequence[int] | Integers) -> Opt
         bounds = problem.demands[demand]
         count = counts[demand]
         raise SolverError(f"{count} robots on {bounds.id}, {bounds.lower}..{bounds.upper}")
-    return Optimum(problem, choice, value, counts, _potentials(problem, choice, value, counts))
+    return choice, value, counts
+
+
+def _as_integers(answer: Sequence[int] | Integers) -> Integers:
+    """What a solver returned, which may be anything. Raises SolverError if it is no answer."""
+    try:
+        given = np.asarray(answer)
+        if given.ndim == 1 and (given.dtype.kind == "i" or not len(given)):
+            return given.astype(np.int64, copy=False)
+    except (ValueError, TypeError, OverflowError):
+        pass  # not even an array
+    shown = repr(answer)
+    raise SolverError(f"one whole number per robot is expected, it returned {shown:.80}")
 
 
 def _impossible(problem: AssignmentProblem, given: Integers) -> SolverError:

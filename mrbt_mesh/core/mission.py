@@ -180,7 +180,8 @@ class Mission:
     """Everything that all robots of a team must agree on before they start.
 
     `parameters` are the file's values, for robots' programs to read; `program` names the
-    default robot program, relative to the mission file. It and `costs` are no part of the digest.
+    default robot program, relative to the mission file. It, `costs` and `solver` are no part of
+    the digest: robots with different solvers make the same plans.
     """
 
     name: str
@@ -194,12 +195,14 @@ class Mission:
     parameters: Mapping[str, Any] = field(default_factory=dict)
     program: str | None = None
     costs: Costs = field(default_factory=Costs)
+    solver: str | None = None
 
     @cached_property
     def digest(self) -> str:
         """SHA-256 of the canonical form, 64 hexadecimal digits."""
         data = self.to_json() | {"program": None}
         del data["costs"]
+        data.pop("solver", None)
         text = json.dumps(data, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()
 
@@ -225,6 +228,7 @@ class Mission:
         usual = self.assignment is Assignment.ANY
         return {
             **({} if usual else {"assignment": str(self.assignment)}),
+            **({} if self.solver is None else {"solver": self.solver}),
             "compiled": COMPILED_VERSION,
             "name": self.name,
             "robots": {r.id: [r.type, dict(r.capabilities)] for r in self.robots.values()},
@@ -311,6 +315,7 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
             parameters=data["parameters"],
             program=data["program"],
             costs=Costs(*data.get("costs", ())),  # missions compiled before there were costs
+            solver=data.get("solver"),
         )
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"compiled mission is damaged: {error!r}") from error

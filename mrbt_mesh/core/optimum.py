@@ -8,7 +8,7 @@ from __future__ import annotations
 from bisect import bisect_left, insort
 from collections.abc import Mapping, Sequence
 
-from mrbt_mesh.core.changes import Changes, Offered, Team
+from mrbt_mesh.core.offers import Changes, Offered, Team
 from mrbt_mesh.core.options import (
     ENTRY,
     IDLE,

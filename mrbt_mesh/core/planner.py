@@ -7,11 +7,14 @@ from typing import Any
 
 from mrbt_mesh.core import records
 from mrbt_mesh.core.agent_config import AgentConfig
+from mrbt_mesh.core.assignment import SolverError
 from mrbt_mesh.core.coalition import newly_broken
 from mrbt_mesh.core.evaluate import Evaluator
 from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.functions import MakePlan
 from mrbt_mesh.core.plan import Plan
 from mrbt_mesh.core.robot_tree import RobotTree
+from mrbt_mesh.core.solvers import default_solver
 from mrbt_mesh.core.team import TeamFacts
 from mrbt_mesh.core.tree import Tree
 from mrbt_mesh.core.watches import Watches
@@ -20,7 +23,8 @@ from mrbt_mesh.core.watches import Watches
 class Planner:
     """Plans when facts or the alive set have changed, and ticks T_A for each plan.
 
-    `dropped`: author and name of entries that no evaluation can reach any more.
+    `dropped`: author and name of entries that no evaluation can reach any more. `failures`: what
+    the robot's solver did wrong; the default one made those plans, and they are the same plans.
     """
 
     def __init__(
@@ -31,8 +35,11 @@ class Planner:
         self.watches = Watches()
         self.plan: Plan | None = None
         self.dropped: list[tuple[str, str]] = []
+        self.failures: list[str] = []
         self._facts = facts
+        self._config = config
         self._make_plan = config.functions.plan_making(self.evaluator, config.solver)
+        self._make_by_default: MakePlan | None = None
         self._robot_tree = robot_tree
         # Of the plan that is being made elsewhere; `number` is its.
         self._wanted: tuple[tuple[int, int], Mapping[str, Incarnation]] | None = None
@@ -83,7 +90,7 @@ class Planner:
     def compute(self) -> Plan:
         """The plan that is asked for. Reads the facts and changes nothing that others read."""
         assert self._wanted is not None
-        return self._make_plan(self._facts, self._wanted[1])
+        return self._make(self._wanted[1])
 
     def made(self, plan: Plan) -> list[tuple[str, Any]]:
         """Follow the plan that was asked for; returns facts to write."""
@@ -92,6 +99,19 @@ class Planner:
         self.plan = plan
         self._tick_assignment(plan)
         return self._latches(plan, living)
+
+    def _make(self, living: Mapping[str, Incarnation]) -> Plan:
+        """Any exact solver leads to the same plan, so a broken one can be replaced at once."""
+        try:
+            return self._make_plan(self._facts, living)
+        except SolverError as error:
+            if self._config.solver is default_solver:
+                raise
+            self.failures.append(str(error))
+        if self._make_by_default is None:
+            plan_making = self._config.functions.plan_making
+            self._make_by_default = plan_making(self.evaluator, default_solver)
+        return self._make_by_default(self._facts, living)
 
     def _latches(self, plan: Plan, alive: Mapping[str, Incarnation]) -> list[tuple[str, Any]]:
         evaluation = plan.evaluation

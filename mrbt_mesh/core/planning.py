@@ -8,13 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from mrbt_mesh.core.assignment import (
-    UNASSIGNED,
-    AssignmentProblem,
-    Bounds,
     Solver,
-    integers,
 )
 from mrbt_mesh.core.canonical import solve
 from mrbt_mesh.core.capable import Capable, Worker
@@ -30,7 +27,9 @@ from mrbt_mesh.core.demand import (
 from mrbt_mesh.core.evaluate import Evaluator, Request
 from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.mission import Assignment
+from mrbt_mesh.core.offers import Offered, Team
 from mrbt_mesh.core.plan import Line, Plan, Waiting
+from mrbt_mesh.core.reassign import Reassigner
 from mrbt_mesh.core.records import OrderKind
 from mrbt_mesh.core.scarcity import spare_scarce
 from mrbt_mesh.core.team import TeamFacts
@@ -47,10 +46,11 @@ def make_plan(
 
 @dataclass(frozen=True, slots=True)
 class _Open:
-    """A demand that still takes robots, beside those that are pinned to it."""
+    """A demand that still takes robots, beside the `held` ones that are pinned to it."""
 
     demand: Demand
-    bounds: Bounds
+    held: int
+    offered: Offered
 
 
 class PlanMaker:
@@ -58,10 +58,11 @@ class PlanMaker:
 
     def __init__(self, evaluator: Evaluator, solver: Solver) -> None:
         self.evaluator = evaluator
-        self._solver = solver
         self._capable = Capable()
         self._demands = Demands()
         self._waiting: dict[str, tuple[Group, Waiting]] = {}
+        self._open: dict[str, _Open] = {}
+        self._reassigner = Reassigner(partial(solve, solver=solver))
         self._lines: dict[tuple[str, bool], tuple[Demand, Line]] = {}
 
     def plan(self, facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
@@ -130,28 +131,37 @@ class PlanMaker:
         self, groups: Sequence[Group], team: Mapping[str, Worker], pinned: Mapping[str, Line]
     ) -> dict[str, Line] | None:
         """Put robots that are not pinned on what the kept demands still want; None: infeasible."""
-        free = [robot for robot in team if robot not in pinned]
-        wanted = _open_demands(groups, pinned)
-        number = {robot: index for index, robot in enumerate(free)}
-        pairs = sorted(
-            (number[robot], index, value)
-            for index, wants in enumerate(wanted)
-            for robot, value in wants.demand.candidates.items()
-            if robot in number
-        )
-        problem = AssignmentProblem(
-            tuple(free),
-            tuple(wants.bounds for wants in wanted),
-            *map(integers, zip(*pairs, strict=True) if pairs else ((), (), ())),
-        )
-        choice = solve(problem, self._solver)
-        if choice is None:
+        wanted = self._open_demands(groups, pinned)
+        free = tuple(robot for robot in team if robot not in pinned)
+        assigned = self._reassigner.update(Team(free, tuple(each.offered for each in wanted)))
+        if assigned is None:
             return None
+        demands = {each.offered.id: each.demand for each in wanted}
         return {
-            robot: self._line(robot, wanted[index].demand, False)
-            for robot, index in zip(free, choice, strict=True)
-            if index != UNASSIGNED
+            robot: self._line(robot, demands[demand], False) for robot, demand in assigned.items()
         }
+
+    def _open_demands(self, groups: Sequence[Group], pinned: Mapping[str, Line]) -> list[_Open]:
+        """What the kept demands still want, beside the robots that are pinned to them."""
+        before, self._open = self._open, {}
+        found = []
+        for group in groups:
+            for demand in group:
+                activation = demand.request.activation
+                held = sum(
+                    robot in pinned and pinned[robot].activation == activation
+                    for robot in demand.pinned
+                )
+                if demand.upper <= held:
+                    continue
+                key = f"{activation}/{demand.local_task}"
+                known = before.get(key)
+                if known is None or known.demand is not demand or known.held != held:
+                    lower, upper = max(0, demand.lower - held), demand.upper - held
+                    known = _Open(demand, held, Offered(key, lower, upper, demand.candidates))
+                self._open[key] = known
+                found.append(known)
+        return found
 
     def _wait(self, facts: TeamFacts, rest: Sequence[tuple[Group, str]]) -> tuple[Waiting, ...]:
         """Why the requests that are not kept wait, in tree order."""
@@ -166,22 +176,6 @@ class PlanMaker:
             self._waiting[request.activation] = known
             found.append(known[1])
         return tuple(found)
-
-
-def _open_demands(groups: Sequence[Group], pinned: Mapping[str, Line]) -> list[_Open]:
-    found = []
-    for group in groups:
-        for demand in group:
-            activation = demand.request.activation
-            held = sum(
-                robot in pinned and pinned[robot].activation == activation
-                for robot in demand.pinned
-            )
-            if demand.upper > held:
-                key = f"{activation}/{demand.local_task}"
-                bounds = Bounds(key, max(0, demand.lower - held), demand.upper - held)
-                found.append(_Open(demand, bounds))
-    return found
 
 
 def _with_leaders(

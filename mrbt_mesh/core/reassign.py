@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import TypeAlias
 
 from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem
-from mrbt_mesh.core.changes import Changes, Team, difference
+from mrbt_mesh.core.offers import Changes, Team, difference
 from mrbt_mesh.core.optimum import Optimum
 from mrbt_mesh.core.residual import InfeasibleError, TooFarError
 

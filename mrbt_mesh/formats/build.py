@@ -115,6 +115,7 @@ class _Builder:
             assignment=Assignment(model.assignment),
             parameters=_sorted_deeply(model.parameters),
             program=resolve_program(model.program, folder),
+            solver=model.solver,
             costs=Costs(
                 {n: t.cost for n, t in sorted(model.robot_types.items()) if t.cost != 1},
                 {n: t.cost for n, t in sorted(model.local_tasks.items()) if t.cost != 1},

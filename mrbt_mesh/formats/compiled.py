@@ -70,6 +70,7 @@ def _check(mission: Mission) -> None:
     """Types, ranges and cross-references: what reading the YAML form has checked."""
     _expect(isinstance(mission.name, str), f"name {mission.name!r}")
     _expect(mission.program is None or isinstance(mission.program, str), "program")
+    _expect(mission.solver is None or isinstance(mission.solver, str), "solver")
     _expect(isinstance(mission.parameters, dict), "parameters")
     _expect(1 <= len(mission.robots) <= MAX_ROBOTS, f"{len(mission.robots)} robots")
     _expect(len(mission.global_tasks) <= MAX_GLOBAL_TASKS, "too many global tasks")

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from mrbt_mesh.core import records
+from mrbt_mesh.core.assignment import Solver
 from mrbt_mesh.core.evaluate import Evaluator, parse_scope
 from mrbt_mesh.core.facts import Incarnation, Version, make_entry
 from mrbt_mesh.core.mission import Mission, Robot
@@ -31,7 +32,6 @@ from mrbt_mesh.core.records import (
     Phase,
     Token,
 )
-from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
 from mrbt_mesh.core.team import TeamFacts, capability
 from mrbt_mesh.formats.mission_file import read_limited
 from mrbt_mesh.formats.problems import (
@@ -48,11 +48,13 @@ _FIRST = Incarnation(1, "file")
 MAX_BYTES = 1 << 20
 
 
-def plan_from_file(mission: Mission, path: Path | None, alive: list[str] | None) -> Plan:
+def plan_from_file(
+    mission: Mission, path: Path | None, alive: list[str] | None, solver: Solver
+) -> Plan:
     """The plan for the facts in `path` (none: at the start), with `alive` robots (None: all).
 
     Raises MissionError with file and line for whatever is wrong with the facts, and for a
-    robot in `alive` that the mission lacks.
+    robot in `alive` that the mission lacks; SolverError if the solver fails.
     """
     robots = sorted(mission.robots) if alive is None else sorted(set(alive))
     for robot in robots:
@@ -64,7 +66,7 @@ def plan_from_file(mission: Mission, path: Path | None, alive: list[str] | None)
         builder.read(path)
     facts = builder.facts
     living = dict.fromkeys(robots, _FIRST)
-    return make_plan(builder.evaluator, facts, living, SOLVERS[DEFAULT_SOLVER])
+    return make_plan(builder.evaluator, facts, living, solver)
 
 
 class _Builder:

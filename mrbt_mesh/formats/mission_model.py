@@ -55,17 +55,20 @@ SCHEMA_FILE = Path(__file__).with_name("mission.schema.json")
 _CALL = call_pattern(r"\s*[A-Za-z0-9_.+$-]{1,64}\s*")
 _REFERENCE = rf"^\${NAME_PATTERN}$"
 _PROGRAM = r"^[^\n]+\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"
+_SOLVER = r"^[A-Za-z_][A-Za-z0-9_.-]{0,127}(:[A-Za-z_][A-Za-z0-9_.]{0,127})?$"
 _TITLE = r"^[^/\n]{1,64}$"
 
 EXPLAINED_HERE = EXPLAINED | {
     _CALL: f"{CALL_HINT}, e.g. fix_hw or fix_hw($part)",
     _REFERENCE: "a list or the name of a parameter is expected, e.g. [1, 2] or $parts",
     _PROGRAM: "a Python file is expected, e.g. robot.py or robot.py:name",
+    _SOLVER: "the name of a solver is expected, e.g. cp_sat or package.module:function",
     _TITLE: "1 to 64 characters without / are expected",
 }
 
 CallText: TypeAlias = Annotated[str, Field(pattern=_CALL)]
 ProgramText: TypeAlias = Annotated[str, Field(pattern=_PROGRAM)]
+SolverText: TypeAlias = Annotated[str, Field(pattern=_SOLVER)]
 Title: TypeAlias = Annotated[str, Field(pattern=_TITLE)]
 Parameters: TypeAlias = Annotated[list[Name], Field(max_length=MAX_ARGUMENTS)]
 Performance: TypeAlias = Annotated[float, Field(gt=0, le=MAX_PERFORMANCE_UNITS)]
@@ -340,12 +343,14 @@ class MissionModel(FileModel):
     """A mission of a team of robots.
 
     `assignment: spare_scarce`: where robots may break at work, those that others can replace go
-    first, even if something has to wait for them.
+    first, even if something has to wait for them. `solver`: what solves the assignment problem
+    (docs/solvers.md).
     """
 
     mission: Name
     program: ProgramText | None = None
     assignment: Literal["any", "spare_scarce"] = "any"
+    solver: SolverText | None = None
     parameters: dict[Name, JsonValue] = {}
     local_tasks: dict[Name, LocalTaskModel]
     conditions: dict[Name, ConditionModel] = {}

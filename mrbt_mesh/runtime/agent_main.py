@@ -17,8 +17,8 @@ from typing import Any, NoReturn
 
 from mrbt_mesh import __version__
 from mrbt_mesh.core.agent_config import AgentConfig
+from mrbt_mesh.core.assignment import SolverError
 from mrbt_mesh.core.mission import Mission, is_robot_id
-from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
 from mrbt_mesh.formats.mission_file import MissionError, load_mission
 from mrbt_mesh.runtime.driver import Driver
 from mrbt_mesh.runtime.journal import Journal, journal_path
@@ -26,6 +26,7 @@ from mrbt_mesh.runtime.log import configure_log, robot_logger
 from mrbt_mesh.runtime.program import ProgramError
 from mrbt_mesh.runtime.program_loader import check_program, load_program
 from mrbt_mesh.runtime.run_dir import RunDir
+from mrbt_mesh.runtime.solver_loader import solver_for
 from mrbt_mesh.runtime.solver_process import SolverProcess
 from mrbt_mesh.runtime.team_address import (
     DEFAULT_BEAT_S,
@@ -72,6 +73,10 @@ def parser() -> argparse.ArgumentParser:
     add("--robot", required=True, help="this robot's id")
     add("--type", help="robot type, for a robot that the mission file does not list")
     add("--program", help="robot program FILE.py[:NAME]; default: the mission's")
+    text = (
+        "min_cost_flow, cp_sat, brute_force, or your own (docs/solvers.md); default: the mission's"
+    )
+    add("--solver", metavar="NAME", help=text)
     text = "name of the team on the network; default: the mission's name"
     add("--team", default=variable(TEAM_VARIABLE), help=text)
     text = "run id; robots of different runs ignore each other; default: one of the mission"
@@ -115,7 +120,10 @@ def robot_of(mission: Mission, robot: str, kind: str | None) -> tuple[str, Mappi
 
 
 def make_driver(options: argparse.Namespace) -> Driver:
-    """Put a robot together; raises MissionError, ProgramError, AgentInputError or ValueError."""
+    """Put a robot together.
+
+    Raises MissionError, ProgramError, SolverError, AgentInputError or ValueError.
+    """
     mission = load_mission(options.mission)
     kind, capabilities = robot_of(mission, options.robot, options.type)
     reference = options.program or mission.program
@@ -140,7 +148,7 @@ def make_driver(options: argparse.Namespace) -> Driver:
     )
     journal = open_journal(options.run_dir, mission, address.run, options.robot)
     expected = options.expect.split(",") if options.expect else list(mission.robots)
-    solver = SOLVERS[DEFAULT_SOLVER]
+    solver = solver_for(mission, options.solver)
     is_large = len(mission.robots) >= LARGE_ROBOTS or len(mission.tree.nodes) >= LARGE_NODES
     config = AgentConfig(
         robot=options.robot,
@@ -211,6 +219,7 @@ def main(arguments: Sequence[str]) -> NoReturn:
     except (
         MissionError,
         ProgramError,
+        SolverError,
         AgentInputError,
         TransportError,
         OSError,

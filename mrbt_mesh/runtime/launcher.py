@@ -80,6 +80,8 @@ def agent_command(
         command += ["--connect", info.endpoints[other]]
     if info.program is not None:
         command += ["--program", info.program]
+    if info.solver is not None:
+        command += ["--solver", info.solver]
     if robot_type is not None:
         command += ["--type", robot_type]
     if takeover:

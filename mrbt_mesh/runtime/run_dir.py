@@ -44,7 +44,8 @@ class RunInfo:
     """How a run was started: all that another process needs to join or to watch it.
 
     `dials` names the robots that each robot connects to: of every pair, one side dials.
-    `places` is empty for a team on loopback; `transport` is a key of `PROTOCOLS`.
+    `places` is empty for a team on loopback; `transport` is a key of `PROTOCOLS`; `solver` is
+    None for the mission's.
     """
 
     mission_path: str
@@ -61,6 +62,7 @@ class RunInfo:
     robots: tuple[str, ...]
     transport: str = "wired"
     places: Mapping[str, Place] = field(default_factory=dict)
+    solver: str | None = None
 
 
 def state_dir() -> Path:

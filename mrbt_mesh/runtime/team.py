@@ -49,6 +49,7 @@ def new_run(
     speed: float,
     transport: str = WIRED,
     places: Mapping[str, Place] | None = None,
+    solver: str | None = None,
 ) -> RunInfo:
     """A run of its own: fresh ids and free endpoints.
 
@@ -74,6 +75,7 @@ def new_run(
         robots=tuple(robots),
         transport=transport,
         places=places or {},
+        solver=solver,
     )
     timing_of(beat_s, detection_s)
     return info

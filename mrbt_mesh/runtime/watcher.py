@@ -13,7 +13,7 @@ from mrbt_mesh.core.commands import command_body
 from mrbt_mesh.core.effects import AnswerReceived, Input, MessageReceived, TokenChanged
 from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.observer import Observer
-from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
+from mrbt_mesh.core.solvers import default_solver
 from mrbt_mesh.core.timing import SECOND_US
 from mrbt_mesh.core.wire import MessageKind, WireError, decode, encode
 from mrbt_mesh.runtime.fencing import boottime_us
@@ -31,9 +31,7 @@ class Watcher:
     def __init__(self, address: TeamAddress) -> None:
         self.address = address
         self.timing = address.timing
-        self.observer = Observer(
-            address.mission, address.run, address.timing, SOLVERS[DEFAULT_SOLVER]
-        )
+        self.observer = Observer(address.mission, address.run, address.timing, default_solver)
         self.changed = anyio.Event()
         self._asked: set[tuple[str, Incarnation]] = set()
         self._transport: ZenohTransport

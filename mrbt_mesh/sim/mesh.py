@@ -33,7 +33,7 @@ from mrbt_mesh.core.effects import (
 )
 from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.mission import Mission
-from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
+from mrbt_mesh.core.solvers import default_solver
 from mrbt_mesh.core.timing import Timing
 from mrbt_mesh.core.wire import MessageKind
 from mrbt_mesh.sim.network import Network, NetworkKnobs
@@ -106,7 +106,7 @@ class Mesh:
             capabilities=dict(self.mission.robots[robot].capabilities),
             run=RUN,
             nonce=f"n{self._lives}",
-            solver=SOLVERS[DEFAULT_SOLVER],
+            solver=default_solver,
             timing=self.timing,
             expected=frozenset(team),
         )

@@ -11,8 +11,10 @@ from typing import Any
 import anyio
 
 from mrbt_mesh.core.agent import Agent
+from mrbt_mesh.core.assignment import Solver
 from mrbt_mesh.core.mission import Mission
 from mrbt_mesh.core.observer import Observer
+from mrbt_mesh.core.solvers import default_solver
 from mrbt_mesh.core.timing import Timing
 from mrbt_mesh.core.tree import Status
 from mrbt_mesh.runtime.program import RobotProgram
@@ -79,6 +81,8 @@ def simulate(
     stop_when_stuck: bool = False,
     failures: FailureModel = NO_FAILURES,
     plan_delay_us: int | None = None,
+    solver: Solver = default_solver,
+    solvers: Mapping[str, Solver] | None = None,
     inspect: bool = True,
     keep_log: bool = False,
 ) -> SimulationResult:
@@ -86,7 +90,8 @@ def simulate(
 
     The same arguments give the same run, effect for effect. With `plan_delay_us` a plan takes so
     long, during which its robot goes on beating. Without `inspect` nothing is checked
-    and no effect log is kept, which is faster and changes nothing else. Raises ValueError for a
+    and no effect log is kept, which is faster and changes nothing else. `solvers` are those of
+    robots that have another one than `solver`. Raises ValueError for a
     robot that the mission does not have, SimulationError if an agent breaks.
     """
     team = tuple(sorted(mission.robots if robots is None else set(robots)))
@@ -112,6 +117,8 @@ def simulate(
         stop_when_stuck=stop_when_stuck,
         failures=failures,
         plan_delay_us=plan_delay_us,
+        solver=solver,
+        solvers=solvers or {},
         inspect=inspect,
         keep_log=keep_log,
     )

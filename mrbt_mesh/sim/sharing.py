@@ -86,19 +86,23 @@ def shared_functions(mine: Header) -> Functions:
     def shared_batch(source: str, data: bytes, mine: Header) -> tuple[list[Entry], int]:
         return batch_of(source, data)
 
-    makers: list[MakePlan] = []
+    evaluators: list[_RememberingEvaluator] = []
+    makers: dict[Solver, MakePlan] = {}
     plans: Recent[tuple[bytes, frozenset[tuple[str, Incarnation]]], Plan] = Recent()
 
-    def shared_plan(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
-        key = (facts.map.digest(), frozenset(alive.items()))
-        plan = plans.get(key)
-        if plan is None:
-            plan = plans[key] = makers[0](facts, alive)
-        return plan
-
     def shared_planning(evaluator: Evaluator, solver: Solver) -> MakePlan:
-        if not makers:
-            makers.append(plan_making(_RememberingEvaluator(evaluator.tree), solver))
+        if not evaluators:
+            evaluators.append(_RememberingEvaluator(evaluator.tree))
+        if solver not in makers:
+            makers[solver] = plan_making(evaluators[0], solver)
+
+        def shared_plan(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
+            key = (facts.map.digest(), frozenset(alive.items()))
+            plan = plans.get(key)
+            if plan is None:
+                plan = plans[key] = makers[solver](facts, alive)
+            return plan
+
         return shared_plan
 
     return Functions(shared_planning, hand_over, take_over, shared_batch)

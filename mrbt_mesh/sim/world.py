@@ -30,7 +30,7 @@ from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.functions import INDEPENDENT
 from mrbt_mesh.core.mission import Mission
 from mrbt_mesh.core.observer import Observer
-from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
+from mrbt_mesh.core.solvers import default_solver
 from mrbt_mesh.core.timing import Timing
 from mrbt_mesh.core.tree import Status
 from mrbt_mesh.core.wire import Header, MessageKind
@@ -57,7 +57,8 @@ class Setup:
     With `plan_delay_us` plans are made outside of the agents, and take so long. `speed` shortens
     the robots' work. `timeout_us` counts from the launch. `inspect`: check what
     must always hold, and log every effect. `stop_when_stuck`: end a run of which nothing more
-    will come. `failures` befall the team besides the faults of the `schedule`.
+    will come. `solvers` are those of robots that have another one than `solver`. `failures`
+    befall the team besides the faults of the `schedule`.
     """
 
     mission: Mission
@@ -68,7 +69,8 @@ class Setup:
     schedule: tuple[tuple[int, faults.Fault], ...] = ()
     network: NetworkKnobs = field(default_factory=NetworkKnobs)
     timing: Timing = field(default_factory=Timing)
-    solver: Solver = SOLVERS[DEFAULT_SOLVER]
+    solver: Solver = default_solver
+    solvers: Mapping[str, Solver] = field(default_factory=dict)
     speed: float = 1.0
     exit_when_done: bool = True
     stop_when_stuck: bool = False
@@ -103,7 +105,7 @@ class World:
         # What is checked must have been computed by each robot for itself.
         self._functions = INDEPENDENT if setup.inspect else shared_functions(header)
         self.observer = Observer(
-            setup.mission, self.run, setup.timing, setup.solver, self._functions
+            setup.mission, self.run, setup.timing, default_solver, self._functions
         )
         self.inspection = FullInspection(self, setup.keep_log) if setup.inspect else Inspection()
         self.processes: dict[str, SimProcess] = {}
@@ -161,7 +163,7 @@ class World:
 
     @property
     def solver(self) -> Solver:
-        return self.setup.solver
+        return default_solver
 
     @property
     def speed(self) -> float:
@@ -214,7 +216,7 @@ class World:
             capabilities=dict(description.capabilities),
             run=self.run,
             nonce=self._random_bytes("nonce", robot, life).hex(),
-            solver=setup.solver,
+            solver=setup.solvers.get(robot, setup.solver),
             timing=setup.timing,
             expected=frozenset(setup.robots),
             exit_when_done=setup.exit_when_done,

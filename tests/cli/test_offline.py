@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from mrbt_mesh.cli.app import app
+from mrbt_mesh.core.solvers import SOLVERS
 
 ROOT = Path(__file__).resolve().parents[2]
 REPAIR = str(ROOT / "examples" / "vehicle_repair" / "mission.yaml")
@@ -162,6 +163,44 @@ def test_assign_says_what_is_wrong(tmp_path: Path, text: str, message: str) -> N
     assert (code, output) == (2, "")
     assert message in problems
     assert str(path) in problems
+
+
+SMALL = {
+    "robots": {"r1": {"a": 1}, "r2": {"a": 1}},
+    "demands": [{"id": "d", "local_task": "a", "min": 1, "max": 1}],
+}
+
+
+@pytest.mark.parametrize("solver", sorted(SOLVERS))
+def test_assign_has_the_same_answer_from_every_solver(tmp_path: Path, solver: str) -> None:
+    path = tmp_path / "problem.json"
+    path.write_text(json.dumps(SMALL))
+    code, output, _ = mrbt("assign", str(path), "--json", "--solver", solver)
+    assert code == 0
+    assert json.loads(output)["assignment"] == {"r1": "d", "r2": None}
+
+
+@pytest.mark.parametrize("command", ["assign", "plan", "sim", "up"])
+def test_a_solver_that_cannot_be_used_is_refused(tmp_path: Path, command: str) -> None:
+    path = tmp_path / "problem.json"
+    path.write_text(json.dumps(SMALL))
+    file = str(path) if command == "assign" else EXPLORE
+    code, output, problems = mrbt(command, file, "--solver", "cpsat")
+    assert (code, output) == (2, "")
+    assert "no solver 'cpsat'; did you mean 'cp_sat'?" in problems
+    code, _, problems = mrbt(command, file, "--solver", "tests_have_no_such.module:solve")
+    assert code == 2
+    assert "put its folder on PYTHONPATH" in problems
+
+
+def test_plan_asks_the_solver_that_the_mission_names(tmp_path: Path) -> None:
+    mission = tmp_path / "mission.yaml"
+    mission.write_text("solver: nonsense\n" + Path(EXPLORE).read_text())
+    code, _, problems = mrbt("plan", str(mission))
+    assert code == 2
+    assert "no solver 'nonsense'" in problems
+    code, _, _ = mrbt("plan", str(mission), "--solver", "brute_force")
+    assert code == 0
 
 
 # -- plan ---------------------------------------------------------------------------------

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.core import optimum as optimum_module
 from mrbt_mesh.core import residual as residual_module
-from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, SolverError, solve
-from mrbt_mesh.core.changes import Changes, Offered, Team, difference
+from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, SolverError
+from mrbt_mesh.core.canonical import solve
 from mrbt_mesh.core.mission import MAX_PERFORMANCE
+from mrbt_mesh.core.offers import Changes, Offered, Team, difference
 from mrbt_mesh.core.optimum import Optimum
 from mrbt_mesh.core.options import ENTRY, IDLE, NEAR
 from mrbt_mesh.core.reassign import Reassigner

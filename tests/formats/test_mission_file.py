@@ -396,3 +396,17 @@ def test_nodes_with_memory_and_parallels_that_fail_early() -> None:
     assert mission_from_json(mission.to_json()).tree == mission.tree
     with pytest.raises(MissionError, match="failures: 3 is more than the 2 children"):
         load_text(text.replace("failures: 1", "failures: 3"))
+
+
+def test_a_solver_is_named_but_is_no_part_of_the_digest() -> None:
+    plain, named = load_text(SMALL), load_text("solver: my.solvers:best\n" + SMALL)
+    assert (plain.solver, named.solver) == (None, "my.solvers:best")
+    assert named.digest == plain.digest
+    assert mission_from_json(json.loads(compile_mission(named))).solver == named.solver
+    assert "solver" not in json.loads(compile_mission(plain))
+
+
+@pytest.mark.parametrize("text", ["", "a b", "x:y:z", "../evil", "3"])
+def test_a_solver_that_could_be_no_name_is_refused(text: str) -> None:
+    with pytest.raises(MissionError, match=r"solver: (the name of a solver|text|a text|Input)"):
+        load_text(f"solver: {text!r}\n" + SMALL)

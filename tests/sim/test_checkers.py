@@ -31,14 +31,13 @@ from mrbt_mesh.core.facts import Incarnation, Version, make_entry
 from mrbt_mesh.core.joining import Joining
 from mrbt_mesh.core.mission import InDoubt
 from mrbt_mesh.core.records import BROKEN, GRANT, OUTCOME, Claim, OrderKind, Phase
-from mrbt_mesh.core.solvers import min_cost_flow
+from mrbt_mesh.core.solvers import brute_force, min_cost_flow
 from mrbt_mesh.core.timing import Timing
 from mrbt_mesh.core.wire import MessageKind
 from mrbt_mesh.core.work import Ticket
 from mrbt_mesh.sim import Kill, NetworkKnobs, simulate
 from mrbt_mesh.sim.checkers import Checkers
 from mrbt_mesh.sim.checkers.findings import is_connected
-from mrbt_mesh.sim.checkers.plans import brute_force
 from mrbt_mesh.sim.clock import VirtualClock
 from mrbt_mesh.sim.network import Network
 
@@ -202,12 +201,12 @@ def test_i4_work_that_is_not_in_the_plan(team: Team) -> None:
     assert team.sample() == ["I4"]
 
 
-def test_i4_bounds_that_are_not_met(run: Run) -> None:
-    """Two robots that could explore, and a solver that finds nothing for them to do."""
+def test_i4_bounds_that_are_not_met(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two robots that could explore, and *Assign Agents* finds nothing for them to do."""
     mission, program = example("explore")
     result = simulate(mission, program, seed=1, timeout_us=2 * SECOND_US)
     team = Team(agent for _, agent in sorted(result.agents.items()))
-    team.solver = lambda problem: None
+    monkeypatch.setattr("mrbt_mesh.core.planning.solve", lambda problem, solver: None)
     for agent in team.agents:
         agent.facts.claims.clear()
         agent.facts.changes += 1

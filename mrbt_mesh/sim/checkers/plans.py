@@ -6,9 +6,10 @@ import math
 from collections.abc import Iterable, Sequence
 
 from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, Integers
+from mrbt_mesh.core.assignment import AssignmentProblem, Integers
 from mrbt_mesh.core.canonical import solve
 from mrbt_mesh.core.planning import make_plan
+from mrbt_mesh.core.solvers import brute_force
 from mrbt_mesh.sim.checkers.findings import Findings, alive_set, current_plan
 
 MAX_CHOICES = 2_000
@@ -74,34 +75,3 @@ class OptimalAssignment:
             self._findings.say("I7", text)
         if list(problem.robots) != sorted(problem.robots):
             self._findings.say("I7", f"{agent.me} assigns robots in the order {problem.robots}")
-
-
-def brute_force(problem: AssignmentProblem) -> tuple[int, ...] | None:
-    """The canonical optimum by trying out everything, in the order that the rule names."""
-    demands, count = problem.demands, len(problem.robots)
-    counts = [0] * len(demands)
-    options = [
-        [*((d, p[d]) for d in sorted(p)), (UNASSIGNED, 0)] for p in map(dict, problem.performance)
-    ]
-    best: tuple[int, tuple[int, ...]] | None = None
-    choice = [UNASSIGNED] * count
-
-    def go(robot: int, total: int) -> None:
-        nonlocal best
-        if robot == count:
-            fits = all(n >= demand.lower for n, demand in zip(counts, demands, strict=True))
-            if fits and (best is None or total > best[0]):
-                best = total, tuple(choice)
-            return
-        for demand, value in options[robot]:
-            if demand == UNASSIGNED:
-                choice[robot] = UNASSIGNED
-                go(robot + 1, total)
-            elif counts[demand] < demands[demand].upper:
-                counts[demand] += 1
-                choice[robot] = demand
-                go(robot + 1, total + value)
-                counts[demand] -= 1
-
-    go(0, 0)
-    return None if best is None else best[1]

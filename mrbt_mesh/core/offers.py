@@ -1,4 +1,4 @@
-"""What is different between one assignment problem and the next."""
+"""Assignment problems by names, and what is different between one and the next."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from operator import lt
 
-from mrbt_mesh.core.assignment import AssignmentProblem, Bounds
+from mrbt_mesh.core.assignment import AssignmentProblem, Bounds, integers
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,13 +32,17 @@ class Team:
     def problem(self) -> AssignmentProblem:
         """The same by indices, as solvers take it."""
         number = {robot: index for index, robot in enumerate(self.robots)}
-        rows: list[dict[int, int]] = [{} for _ in self.robots]
-        for index, demand in enumerate(self.demands):
-            for robot, performance in demand.candidates.items():
-                if robot in number:
-                    rows[number[robot]][index] = performance
+        pairs = [
+            (number[robot], index, performance)
+            for index, demand in enumerate(self.demands)
+            for robot, performance in demand.candidates.items()
+            if robot in number
+        ]
+        pairs.sort()
         bounds = tuple(Bounds(d.id, d.lower, d.upper) for d in self.demands)
-        return AssignmentProblem(self.robots, bounds, tuple(rows))
+        columns = zip(*pairs, strict=True) if pairs else ((), (), ())
+        robots, demands, performances = map(integers, columns)
+        return AssignmentProblem(self.robots, bounds, robots, demands, performances)
 
 
 @dataclass(slots=True)

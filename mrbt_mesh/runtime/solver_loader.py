@@ -1,0 +1,162 @@
+"""Find the solver of the assignment problem that a mission or a command names: docs/solvers.md.
+
+`min_cost_flow`, `cp_sat` or `brute_force`; a name that an installed package registers in the
+entry-point group `mrbt_mesh.solvers`; or `package.module:function`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import re
+import traceback
+from dataclasses import replace
+from importlib import metadata
+from types import ModuleType
+from typing import Any
+
+from mrbt_mesh.core.assignment import (
+    AssignmentProblem,
+    Bounds,
+    Limit,
+    Shared,
+    Solver,
+    SolverError,
+    supports_constraints,
+)
+from mrbt_mesh.core.canonical import solve
+from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.core.solvers import SOLVERS, brute_force, default_solver
+from mrbt_mesh.formats.problems import nearest
+
+GROUP = "mrbt_mesh.solvers"
+_SPELLED_OUT = re.compile(r"([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*):([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*)")
+
+
+def solver_for(mission: Mission, named: str | None = None) -> Solver:
+    """The solver named by a command, else by the mission, else the default one.
+
+    Raises SolverError if it cannot be used for this mission.
+    """
+    return load_solver(named or mission.solver, False)
+
+
+def load_solver(named: str | None, constrained: bool) -> Solver:
+    """The solver of this name (None: the default one), after a trial on a few small problems.
+
+    `constrained`: it will be given side constraints. Raises SolverError that says what would be
+    right, with the line where a user's module itself fails.
+    """
+    solver = default_solver if named is None else SOLVERS.get(named) or _users_solver(named)
+    if constrained and not supports_constraints(solver):
+        raise SolverError(
+            f"solver {named!r} does not support side constraints, which are given here: use cp_sat"
+            + ("" if named in SOLVERS else ", or set its attribute supports_constraints = True")
+        )
+    try:
+        _try_out(solver, constrained)
+    except SolverError as error:
+        raise SolverError(f"solver {named!r} failed on a trial problem: {error}") from error
+    return solver
+
+
+def _try_out(solver: Solver, constrained: bool) -> None:
+    """Also loads the libraries that it needs, before a team waits for its plan.
+
+    Raises SolverError if it breaks its contract on a small problem.
+    """
+    if solver is default_solver and not constrained:
+        return
+    for problem in _TRIALS:
+        if constrained or not problem.constraints:
+            found = solve(problem, solver)
+            if found != brute_force(problem):
+                raise SolverError(f"{found} is not the answer to {problem}")
+
+
+_PLAIN = AssignmentProblem.of(
+    ("r1", "r2", "r3"),
+    (Bounds("d1", 1, 2), Bounds("d2", 1, 1)),
+    ({0: 2, 1: 3}, {0: 2, 1: 3}, {0: 1}),
+)
+_TRIALS = (
+    _PLAIN,
+    replace(_PLAIN, demands=(Bounds("d1", 0, 3), Bounds("d2", 0, 3))),
+    replace(_PLAIN, demands=(Bounds("d1", 2, 2), Bounds("d2", 2, 2))),
+    AssignmentProblem.of((), (Bounds("d1", 0, 1),), ()),
+    replace(_PLAIN, constraints=(Limit((0, 1), (0,), 0),)),
+    replace(_PLAIN, demands=(Bounds("d1", 0, 2), *_PLAIN.demands[1:])),
+    replace(_PLAIN, constraints=(Shared(((0,), (1,)), 1),)),
+)
+
+
+def _users_solver(named: str) -> Solver:
+    spelled_out = _SPELLED_OUT.fullmatch(named)
+    found = _in_module(spelled_out[1], spelled_out[2]) if spelled_out else _registered(named)
+    if not callable(found):
+        kind = type(found).__name__
+        raise SolverError(f"solver {named!r} is a {kind}; a function of one problem is expected")
+    if inspect.iscoroutinefunction(found):
+        raise SolverError(f"solver {named!r} is an async function; an ordinary one is expected")
+    solver: Solver = found
+    return solver
+
+
+def _registered(name: str) -> Any:
+    """What an installed package registered under this name."""
+    points = metadata.entry_points(group=GROUP)
+    named = points.select(name=name)
+    matching = sorted({(point.value, point.dist.name if point.dist else "?") for point in named})
+    if not matching:
+        known = [*SOLVERS, *sorted(points.names)]
+        raise SolverError(
+            f"no solver {name!r}{nearest(name, known)}; there are {', '.join(known)}, "
+            "or write package.module:function"
+        )
+    if len(matching) > 1:
+        packages = ", ".join(package for _, package in matching)
+        raise SolverError(
+            f"solver {name!r} is registered more than once, by {packages}: uninstall one, or write "
+            "package.module:function"
+        )
+    ((value, package),) = matching
+    spelled_out = _SPELLED_OUT.fullmatch(value)
+    if spelled_out is None:
+        raise SolverError(
+            f"solver {name!r}: package {package} registers {value!r}, which is not "
+            "package.module:function"
+        )
+    return _in_module(spelled_out[1], spelled_out[2])
+
+
+def _in_module(module: str, path: str) -> Any:
+    found: Any = _imported(module)
+    for name in path.split("."):
+        if not hasattr(found, name):
+            hint = nearest(name, [key for key, value in vars(found).items() if callable(value)])
+            raise SolverError(f"solver {module}:{path}: {module} has no {name!r}{hint}")
+        found = getattr(found, name)
+    return found
+
+
+def _imported(module: str) -> ModuleType:
+    try:
+        return importlib.import_module(module)
+    except (Exception, SystemExit) as error:
+        if isinstance(error, ModuleNotFoundError) and error.name in _prefixes(module):
+            raise SolverError(
+                f"there is no module {error.name!r} for solver {module}: install its package, or "
+                "put its folder on PYTHONPATH"
+            ) from error
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        place = f"{last.filename}:{last.lineno}"
+        if isinstance(error, SyntaxError):
+            place = f"{error.filename}:{error.lineno or 0}"
+        raise SolverError(
+            f"{place}: module {module} fails as it is imported: {type(error).__name__}: {error}"
+        ) from error
+
+
+def _prefixes(module: str) -> list[str]:
+    parts = module.split(".")
+    return [".".join(parts[: count + 1]) for count in range(len(parts))]
