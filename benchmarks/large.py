@@ -14,10 +14,10 @@ from mrbt_mesh.core import records
 from mrbt_mesh.core.evaluate import Evaluator, parse_scope
 from mrbt_mesh.core.facts import Incarnation, Version, make_entry
 from mrbt_mesh.core.mission import MICRO, ConditionType, GlobalTask, LocalTask, Mission, Need, Robot
-from mrbt_mesh.core.plan import Plan
-from mrbt_mesh.core.planning import PlanMaker
+from mrbt_mesh.core.plan import Line, Plan
+from mrbt_mesh.core.planning import PlanMaker, make_plan
 from mrbt_mesh.core.records import Claim, Member, Phase
-from mrbt_mesh.core.solvers import min_cost_flow
+from mrbt_mesh.core.solvers import default_solver
 from mrbt_mesh.core.team import TeamFacts
 from mrbt_mesh.core.tree import Kind, NodeSpec, build_tree
 
@@ -72,7 +72,7 @@ class LargeTeam:
         self.facts = TeamFacts(mission, RUN)
         self.evaluator = Evaluator(mission.tree)
         self.alive = dict.fromkeys(mission.robots, Incarnation(1, "n"))
-        self._maker = PlanMaker(self.evaluator, min_cost_flow)
+        self._maker = PlanMaker(self.evaluator, default_solver)
         self._sequence = 0
         for robot in mission.robots.values():
             member = Member("T", robot.capabilities, (), False, "", "", 0)
@@ -89,13 +89,21 @@ class LargeTeam:
         self.facts.prune(self.evaluator)
         return self._maker.plan(self.facts, self.alive)
 
+    def plan_anew(self) -> Plan:
+        """The same plan from scratch."""
+        return make_plan(Evaluator(self.mission.tree), self.facts, self.alive, default_solver)
+
     def start(self, plan: Plan) -> None:
         """Every robot begins what the plan has for it."""
         for line in plan.lines.values():
             if not line.pinned:
-                task = parse_scope(line.activation).subject
-                claim = Claim(line.activation, task, line.local_task, Phase.RUNNING, 1)
-                self.write(line.robot, (records.CLAIM, claim.to_value()))
+                self.begin(line)
+
+    def begin(self, line: Line) -> None:
+        """A robot begins its line, or says so again."""
+        task = parse_scope(line.activation).subject
+        claim = Claim(line.activation, task, line.local_task, Phase.RUNNING, 1)
+        self.write(line.robot, (records.CLAIM, claim.to_value()))
 
     def finish(self, plan: Plan, robot: str) -> None:
         """A robot succeeds with what it does."""

@@ -94,7 +94,7 @@ class Script:
     quick_options: Sequence[str]
 
 
-MODULES = ("assignment", "auction")
+MODULES = ("assignment", "auction", "plan")
 
 SCRIPTS = {
     "failover": Script(
