@@ -21,7 +21,7 @@ FromScratch: TypeAlias = Callable[[AssignmentProblem], Sequence[int] | None]
 # Teams from which on a change is faster than solving again: benchmarks/incremental.py.
 SMALLEST_TEAM = 100
 # So many robots per change: with more changes at once, solving again is faster.
-ROBOTS_PER_CHANGE = 50
+ROBOTS_PER_CHANGE = 25
 # After solving from scratch, so many small changes are solved from scratch too before prices are
 # worked out, which takes as long as one or two solutions; twice as many whenever that was in vain.
 FIRST_WAIT, LONGEST_WAIT = 1, 63
@@ -87,7 +87,7 @@ class Reassigner:
         optimum, self._optimum = self._optimum, None
         assert optimum is not None
         try:
-            optimum.apply(changes, visits=16 + len(team.robots) // 8)
+            optimum.apply(changes, visits=16 + len(team.robots) // 4)
         except InfeasibleError:
             self._team, self._assigned = team, None
         except TooFarError:

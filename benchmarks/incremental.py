@@ -1,0 +1,241 @@
+"""One event in a large team: the optimum kept up to date against solving again.
+
+    python benchmarks/incremental.py [--robots 6 50 200 1000] [--events 20] [--json FILE]
+
+As many demands are offered as there are robots, each for 1..3 robots up to 5, and kept in order
+while they can be served together. Sparse: 10 robots can do a demand; dense: all can. After every
+event both are timed on the same problem, in turn; a ratio below 1 means that keeping is faster.
+CPU time of one thread; medians.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import random
+import statistics
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, solve
+from mrbt_mesh.core.changes import Offered, Team
+from mrbt_mesh.core.reassign import Reassigner
+from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
+
+CAPABLE = 10
+MICRO = 1_000_000
+EVENTS = ("death", "return", "request", "end", "outcome")
+
+
+@dataclass
+class World:
+    """All that is offered, and the robots that are alive."""
+
+    random: random.Random
+    names: list[str]
+    dense: bool
+    most: int
+    robots: list[str] = field(default_factory=list)
+    offered: list[Offered] = field(default_factory=list)
+    count: int = 0
+
+    def offer(self) -> Offered:
+        self.count += 1
+        rng = self.random
+        lower = rng.randint(1, 3)
+        able = self.names if self.dense else rng.sample(self.names, min(CAPABLE, len(self.names)))
+        candidates = {robot: rng.randint(1, self.most) * MICRO for robot in able}
+        return Offered(f"d{self.count}", lower, rng.randint(lower, 5), candidates)
+
+    def team(self) -> Team:
+        """With the demands that are kept."""
+        alive, places = set(self.robots), Places()
+        kept = [demand for demand in self.offered if places.keep(demand, alive, self.dense)]
+        return Team(tuple(self.robots), tuple(kept))
+
+    def happen(self, event: str, team: Team) -> None:
+        rng = self.random
+        if event == "death":
+            self.robots.remove(rng.choice(self.robots))
+        elif event == "return":
+            away = sorted(set(self.names) - set(self.robots))
+            self.robots = sorted([*self.robots, rng.choice(away)])
+        elif event == "request":
+            self.offered.insert(rng.randint(0, len(team.demands)), self.offer())
+        elif event == "end":
+            self.offered.remove(rng.choice(team.demands))
+        else:
+            old = rng.choice(team.demands)
+            able = sorted(old.candidates.keys() & set(self.robots))
+            candidates = dict(old.candidates)
+            del candidates[rng.choice(able)]
+            new = replace(
+                old, lower=max(0, old.lower - 1), upper=old.upper - 1, candidates=candidates
+            )
+            self.offered[self.offered.index(old)] = new
+
+
+class Places:
+    """Which robots hold a place of a lower bound: augmenting paths, one robot per place."""
+
+    def __init__(self) -> None:
+        self.holds: dict[str, str] = {}
+        self.able: dict[str, list[str]] = {}
+        self.total = 0
+
+    def keep(self, demand: Offered, alive: set[str], dense: bool) -> bool:
+        if dense:
+            fits = self.total + demand.lower <= len(alive)
+            self.total += demand.lower * fits
+            return fits
+        self.able[demand.id] = [robot for robot in demand.candidates if robot in alive]
+        before = dict(self.holds)
+        if all(self._augment(demand.id) for _ in range(demand.lower)):
+            return True
+        self.holds = before
+        return False
+
+    def _augment(self, start: str) -> bool:
+        reached: dict[str, str] = {}
+        came_by = {start: ""}
+        queue = [start]
+        for demand in queue:
+            for robot in self.able[demand]:
+                if robot in reached:
+                    continue
+                reached[robot] = demand
+                holder = self.holds.get(robot)
+                if holder is None:
+                    while robot:
+                        self.holds[robot] = reached[robot]
+                        robot = came_by[reached[robot]]
+                    return True
+                if holder not in came_by:
+                    came_by[holder] = robot
+                    queue.append(holder)
+        return False
+
+
+def from_scratch(problem: AssignmentProblem) -> tuple[int, ...] | None:
+    return solve(problem, SOLVERS[DEFAULT_SOLVER])
+
+
+def timed(work: Callable[[], object]) -> tuple[object, float]:
+    start = time.thread_time()
+    result = work()
+    return result, (time.thread_time() - start) * 1e3
+
+
+@dataclass
+class Case:
+    robots: int
+    dense: bool
+    most: int
+
+    def __str__(self) -> str:
+        values = f"1..{self.most}" if self.most > 1 else "all equal"
+        return f"{self.robots} {'dense' if self.dense else 'sparse'}, {values}"
+
+    def run(self, events: int, seconds: float, seed: int) -> Iterator[tuple[str, float, float]]:
+        """(event, ms kept up to date, ms from scratch); ends early when the time is over."""
+        end = time.monotonic() + seconds
+        names = [f"r{number:05d}" for number in range(self.robots)]
+        world = World(random.Random(seed), names, self.dense, self.most, list(names))
+        world.offered = [world.offer() for _ in names]
+        reassigner = Reassigner(from_scratch)
+        team = world.team()
+        reassigner.update(team)
+        for number in range(events * len(EVENTS)):
+            event = EVENTS[number % len(EVENTS)]
+            world.happen(event, team)
+            team = world.team()
+            reassigner.prepare()
+            kept, kept_ms = timed(lambda team=team: reassigner.update(team))
+            choice, scratch_ms = timed(lambda team=team: from_scratch(team.problem()))
+            if kept != by_id(team, choice):
+                raise RuntimeError(f"not the same as from scratch: {self}, {seed=}, {number=}")
+            yield event, kept_ms, scratch_ms
+            if time.monotonic() > end and number >= len(EVENTS) - 1:
+                return
+
+
+def by_id(team: Team, choice: object) -> dict[str, str] | None:
+    if not isinstance(choice, tuple):
+        return None
+    pairs = zip(team.robots, choice, strict=True)
+    return {robot: team.demands[index].id for robot, index in pairs if index != UNASSIGNED}
+
+
+def summary(case: Case, rows: list[tuple[str, float, float]]) -> list[dict[str, object]]:
+    result = []
+    for event in (*EVENTS, "all"):
+        mine = [row for row in rows if event in (row[0], "all")]
+        if mine:
+            kept = statistics.median(row[1] for row in mine)
+            scratch = statistics.median(row[2] for row in mine)
+            result.append(
+                {
+                    "robots": case.robots,
+                    "dense": case.dense,
+                    "most": case.most,
+                    "event": event,
+                    "count": len(mine),
+                    "kept_ms": kept,
+                    "kept_worst_ms": max(row[1] for row in mine),
+                    "scratch_ms": scratch,
+                    "ratio": kept / scratch,
+                }
+            )
+    return result
+
+
+def show(results: list[dict[str, object]], console: Console) -> None:
+    table = Table("robots", "performances", "event", title="One event: kept up to date, ms")
+    for name in ("median", "worst", "from scratch", "ratio"):
+        table.add_column(name, justify="right")
+    for row in results:
+        kind = "dense" if row["dense"] else "sparse"
+        values = f"1..{row['most']}" if row["most"] != 1 else "all equal"
+        figures = [f"{row[key]:.3f}" for key in ("kept_ms", "kept_worst_ms", "scratch_ms", "ratio")]
+        table.add_row(f"{row['robots']} {kind}", values, str(row["event"]), *figures)
+        if row["event"] == "all":
+            table.add_section()
+    console.print(table)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--robots", type=int, nargs="+", default=[6, 50, 200, 1000])
+    parser.add_argument("--most", type=int, nargs="+", default=[1000, 10, 1], help="performances")
+    parser.add_argument("--events", type=int, default=20, help="of each kind")
+    parser.add_argument("--seconds", type=float, default=60, help="at most, per case")
+    parser.add_argument("--only", choices=["sparse", "dense"])
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", type=Path, metavar="FILE")
+    options = parser.parse_args()
+    kinds = [dense for dense in (False, True) if options.only in (None, ("sparse", "dense")[dense])]
+    cases = [
+        Case(n, dense, most) for n in options.robots for dense in kinds for most in options.most
+    ]
+    console, results = Console(), list[dict[str, object]]()
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        for case in progress.track(cases, description="cases"):
+            rows = list(case.run(options.events, options.seconds, options.seed))
+            results += summary(case, rows)
+    show(results, console)
+    if options.json:
+        options.json.write_text(json.dumps({"one_event": results}, indent=1) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
