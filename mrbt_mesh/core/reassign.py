@@ -22,9 +22,11 @@ FromScratch: TypeAlias = Callable[[AssignmentProblem], Sequence[int] | None]
 SMALLEST_TEAM = 100
 # So many robots per change: with more changes at once, solving again is faster.
 ROBOTS_PER_CHANGE = 25
-# After solving from scratch, so many small changes are solved from scratch too before prices are
-# worked out, which takes as long as one or two solutions; twice as many whenever that was in vain.
-FIRST_WAIT, LONGEST_WAIT = 1, 63
+# Visits of nodes in one update that cost less than solving again: so many robots per visit.
+ROBOTS_PER_VISIT = 3
+# Small changes that are solved from scratch after an update that turned out to reach too far: this
+# many, then twice as many and so on.
+FIRST_PAUSE, LONGEST_PAUSE = 3, 63
 
 
 class Reassigner:
@@ -36,7 +38,7 @@ class Reassigner:
         self._team = Team((), ())
         self._assigned: dict[str, str] | None = {}
         self._optimum: Optimum | None = None
-        self._wait = FIRST_WAIT
+        self._pause = 0
         self._small_changes = 0
 
     def update(self, team: Team) -> Mapping[str, str] | None:
@@ -56,8 +58,15 @@ class Reassigner:
         return None if self._assigned is None else MappingProxyType(self._assigned)
 
     def prepare(self) -> None:
-        """Work the prices out now, so that the next update finds them."""
-        if self._optimum is None and self._assigned is not None:
+        """Work the prices out now, if the next update is likely to need them.
+
+        That takes as long as one or two solutions. Otherwise it is done in the second update in a
+        row that is small.
+        """
+        large = len(self._team.robots) >= self._smallest_team
+        if self._optimum is not None or not large or self._small_changes < self._pause:
+            return
+        if self._assigned is not None:
             self._optimum = Optimum(self._team, self._assigned)
 
     def _small_difference(self, team: Team) -> Changes | None:
@@ -68,7 +77,7 @@ class Reassigner:
         return changes if few else None
 
     def _is_ready(self) -> bool:
-        if self._optimum is None and self._small_changes >= self._wait:
+        if self._small_changes:
             self.prepare()
         return self._optimum is not None
 
@@ -87,13 +96,13 @@ class Reassigner:
         optimum, self._optimum = self._optimum, None
         assert optimum is not None
         try:
-            optimum.apply(changes, visits=16 + len(team.robots) // 4)
+            optimum.apply(changes, visits=len(team.robots) // ROBOTS_PER_VISIT)
         except InfeasibleError:
             self._team, self._assigned = team, None
         except TooFarError:
-            self._wait = min(2 * self._wait + 1, LONGEST_WAIT)
+            self._pause = min(2 * self._pause + FIRST_PAUSE, LONGEST_PAUSE)
             self._small_changes = 0
             self._solve(team)
         else:
-            self._wait = max(FIRST_WAIT, self._wait - 1)
+            self._pause //= 2
             self._team, self._optimum, self._assigned = team, optimum, optimum.assigned

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mrbt_mesh.core import optimum as optimum_module
+from mrbt_mesh.core import reassign as reassign_module
 from mrbt_mesh.core import residual as residual_module
 from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, SolverError
 from mrbt_mesh.core.canonical import solve
@@ -200,11 +201,14 @@ def test_any_story(seed: int, size: int, most: int) -> None:
 
 
 @pytest.mark.parametrize("size", [5, 30])
-def test_update_gives_what_scratch_gives_whatever_has_changed(storage: str, size: int) -> None:
+def test_update_gives_what_scratch_gives_whatever_has_changed(
+    storage: str, size: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Also where it has to solve again: many changes, no solution, visits that go too far."""
     for seed in range(8):
         story = Story(seed, size, VALUES[seed % 4])
         reassigner = Reassigner(from_scratch, smallest_team=1)
+        monkeypatch.setattr(reassign_module, "ROBOTS_PER_VISIT", (1, 5)[seed % 2])
         for number in range(60):
             kinds = ["comes", "dies", "request", "bounds"] * 10 if number % 20 == 10 else []
             team = story.next(*kinds)
@@ -251,6 +255,23 @@ def test_without_being_prepared_it_waits_for_a_second_small_change() -> None:
     for team in small_changes(story.team, 9):
         reassigner.update(team)
     assert scratch.calls == 2
+
+
+def test_after_reaching_too_far_it_pauses_ever_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reassign_module, "ROBOTS_PER_VISIT", 10**9)
+    story = Story(5, 120, 1000)
+    demand = replace(story.offer(), lower=110, upper=110, candidates=dict.fromkeys(story.names, 1))
+    story.team = replace(story.team, demands=(demand,))
+    scratch = Scratch()
+    reassigner = Reassigner(scratch)
+    reassigner.update(story.team)
+    tried = []
+    for team in small_changes(story.team, 20):
+        reassigner.prepare()
+        tried.append(reassigner._optimum is not None)
+        assert dict(reassigner.update(team) or {}) == assigned(team)
+    assert tried == [True, *[False] * 3, True, *[False] * 9, True, *[False] * 5]
+    assert scratch.calls == 21
 
 
 def test_a_small_team_is_always_solved_again() -> None:
