@@ -28,7 +28,10 @@ GAP = 1 << 4
 
 
 class Optimum:
-    """`assigned` is the canonical optimum: robot -> demand, without the robots that are idle."""
+    """`assigned` is the canonical optimum: robot -> demand, without the robots that are idle.
+
+    `pairs`: of a robot and a demand that it can do, at the beginning.
+    """
 
     def __init__(
         self, team: Team, assigned: Mapping[str, str], prices: Mapping[str, int] | None = None
@@ -66,7 +69,8 @@ class Optimum:
         size = len(self._numbers) * len(columns)
         most = max((abs(p) for column in columns for p in column.values()), default=0)
         fits = 8 * most * len(self._ids) < MAX_DISTANCE
-        dense = fits and sum(map(len, columns)) > DENSE * size
+        self.pairs = sum(map(len, columns))
+        dense = fits and self.pairs > DENSE * size
         kind = DenseOptions if dense else SparseOptions
         options: Options = kind(len(self._numbers), ENTRY + 1 + len(columns))
         for node, column in enumerate(columns, start=ENTRY + 1):

@@ -22,8 +22,9 @@ FromScratch: TypeAlias = Callable[[AssignmentProblem], Sequence[int] | None]
 SMALLEST_TEAM = 100
 # So many robots per change: with more changes at once, solving again is faster.
 ROBOTS_PER_CHANGE = 25
-# Visits of nodes in one update that cost less than solving again: so many robots per visit.
-ROBOTS_PER_VISIT = 3
+# Visits of nodes in one update that cost less than solving again: so many robots per visit, or so
+# many pairs of a robot and a demand that it can do, whichever allows more.
+ROBOTS_PER_VISIT, PAIRS_PER_VISIT = 3, 400
 # Small changes that are solved from scratch after an update that turned out to reach too far: this
 # many, then twice as many and so on.
 FIRST_PAUSE, LONGEST_PAUSE = 3, 63
@@ -95,8 +96,9 @@ class Reassigner:
     def _apply(self, changes: Changes, team: Team) -> None:
         optimum, self._optimum = self._optimum, None
         assert optimum is not None
+        visits = max(len(team.robots) // ROBOTS_PER_VISIT, optimum.pairs // PAIRS_PER_VISIT)
         try:
-            optimum.apply(changes, visits=len(team.robots) // ROBOTS_PER_VISIT)
+            optimum.apply(changes, visits)
         except InfeasibleError:
             self._team, self._assigned = team, None
         except TooFarError:

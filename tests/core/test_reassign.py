@@ -259,6 +259,7 @@ def test_without_being_prepared_it_waits_for_a_second_small_change() -> None:
 
 def test_after_reaching_too_far_it_pauses_ever_longer(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reassign_module, "ROBOTS_PER_VISIT", 10**9)
+    monkeypatch.setattr(reassign_module, "PAIRS_PER_VISIT", 10**9)
     story = Story(5, 120, 1000)
     demand = replace(story.offer(), lower=110, upper=110, candidates=dict.fromkeys(story.names, 1))
     story.team = replace(story.team, demands=(demand,))
