@@ -30,7 +30,7 @@ from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem
 from mrbt_mesh.core.canonical import solve
 from mrbt_mesh.core.offers import Offered, Team
 from mrbt_mesh.core.reassign import Reassigner
-from mrbt_mesh.core.solvers import DEFAULT_SOLVER, SOLVERS
+from mrbt_mesh.core.solvers import default_solver
 
 CAPABLE = 10
 MICRO = 1_000_000
@@ -127,7 +127,7 @@ class Places:
 
 
 def from_scratch(problem: AssignmentProblem) -> tuple[int, ...] | None:
-    return solve(problem, SOLVERS[DEFAULT_SOLVER])
+    return solve(problem, default_solver)
 
 
 def timed(work: Callable[[], object]) -> tuple[object, float]:
