@@ -2,8 +2,8 @@
 
 A service is one global task, or several that the fault-free plan serves together. It is feasible
 when every need finds its nu robots, no robot twice: the paper's problem (2) is consistent, which
-the runtime decides in `core.demand.Consistency`. Exclusive tasks also need a living majority of
-the robots that the mission names.
+the runtime decides in `core.consistency`. Exclusive tasks also need a living majority of the robots
+that the mission names.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from functools import cached_property
 from typing import TypeAlias
 
 from mrbt_mesh.core.coalition import majority
-from mrbt_mesh.core.demand import Consistency, Demand
+from mrbt_mesh.core.consistency import Consistency
+from mrbt_mesh.core.demand import Demand
 from mrbt_mesh.core.evaluate import Request
 from mrbt_mesh.core.mission import GlobalTask, Mission, type_name
 

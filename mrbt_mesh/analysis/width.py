@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mrbt_mesh.analysis.service import Service, Team, service
-from mrbt_mesh.core.demand import Consistency
+from mrbt_mesh.core.consistency import Consistency
 from mrbt_mesh.core.evaluate import Evaluator
 from mrbt_mesh.core.mission import Mission
 from mrbt_mesh.core.tree import Kind, Node, NodeSpec, Status, Tree, build_tree

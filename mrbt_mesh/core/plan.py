@@ -13,7 +13,7 @@ from typing import Any
 
 import msgpack
 
-from mrbt_mesh.core.demand import Shortage
+from mrbt_mesh.core.consistency import Shortage
 from mrbt_mesh.core.evaluate import Evaluation
 from mrbt_mesh.core.records import OrderKind
 from mrbt_mesh.core.tree import Status

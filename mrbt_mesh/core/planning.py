@@ -16,14 +16,8 @@ from mrbt_mesh.core.assignment import (
 from mrbt_mesh.core.canonical import solve
 from mrbt_mesh.core.capable import Capable, Worker
 from mrbt_mesh.core.coalition import standing
-from mrbt_mesh.core.demand import (
-    Demand,
-    Demands,
-    kept_requests,
-    lives,
-    obstacle,
-    shortages,
-)
+from mrbt_mesh.core.consistency import kept_requests, shortages
+from mrbt_mesh.core.demand import Demand, Demands, lives, obstacle
 from mrbt_mesh.core.evaluate import Evaluator, Request
 from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.mission import Assignment

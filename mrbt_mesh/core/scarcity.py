@@ -13,7 +13,8 @@ from dataclasses import replace
 from typing import TypeAlias
 
 from mrbt_mesh.core.capable import Worker
-from mrbt_mesh.core.demand import Consistency, Demand
+from mrbt_mesh.core.consistency import Consistency
+from mrbt_mesh.core.demand import Demand
 from mrbt_mesh.core.evaluate import Evaluation
 from mrbt_mesh.core.mission import Need
 from mrbt_mesh.core.team import TeamFacts, capability

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.capable import Capable, Worker, workers
-from mrbt_mesh.core.demand import Demand, demands_of, kept_requests, shortages
+from mrbt_mesh.core.consistency import kept_requests, shortages
+from mrbt_mesh.core.demand import Demand, demands_of
 from mrbt_mesh.core.tree import NodeSpec
 from tests.core.build import World, action, make_mission, parallel, task
 

@@ -8,7 +8,8 @@ from dataclasses import replace
 
 from mrbt_mesh.core.agent import Agent
 from mrbt_mesh.core.capable import Capable, workers
-from mrbt_mesh.core.demand import Consistency, demands_of
+from mrbt_mesh.core.consistency import Consistency
+from mrbt_mesh.core.demand import demands_of
 from mrbt_mesh.core.effects import ActionFinished, Effect, Input, Persist, StartAction
 from mrbt_mesh.core.evaluate import Request
 from mrbt_mesh.core.facts import Entry, Incarnation
