@@ -47,6 +47,8 @@ class Capable:
         self.team: dict[str, Worker] = {}
         self._able: dict[str, dict[str, int]] = {}
         self._of_type: dict[str, list[str]] = {}
+        # Who has a capability of this name; None: to be looked up again.
+        self._having: dict[str, dict[str, Worker]] | None = None
 
     @classmethod
     def of(cls, facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Capable:
@@ -61,6 +63,8 @@ class Capable:
         gone = [worker for robot, worker in before.items() if team.get(robot) is not worker]
         come = [worker for robot, worker in team.items() if before.get(robot) is not worker]
         self.team = team
+        if gone or come:
+            self._having = None
         if _MANY * (len(gone) + len(come)) > len(team):
             self._able.clear()
             self._of_type.clear()
@@ -82,10 +86,22 @@ class Capable:
         """The robots that can do it, sorted by id, and how well."""
         able = self._able.get(local_task)
         if able is None:
-            found = ((r, capability(w.member, local_task)) for r, w in self.team.items())
+            kind = type_name(local_task)
+            having = self._workers_having(local_task)
+            if kind != local_task:
+                having = {**having, **self._workers_having(kind)}
+            found = ((r, capability(having[r].member, local_task)) for r in sorted(having))
             able = self._able[local_task] = {r: value for r, value in found if value is not None}
-            self._of_type.setdefault(type_name(local_task), []).append(local_task)
+            self._of_type.setdefault(kind, []).append(local_task)
         return able
+
+    def _workers_having(self, name: str) -> dict[str, Worker]:
+        if self._having is None:
+            self._having = {}
+            for worker in self.team.values():
+                for each in worker.member.capabilities:
+                    self._having.setdefault(each, {})[worker.id] = worker
+        return self._having.get(name, {})
 
     def _known(self, worker: Worker) -> list[str]:
         """The local tasks that have been asked for and that a robot has a capability for."""

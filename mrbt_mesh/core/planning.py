@@ -16,7 +16,7 @@ from mrbt_mesh.core.assignment import (
 from mrbt_mesh.core.canonical import solve
 from mrbt_mesh.core.capable import Capable, Worker
 from mrbt_mesh.core.coalition import standing
-from mrbt_mesh.core.consistency import kept_requests, shortages
+from mrbt_mesh.core.consistency import ConsistencyKeeper, shortages
 from mrbt_mesh.core.demand import Demand, Demands, lives, obstacle
 from mrbt_mesh.core.evaluate import Evaluator, Request
 from mrbt_mesh.core.facts import Incarnation
@@ -54,6 +54,7 @@ class PlanMaker:
         self.evaluator = evaluator
         self._capable = Capable()
         self._demands = Demands()
+        self._consistency = ConsistencyKeeper()
         self._waiting: dict[str, tuple[Group, Waiting]] = {}
         self._open: dict[str, _Open] = {}
         self._reassigner = Reassigner(partial(solve, solver=solver))
@@ -74,7 +75,7 @@ class PlanMaker:
         offered = demands
         if facts.mission.assignment is Assignment.SPARE_SCARCE:
             offered = spare_scarce(facts, evaluation, demands, team)
-        kept, pinned = kept_requests(facts, offered, team, obstacles)
+        kept, pinned = self._consistency.kept_requests(facts, offered, team, obstacles)
         holders = self._pinned_lines(offered, pinned)
         chosen = self._assign([offered[i] for i in kept], team, holders)
         lines = holders if chosen is None else holders | chosen
