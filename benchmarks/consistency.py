@@ -211,7 +211,7 @@ def main() -> int:
     parser.add_argument("--plain", type=int, default=6, help="events for the definition (6)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures there")
     args = parser.parse_args()
-    console, rows = Console(), []
+    console, rows = Console(width=max(Console().width, 110)), []
     for size in (int(part) for part in args.sizes.split(",")):
         plain = max(1, args.plain if size < 1000 else args.plain // 6)
         for dense in (False, True):
