@@ -63,6 +63,7 @@ class Team:
     """Agents, long after the last change, as the checkers see a world."""
 
     cut_off = False
+    plan_delay_us = 0
     healed_us = None
     speed = 1.0
 
