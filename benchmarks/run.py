@@ -91,7 +91,7 @@ class Run:
 
 def machine() -> str:
     """What the figures were measured on."""
-    system = f"{platform.system()} {platform.release()}, Python {platform.python_version()}"
+    system = f"{platform.system()}, Python {platform.python_version()}"
     return f"{os.cpu_count()} cores, {platform.machine()}, {system}"
 
 
