@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from operator import lt
+from operator import is_, lt
 
 from mrbt_mesh.core.assignment import AssignmentProblem, Bounds, integers
 
@@ -28,6 +28,28 @@ class Team:
 
     robots: tuple[str, ...]
     demands: tuple[Offered, ...]
+
+    def is_same(self, other: Team) -> bool:
+        """Whether these are the same demands, as objects, and robots of the same names."""
+        return (
+            len(self.demands) == len(other.demands)
+            and all(map(is_, self.demands, other.demands))
+            and self.robots == other.robots
+        )
+
+    def best_of_one(self) -> dict[str, str] | None:
+        """The canonical optimum where there is one demand: its best robots, of equals the first.
+
+        None if there are too few.
+        """
+        (demand,) = self.demands
+        able = [robot for robot in self.robots if robot in demand.candidates]
+        able.sort(key=demand.candidates.__getitem__, reverse=True)  # equals stay in their order
+        useful = sum(demand.candidates[robot] >= 0 for robot in able)
+        if len(able) < demand.lower:
+            return None
+        count = min(demand.upper, max(demand.lower, useful))
+        return dict.fromkeys(able[:count], demand.id)
 
     def problem(self) -> AssignmentProblem:
         """The same by indices, as solvers take it."""

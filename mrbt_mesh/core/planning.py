@@ -127,6 +127,8 @@ class PlanMaker:
     ) -> dict[str, Line] | None:
         """Put robots that are not pinned on what the kept demands still want; None: infeasible."""
         wanted = self._open_demands(groups, pinned)
+        if not wanted:
+            return {}
         free = tuple(robot for robot in team if robot not in pinned)
         assigned = self._reassigner.update(Team(free, tuple(each.offered for each in wanted)))
         if assigned is None:

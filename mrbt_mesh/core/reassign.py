@@ -47,6 +47,8 @@ class Reassigner:
 
         A view, of this problem until the next update.
         """
+        if team.is_same(self._team):
+            return None if self._assigned is None else MappingProxyType(self._assigned)
         changes = self._small_difference(team)
         if changes is None:
             self._small_changes = 0
@@ -83,8 +85,11 @@ class Reassigner:
         return self._optimum is not None
 
     def _solve(self, team: Team) -> None:
-        choice = self._from_scratch(team.problem())
         self._team, self._optimum = team, None
+        if len(team.demands) == 1:
+            self._assigned = team.best_of_one()
+            return
+        choice = self._from_scratch(team.problem())
         self._assigned = None
         if choice is not None:
             self._assigned = {

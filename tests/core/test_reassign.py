@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 
 import pytest
 from hypothesis import given, settings
@@ -366,3 +367,23 @@ def test_visits_may_be_limited() -> None:
     team = Team(("r", "s"), (Offered("a", 1, 1, {"r": 1, "s": 1}),))
     with pytest.raises(TooFarError):
         Optimum(team, {"r": "a"}).apply(Changes(gone_robots=["r"]), visits=0)
+
+
+@given(
+    st.lists(st.integers(-2, 4), max_size=6),
+    st.integers(0, 3),
+    st.integers(0, 3),
+    st.lists(st.booleans(), min_size=6, max_size=6),
+)
+def test_one_demand_gets_its_best_robots(
+    values: list[int], lower: int, more: int, able: list[bool]
+) -> None:
+    robots = tuple(f"R{number}" for number in range(len(values)))
+    candidates = {robot: p for robot, p, can in zip(robots, values, able, strict=False) if can}
+    team = Team(robots, (Offered("d", lower, lower + more, candidates),))
+    choice = solve(team.problem(), min_cost_flow)
+    expected = (
+        None if choice is None else {r: "d" for r, d in zip(robots, choice, strict=True) if d == 0}
+    )
+    assert team.best_of_one() == expected
+    assert Reassigner(partial(solve, solver=min_cost_flow)).update(team) == expected
