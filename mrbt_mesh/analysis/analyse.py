@@ -19,6 +19,7 @@ from mrbt_mesh.core.mission import Costs, Mission
 Say = Callable[[str, int, int], None]
 
 SERIAL = "serial"
+MAX_SHOWN = 5
 ASSUMPTIONS = (
     "Faults happen before a task starts; what is done stays done.",
     "A task is feasible if all its needs find their min robots at one time, no robot twice.",
@@ -30,6 +31,23 @@ ASSUMPTIONS = (
     "An exclusive task needs a living majority of the robots that the mission names; minor faults "
     "leave a robot alive.",
 )
+
+
+_SIDE_CONSTRAINTS = (
+    "The mission's side constraints ({}) are NOT taken into account: with them, fewer faults may "
+    "be survived."
+)
+
+
+def assumptions(mission: Mission) -> tuple[str, ...]:
+    """What the figures rest on, and what they leave out of this mission."""
+    left_out = [str(constraint) for constraint in mission.constraints]
+    for task in mission.global_tasks.values():
+        left_out += [f"{n.local_task} by a robot{n.after}" for n in task.needs if n.after]
+    if not left_out:
+        return ASSUMPTIONS
+    shown = "; ".join(left_out[:MAX_SHOWN]) + ("; ..." if len(left_out) > MAX_SHOWN else "")
+    return (_SIDE_CONSTRAINTS.format(shown), *ASSUMPTIONS)
 
 
 @dataclass(frozen=True)
@@ -145,7 +163,7 @@ class Analysis:
                 "weakly_fault_tolerant": _advice_json(self.weak_advice),
                 "strongly_fault_tolerant": _advice_json(self.strong_advice),
             },
-            "assumptions": list(ASSUMPTIONS),
+            "assumptions": list(assumptions(self.mission)),
         }
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from html import escape
 
-from mrbt_mesh.analysis.analyse import ASSUMPTIONS, Analysis
+from mrbt_mesh.analysis.analyse import Analysis, assumptions
 from mrbt_mesh.analysis.tolerance import Tolerance
 from mrbt_mesh.cli.analyze_view import (
     READING_NAMES,
@@ -75,7 +75,7 @@ def html_report(analysis: Analysis, costs: Costs) -> str:
         _lemmas(analysis),
         _advice(analysis, costs),
         "<h2>Assumed</h2><ul class='soft'>"
-        + "".join(f"<li>{escape(line)}</li>" for line in ASSUMPTIONS)
+        + "".join(f"<li>{escape(line)}</li>" for line in assumptions(analysis.mission))
         + "</ul>",
     ]
     body = "\n".join(sections)

@@ -12,7 +12,14 @@ from rich.table import Table
 from rich.text import Text
 
 from mrbt_mesh.analysis.advice import Additions
-from mrbt_mesh.analysis.analyse import ASSUMPTIONS, Advice, Analysis, ReadingResult, TaskSlack
+from mrbt_mesh.analysis.analyse import (
+    ASSUMPTIONS,
+    Advice,
+    Analysis,
+    ReadingResult,
+    TaskSlack,
+    assumptions,
+)
 from mrbt_mesh.analysis.lemmas import Verdicts
 from mrbt_mesh.analysis.model import Answer
 from mrbt_mesh.analysis.service import Fault
@@ -129,6 +136,9 @@ def task_groups(tasks: Sequence[TaskSlack]) -> list[tuple[str, TaskSlack]]:
 def render_analysis(analysis: Analysis) -> RenderableType:
     """The whole report."""
     parts: list[RenderableType] = [_headline(analysis), "", _figures(analysis)]
+    assumed = assumptions(analysis.mission)
+    if assumed is not ASSUMPTIONS:
+        parts.append(Text(assumed[0], "yellow"))
     for name, result in analysis.readings.items():
         if result.question.obstacle:
             parts.append(Text(f"{READING_NAMES[name]}: {result.question.obstacle}", "red"))
@@ -139,7 +149,7 @@ def render_analysis(analysis: Analysis) -> RenderableType:
     if not analysis.is_complete:
         text = "Time ran out: ranges hold the true figures; a larger --limit narrows them."
         parts += ["", Text(text, "yellow")]
-    lines = "\n".join(f"- {line}" for line in ASSUMPTIONS)
+    lines = "\n".join(f"- {line}" for line in assumed)
     return Group(*parts, "", Text("Assumed", "bold"), Text(lines, "dim"))
 
 

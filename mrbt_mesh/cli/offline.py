@@ -145,7 +145,7 @@ def assign(
 
     Example: mrbt assign problem.json --json, where problem.json holds
     {"robots": {"r1": {"taskA": 3.0}}, "demands": [{"id": "d1", "local_task": "taskA",
-    "min": 1, "max": 2}]}
+    "min": 1, "max": 2}]}; "constraints" may limit who works together (docs/solvers.md)
     """
     with input_errors():
         parsed = problem_from_file(problem)
@@ -157,7 +157,10 @@ def assign(
             print_json({"feasible": False, "short": [demands[i] for i in short]})
         else:
             listed = ", ".join(demands[i] for i in short)
-            console.print(f"[bold red]infeasible[/]: short of robots: {listed}", highlight=False)
+            limits = " within the constraints" if parsed.constraints else ""
+            console.print(
+                f"[bold red]infeasible[/]: short of robots{limits}: {listed}", highlight=False
+            )
         raise typer.Exit(FAILURE)
     assignment = {
         robot: None if index == UNASSIGNED else demands[index]

@@ -6,8 +6,9 @@ bound can be met by different robots. Source: paper, section IV, T_A.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 from mrbt_mesh.core.capable import Capable, Worker
 from mrbt_mesh.core.demand import Demand
@@ -64,14 +65,23 @@ class Consistency:
         return row
 
 
-def _preempting(
+class Keeping(Protocol):
+    """Keeps requests one after the other while all stay feasible together."""
+
+    def keep(self, key: int, demands: Sequence[Demand], pinned: Mapping[str, int]) -> bool: ...
+    def decide(self, key: int, demands: Sequence[Demand], pinned: Mapping[str, int]) -> bool: ...
+    def fits(self, key: int, demands: Sequence[Demand], pinned: Mapping[str, int]) -> bool: ...
+    def bind(self, pinned: Collection[str]) -> None: ...
+
+
+def kept_one_by_one(
     facts: TeamFacts,
     demands: Sequence[Sequence[Demand]],
-    team: Mapping[str, Worker],
+    begin: Callable[[], Keeping],
     barred: Collection[int],
 ) -> tuple[list[int], dict[str, int]]:
     """`kept_requests` where requests may take robots from others: all of it again for each pin
-    that may have to yield.
+    that may have to yield. `begin`: what decides, with nothing kept.
     """
     pinned = {
         robot: index
@@ -80,17 +90,19 @@ def _preempting(
         for robot in demand.pinned
         if index not in barred
     }
-    kept, pinned = _keep(facts, demands, team, pinned, barred)
+    kept, pinned = _keep(facts, demands, begin(), pinned, barred)
     served = set(kept)
     holding = {robot: index for robot, index in pinned.items() if index in served}
     vain = {robot: index for robot, index in pinned.items() if robot not in holding}
     if not vain:
         return kept, pinned
-    kept_after, pinned_after = _keep(facts, demands, team, holding, barred)
+    kept_after, pinned_after = _keep(facts, demands, begin(), holding, barred)
     if not is_better(kept_after, kept):
         return kept, pinned
     for robot in sorted(vain):  # who helps nobody goes on
-        kept_now, pinned_now = _keep(facts, demands, team, holding | {robot: vain[robot]}, barred)
+        kept_now, pinned_now = _keep(
+            facts, demands, begin(), holding | {robot: vain[robot]}, barred
+        )
         if kept_now == kept_after:
             holding[robot] = vain[robot]
             pinned_after = pinned_now
@@ -108,13 +120,12 @@ def is_better(kept: Sequence[int], other: Sequence[int]) -> bool:
 def _keep(
     facts: TeamFacts,
     demands: Sequence[Sequence[Demand]],
-    team: Mapping[str, Worker],
+    check: Keeping,
     pinned: dict[str, int],
     barred: Collection[int],
 ) -> tuple[list[int], dict[str, int]]:
     kept: list[int] = []
     pinned = dict(pinned)
-    check = Consistency(team)
     check.bind(pinned)
     for index, group in enumerate(demands):
         if index in barred:
@@ -130,7 +141,7 @@ def _keep(
 
 
 def _preempt(
-    check: Consistency, index: int, group: Sequence[Demand], pinned: Mapping[str, int]
+    check: Keeping, index: int, group: Sequence[Demand], pinned: Mapping[str, int]
 ) -> dict[str, int] | None:
     """Free robots of requests further right, rightmost first, until `index` can be kept.
 
@@ -193,7 +204,7 @@ class ConsistencyKeeper:
             self._forget()
             found = None
         if found is None:
-            kept, pinned = _preempting(facts, demands, team, barred)
+            kept, pinned = kept_one_by_one(facts, demands, lambda: Consistency(team), barred)
             return kept, {robot: pinned[robot] for robot in sorted(pinned)}
         return found
 
@@ -252,16 +263,20 @@ def kept_requests(
 
 @dataclass(frozen=True, slots=True)
 class Shortage:
-    """A local task that lacks robots: nu, living capable robots, outcomes so far."""
+    """A local task that lacks robots: nu, living capable robots, outcomes so far.
+
+    `after`: what they have to have done before.
+    """
 
     local_task: str
     needed: int
     alive: int
     done: int
     failed: int
+    after: str = ""
 
     def __str__(self) -> str:
-        text = f"{self.local_task} needs {self.needed}, {self.alive} alive"
+        text = f"{self.local_task} needs {self.needed}{self.after}, {self.alive} alive"
         counts = ((self.done, "done"), (self.failed, "failed"))
         return text + "".join(f", {count} {what}" for count, what in counts if count)
 
@@ -278,9 +293,12 @@ def shortages(facts: TeamFacts, group: Sequence[Demand], capable: Capable) -> tu
     def shortage(demand: Demand) -> Shortage:
         results = facts.results(demand.request.activation, demand.local_task)
         able = capable.able(demand.local_task)
+        alive = len(able)
+        if demand.after:
+            alive = len(demand.candidates.keys() | (able.keys() & results.keys()))
         done = sum(results.values())
         failed = len(results) - done
-        return Shortage(demand.local_task, demand.needed, len(able), done, failed)
+        return Shortage(demand.local_task, demand.needed, alive, done, failed, demand.after)
 
     short = [demand for demand in group if len(demand.candidates) < demand.lower]
     return tuple(shortage(demand) for demand in short or group)

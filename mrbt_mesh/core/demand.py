@@ -11,11 +11,12 @@ from typing import TypeAlias
 
 from mrbt_mesh.core.capable import Capable, Worker
 from mrbt_mesh.core.coalition import Coalitions, is_in, majority, standing
-from mrbt_mesh.core.evaluate import Request
+from mrbt_mesh.core.evaluate import Evaluator, Request
 from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.mission import GlobalTask, InDoubt, Need
 from mrbt_mesh.core.records import Phase, Token
 from mrbt_mesh.core.team import TeamFacts
+from mrbt_mesh.core.tree import Kind
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +26,7 @@ class Demand:
     `lower` and `upper` are a_j and b_j, shrunk by the outcomes so far. `pinned` robots are
     already running it (or about to start, with the standing coalition) and count towards both.
     `candidates` map robot to performance for all workers that could be put on it: capable and
-    without an outcome for it.
+    without an outcome for it. `after`: only those that have done something before, and what.
     """
 
     request: Request
@@ -35,11 +36,18 @@ class Demand:
     upper: int
     pinned: tuple[str, ...]
     candidates: Mapping[str, int]
+    after: str = ""
 
 
 # What one need's demand follows from besides the request: robot -> performance, (robot, success)
-# of the outcomes, and (since, robot) of the running claims.
-_Inputs: TypeAlias = tuple[Mapping[str, int], tuple[tuple[str, bool], ...], list[tuple[int, str]]]
+# of the outcomes, (since, robot) of the running claims, and who did what has to be done before
+# (None: nothing has).
+_Inputs: TypeAlias = tuple[
+    Mapping[str, int],
+    tuple[tuple[str, bool], ...],
+    list[tuple[int, str]],
+    tuple[str, ...] | None,
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +71,7 @@ class Demands:
 
     def __init__(self) -> None:
         self._known: dict[str, _Known] = {}
+        self._evaluator: Evaluator | None = None
 
     def groups(
         self, facts: TeamFacts, requests: Sequence[Request], capable: Capable
@@ -84,13 +93,15 @@ class Demands:
         for request in requests:
             task, activation = facts.mission.global_tasks[request.subject], request.activation
             if task.by_coalition:
-                result.append(_coalition_demands(facts, request, task, capable))
+                did = [self._did(facts, request, need) for need in task.needs]
+                result.append(_coalition_demands(facts, request, task, capable, did))
                 continue
             inputs: list[_Inputs] = [
                 (
                     capable.able(need.local_task),
                     tuple(facts.results(activation, need.local_task).items()),
                     sorted(running.get((activation, need.local_task), ())),
+                    self._did(facts, request, need),
                 )
                 for need in task.needs
             ]
@@ -102,6 +113,29 @@ class Demands:
             result.append(known.group)
         return result
 
+    def _did(self, facts: TeamFacts, request: Request, need: Need) -> tuple[str, ...] | None:
+        """Robots with the success that `same_robot_as` asks for; None if the need does not.
+
+        It counts in the present activation of the nearest action before the request, in tree
+        order, of which any success is known.
+        """
+        before = need.same_robot_as
+        if before is None:
+            return None
+        tree = facts.mission.tree
+        if self._evaluator is None:
+            self._evaluator = Evaluator(tree)
+        for node in range(request.node - 1, -1, -1):
+            if tree.nodes[node].kind is Kind.ACTION and (
+                tree.nodes[node].subject == before.global_task
+            ):
+                activation = str(self._evaluator.current_scope(node, facts))
+                results = facts.results(activation, before.local_task)
+                robots = sorted(robot for robot, success in results.items() if success)
+                if robots:
+                    return tuple(robots)
+        return ()
+
 
 def demands_of(
     facts: TeamFacts, requests: Sequence[Request], capable: Capable
@@ -111,7 +145,9 @@ def demands_of(
 
 
 def _demand(request: Request, need: Need, inputs: _Inputs) -> Demand:
-    able, results, claims = inputs
+    able, results, claims, did = inputs
+    if did is not None:
+        able = {robot: able[robot] for robot in did if robot in able}
     successes = sum(success for _, success in results)
     lower = max(0, need.min_robots - successes)
     upper = max(lower, need.max_robots - len(results), 0)
@@ -122,27 +158,37 @@ def _demand(request: Request, need: Need, inputs: _Inputs) -> Demand:
     pinned = tuple(robot for _, robot in claims if robot in candidates)[:upper]
     if not lower:
         upper = len(pinned)
-    return Demand(request, need.local_task, need.min_robots, lower, upper, pinned, candidates)
+    bounds = need.min_robots, lower, upper
+    return Demand(request, need.local_task, *bounds, pinned, candidates, need.after)
 
 
 def _coalition_demands(
-    facts: TeamFacts, request: Request, task: GlobalTask, capable: Capable
+    facts: TeamFacts,
+    request: Request,
+    task: GlobalTask,
+    capable: Capable,
+    did: Sequence[tuple[str, ...] | None],
 ) -> tuple[Demand, ...]:
     """Who has started goes on, and nobody joins; without a coalition the bounds are nu and mu."""
     team, found = capable.team, facts.coalitions(request.activation)
     token = standing(facts, task, request.activation, lives(team))
     at_work = _at_work(facts, request, found, token, team) if token is not None else {}
     result = []
-    for need in task.needs:
+    for need, those in zip(task.needs, did, strict=True):
         failed = found.failed(need.local_task)
         able = capable.able(need.local_task)
-        candidates = {robot: value for robot, value in able.items() if robot not in failed}
+        candidates = {
+            robot: value
+            for robot, value in able.items()
+            if robot not in failed and (those is None or robot in those)
+        }
         lower, upper = need.min_robots, need.max_robots
         pinned: tuple[str, ...] = ()
         if token is not None:
             pinned = tuple(r for r in candidates if at_work.get(r) == need.local_task)
             lower = upper = len(pinned)
-        demand = Demand(request, need.local_task, need.min_robots, lower, upper, pinned, candidates)
+        bounds = need.min_robots, lower, upper
+        demand = Demand(request, need.local_task, *bounds, pinned, candidates, need.after)
         result.append(demand)
     return tuple(result)
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, TypeAlias
 
+from mrbt_mesh.core.constraints import Constraint, constraint_from_json, constraint_to_json
 from mrbt_mesh.core.tree import Kind, Memory, NodeSpec, Tree, build_tree
 
 MICRO = 1_000_000
@@ -63,12 +64,42 @@ class InDoubt(enum.StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class SameRobotAs:
+    """A local task of another global task, both ground."""
+
+    global_task: GlobalTaskId
+    local_task: LocalTaskId
+
+
+@dataclass(frozen=True, slots=True)
 class Need:
-    """One local task of psi(g) with its bounds nu (`min_robots`) and mu (`max_robots`)."""
+    """One local task of psi(g) with its bounds nu (`min_robots`) and mu (`max_robots`).
+
+    `same_robot_as`: only robots that have succeeded with that before are put on it.
+    """
 
     local_task: LocalTaskId
     min_robots: int
     max_robots: int
+    same_robot_as: SameRobotAs | None = None
+
+    @property
+    def after(self) -> str:
+        """` that did pick(1) of fetch(1)`; empty if any robot will do."""
+        before = self.same_robot_as
+        return f" that did {before.local_task} of {before.global_task}" if before else ""
+
+    def to_json(self) -> list[Any]:
+        """The bounds, and what `same_robot_as` names if anything."""
+        before = self.same_robot_as
+        named = [[before.global_task, before.local_task]] if before else []
+        return [self.local_task, self.min_robots, self.max_robots, *named]
+
+    @classmethod
+    def from_json(cls, data: list[Any]) -> Need:
+        """The other way round; raises TypeError or ValueError for anything else."""
+        local_task, least, most, *named = data
+        return cls(local_task, least, most, *(SameRobotAs(*names) for names in named))
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,6 +227,7 @@ class Mission:
     program: str | None = None
     costs: Costs = field(default_factory=Costs)
     solver: str | None = None
+    constraints: tuple[Constraint, ...] = ()
 
     @cached_property
     def digest(self) -> str:
@@ -223,10 +255,13 @@ class Mission:
     def to_json(self) -> dict[str, Any]:
         """The compiled mission as plain data; `mission_from_json` takes it back.
 
-        The usual assignment is left out, so that missions without it keep their digests.
+        The usual assignment is left out, as are constraints where there are none: missions
+        without them keep their digests.
         """
         usual = self.assignment is Assignment.ANY
+        limited = [constraint_to_json(constraint) for constraint in self.constraints]
         return {
+            **({"constraints": limited} if limited else {}),
             **({} if usual else {"assignment": str(self.assignment)}),
             **({} if self.solver is None else {"solver": self.solver}),
             "compiled": COMPILED_VERSION,
@@ -242,7 +277,7 @@ class Mission:
             "global_tasks": [
                 [
                     t.id,
-                    [[n.local_task, n.min_robots, n.max_robots] for n in t.needs],
+                    [need.to_json() for need in t.needs],
                     str(t.failure),
                     t.blocked_fail_after_us,
                     t.preemptive,
@@ -291,7 +326,7 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
             global_tasks={
                 i: GlobalTask(
                     i,
-                    tuple(Need(*need) for need in needs),
+                    tuple(Need.from_json(need) for need in needs),
                     FailurePolicy(failure),
                     blocked,
                     preemptive,
@@ -316,6 +351,7 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
             program=data["program"],
             costs=Costs(*data.get("costs", ())),  # missions compiled before there were costs
             solver=data.get("solver"),
+            constraints=tuple(map(constraint_from_json, data.get("constraints", ()))),
         )
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"compiled mission is damaged: {error!r}") from error

@@ -41,13 +41,15 @@ class Line:
 class Waiting:
     """A request that is not served. With `shortages` it is blocked: no living robots could.
 
-    `obstacle` is what keeps an exclusive task from being served, whoever is there.
+    `obstacle` is what else keeps it from being served, whoever is free. `held_by`: the side
+    constraints without which it would not have to wait now.
     """
 
     activation: str
     global_task: str
     shortages: tuple[Shortage, ...]
     obstacle: str = ""
+    held_by: str = ""
 
     @property
     def is_blocked(self) -> bool:
@@ -59,6 +61,8 @@ class Waiting:
         """For people: `blocked: move_frame needs 2, 1 alive`."""
         if self.obstacle:
             return f"blocked: {self.obstacle}"
+        if self.held_by:
+            return f"waiting: {self.held_by}"
         if not self.shortages:
             return "waiting: the robots it needs are busy with earlier requests"
         return "blocked: " + "; ".join(map(str, self.shortages))

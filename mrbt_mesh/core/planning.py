@@ -10,16 +10,16 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from mrbt_mesh.core.assignment import (
-    Solver,
-)
+from mrbt_mesh.core.assignment import UNASSIGNED, SideConstraint, Solver
 from mrbt_mesh.core.canonical import solve
 from mrbt_mesh.core.capable import Capable, Worker
 from mrbt_mesh.core.coalition import standing
-from mrbt_mesh.core.consistency import ConsistencyKeeper, shortages
+from mrbt_mesh.core.consistency import ConsistencyKeeper, kept_one_by_one, shortages
+from mrbt_mesh.core.constraints import Constraint
 from mrbt_mesh.core.demand import Demand, Demands, lives, obstacle
 from mrbt_mesh.core.evaluate import Evaluator, Request
 from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.limits import Limits, running_on, side_constraints
 from mrbt_mesh.core.mission import Assignment
 from mrbt_mesh.core.offers import Offered, Team
 from mrbt_mesh.core.plan import Line, Plan, Waiting
@@ -57,6 +57,7 @@ class PlanMaker:
         self._consistency = ConsistencyKeeper()
         self._waiting: dict[str, tuple[Group, Waiting]] = {}
         self._open: dict[str, _Open] = {}
+        self._solver = solver
         self._reassigner = Reassigner(partial(solve, solver=solver))
         self._lines: dict[tuple[str, bool], tuple[Demand, Line]] = {}
 
@@ -75,13 +76,26 @@ class PlanMaker:
         offered = demands
         if facts.mission.assignment is Assignment.SPARE_SCARCE:
             offered = spare_scarce(facts, evaluation, demands, team)
-        kept, pinned = self._consistency.kept_requests(facts, offered, team, obstacles)
+        constraints, robots = facts.mission.constraints, list(team)
+        if constraints:
+            kept, pinned = kept_one_by_one(
+                facts, offered, lambda: Limits(constraints, robots, offered), obstacles
+            )
+        else:
+            kept, pinned = self._consistency.kept_requests(facts, offered, team, obstacles)
         holders = self._pinned_lines(offered, pinned)
-        chosen = self._assign([offered[i] for i in kept], team, holders)
+        running = running_on(offered, pinned) if constraints else {}
+        chosen = self._assign([offered[i] for i in kept], team, holders, constraints, running)
         lines = holders if chosen is None else holders | chosen
         served = frozenset(kept)
         rest = [i for i in range(len(requests)) if i not in served]
         waiting = self._wait(facts, [(demands[i], obstacles.get(i, "")) for i in rest])
+        if constraints:
+            limits = Limits(constraints, robots, offered)
+            waiting = tuple(
+                each if each.is_blocked else _limited(each, limits, demands[i], kept, i, pinned)
+                for i, each in zip(rest, waiting, strict=True)
+            )
         idle = _why_idle([r for r in team if r not in lines], demands, offered, served)
         ordered = _with_leaders(facts, {robot: lines[robot] for robot in sorted(lines)}, team)
         return Plan(evaluation, order, ordered, idle | away, waiting, chosen is not None)
@@ -123,19 +137,37 @@ class PlanMaker:
         }
 
     def _assign(
-        self, groups: Sequence[Group], team: Mapping[str, Worker], pinned: Mapping[str, Line]
+        self,
+        groups: Sequence[Group],
+        team: Mapping[str, Worker],
+        pinned: Mapping[str, Line],
+        constraints: Sequence[Constraint],
+        running: Mapping[str, Demand],
     ) -> dict[str, Line] | None:
         """Put robots that are not pinned on what the kept demands still want; None: infeasible."""
         wanted = self._open_demands(groups, pinned)
         if not wanted:
             return {}
         free = tuple(robot for robot in team if robot not in pinned)
-        assigned = self._reassigner.update(Team(free, tuple(each.offered for each in wanted)))
+        problem = Team(free, tuple(each.offered for each in wanted))
+        limits = side_constraints(constraints, free, [each.demand for each in wanted], running)
+        assigned = self._within(problem, limits) if limits else self._reassigner.update(problem)
         if assigned is None:
             return None
         demands = {each.offered.id: each.demand for each in wanted}
         return {
             robot: self._line(robot, demands[demand], False) for robot, demand in assigned.items()
+        }
+
+    def _within(self, team: Team, limits: tuple[SideConstraint, ...]) -> Mapping[str, str] | None:
+        """Robot -> demand within side constraints, from scratch; None if infeasible."""
+        choice = solve(replace(team.problem(), constraints=limits), self._solver)
+        if choice is None:
+            return None
+        return {
+            robot: team.demands[index].id
+            for robot, index in zip(team.robots, choice, strict=True)
+            if index != UNASSIGNED
         }
 
     def _open_demands(self, groups: Sequence[Group], pinned: Mapping[str, Line]) -> list[_Open]:
@@ -173,6 +205,21 @@ class PlanMaker:
             self._waiting[request.activation] = known
             found.append(known[1])
         return tuple(found)
+
+
+def _limited(
+    waiting: Waiting,
+    limits: Limits,
+    group: Group,
+    kept: Sequence[int],
+    index: int,
+    pinned: Mapping[str, int],
+) -> Waiting:
+    """Name the side constraints that a request waits for, or that it cannot be served within."""
+    never = limits.obstacle(group)
+    if never:
+        return replace(waiting, obstacle=never)
+    return replace(waiting, held_by=limits.in_the_way(kept, index, pinned))
 
 
 def _with_leaders(

@@ -13,9 +13,9 @@ from dataclasses import replace
 from typing import TypeAlias
 
 from mrbt_mesh.core.capable import Worker
-from mrbt_mesh.core.consistency import Consistency
 from mrbt_mesh.core.demand import Demand
 from mrbt_mesh.core.evaluate import Evaluation
+from mrbt_mesh.core.limits import keeping
 from mrbt_mesh.core.mission import Need
 from mrbt_mesh.core.team import TeamFacts, capability
 from mrbt_mesh.core.tree import Status
@@ -41,9 +41,8 @@ def spare_scarce(
     for group in demands:
         narrowed = tuple(_narrowed(demand, values) for demand in group)
         begun = any(demand.pinned for demand in group)
-        result.append(
-            narrowed if not begun and Consistency(team).keep(0, narrowed, {}) else tuple(group)
-        )
+        check = keeping(facts.mission.constraints, list(team), [narrowed])
+        result.append(narrowed if not begun and check.keep(0, narrowed, {}) else tuple(group))
     return result
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from mrbt_mesh.core.constraints import Constraint
 from mrbt_mesh.core.mission import (
     MAX_GLOBAL_TASKS,
     Assignment,
@@ -18,8 +19,10 @@ from mrbt_mesh.core.mission import (
     Mission,
     Need,
     Robot,
+    SameRobotAs,
 )
 from mrbt_mesh.core.tree import NodeSpec, Tree, TreeError, build_tree
+from mrbt_mesh.formats.constraints import build_constraints
 from mrbt_mesh.formats.expand import (
     Declared,
     Expander,
@@ -41,6 +44,7 @@ from mrbt_mesh.formats.mission_model import (
     GlobalTaskModel,
     MissionModel,
     RobotModel,
+    SameRobotModel,
     validate,
 )
 from mrbt_mesh.formats.problems import Report, SourcePath, nearest
@@ -102,6 +106,9 @@ class _Builder:
         spec = self.expand(expander, template)
         global_tasks = self.ground_tasks(expander)
         tree = self.tree(spec)
+        if tree is not None:
+            self.check_same_robots(tree, global_tasks, expander)
+        constraints = self.constraints(global_tasks)
         self.report.raise_if_any()
         assert tree is not None
         return Mission(
@@ -116,6 +123,7 @@ class _Builder:
             parameters=_sorted_deeply(model.parameters),
             program=resolve_program(model.program, folder),
             solver=model.solver,
+            constraints=constraints,
             costs=Costs(
                 {n: t.cost for n, t in sorted(model.robot_types.items()) if t.cost != 1},
                 {n: t.cost for n, t in sorted(model.local_tasks.items()) if t.cost != 1},
@@ -195,12 +203,25 @@ class _Builder:
             for text, need in task.needs.items():
                 path: SourcePath = ("global_tasks", name, "needs", text)
                 check_call(text, "local task", self.local_parameters, scope, path, self.report)
+                if need.same_robot_as is not None:
+                    self.check_same_robot(need.same_robot_as, scope, (*path, "same_robot_as"))
                 if need.max is not None and need.min > need.max:
                     message = f"min (nu) is {need.min}, but max (mu) is {need.max}"
                     self.report.add(path, f"{message}; max has to be at least min")
             if isinstance(task.blocked, FailAfterModel):
                 place = ("global_tasks", name, "blocked", "fail_after_s")
                 micro_or_report(task.blocked.fail_after_s, place, self.report)
+
+    def check_same_robot(
+        self, same: SameRobotModel, scope: frozenset[str], path: SourcePath
+    ) -> None:
+        tasks = {name: list(task.parameters) for name, task in self.model.global_tasks.items()}
+        here = (*path, "global_task")
+        check_call(same.global_task, "global task", tasks, scope, here, self.report)
+        if same.local_task is not None:
+            here = (*path, "local_task")
+            parameters = self.local_parameters
+            check_call(same.local_task, "local task", parameters, scope, here, self.report)
 
     def templates(self) -> tuple[Template, dict[str, tuple[list[str], Template]]]:
         """The templates of the tree and of all subtrees, checked."""
@@ -256,17 +277,76 @@ class _Builder:
         needs: dict[str, Need] = {}
         for text, need in model.needs.items():
             path: SourcePath = ("global_tasks", name, "needs", text)
-            task, arguments = split_template(text)
             try:
-                values = [argument_text(substitute(argument, scope)) for argument in arguments]
+                local, _ = self.ground(text, scope)
             except ValueError as error:
                 self.report.add(path, f"in {ground}: {error}")
                 continue
-            local = call_text(task, values)
             if local in needs:
                 self.report.add(path, f"{ground} needs {local} twice; keep one")
-            needs[local] = Need(local, need.min, need.min if need.max is None else need.max)
+            most = need.min if need.max is None else need.max
+            same = None
+            try:
+                if need.same_robot_as is not None:
+                    same = self.same_robot(need.same_robot_as, scope, (*path, "same_robot_as"))
+            except ValueError as error:
+                self.report.add(path, f"in {ground}: {error}")
+            needs[local] = Need(local, need.min, most, same)
         return tuple(needs.values())
+
+    def same_robot(
+        self, model: SameRobotModel, scope: Scope, path: SourcePath
+    ) -> SameRobotAs | None:
+        """What `same_robot_as` names, ground; without a local task the task's only one."""
+        ground, arguments = self.ground(model.global_task, scope)
+        local = model.local_task
+        if local is None:
+            known = self.model.global_tasks[split_template(model.global_task)[0]]
+            if len(known.needs) != 1:
+                text = f"{ground} needs {', '.join(known.needs)}: say which, as local_task"
+                self.report.add(path, text)
+                return None
+            (local,) = known.needs
+            scope = {**scope, **dict(zip(known.parameters, arguments, strict=True))}
+        return SameRobotAs(ground, self.ground(local, scope)[0])
+
+    def ground(self, text: str, scope: Scope) -> tuple[str, list[str]]:
+        """A call with its arguments filled in, and these; raises ValueError if one is unknown."""
+        name, templates = split_template(text)
+        arguments = [argument_text(substitute(template, scope)) for template in templates]
+        return call_text(name, arguments), arguments
+
+    def check_same_robots(
+        self, tree: Tree, tasks: Mapping[str, GlobalTask], expander: Expander
+    ) -> None:
+        """What a robot must have done before has to stand before, and to be done at all."""
+        seen: set[str] = set()
+        for node in tree.actions():
+            for need in tasks[node.subject].needs if node.subject in tasks else ():
+                before = need.same_robot_as
+                if before is None:
+                    continue
+                name, _, path = expander.global_calls[node.subject]
+                here = f"{node.subject} needs a robot that did {before.global_task}"
+                if before.global_task not in seen:
+                    self.report.add(path, f"{here}, which does not stand before it in the tree")
+                elif before.local_task not in {
+                    each.local_task for each in tasks[before.global_task].needs
+                }:
+                    place = ("global_tasks", name, "needs")
+                    text = f"{before.global_task} needs no {before.local_task}"
+                    self.report.add(place, f"same_robot_as: {text}")
+            seen.add(node.subject)
+
+    def constraints(self, tasks: Mapping[str, GlobalTask]) -> tuple[Constraint, ...]:
+        model = self.model
+        found = build_constraints(
+            model.constraints, model.robots, self.local_parameters, tasks, self.report
+        )
+        if found and model.solver == "min_cost_flow":
+            text = "min_cost_flow knows no side constraints; use cp_sat, or leave it out"
+            self.report.add(("solver",), text)
+        return found
 
     def tree(self, spec: NodeSpec | None) -> Tree | None:
         if spec is None:

@@ -108,6 +108,11 @@ def _check_global_tasks(mission: Mission) -> None:
             low, high = need.min_robots, need.max_robots
             in_order = _is_integer(high, 1, MAX_ROBOTS) and _is_integer(low, 1, high)
             _expect(in_order, f"{here}: bounds of {need.local_task}")
+            before = need.same_robot_as
+            if before is not None:
+                earlier = mission.global_tasks.get(before.global_task)
+                known = {each.local_task for each in earlier.needs} if earlier else set()
+                _expect(before.local_task in known, f"{here}: same_robot_as")
 
 
 def _check_tree(mission: Mission) -> None:

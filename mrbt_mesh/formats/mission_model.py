@@ -50,6 +50,7 @@ from mrbt_mesh.formats.problems import Report, found, nearest
 MAX_PERFORMANCE_UNITS = 1e6
 MAX_WORK = 1e9
 MAX_SECONDS = 1e9
+MAX_CONSTRAINTS = 100
 SCHEMA_FILE = Path(__file__).with_name("mission.schema.json")
 
 _CALL = call_pattern(r"\s*[A-Za-z0-9_.+$-]{1,64}\s*")
@@ -140,11 +141,22 @@ class RobotModel(FileModel):
     capabilities: dict[GroundText, Performance | None] = {}
 
 
+class SameRobotModel(FileModel):
+    """A local task of another global task; without `local_task`, the only one that it needs."""
+
+    global_task: CallText
+    local_task: CallText | None = None
+
+
 class NeedModel(FileModel):
-    """How many robots a local task needs (`min`, nu) and can use (`max`, mu; default `min`)."""
+    """How many robots a local task needs (`min`, nu) and can use (`max`, mu; default `min`).
+
+    `same_robot_as`: only robots that have succeeded with that before.
+    """
 
     min: Count = 1
     max: Count | None = None
+    same_robot_as: SameRobotModel | None = None
 
 
 class FailAfterModel(FileModel):
@@ -339,18 +351,51 @@ RobotEntry: TypeAlias = Annotated[
 ]
 
 
+class NeverTogetherModel(FileModel):
+    """At most one of these robots on the same demand; of `local_tasks` only, if there are any."""
+
+    robots: Annotated[list[RobotName], Field(min_length=2)]
+    local_tasks: list[GroundText] = []
+
+
+class AtMostModel(FileModel):
+    """At most `count` of these robots at work at the same time."""
+
+    robots: Annotated[list[RobotName], Field(min_length=2)]
+    count: Count = 1
+
+
+class NotAtOnceModel(FileModel):
+    """At most `count` requests for these global tasks served at the same time.
+
+    A type stands for all its tasks.
+    """
+
+    global_tasks: Annotated[list[GroundText], Field(min_length=1)]
+    count: Count = 1
+
+
+class ConstraintsModel(FileModel):
+    """Who may not work together, or at the same time; see docs/solvers.md."""
+
+    never_together: Annotated[list[NeverTogetherModel], Field(max_length=MAX_CONSTRAINTS)] = []
+    at_most: Annotated[list[AtMostModel], Field(max_length=MAX_CONSTRAINTS)] = []
+    not_at_once: Annotated[list[NotAtOnceModel], Field(max_length=MAX_CONSTRAINTS)] = []
+
+
 class MissionModel(FileModel):
     """A mission of a team of robots.
 
     `assignment: spare_scarce`: where robots may break at work, those that others can replace go
-    first, even if something has to wait for them. `solver`: what solves the assignment problem
-    (docs/solvers.md).
+    first, even if something has to wait for them. `solver`: what solves the assignment problem,
+    `constraints`: what else it has to mind (docs/solvers.md).
     """
 
     mission: Name
     program: ProgramText | None = None
     assignment: Literal["any", "spare_scarce"] = "any"
     solver: SolverText | None = None
+    constraints: ConstraintsModel = ConstraintsModel()
     parameters: dict[Name, JsonValue] = {}
     local_tasks: dict[Name, LocalTaskModel]
     conditions: dict[Name, ConditionModel] = {}

@@ -38,7 +38,7 @@ def solver_for(mission: Mission, named: str | None = None) -> Solver:
 
     Raises SolverError if it cannot be used for this mission.
     """
-    return load_solver(named or mission.solver, False)
+    return load_solver(named or mission.solver, bool(mission.constraints))
 
 
 def load_solver(named: str | None, constrained: bool) -> Solver:

@@ -12,7 +12,13 @@ from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from typing import Any, TypeAlias
 
-from mrbt_mesh.core.assignment import AssignmentProblem, Integers, Solver, SolverError
+from mrbt_mesh.core.assignment import (
+    AssignmentProblem,
+    Integers,
+    Solver,
+    SolverError,
+    supports_constraints,
+)
 
 # Problems with fewer pairs take a few milliseconds at most, about as long as to hand them over.
 LARGE_PAIRS = 20_000
@@ -30,6 +36,7 @@ class SolverProcess:
 
     def __init__(self, solver: Solver, large_pairs: int = LARGE_PAIRS) -> None:
         self._solver = solver
+        self.supports_constraints = supports_constraints(solver)
         self._large_pairs = large_pairs
         self._process: Any = None
         self._line: Connection | None = None
@@ -89,6 +96,9 @@ def _serve(line: Connection, solver: Solver) -> None:
             return
         try:
             answer: tuple[bool, Any] = True, solver(problem)
-        except Exception as error:  # a user's solver may raise anything: the caller gets it
+        except (
+            Exception,
+            SystemExit,
+        ) as error:  # the caller gets it
             answer = False, error
         line.send(answer)

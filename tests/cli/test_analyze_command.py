@@ -33,6 +33,20 @@ def test_the_report_names_what_matters() -> None:
     assert max(map(len, output.splitlines())) <= 200
 
 
+def test_it_says_that_side_constraints_are_left_out(tmp_path: Path) -> None:
+    mission, page = tmp_path / "mission.yaml", tmp_path / "out.html"
+    text = Path(REPAIR).read_text() + "\nconstraints: {at_most: [{robots: [A1, A2]}]}\n"
+    mission.write_text(text)
+    said = "(at most 1 of A1, A2 at work) are NOT taken into account"
+    _, output, _ = mrbt("analyze", str(mission), "--html", str(page))
+    assert " ".join(output.split()).count(said) == 2
+    assert said in page.read_text(encoding="utf-8")
+    _, output, _ = mrbt("analyze", str(mission), "--json")
+    assert said in json.loads(output)["assumptions"][0]
+    _, output, _ = mrbt("analyze", REPAIR)
+    assert "NOT taken" not in output
+
+
 def test_the_html_report_stands_alone(tmp_path: Path) -> None:
     page = tmp_path / "out.html"
     code, output, _ = mrbt("analyze", TOOLS, "--html", str(page))

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import functools
+import sys
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 from runs import example
 
 from mrbt_mesh.core.assignment import AssignmentProblem, Solver, SolverError
+from mrbt_mesh.core.mission import Mission
 from mrbt_mesh.core.solvers import brute_force, cp_sat, min_cost_flow
+from mrbt_mesh.drills.physical import Span, spans
+from mrbt_mesh.formats.build import mission_from_yaml
+from mrbt_mesh.runtime.program import RobotProgram, TaskContext
 from mrbt_mesh.sim import SimulationResult, simulate
 from mrbt_mesh.sim import faults as f
 
@@ -89,3 +97,83 @@ def test_nor_does_it_matter_where_robots_plan_together() -> None:
     for broken in (dict.fromkeys(mission.robots, _raises), {"A1": _raises}):
         result = simulate(mission, program, seed=3, solvers=broken, inspect=False)
         assert story(result) == story(plain)
+
+
+# -- side constraints -------------------------------------------------------------------------
+
+CARRY = """
+mission: carry
+local_tasks: {pick: {parameters: [item], work: 2}, place: {parameters: [item], work: 2}}
+robot_types: {Arm: {capabilities: {pick: 1, place: 1}}}
+robots: {R1: Arm, R2: Arm, R3: Arm, R4: Arm}
+global_tasks:
+  fetch: {parameters: [item], needs: {pick($item): {}}}
+  bring:
+    parameters: [item]
+    needs: {place($item): {same_robot_as: {global_task: fetch($item)}}}
+parameters: {items: [1, 2, 3, 4, 5]}
+tree:
+  Parallel:
+    for_each: {item: $items}
+    do: {Sequence: [fetch($item), bring($item)]}
+"""
+LIMITS = """
+constraints:
+  at_most: [{robots: [R1, R2, R3, R4], count: 3}, {robots: [R1, R2]}]
+  not_at_once: [{global_tasks: [bring], count: 1}]
+"""
+
+
+@functools.cache
+def program() -> RobotProgram:
+    """Simulated work, as in the examples, for whatever is asked for."""
+    _, known = example("explore")
+    simulated = sys.modules["simulated"]
+    assert known is not None
+    made = RobotProgram()
+
+    async def act(task: TaskContext, item: str) -> None:
+        await simulated.work(task)
+
+    for name in ("pick", "place"):
+        made.local_task(name)(simulated.physical(act))
+    return made
+
+
+def carry(text: str) -> Mission:
+    return mission_from_yaml(text, "carry.yaml", Path("/nowhere"))
+
+
+def at_work(result: SimulationResult) -> list[Span]:
+    """What was done; who was killed at 5 s did no more."""
+    found = spans(result.events)
+    return [span if span.end else replace(span, end_s=5.0) for span in found]
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("kills", [(), ((5 * SECOND_US, f.Kill("R3")),)])
+def test_a_team_keeps_its_side_constraints_all_the_time(seed: int, kills: Any) -> None:
+    mission = carry(CARRY + LIMITS)
+    solvers: dict[str, Solver] = {"R2": brute_force, "R4": cp_sat}
+    result = simulate(mission, program(), seed=seed, solvers=solvers, schedule=kills)
+    assert result.violations == [], f"seed {seed}"
+    assert result.checks["I1"] > 0
+    found = at_work(result)
+    if not kills:
+        assert result.result == "success"
+        assert len(found) == 10
+    for start in sorted(span.start_s for span in found):
+        now = [span for span in found if span.start_s <= start < span.end_s]
+        assert len(now) <= 3, f"seed {seed}: {now}"
+        assert sum(span.robot in ("R1", "R2") for span in now) <= 1, f"seed {seed}: {now}"
+        assert sum(span.local_task == "place" for span in now) <= 1, f"seed {seed}: {now}"
+    picked = {span.part: span.robot for span in found if span.local_task == "pick"}
+    for span in found:
+        if span.local_task == "place":
+            assert picked[span.part] == span.robot, f"seed {seed}: {span}"
+
+
+def test_without_them_more_is_done_at_once() -> None:
+    found = at_work(simulate(carry(CARRY), program(), seed=0))
+    most = max(sum(s.start_s <= each.start_s < s.end_s for s in found) for each in found)
+    assert most == 4

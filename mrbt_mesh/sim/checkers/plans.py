@@ -58,6 +58,7 @@ class OptimalAssignment:
             problems.append(problem)
             return self._findings.world.solver(problem)
 
+        noting.supports_constraints = True  # type: ignore[attr-defined]
         plan = make_plan(agent.planner.evaluator, agent.facts, alive_set(agent), noting)
         if current_plan(agent, self._findings.world.solver).packed != plan.packed:
             self._findings.say("I7", f"the plan of {agent.me} is not that of its facts")

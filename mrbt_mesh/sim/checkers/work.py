@@ -8,11 +8,11 @@ from dataclasses import replace
 
 from mrbt_mesh.core.agent import Agent
 from mrbt_mesh.core.capable import Capable, workers
-from mrbt_mesh.core.consistency import Consistency
 from mrbt_mesh.core.demand import demands_of
 from mrbt_mesh.core.effects import ActionFinished, Effect, Input, Persist, StartAction
 from mrbt_mesh.core.evaluate import Request
 from mrbt_mesh.core.facts import Entry, Incarnation
+from mrbt_mesh.core.limits import keeping
 from mrbt_mesh.core.mission import MICRO, InDoubt, Mission, performance, type_name
 from mrbt_mesh.core.plan import Plan
 from mrbt_mesh.core.records import (
@@ -148,7 +148,7 @@ def keeps_pin(agent: Agent, plan: Plan, claim: Claim) -> bool:
                 others = [robot for robot in demand.pinned if robot != agent.me]
                 groups[index][number] = replace(demand, pinned=(*others, agent.me))
     pinned = {r: i for i, group in enumerate(groups) for d in group for r in d.pinned}
-    check = Consistency(capable.team)
+    check = keeping(facts.mission.constraints, list(capable.team), groups)
     return any(
         check.keep(index, group, pinned) and group[0].request.activation == claim.activation
         for index, group in enumerate(groups)
@@ -355,6 +355,6 @@ def can_finish(agent: Agent, alive: Mapping[str, Incarnation]) -> bool:
     for node in mission.tree.actions():
         request = Request(node.index, node.subject, "")
         (group,) = demands_of(agent.facts, [request], capable)
-        if not Consistency(capable.team).keep(0, group, {}):
+        if not keeping(mission.constraints, list(capable.team), [group]).keep(0, group, {}):
             return False
     return True

@@ -1,0 +1,203 @@
+"""Side constraints in mission files and in problems for `mrbt assign`."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mrbt_mesh.core.assignment import Limit, Shared
+from mrbt_mesh.core.constraints import AtMost, NeverTogether, NotAtOnce
+from mrbt_mesh.core.mission import Mission, Need, SameRobotAs
+from mrbt_mesh.formats.assignment_file import problem_from_file
+from mrbt_mesh.formats.build import mission_from_yaml
+from mrbt_mesh.formats.compiled import mission_from_compiled
+from mrbt_mesh.formats.mission_file import MissionError, compile_mission
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "solvers.md"
+CARRY = """
+mission: carry
+local_tasks: {pick: {parameters: [item]}, place: {parameters: [item]}}
+robot_types: {Arm: {capabilities: {pick: 1, place: 1}}}
+robots: {R1: Arm, R2: Arm, R3: Arm}
+global_tasks:
+  fetch: {parameters: [item], needs: {pick($item): {}}}
+  bring:
+    parameters: [item]
+    needs:
+      place($item): {same_robot_as: {global_task: fetch($item), local_task: pick($item)}}
+tree: {Sequence: [fetch(1), bring(1)]}
+"""
+LIMITS = """
+constraints:
+  never_together: [{robots: [R2, R1], local_tasks: [pick, place(1)]}, {robots: [R1, R3]}]
+  at_most: [{robots: [R1, R2, R3], count: 2}, {robots: [R1, R2]}]
+  not_at_once: [{global_tasks: [fetch, bring(1)]}]
+"""
+
+
+def load(text: str) -> Mission:
+    return mission_from_yaml(text, "m.yaml", Path("/nowhere"))
+
+
+def test_they_are_read_and_survive_compiling() -> None:
+    mission = load(CARRY + LIMITS)
+    assert mission.constraints == (
+        NeverTogether(("R1", "R2"), ("pick", "place(1)")),
+        NeverTogether(("R1", "R3")),
+        AtMost(("R1", "R2", "R3"), 2),
+        AtMost(("R1", "R2"), 1),
+        NotAtOnce(("bring(1)", "fetch"), 1),
+    )
+    assert mission_from_compiled(compile_mission(mission), "m.json") == mission
+
+
+def test_teams_that_differ_in_them_are_different_teams() -> None:
+    plain, limited = load(CARRY), load(CARRY + LIMITS)
+    assert plain.digest != limited.digest
+    assert "constraints" not in json.loads(compile_mission(plain))
+    assert plain.digest != load(re.sub(r"place\(.*", "place($item): {}", CARRY)).digest
+
+
+def test_same_robot_as_is_ground_and_survives_compiling() -> None:
+    mission = load(CARRY)
+    need = Need("place(1)", 1, 1, SameRobotAs("fetch(1)", "pick(1)"))
+    assert mission.global_tasks["bring(1)"].needs == (need,)
+    assert mission_from_compiled(compile_mission(mission), "m.json") == mission
+    assert load(CARRY.replace(", local_task: pick($item)", "")) == mission
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "robots: [R2, R1]",
+            "robots: [R2, R9]",
+            "never_together[1]/robots[2]: no robot 'R9'; known",
+        ),
+        ("robots: [R2, R1]", "robots: [R2, R2]", "'R2' stands here twice; keep one"),
+        ("robots: [R2, R1]", "robots: [R2]", "at least 2"),
+        ("[pick, place(1)]", "[pik]", "local_tasks[1]: no local task 'pik'; did you mean 'pick'?"),
+        ("[pick, place(1)]", '["pick(1,2)"]', "pick has 1 parameters, found 2"),
+        ("[fetch, bring(1)]", "[fetch(2)]", "the tree has no global task 'fetch(2)'"),
+        ("count: 2", "count: 0", "at_most[1]/count: "),
+        ("count: 2", "count: 3", "3 of 3 robots limits nothing"),
+        ("at_most:", "atmost:", "unknown key 'atmost'; did you mean 'at_most'?"),
+        ("mission: carry", "mission: carry\nsolver: min_cost_flow", "min_cost_flow knows no side"),
+        ("[fetch(1), bring(1)]", "[bring(1), fetch(1)]", "which does not stand before it in the"),
+        ("[fetch(1), bring(1)]", "[fetch(2), bring(1)]", "which does not stand before it in the"),
+        (
+            "global_task: fetch(",
+            "global_task: fech(",
+            "'fech' is no declared global task",
+        ),
+        (
+            "global_task: fetch($item)",
+            "global_task: fetch",
+            "global task 'fetch' takes 1 argument",
+        ),
+        ("local_task: pick($item)", "local_task: pick(7)", "fetch(1) needs no pick(7)"),
+        ("local_task: pick($item)", "local_task: pick($it)", "same_robot_as/local_task: "),
+    ],
+)
+def test_what_is_wrong_is_told(old: str, new: str, message: str) -> None:
+    text = CARRY + LIMITS
+    assert old in text
+    with pytest.raises(MissionError) as caught:
+        load(text.replace(old, new, 1))
+    assert message in str(caught.value), str(caught.value)
+    assert re.match(r"m\.yaml:\d+: ", str(caught.value))
+
+
+@pytest.mark.parametrize(
+    "constraint",
+    [
+        ["at_mots", ["R1"], 1],
+        ["at_most", ["R1", 2], 1],
+        ["at_most", ["R1", "R2"], 0],
+        ["at_most", ["R1", "R2"], True],
+        ["never_together", ["R1", "R2"], [1]],
+        ["never_together", ["R1", "R2"]],
+        "x",
+    ],
+)
+def test_a_damaged_compiled_mission_is_refused(constraint: Any) -> None:
+    data = json.loads(compile_mission(load(CARRY + LIMITS)))
+    data["constraints"] = [constraint]
+    with pytest.raises(MissionError, match="compile the mission again"):
+        mission_from_compiled(json.dumps(data), "m.json")
+
+
+def test_same_robot_as_in_a_damaged_compiled_mission_is_refused() -> None:
+    text = compile_mission(load(CARRY))
+    damaged = text.replace('["fetch(1)","pick(1)"]', '["fetch(1)","pick(2)"]')
+    assert damaged != text
+    with pytest.raises(MissionError, match="same_robot_as"):
+        mission_from_compiled(damaged, "m.json")
+
+
+def test_the_documents_examples_are_right(tmp_path: Path) -> None:
+    text = DOCUMENT.read_text()
+    blocks = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+    (limits,) = [block for block in blocks if block.startswith("constraints:")]
+    (tasks,) = [block for block in blocks if block.startswith("global_tasks:")]
+    head, _, rest = CARRY.partition("global_tasks:")
+    mission = load(head + tasks + rest[rest.index("tree:") :] + limits)
+    assert len(mission.constraints) == 3
+    assert mission.global_tasks == load(CARRY).global_tasks
+    (problem,) = re.findall(r"```json\n(.*?)```", text, re.DOTALL)
+    (tmp_path / "problem.json").write_text(problem)
+    assert problem_from_file(tmp_path / "problem.json").constraints == (Limit((0, 1), (0,), 1),)
+
+
+# -- problems for mrbt assign -----------------------------------------------------------------
+
+PROBLEM: dict[str, Any] = {
+    "robots": {"b": {"x": 1}, "a": {"x": 1, "y": 1}},
+    "demands": [
+        {"id": "d1", "local_task": "x", "min": 0, "max": 2},
+        {"id": "d2", "local_task": "y", "min": 0, "max": 2},
+    ],
+}
+
+
+def problem(tmp_path: Path, constraints: Any) -> Any:
+    path = tmp_path / "problem.json"
+    path.write_text(json.dumps(PROBLEM | {"constraints": constraints}))
+    return problem_from_file(path).constraints
+
+
+def test_constraints_of_a_problem(tmp_path: Path) -> None:
+    only_y = {"robots": ["b", "a"], "local_tasks": ["y"]}
+    assert problem(tmp_path, {"never_together": [only_y]}) == (Limit((0, 1), (1,), 1),)
+    assert problem(tmp_path, {"never_together": [{"robots": ["b", "a"]}]}) == (
+        Limit((0, 1), (0,), 1),
+        Limit((0, 1), (1,), 1),
+    )
+    assert problem(tmp_path, {"at_most": [{"robots": ["b", "a"], "count": 1}]}) == (
+        Limit((0, 1), (0, 1), 1),
+    )
+    assert problem(tmp_path, {"not_at_once": [{"demands": ["d2", "d1"]}]}) == (
+        Shared(((0,), (1,)), 1),
+    )
+
+
+@pytest.mark.parametrize(
+    ("constraints", "message"),
+    [
+        ([], "constraints: a map with never_together, at_most, not_at_once is expected"),
+        ({"atmost": []}, "constraints: a map with never_together"),
+        ({"at_most": [{"count": 1}]}, "constraints.at_most[0]: a map with robots and count"),
+        ({"at_most": [{"robots": ["z"]}]}, "constraints.at_most[0].robots: no 'z' here; known: a"),
+        ({"at_most": [{"robots": "a"}]}, "constraints.at_most[0].robots: a list of names"),
+        ({"at_most": [{"robots": ["a"], "count": 1.5}]}, "[0].count: a whole number is expected"),
+        ({"not_at_once": [{"demands": ["x"]}]}, "not_at_once[0].demands: no 'x' here"),
+    ],
+)
+def test_what_is_wrong_with_a_problem(tmp_path: Path, constraints: Any, message: str) -> None:
+    with pytest.raises(MissionError) as caught:
+        problem(tmp_path, constraints)
+    assert message in str(caught.value)
