@@ -110,8 +110,8 @@ def _registered(name: str) -> Any:
     if not matching:
         known = [*SOLVERS, *sorted(points.names)]
         raise SolverError(
-            f"no solver {name!r}{nearest(name, known)}; there are {', '.join(known)}, "
-            "or write package.module:function"
+            f"no solver {name!r}{nearest(name, known)}; one of your own is written "
+            "package.module:function, or registered by its package"
         )
     if len(matching) > 1:
         packages = ", ".join(package for _, package in matching)

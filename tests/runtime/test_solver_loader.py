@@ -80,7 +80,7 @@ def test_unknown_names_come_with_the_known_ones(folder: Path) -> None:
     install(folder, "fine_package", "excellent = x:y")
     with pytest.raises(SolverError, match="no solver 'cpsat'; did you mean 'cp_sat'"):
         load_solver("cpsat", False)
-    with pytest.raises(SolverError, match="there are min_cost_flow, cp_sat, brute_force, excell"):
+    with pytest.raises(SolverError, match="known: brute_force, cp_sat, excellent, min_cost"):
         load_solver("zzz", False)
 
 
