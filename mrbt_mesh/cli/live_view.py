@@ -82,7 +82,7 @@ def _tree(observer: Observer) -> RenderableType:
             notes[request.node] = Text(
                 "blocked" if blocked else "waits", "red" if blocked else "dim"
             )
-    return render_tree(observer.mission.tree, plan.evaluation.statuses, notes)
+    return render_tree(observer.mission.tree, plan.evaluation, notes)
 
 
 def _robots(observer: Observer) -> Table:

@@ -88,8 +88,10 @@ def plan(
     if as_json:
         data = result.to_json() | {"digest": result.digest.hex()}
         data["statuses"] = {
-            f"{node.index}:{loaded.tree.path(node.index)}": status.name.lower()
-            for node, status in zip(loaded.tree.nodes, result.evaluation.statuses, strict=True)
+            f"{node.index}:{loaded.tree.path(node.index)}": result.evaluation.status_of(
+                node.index
+            ).name.lower()
+            for node in loaded.tree.nodes
         }
         print_json(data)
     else:

@@ -36,4 +36,4 @@ def render_plan(mission: Mission, plan: Plan) -> RenderableType:
         why += f" (performance {line.performance / MICRO:g})"
         table.add_row(Text(robot, "bold"), line.local_task, line.global_task, Text(why, "dim"))
     result = Text(f"mission: {plan.result.name.lower()}", style="bold")
-    return Group(render_tree(mission.tree, plan.evaluation.statuses, notes), "", table, "", result)
+    return Group(render_tree(mission.tree, plan.evaluation, notes), "", table, "", result)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from rich.text import Text
 from rich.tree import Tree as RichTree
 
+from mrbt_mesh.core.evaluate import Evaluation
 from mrbt_mesh.core.tree import LEAVES, Kind, Node, Status, Tree
 
 MARKS = {
@@ -25,7 +26,7 @@ def mark(status: Status, text: str = "") -> Text:
 
 def render_tree(
     tree: Tree,
-    statuses: Sequence[Status],
+    evaluation: Evaluation,
     notes: Mapping[int, Text],
     *,
     fold: bool = True,
@@ -36,12 +37,13 @@ def render_tree(
     """
 
     def add(node: Node, parent: RichTree | None) -> RichTree:
-        label = mark(statuses[node.index], node.label)
+        status = evaluation.status_of(node.index)
+        label = mark(status, node.label)
         if node.index in notes:
             label.append("  ")
             label.append_text(notes[node.index])
         branch = RichTree(label, guide_style="dim") if parent is None else parent.add(label)
-        open_below = statuses[node.index] is Status.RUNNING or not fold
+        open_below = status is Status.RUNNING or not fold
         if fold and node.kind is Kind.SUBTREE:
             # Its one child has the same status; the subtree's name says more.
             node = tree.nodes[node.children[0]]

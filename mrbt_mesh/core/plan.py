@@ -114,7 +114,7 @@ class Plan:
             "result": self.result.name.lower(),
             "order": str(self.order),
             "feasible": self.feasible,
-            "statuses": [int(status) for status in self.evaluation.statuses],
+            "statuses": list(self.evaluation.statuses),
             "requests": [[r.subject, r.activation] for r in self.evaluation.requests],
             "lines": {
                 x.robot: {

@@ -191,7 +191,7 @@ class RunRecord:
         """
         statuses: dict[str, list[Status]] = {}
         for node in self.mission.tree.actions():
-            statuses.setdefault(node.subject, []).append(plan.evaluation.statuses[node.index])
+            statuses.setdefault(node.subject, []).append(plan.evaluation.status_of(node.index))
         order = (Status.RUNNING, Status.FAILURE, Status.SUCCESS)
         for task, found in statuses.items():
             status = next((s for s in order if s in found), Status.IDLE)

@@ -74,7 +74,7 @@ def _remaining(facts: TeamFacts, evaluation: Evaluation) -> dict[Need, int]:
     tree, found = facts.mission.tree, dict[Need, int]()
     ended: list[bool] = []
     for node in tree.nodes:  # parents come first
-        over = evaluation.statuses[node.index] in (Status.SUCCESS, Status.FAILURE)
+        over = evaluation.status_of(node.index) in (Status.SUCCESS, Status.FAILURE)
         ended.append(over or (node.parent >= 0 and ended[node.parent]))
         if not ended[-1] and node.subject in facts.mission.global_tasks:
             for need in facts.mission.global_tasks[node.subject].needs:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from mrbt_mesh.core import records
+from mrbt_mesh.core.changes import Changes, ScopedEntries
 from mrbt_mesh.core.coalition import Coalitions
 from mrbt_mesh.core.evaluate import Evaluator, ScopeName, parse_scope
 from mrbt_mesh.core.facts import Entry, FactMap, Incarnation
@@ -20,6 +21,7 @@ from mrbt_mesh.core.records import (
     ConditionValue,
     Latch,
     Member,
+    NoClaim,
     Order,
     OrderKind,
     Outcome,
@@ -59,16 +61,17 @@ class TeamFacts:
         self.outcomes: dict[str, dict[str, dict[str, bool]]] = {}
         self.max_stamp = 0
         self.changes = 0
-        # A sum of hashes over all entries that evaluating T_G may read: equal facts, equal sums.
-        self.tree_state = 0
+        self.outcome_changes = 0
         tasks = mission.global_tasks.values()
         self._tree_reads_claims = any(task.failure is FailurePolicy.PAPER for task in tasks)
-        self.reach_changes = 0
-        self.outcome_changes = 0
-        self._fresh: list[Entry] = []
-        self._pruned_at = 0
+        self._scoped = ScopedEntries()
+        self._followers: list[Changes] = []
+        # Nodes of which somebody has told a failure: who else is able matters there.
+        self._failed_at: dict[int, None] = {}
         self._conditions: dict[str, dict[str, ConditionValue]] = {}
         self._best: dict[str, ConditionValue] = {}
+        self._values: dict[str, bool] = {}
+        self._defaults: dict[str, bool] = {}
         self._orders: dict[str, Order] = {}
         self._latches: dict[str, dict[str, int]] = {}
         self._coalitions: dict[str, Coalitions] = {}
@@ -78,24 +81,40 @@ class TeamFacts:
 
     def condition(self, name: str) -> bool:
         """The value with the greatest (revision, stamp, author), or the declared default."""
-        best = self._best.get(name)
-        return best.value if best is not None else self.mission.condition_default(name)
+        value = self._values.get(name)
+        if value is None:
+            value = self._values[name] = self._default(name)
+        return value
+
+    def _default(self, name: str) -> bool:
+        default = self._defaults.get(name)
+        if default is None:
+            default = self._defaults[name] = self.mission.condition_default(name)
+        return default
 
     def turns(self, name: str, value: bool) -> int:
         """How often the condition has turned to `value`: a boolean alternates from its default."""
-        revision = self.revision(name)
-        return (
-            revision // 2 if value == self.mission.condition_default(name) else (revision + 1) // 2
-        )
+        return self.turns_at(name, value, self.revision(name))
+
+    def turns_at(self, name: str, value: bool, revision: int) -> int:
+        """The same for any revision of the condition."""
+        return revision // 2 if value == self._default(name) else (revision + 1) // 2
 
     def task_status(self, subject: str, activation: str) -> Status:
         """The paper's *Perform Global Task*: success at nu successes of each local task."""
+        if activation not in self._scoped:
+            return Status.RUNNING  # nobody has said anything of it
         task = self.mission.global_tasks[subject]
         if task.by_coalition:
             return self._coalition_status(task, activation)
-        outcomes = self.outcomes.get(activation, {})
-        if all(sum(outcomes.get(n.local_task, {}).values()) >= n.min_robots for n in task.needs):
-            return Status.SUCCESS
+        outcomes = self.outcomes.get(activation)
+        if outcomes is not None:
+            for need in task.needs:
+                found = outcomes.get(need.local_task)
+                if found is None or sum(found.values()) < need.min_robots:
+                    break
+            else:
+                return Status.SUCCESS
         if self.has_verdict(activation):
             return Status.FAILURE
         if any(self._need_failed(task, need, activation) for need in task.needs):
@@ -210,26 +229,22 @@ class TeamFacts:
 
     # -- keeping the indices --------------------------------------------------------------
 
+    def follow(self) -> Changes:
+        """What changes from now on, and the conditions that somebody has set before."""
+        changes = Changes(dict.fromkeys(self._best))
+        self._followers.append(changes)
+        return changes
+
     def prune(self, evaluator: Evaluator) -> list[tuple[str, str]]:
         """Drop what no evaluation can reach any more; every replica drops the same.
 
-        Returns authors and names. Everything is looked at again only after a condition or an
-        attempt number has changed; otherwise what has come since is enough.
+        Returns authors and names, sorted. Dropping what is out of reach changes the reach of
+        nothing.
         """
-        if self._pruned_at != self.reach_changes:
-            self._fresh = list(self.map)
-        self._pruned_at = self.reach_changes
-        obsolete = []
-        for entry in self._fresh:
-            kind, *names = records.split_name(entry.name)
-            if kind in _SCOPED and evaluator.is_obsolete(parse_scope(names[0]), self):
-                obsolete.append(entry)
-        self._fresh.clear()
-        for entry in obsolete:
-            self.map.drop(entry.author, entry.name)
-        # Dropping what is out of reach changes the reach of nothing.
-        self._pruned_at = self.reach_changes
-        return [(entry.author, entry.name) for entry in obsolete]
+        obsolete = self._scoped.take_obsolete(evaluator, self)
+        for author, name in obsolete:
+            self.map.drop(author, name)
+        return obsolete
 
     def accepts(self, entry: Entry) -> str | None:
         """Why this entry has no place in this mission, or None if it has one."""
@@ -305,22 +320,17 @@ class TeamFacts:
         entry = new or old
         assert entry is not None
         parts = records.split_name(entry.name)
-        if parts[0] in (records.CONDITION, records.ATTEMPT):
-            self.reach_changes += 1
         author, record = entry.author, entry.record
-        self._sum_up(parts[0], old, new)
+        if parts[0] in _SCOPED:
+            self._scope_changed(parts, entry, new is None)
         if new is None:
             self._forget(parts, author)
             return
-        self._fresh.append(entry)
         match record:
             case Member():
-                self.members[author] = (record, entry.version.incarnation)
-            case Claim():
-                self.claims[author] = (record, entry.version.incarnation)
-                self.max_stamp = max(self.max_stamp, record.since)
-            case records.NoClaim():
-                self.claims.pop(author, None)
+                self._described(author, record, entry.version.incarnation)
+            case Claim() | NoClaim():
+                self._claimed(author, record, entry.version.incarnation)
             case Outcome():
                 self._ended(parts, entry, record)
             case Coalition() | Latch() if parts[0] in records.COALITION_KINDS:
@@ -328,10 +338,12 @@ class TeamFacts:
                 self._coalition(parts).take(parts[0], token, entry)
                 self.max_stamp = max(self.max_stamp, token.since)
             case ConditionValue():
+                self._condition_changes(parts[1])
                 values = self._conditions.setdefault(parts[1], {})
                 values[author] = record
                 ranked = max((v.revision, v.stamp, a) for a, v in values.items())
                 self._best[parts[1]] = values[ranked[2]]
+                self._values[parts[1]] = values[ranked[2]].value
                 self.max_stamp = max(self.max_stamp, record.stamp)
             case Order():
                 self._orders[author] = record
@@ -342,9 +354,51 @@ class TeamFacts:
                 number = int(record.success) if isinstance(record, Passed) else 1
                 self._latches.setdefault(entry.name, {})[author] = number
 
-    def _sum_up(self, kind: str, old: Entry | None, new: Entry | None) -> None:
-        if kind != records.CLAIM or self._tree_reads_claims:
-            self.tree_state += (new.hash if new else 0) - (old.hash if old else 0)
+    def _scope_changed(self, parts: list[str], entry: Entry, is_dropped: bool) -> None:
+        change = self._scoped.remove if is_dropped else self._scoped.add
+        node = change(parts[1], (entry.author, entry.name))
+        if parts[0] == records.PASSED:
+            for changes in self._followers:
+                changes.passed[node, int(parts[2])] = None
+            return
+        self._nodes_change(node)
+        if parts[0] == records.ATTEMPT and not is_dropped:
+            self._scoped.goes_round(node)
+        if isinstance(entry.record, Outcome) and not entry.record.success:
+            self._failed_at[node] = None
+
+    def _condition_changes(self, name: str) -> None:
+        self._scoped.condition_changes(name, self.revision(name))
+        for changes in self._followers:
+            changes.conditions[name] = None
+
+    def _nodes_change(self, *nodes: int) -> None:
+        for changes in self._followers:
+            changes.nodes.update(dict.fromkeys(nodes))
+
+    def _described(self, robot: str, member: Member, incarnation: Incarnation) -> None:
+        known = self.members.get(robot)
+        if known is None or known[0].capabilities != member.capabilities:
+            self._nodes_change(*self._failed_at)
+        self.members[robot] = (member, incarnation)
+        self._claim_changes(robot)
+
+    def _claimed(self, robot: str, claim: Claim | NoClaim, incarnation: Incarnation) -> None:
+        self._claim_changes(robot)
+        if isinstance(claim, NoClaim):
+            self.claims.pop(robot, None)
+            return
+        self.claims[robot] = (claim, incarnation)
+        self._claim_changes(robot)
+        self.max_stamp = max(self.max_stamp, claim.since)
+
+    def _claim_changes(self, robot: str) -> None:
+        """By the paper's policy a claim, as long as it is valid, counts as an assignment."""
+        if self._tree_reads_claims and robot in self.claims:
+            try:
+                self._nodes_change(parse_scope(self.claims[robot][0].activation).node)
+            except ValueError:
+                return  # of nothing that a tree could name
 
     def _ended(self, parts: list[str], entry: Entry, outcome: Outcome) -> None:
         self.outcome_changes += 1

@@ -11,7 +11,7 @@ from functools import lru_cache
 from typing import Any, TypeVar
 
 from mrbt_mesh.core.assignment import Solver
-from mrbt_mesh.core.evaluate import Evaluation, EvaluationFacts, Evaluator
+from mrbt_mesh.core.evaluate import Evaluator
 from mrbt_mesh.core.facts import Entry, Incarnation
 from mrbt_mesh.core.functions import (
     Functions,
@@ -22,7 +22,6 @@ from mrbt_mesh.core.functions import (
 )
 from mrbt_mesh.core.plan import Plan
 from mrbt_mesh.core.team import TeamFacts
-from mrbt_mesh.core.tree import Tree
 from mrbt_mesh.core.wire import Beat, Header
 
 # Batches and plans are shared among robots at about the same time.
@@ -49,21 +48,6 @@ class HandedOver(bytes):
     beat: Beat
 
 
-class _RememberingEvaluator(Evaluator):
-    """Of one run's T_G: most changes of facts are of claims, which it does not read."""
-
-    def __init__(self, tree: Tree) -> None:
-        super().__init__(tree)
-        self._found: Recent[int, Evaluation] = Recent()
-
-    def evaluate(self, facts: EvaluationFacts) -> Evaluation:
-        assert isinstance(facts, TeamFacts)
-        found = self._found.get(facts.tree_state)
-        if found is None:
-            found = self._found[facts.tree_state] = super().evaluate(facts)
-        return found
-
-
 def shared_functions(mine: Header) -> Functions:
     """Functions for all robots of one run, which remember what they have answered lately."""
 
@@ -86,21 +70,16 @@ def shared_functions(mine: Header) -> Functions:
     def shared_batch(source: str, data: bytes, mine: Header) -> tuple[list[Entry], int]:
         return batch_of(source, data)
 
-    evaluators: list[_RememberingEvaluator] = []
-    makers: dict[Solver, MakePlan] = {}
     plans: Recent[tuple[bytes, frozenset[tuple[str, Incarnation]]], Plan] = Recent()
 
     def shared_planning(evaluator: Evaluator, solver: Solver) -> MakePlan:
-        if not evaluators:
-            evaluators.append(_RememberingEvaluator(evaluator.tree))
-        if solver not in makers:
-            makers[solver] = plan_making(evaluators[0], solver)
+        make_plan = plan_making(evaluator, solver)
 
         def shared_plan(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
             key = (facts.map.digest(), frozenset(alive.items()))
             plan = plans.get(key)
             if plan is None:
-                plan = plans[key] = makers[solver](facts, alive)
+                plan = plans[key] = make_plan(facts, alive)
             return plan
 
         return shared_plan

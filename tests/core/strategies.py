@@ -86,6 +86,11 @@ class Run:
                 self.seen.append(request.activation)
 
     def step(self, choice: int, success: bool) -> None:
+        """One thing happens, and what follows is written down."""
+        self.happen(choice, success)
+        self.note()
+
+    def happen(self, choice: int, success: bool) -> None:
         """One thing happens, named by a number."""
         world = self.world
         conditions = sorted(world.mission.conditions)
@@ -98,7 +103,6 @@ class Run:
             # Mostly what was asked for last; sometimes a straggler.
             position = max(0, len(self.seen) - 1 - choice // 3 % 6)
             world.outcome(self.seen[position], success)
-        self.note()
 
     def drop_obsolete(self) -> list[str]:
         """The names that no evaluation can reach any more."""

@@ -377,7 +377,7 @@ def test_requests_are_running_actions_with_a_name_of_their_own(run: Run) -> None
     names = [request.activation for request in evaluation.requests]
     assert len(names) == len(set(names))
     for request in evaluation.requests:
-        assert evaluation.statuses[request.node] is RUNNING
+        assert evaluation.status_of(request.node) is RUNNING
         assert run.world.facts.task_status(request.subject, request.activation) is RUNNING
     if evaluation.status is not RUNNING:
         assert not evaluation.requests

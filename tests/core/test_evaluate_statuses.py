@@ -110,7 +110,7 @@ def test_children_behind_the_deciding_one_are_not_ticked(
 ) -> None:
     spec, statuses = case
     tree = build_tree(spec)
-    found = evaluate(spec, statuses).statuses
+    found = [Status(each) for each in evaluate(spec, statuses).statuses]
     passing = {Kind.SEQUENCE: SUCCESS, Kind.FALLBACK: FAILURE}
     assert found[0] is not IDLE
     for node in tree.nodes:
@@ -140,7 +140,7 @@ def test_only_running_actions_with_running_ancestors_request_anything(
         line = [node.index]
         while tree.nodes[line[-1]].parent >= 0:
             line.append(tree.nodes[line[-1]].parent)
-        if all(evaluation.statuses[index] is RUNNING for index in line):
+        if all(evaluation.status_of(index) is RUNNING for index in line):
             expected.append(node.index)
     assert [request.node for request in evaluation.requests] == expected
 
