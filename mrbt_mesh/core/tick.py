@@ -409,7 +409,8 @@ def _recalled(tick: Tick, node: int, turns: int, text: str) -> int:
     if before is not None:
         tick.skipped[node] = 1
         tick.statuses[node] = before
-        tick.acted[node] = tick.layout.has_action[node]
+        # What an earlier attempt has done uses up no further one.
+        tick.acted[node] = tick.layout.has_action[node] and not tick.layout.keeps(parent)
         return before | ACTED if tick.acted[node] else int(before)
     code = tick.functions.inner[node](tick, node, turns, text)
     status = code & STATUS_BITS

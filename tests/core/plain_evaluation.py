@@ -231,7 +231,8 @@ class _Tick:
             before = self.facts.passed(scope, positions[child])
             if before is not None:
                 self.statuses[child] = before
-                return before, evaluator.has_action[child]
+                # What an earlier attempt has done uses up no further one.
+                return before, evaluator.has_action[child] and not keeps
             status, acted = self.tick(child)
             if status is not Status.RUNNING:
                 ended.append((scope, positions[child], status is Status.SUCCESS))

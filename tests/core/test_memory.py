@@ -350,6 +350,17 @@ def test_until_success_a_retry_goes_on_where_it_failed() -> None:
     assert world.status is Ours.SUCCESS
 
 
+@pytest.mark.parametrize(("limit", "status"), [(-1, Ours.RUNNING), (3, Ours.FAILURE)])
+def test_what_an_earlier_attempt_has_done_uses_up_no_other_one(limit: int, status: Ours) -> None:
+    inner = sequence(action("a"), condition("c"), memory=Memory.UNTIL_SUCCESS)
+    world = World(NodeSpec(Kind.RETRY, (inner,), limit=limit))
+    world.succeed("a")
+    assert world.status is status
+    assert world.asked() == []
+    world.set("c", True)
+    assert world.status is Ours.SUCCESS
+
+
 def test_what_has_passed_is_dropped_once_it_is_out_of_reach() -> None:
     inner = sequence(condition("c"), action("a"))
     world = World(NodeSpec(Kind.SEQUENCE, (condition("on"), inner)), true_at_first=("c", "on"))
