@@ -85,18 +85,18 @@ class Reassigner:
         return self._optimum is not None
 
     def _solve(self, team: Team) -> None:
-        self._team, self._optimum = team, None
         if len(team.demands) == 1:
-            self._assigned = team.best_of_one()
-            return
-        choice = self._from_scratch(team.problem())
-        self._assigned = None
-        if choice is not None:
-            self._assigned = {
-                robot: team.demands[index].id
-                for robot, index in zip(team.robots, choice, strict=True)
-                if index != UNASSIGNED
-            }
+            assigned = team.best_of_one()
+        else:
+            choice = self._from_scratch(team.problem())  # may raise: nothing has changed by then
+            assigned = None
+            if choice is not None:
+                assigned = {
+                    robot: team.demands[index].id
+                    for robot, index in zip(team.robots, choice, strict=True)
+                    if index != UNASSIGNED
+                }
+        self._team, self._optimum, self._assigned = team, None, assigned
 
     def _apply(self, changes: Changes, team: Team) -> None:
         optimum, self._optimum = self._optimum, None

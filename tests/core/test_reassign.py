@@ -387,3 +387,20 @@ def test_one_demand_gets_its_best_robots(
     )
     assert team.best_of_one() == expected
     assert Reassigner(partial(solve, solver=min_cost_flow)).update(team) == expected
+
+
+def test_after_a_solver_has_failed_the_same_problem_is_solved_again() -> None:
+    answers: list[tuple[int, ...]] = []
+
+    def fails_at_first(problem: AssignmentProblem) -> tuple[int, ...] | None:
+        if not answers:
+            answers.append(())
+            raise SolverError("not yet")
+        return from_scratch(problem)
+
+    demands = (Offered("x", 1, 1, {"a": 1, "b": 2}), Offered("y", 1, 1, {"a": 1, "b": 1}))
+    team = Team(("a", "b"), demands)
+    keeper = Reassigner(fails_at_first)
+    with pytest.raises(SolverError, match="not yet"):
+        keeper.update(team)
+    assert keeper.update(team) == assigned(team) == {"a": "y", "b": "x"}
