@@ -263,7 +263,7 @@ def test_after_reaching_too_far_it_pauses_ever_longer(monkeypatch: pytest.Monkey
     monkeypatch.setattr(reassign_module, "PAIRS_PER_VISIT", 10**9)
     story = Story(5, 120, 1000)
     demand = replace(story.offer(), lower=110, upper=110, candidates=dict.fromkeys(story.names, 1))
-    story.team = replace(story.team, demands=(demand,))
+    story.team = replace(story.team, demands=(demand, Offered("nobody's", 0, 1, {})))
     scratch = Scratch()
     reassigner = Reassigner(scratch)
     reassigner.update(story.team)

@@ -12,7 +12,16 @@ from dataclasses import replace
 from typing import Any
 from unittest import mock
 
-from mrbt_mesh.core import assignment, canonical, capable, coalition, commands, demand, grants
+from mrbt_mesh.core import (
+    assignment,
+    canonical,
+    capable,
+    coalition,
+    commands,
+    demand,
+    grants,
+    reporting,
+)
 from mrbt_mesh.core.agent import Agent
 from mrbt_mesh.core.effects import Persist
 from mrbt_mesh.core.facts import Entry, FactMap, Incarnation
@@ -80,8 +89,8 @@ def revision_not_bumped() -> Iterator[None]:
             for name, (value, revision, stamp) in writes
         ]
 
-    original = Agent._condition_writes
-    with mock.patch.object(Agent, "_condition_writes", same_revision):
+    original = reporting._condition_writes
+    with mock.patch.object(reporting, "_condition_writes", same_revision):
         yield
 
 
