@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from mrbt_mesh.core.evaluate import Evaluator, ScopeName, parse_scope
-from mrbt_mesh.core.tick import EvaluationFacts
+from mrbt_mesh.core.evaluation import EvaluationFacts
 
 # Author and name of an entry.
 Key = tuple[str, str]
@@ -55,21 +55,18 @@ class ScopedEntries:
     """
 
     def __init__(self) -> None:
-        self._scopes: dict[str, _Scope] = {}
+        self.by_scope: dict[str, _Scope] = {}
         self._at: dict[int, dict[str, None]] = {}
         self._nodes: list[int] = []
         self._fresh: dict[str, None] = {}
         self._revisions: dict[str, int] = {}
         self._loops: dict[int, None] = {}
 
-    def __contains__(self, scope: str) -> bool:
-        return scope in self._scopes
-
     def add(self, scope: str, key: Key) -> int:
         """Take in an entry; returns the node."""
-        known = self._scopes.get(scope)
+        known = self.by_scope.get(scope)
         if known is None:
-            known = self._scopes[scope] = _Scope(parse_scope(scope))
+            known = self.by_scope[scope] = _Scope(parse_scope(scope))
             node = known.name.node
             if node not in self._at:
                 self._at[node] = {}
@@ -81,11 +78,11 @@ class ScopedEntries:
 
     def remove(self, scope: str, key: Key) -> int:
         """Leave out an entry; returns the node."""
-        known = self._scopes[scope]
+        known = self.by_scope[scope]
         node = known.name.node
         del known.keys[key]
         if not known.keys:
-            del self._scopes[scope]
+            del self.by_scope[scope]
             del self._at[node][scope]
             if not self._at[node]:
                 del self._at[node]
@@ -112,7 +109,7 @@ class ScopedEntries:
             begin = bisect_left(self._nodes, first)
             for node in self._nodes[begin : bisect_right(self._nodes, last, begin)]:
                 looked_at.update(self._at[node])
-        scopes = [self._scopes[scope] for scope in looked_at if scope in self._scopes]
+        scopes = [self.by_scope[scope] for scope in looked_at if scope in self.by_scope]
         obsolete = [scope for scope in scopes if evaluator.is_obsolete(scope.name, facts)]
         self._forget_changes()
         return sorted(key for scope in obsolete for key in scope.keys)

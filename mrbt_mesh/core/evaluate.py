@@ -12,59 +12,22 @@ have is a fact, under the name of the node. What such a child read is no guard o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from mrbt_mesh.core.evaluation import Evaluation, EvaluationFacts, Request, RunningTimeout
 from mrbt_mesh.core.layout import Layout
-from mrbt_mesh.core.tick import EvaluationFacts, Functions, Tick, memory_text
-from mrbt_mesh.core.tree import Status, Tree
+from mrbt_mesh.core.tick import Functions, Tick, memory_text
+from mrbt_mesh.core.tree import Tree
 
-_STATUSES = tuple(Status)
-
-
-@dataclass(frozen=True, slots=True)
-class Request:
-    """A running action leaf: what it asks for, under which activation."""
-
-    node: int
-    subject: str
-    activation: str
-
-
-@dataclass(frozen=True, slots=True)
-class RunningTimeout:
-    """A Timeout whose child runs; whoever sees `timeout_us` pass records that it expired."""
-
-    node: int
-    scope: str
-    timeout_us: int
-
-
-@dataclass(frozen=True, slots=True)
-class Evaluation:
-    """The outcome of one tick: a status per node, requests in tree order, facts to record.
-
-    `statuses` has one byte per node, the value of its `Status`. `attempts` are (scope, attempt
-    number) pairs that have become true by this evaluation, and `passed` (scope, position, success)
-    of children that nodes with memory have done with; `failures` are the activations of the
-    actions that were ticked and have failed, used-up attempts left out.
-    """
-
-    statuses: bytes
-    requests: tuple[Request, ...]
-    timeouts: tuple[RunningTimeout, ...]
-    attempts: tuple[tuple[str, int], ...]
-    failures: tuple[str, ...]
-    passed: tuple[tuple[str, int, bool], ...]
-
-    @property
-    def status(self) -> Status:
-        """The root's status."""
-        return _STATUSES[self.statuses[0]]
-
-    def status_of(self, node: int) -> Status:
-        """The status of one node."""
-        return _STATUSES[self.statuses[node]]
+__all__ = [
+    "Evaluation",
+    "Evaluator",
+    "Request",
+    "RunningTimeout",
+    "ScopeName",
+    "parse_scope",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,30 +107,53 @@ class Evaluator:
         if tick.hides:
             asking = [rank for rank in asking if is_live(layout.by_rank[rank])]
             watching = [rank for rank in watching if is_live(layout.by_rank[rank])]
-        return self._evaluation(
+        return evaluation_of(
             tick,
-            tuple(self._request(tick, rank) for rank in asking),
-            tuple(self._timeout(tick, rank) for rank in watching),
-            tuple(tick.names[layout.by_rank[rank]] for rank in tick.failed),
+            is_live,
+            tuple(request_of(tick, rank) for rank in asking),
+            tuple(timeout_of(tick, rank) for rank in watching),
+            tuple(failure_of(tick, rank) for rank in tick.failed),
         )
 
-    def _evaluation(
-        self,
-        tick: Tick,
-        requests: tuple[Request, ...],
-        timeouts: tuple[RunningTimeout, ...],
-        failures: tuple[str, ...],
-    ) -> Evaluation:
-        latches, kept = tick.said(0, self.layout.ends[0])
-        passed = tick.passed(tick.liveness())
-        return Evaluation(
-            bytes(tick.statuses), requests, timeouts, tuple(latches), failures, (*passed, *kept)
-        )
 
-    def _request(self, tick: Tick, rank: int) -> Request:
-        node = self.layout.by_rank[rank]
-        return Request(node, self.layout.subjects[node], tick.names[node])
+def evaluation_of(
+    tick: Tick,
+    is_live: Callable[[int], bool],
+    requests: tuple[Request, ...],
+    timeouts: tuple[RunningTimeout, ...],
+    failures: tuple[str, ...],
+) -> Evaluation:
+    """What a tick has found, given what is asked for."""
+    latches, kept = tick.said(0, tick.layout.ends[0])
+    return Evaluation(
+        bytes(tick.statuses),
+        requests,
+        timeouts,
+        tuple(latches),
+        failures,
+        (*tick.passed(is_live), *kept),
+    )
 
-    def _timeout(self, tick: Tick, rank: int) -> RunningTimeout:
-        node = self.layout.by_rank[rank]
-        return RunningTimeout(node, tick.names[node], self.tree.nodes[node].timeout_us)
+
+def request_of(tick: Tick, rank: int) -> Request:
+    """What the action with this rank asks for."""
+    node = tick.layout.by_rank[rank]
+    name, known = tick.names[node], tick.asked[node]
+    if known is None or known.activation is not name:
+        known = tick.asked[node] = Request(node, tick.layout.subjects[node], name)
+    return known
+
+
+def timeout_of(tick: Tick, rank: int) -> RunningTimeout:
+    """What the Timeout with this rank waits for."""
+    node = tick.layout.by_rank[rank]
+    name, known = tick.names[node], tick.watched[node]
+    if known is None or known.scope is not name:
+        timeout_us = tick.layout.tree.nodes[node].timeout_us
+        known = tick.watched[node] = RunningTimeout(node, name, timeout_us)
+    return known
+
+
+def failure_of(tick: Tick, rank: int) -> str:
+    """The activation of the action with this rank."""
+    return tick.names[tick.layout.by_rank[rank]]

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from mrbt_mesh.core.assignment import Solver
-from mrbt_mesh.core.evaluate import Evaluator
 from mrbt_mesh.core.facts import Entry, Incarnation
 from mrbt_mesh.core.functions import INDEPENDENT, Functions
 from mrbt_mesh.core.membership import Membership, State
@@ -17,6 +16,7 @@ from mrbt_mesh.core.mission import Mission
 from mrbt_mesh.core.plan import Plan
 from mrbt_mesh.core.record import RunRecord
 from mrbt_mesh.core.records import Claim
+from mrbt_mesh.core.reevaluate import Reevaluator
 from mrbt_mesh.core.replica import Replica
 from mrbt_mesh.core.team import TeamFacts
 from mrbt_mesh.core.timing import Timing
@@ -50,7 +50,7 @@ class Observer:
         header = Header(mission.digest[:16], mission.name, run, "")
         self.replica = Replica(self.facts, header, timing, "", functions.read_batch)
         self.membership = Membership("", timing)
-        self.evaluator = Evaluator(mission.tree)
+        self.evaluator = Reevaluator(mission.tree, self.facts)
         self.record = RunRecord(mission)
         self.plan: Plan | None = None
         self.refused: dict[str, str] = {}

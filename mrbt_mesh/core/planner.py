@@ -9,10 +9,10 @@ from mrbt_mesh.core import records
 from mrbt_mesh.core.agent_config import AgentConfig
 from mrbt_mesh.core.assignment import SolverError
 from mrbt_mesh.core.coalition import newly_broken
-from mrbt_mesh.core.evaluate import Evaluator
 from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.functions import MakePlan
 from mrbt_mesh.core.plan import Plan
+from mrbt_mesh.core.reevaluate import Reevaluator
 from mrbt_mesh.core.robot_tree import RobotTree
 from mrbt_mesh.core.solvers import default_solver
 from mrbt_mesh.core.team import TeamFacts
@@ -31,7 +31,7 @@ class Planner:
         self, me: str, tree: Tree, facts: TeamFacts, config: AgentConfig, robot_tree: RobotTree
     ) -> None:
         self._me = me
-        self.evaluator = Evaluator(tree)
+        self.evaluator = Reevaluator(tree, facts)
         self.watches = Watches()
         self.plan: Plan | None = None
         self.dropped: list[tuple[str, str]] = []

@@ -68,6 +68,8 @@ class TeamFacts:
         self._followers: list[Changes] = []
         # Nodes of which somebody has told a failure: who else is able matters there.
         self._failed_at: dict[int, None] = {}
+        # Activations that have nu successes of each local task, without coalitions.
+        self._succeeded: set[str] = set()
         self._conditions: dict[str, dict[str, ConditionValue]] = {}
         self._best: dict[str, ConditionValue] = {}
         self._values: dict[str, bool] = {}
@@ -94,7 +96,8 @@ class TeamFacts:
 
     def turns(self, name: str, value: bool) -> int:
         """How often the condition has turned to `value`: a boolean alternates from its default."""
-        return self.turns_at(name, value, self.revision(name))
+        best = self._best.get(name)
+        return self.turns_at(name, value, best.revision) if best is not None else 0
 
     def turns_at(self, name: str, value: bool, revision: int) -> int:
         """The same for any revision of the condition."""
@@ -102,19 +105,13 @@ class TeamFacts:
 
     def task_status(self, subject: str, activation: str) -> Status:
         """The paper's *Perform Global Task*: success at nu successes of each local task."""
-        if activation not in self._scoped:
+        if activation not in self._scoped.by_scope:
             return Status.RUNNING  # nobody has said anything of it
+        if activation in self._succeeded:
+            return Status.SUCCESS
         task = self.mission.global_tasks[subject]
         if task.by_coalition:
             return self._coalition_status(task, activation)
-        outcomes = self.outcomes.get(activation)
-        if outcomes is not None:
-            for need in task.needs:
-                found = outcomes.get(need.local_task)
-                if found is None or sum(found.values()) < need.min_robots:
-                    break
-            else:
-                return Status.SUCCESS
         if self.has_verdict(activation):
             return Status.FAILURE
         if any(self._need_failed(task, need, activation) for need in task.needs):
@@ -136,14 +133,18 @@ class TeamFacts:
 
     def attempt(self, scope: str) -> int:
         """The number of attempts that are used up, over all authors."""
+        if scope not in self._scoped.by_scope:
+            return 0
         return max(self._latches.get(f"{records.ATTEMPT}/{scope}", {}).values(), default=0)
 
     def expired(self, scope: str) -> bool:
         """Whether anybody has seen this Timeout's deadline pass."""
-        return f"{records.EXPIRED}/{scope}" in self._latches
+        return scope in self._scoped.by_scope and f"{records.EXPIRED}/{scope}" in self._latches
 
     def passed(self, scope: str, position: int) -> Status | None:
         """How that child of a node with memory ended; success, if anybody says so."""
+        if scope not in self._scoped.by_scope:
+            return None
         said = self._latches.get(f"{records.PASSED}/{scope}/{position}")
         if said is None:
             return None
@@ -408,6 +409,15 @@ class TeamFacts:
         else:
             ends = self.outcomes.setdefault(parts[1], {}).setdefault(parts[2], {})
             ends[entry.author] = outcome.success
+            self._count_successes(parts[1])
+
+    def _count_successes(self, activation: str) -> None:
+        task = self.mission.global_tasks[self._scoped.by_scope[activation].name.subject]
+        outcomes = self.outcomes.get(activation, {})
+        if all(sum(outcomes.get(n.local_task, {}).values()) >= n.min_robots for n in task.needs):
+            self._succeeded.add(activation)
+        else:
+            self._succeeded.discard(activation)
 
     def _coalition(self, parts: list[str]) -> Coalitions:
         return self._coalitions.setdefault(parts[1], Coalitions())
@@ -422,8 +432,11 @@ class TeamFacts:
             del tasks[parts[2]][author]
             if not tasks[parts[2]]:
                 del tasks[parts[2]]
-            if not tasks:
+            if tasks:
+                self._count_successes(parts[1])
+            else:
                 del self.outcomes[parts[1]]
+                self._succeeded.discard(parts[1])
             return
         name = "/".join(parts)
         del self._latches[name][author]

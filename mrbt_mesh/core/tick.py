@@ -7,9 +7,10 @@ numbers here, those of `Status`.
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
 
+from mrbt_mesh.core.evaluation import EvaluationFacts, Request, RunningTimeout
 from mrbt_mesh.core.layout import Layout
 from mrbt_mesh.core.tree import Kind, Status, parallel_status
 
@@ -36,27 +37,6 @@ Latch = tuple[str, int]
 Passed = tuple[str, int, bool]
 
 
-class EvaluationFacts(Protocol):
-    """What a tree may read. The team's facts and a robot's own facts both provide it."""
-
-    @property
-    def run(self) -> str: ...
-    def condition(self, name: str) -> bool: ...
-    def turns(self, name: str, value: bool) -> int:
-        """How often the condition has turned to `value`; it never falls."""
-        ...
-
-    def task_status(self, subject: str, activation: str) -> Status:
-        """RUNNING until the activation has a result."""
-        ...
-
-    def attempt(self, scope: str) -> int: ...
-    def expired(self, scope: str) -> bool: ...
-    def passed(self, scope: str, position: int) -> Status | None:
-        """How that child of a node with memory ended, None if nobody has said so."""
-        ...
-
-
 class Tick:
     """What one tick has found.
 
@@ -67,7 +47,8 @@ class Tick:
     succeeded or failed. Sorted ranks: `asking` of running actions, `watching` of running Timeouts,
     whether or not something above has finished, and `failed` of actions that have failed.
     `latches`, and `past`, what was said in earlier rounds of a loop, are attempts that were used
-    up; `ended` the children that nodes with memory have done with.
+    up; `ended` the children that nodes with memory have done with, and `reporting` the nodes of
+    which this must be remembered.
     """
 
     def __init__(
@@ -78,7 +59,8 @@ class Tick:
         self.functions = functions
         self.facts = facts
         self.turned = turned
-        self.heads = functions.heads(facts.run)
+        known = functions.known(facts.run)
+        self.scopes, self.asked, self.watched = known.scopes, known.requests, known.timeouts
         self.statuses = bytearray(count)
         self.acted = bytearray(count)
         self.skipped = bytearray(count)
@@ -97,10 +79,32 @@ class Tick:
         self.latches: dict[int, Latch] = {}
         self.past: dict[int, tuple[list[Latch], list[Passed]]] = {}
         self.ended: dict[int, dict[int, bool]] = {}
+        self.reporting: dict[int, None] = {}
 
     def tick(self, node: int, turns: int, text: str) -> int:
         """Tick a node that has not been ticked: `turns` of its guards, attempts as a `text`."""
         return self.functions.ticks[node](self, node, turns, text)
+
+    def amid(self, tick: Callable[[], int]) -> int:
+        """Tick something amid what was ticked before, and put what it asks for in its place."""
+        before = self.asking, self.watching, self.failed
+        self.asking, self.watching, self.failed = [], [], []
+        code = tick()
+        for ranks, fresh in zip(before, (self.asking, self.watching, self.failed), strict=True):
+            if fresh:
+                place = bisect_left(ranks, fresh[0])
+                ranks[place:place] = fresh
+        self.asking, self.watching, self.failed = before
+        return code
+
+    def name(self, node: int, turns: int, text: str) -> str:
+        """The name of what happens at a node; the same as last time if nothing has turned."""
+        known = self.scopes[node]
+        if known is None or known[0] != turns or known[1] != text:
+            subject = self.layout.subjects[node]
+            known = (turns, text, f"{self.facts.run}:{node}:{subject}:{text}:{turns}")
+            self.scopes[node] = known
+        return known[2]
 
     def text(self, node: int) -> str:
         """The attempt numbers around a node that was ticked."""
@@ -116,9 +120,15 @@ class Tick:
         for ranks in (self.asking, self.watching, self.failed):
             begin = bisect_left(ranks, low)
             del ranks[begin : bisect_right(ranks, high, begin)]
-        for known in (self.latches, self.past, self.ended):
-            for node in [node for node in known if first <= node <= last]:
-                del known[node]
+        by_node: tuple[dict[int, Any], ...]
+        by_node = (self.latches, self.past, self.ended, self.reporting)
+        for known in by_node:
+            if len(known) > last - first:
+                nodes: Iterable[int] = range(first, last + 1)
+            else:
+                nodes = [node for node in known if first <= node <= last]
+            for node in nodes:
+                known.pop(node, None)
 
     def ranks(self, first: int, last: int) -> tuple[int, int]:
         """The ranks that neighbouring subtrees with these indices take."""
@@ -136,7 +146,8 @@ class Tick:
         fresh, children = layout.fresh, layout.children[node]
         passing = self.functions.passing[node]
         acting, child, status = self.acting[node], -1, passing
-        for child in children[position:] if position else children:
+        rest = children if not position else (children[p] for p in range(position, len(children)))
+        for child in rest:
             for guard in fresh[child]:
                 turns += turned[guard]
             status = ticks[child](self, child, turns, text)
@@ -212,9 +223,9 @@ class Tick:
         for node, latch in self.latches.items():
             if first <= node <= last:
                 found.append(((layout.ranks[node], 1, node), [latch], ()))
-        for node, ended in self.ended.items():
-            if first <= node <= last and self.statuses[node] == FAILURE and layout.keeps(node):
-                scope = self.names[node]
+        for node in self.reporting:
+            if first <= node <= last and self.statuses[node] == FAILURE:
+                scope, ended = self.names[node], self.ended[node]
                 kept = [(scope, position, True) for position in sorted(ended) if ended[position]]
                 found.append(((layout.ranks[node], 1, node), (), kept))
         found.sort(key=lambda item: item[0])
@@ -224,13 +235,23 @@ class Tick:
 
     def passed(self, is_live: Callable[[int], bool]) -> list[Passed]:
         """Children that running nodes with memory have done with."""
-        found = [node for node in self.ended if self.statuses[node] == RUNNING and is_live(node)]
+        found = [node for node in self.reporting if is_live(node)]
         found.sort(key=self.layout.ranks.__getitem__)
         return [
             (self.names[node], position, self.ended[node][position])
             for node in found
             for position in sorted(self.ended[node])
         ]
+
+    def report(self, node: int) -> None:
+        """Note whether a node with memory must have its children's ends remembered."""
+        status = self.statuses[node]
+        if self.ended.get(node) and (
+            status == RUNNING or (status == FAILURE and self.layout.keeps(node))
+        ):
+            self.reporting[node] = None
+        else:
+            self.reporting.pop(node, None)
 
     def liveness(self) -> Callable[[int], bool]:
         """Whether a node and all above it are running: else nothing below is asked for."""
@@ -250,7 +271,19 @@ class Tick:
         return is_live
 
 
+# Turns, attempts as text, and the name that follows from them.
+Scope = tuple[int, str, str]
 Function = Callable[[Tick, int, int, str], int]
+
+
+class Known:
+    """By node, the name that it had last in a run, and what it asked for: to make them once."""
+
+    def __init__(self, run: str, count: int) -> None:
+        self.run = run
+        self.scopes: list[Scope | None] = [None] * count
+        self.requests: list[Request | None] = [None] * count
+        self.timeouts: list[RunningTimeout | None] = [None] * count
 
 
 class Functions:
@@ -259,7 +292,6 @@ class Functions:
     """
 
     def __init__(self, layout: Layout) -> None:
-        self._layout = layout
         kinds = layout.kinds
         self.passing = [PASSING.get(kind, 0) for kind in kinds]
         self.plain: list[Function] = [_FUNCTIONS[kind] for kind in kinds]
@@ -271,14 +303,14 @@ class Functions:
             _recalled if recalled else function
             for function, recalled in zip(self.inner, layout.recalled, strict=True)
         ]
-        self._heads: tuple[str, list[str]] = ("", [])
+        self.unary = [UNARY.get(kind, ()) for kind in kinds]
+        self._known = Known("", len(kinds))
 
-    def heads(self, run: str) -> list[str]:
-        """How the names of a run's scopes begin: run, node and subject."""
-        if self._heads[0] != run or not self._heads[1]:
-            subjects = enumerate(self._layout.subjects)
-            self._heads = (run, [f"{run}:{node}:{subject}:" for node, subject in subjects])
-        return self._heads[1]
+    def known(self, run: str) -> Known:
+        """The names of a run that were made before."""
+        if self._known.run != run:
+            self._known = Known(run, len(self.ticks))
+        return self._known
 
 
 def memory_text(layout: Layout, node: int, text: str) -> str:
@@ -299,7 +331,12 @@ def _condition(tick: Tick, node: int, turns: int, text: str) -> int:
 
 def _action(tick: Tick, node: int, turns: int, text: str) -> int:
     layout = tick.layout
-    tick.names[node] = name = f"{tick.heads[node]}{text}:{turns}"
+    known = tick.scopes[node]
+    if known is not None and known[0] == turns and known[1] == text:
+        name = known[2]
+    else:
+        name = tick.name(node, turns, text)
+    tick.names[node] = name
     status: int = tick.facts.task_status(layout.subjects[node], name)
     tick.statuses[node] = status
     if status == RUNNING:
@@ -367,14 +404,14 @@ def _parallel(tick: Tick, node: int, turns: int, text: str) -> int:
 def _unary(tick: Tick, node: int, turns: int, text: str) -> int:
     child = tick.layout.children[node][0]
     code = tick.functions.ticks[child](tick, child, turns, text)
-    status = UNARY[tick.layout.kinds[node]][code & STATUS_BITS]
+    status = tick.functions.unary[node][code & STATUS_BITS]
     tick.statuses[node] = status
     tick.acted[node] = code > STATUS_BITS
     return status | code & ACTED
 
 
 def _timeout(tick: Tick, node: int, turns: int, text: str) -> int:
-    tick.names[node] = f"{tick.heads[node]}{text}:{turns}"
+    tick.names[node] = tick.name(node, turns, text)
     child = tick.layout.children[node][0]
     code = tick.functions.ticks[child](tick, child, turns, text)
     if code & STATUS_BITS == RUNNING:
@@ -389,7 +426,7 @@ def _timeout(tick: Tick, node: int, turns: int, text: str) -> int:
 
 
 def _loop(tick: Tick, node: int, turns: int, text: str) -> int:
-    tick.names[node] = f"{tick.heads[node]}{text}:{turns}"
+    tick.names[node] = tick.name(node, turns, text)
     code = tick.round(node, turns, text)
     tick.statuses[node] = code & STATUS_BITS
     tick.acted[node] = code > STATUS_BITS
@@ -398,8 +435,10 @@ def _loop(tick: Tick, node: int, turns: int, text: str) -> int:
 
 def _remembering(tick: Tick, node: int, turns: int, text: str) -> int:
     """A control that does not look again at children that have ended."""
-    tick.names[node] = f"{tick.heads[node]}{memory_text(tick.layout, node, text)}:{turns}"
-    return tick.functions.plain[node](tick, node, turns, text)
+    tick.names[node] = tick.name(node, turns, memory_text(tick.layout, node, text))
+    code = tick.functions.plain[node](tick, node, turns, text)
+    tick.report(node)
+    return code
 
 
 def _recalled(tick: Tick, node: int, turns: int, text: str) -> int:

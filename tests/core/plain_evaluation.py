@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from mrbt_mesh.core.evaluate import Evaluation, Request, RunningTimeout, ScopeName
-from mrbt_mesh.core.tick import EvaluationFacts
+from mrbt_mesh.core.evaluation import EvaluationFacts
 from mrbt_mesh.core.tree import ATTEMPT_KINDS, Kind, Memory, Node, Status, Tree, parallel_status
 
 Guard = tuple[str, bool]

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from mrbt_mesh.core.agent import Agent
 from mrbt_mesh.core.assignment import AssignmentProblem, Integers
 from mrbt_mesh.core.canonical import solve
+from mrbt_mesh.core.evaluate import Evaluator
 from mrbt_mesh.core.planning import make_plan
 from mrbt_mesh.core.solvers import brute_force
 from mrbt_mesh.sim.checkers.findings import Findings, alive_set, current_plan
@@ -40,11 +41,12 @@ class OptimalAssignment:
     """I7: what is assigned is what trying out everything finds first, on cases that are small.
 
     Looks at one robot's plan per sample, in turn; it must also be the plan that follows from
-    the facts as they are now.
+    the facts as they are now, evaluated from scratch.
     """
 
     def __init__(self, findings: Findings) -> None:
         self._findings = findings
+        self._evaluator = Evaluator(findings.world.mission.tree)
         self._turn = 0
 
     def sample(self, agents: Sequence[Agent]) -> None:
@@ -59,7 +61,7 @@ class OptimalAssignment:
             return self._findings.world.solver(problem)
 
         noting.supports_constraints = True  # type: ignore[attr-defined]
-        plan = make_plan(agent.planner.evaluator, agent.facts, alive_set(agent), noting)
+        plan = make_plan(self._evaluator, agent.facts, alive_set(agent), noting)
         if current_plan(agent, self._findings.world.solver).packed != plan.packed:
             self._findings.say("I7", f"the plan of {agent.me} is not that of its facts")
         for problem in problems:

@@ -1,0 +1,52 @@
+"""What robots evaluate again is what they would evaluate from scratch, at every plan of chaos."""
+
+from __future__ import annotations
+
+import pytest
+from test_chaos import source
+
+from mrbt_mesh.core.evaluate import Evaluation, Evaluator
+from mrbt_mesh.core.evaluation import EvaluationFacts
+from mrbt_mesh.core.reevaluate import Reevaluator
+from mrbt_mesh.sim.campaign import run_seed
+
+SEEDS, BLOCK = 24, 4
+
+
+@pytest.fixture
+def compared(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Evaluations that are held against one from scratch: 1 for each that was another one."""
+    results: list[int] = []
+    last: dict[Reevaluator, Evaluation] = {}
+    evaluate = Reevaluator.evaluate
+
+    def checked(self: Reevaluator, facts: EvaluationFacts) -> Evaluation:
+        found = evaluate(self, facts)
+        assert found == Evaluator(self.tree).evaluate(facts)
+        results.append(found != last.get(self))
+        last[self] = found
+        return found
+
+    monkeypatch.setattr(Reevaluator, "evaluate", checked)
+    return results
+
+
+@pytest.mark.parametrize("first", range(0, SEEDS, BLOCK))
+def test_in_generated_missions(first: int, compared: list[int]) -> None:
+    for seed in range(first, first + BLOCK):
+        _run(None, seed)
+    assert sum(compared) > 10 * BLOCK
+
+
+@pytest.mark.parametrize("name", ["vehicle_repair", "explore"])
+def test_in_examples(name: str, compared: list[int]) -> None:
+    _run(name, 1)
+    assert sum(compared) > 5
+
+
+def _run(name: str | None, seed: int) -> None:
+    try:
+        verdict = run_seed(source(name), seed)
+    except AssertionError as error:
+        raise AssertionError(f"{name or 'generated'}, seed {seed}") from error
+    assert not verdict.violations, f"{name or 'generated'}, seed {seed}: {verdict.violations}"
