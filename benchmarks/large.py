@@ -17,6 +17,7 @@ from mrbt_mesh.core.mission import MICRO, ConditionType, GlobalTask, LocalTask, 
 from mrbt_mesh.core.plan import Line, Plan
 from mrbt_mesh.core.planning import PlanMaker, make_plan
 from mrbt_mesh.core.records import Claim, Member, Phase
+from mrbt_mesh.core.reevaluate import Reevaluator
 from mrbt_mesh.core.solvers import default_solver
 from mrbt_mesh.core.team import TeamFacts
 from mrbt_mesh.core.tree import Kind, NodeSpec, build_tree
@@ -70,7 +71,7 @@ class LargeTeam:
     def __init__(self, mission: Mission) -> None:
         self.mission = mission
         self.facts = TeamFacts(mission, RUN)
-        self.evaluator = Evaluator(mission.tree)
+        self.evaluator = Reevaluator(mission.tree, self.facts)
         self.alive = dict.fromkeys(mission.robots, Incarnation(1, "n"))
         self._maker = PlanMaker(self.evaluator, default_solver)
         self._sequence = 0

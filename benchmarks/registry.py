@@ -94,7 +94,7 @@ class Script:
     quick_options: Sequence[str]
 
 
-MODULES = ("assignment", "auction", "plan")
+MODULES = ("assignment", "auction", "evaluate", "plan")
 
 SCRIPTS = {
     "failover": Script(
