@@ -165,5 +165,5 @@ def checked_program(mission: Mission, robots: list[str], program: str | None) ->
     for robot in robots:
         lacking = check_program(loaded, mission, mission.robots[robot].capabilities)
         if lacking:
-            raise InputError(f"{reference}: robot {robot} needs local task {', '.join(lacking)}")
+            raise InputError(f"{reference}: robot {robot} needs {', '.join(lacking)}")
     return reference

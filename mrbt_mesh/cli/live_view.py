@@ -78,9 +78,10 @@ def _tree(observer: Observer) -> RenderableType:
         if request.activation in working:
             notes[request.node] = Text(" ".join(working[request.activation]), style="bold cyan")
         elif request.activation in waiting:
-            blocked = waiting[request.activation].is_blocked
+            found = waiting[request.activation]
+            waits = "waits for bids" if found.awaited else "waits"
             notes[request.node] = Text(
-                "blocked" if blocked else "waits", "red" if blocked else "dim"
+                "blocked" if found.is_blocked else waits, "red" if found.is_blocked else "dim"
             )
     return render_tree(observer.mission.tree, plan.evaluation, notes)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.console import Group, RenderableType
@@ -16,6 +16,7 @@ RESULTS = {
     "blocked": ("■", "bold yellow", "mission blocked"),
 }
 PLAIN = "not bold"
+MOST_BIDS = 20
 STATES = {"alive": "green", "suspect": "yellow", "dead": "red", "left": "dim"}
 STATUSES = {"success": "green", "failure": "red", "running": "yellow", "idle": "dim"}
 
@@ -24,6 +25,8 @@ def render_summary(summary: Mapping[str, Any]) -> RenderableType:
     """A rich renderable of the summary that `mrbt up --json` prints."""
     parts: list[RenderableType] = [_headline(summary), Text(), _robots(summary), Text()]
     parts.append(_global_tasks(summary))
+    if summary.get("bids"):
+        parts += [Text(), _bids(summary["bids"])]
     story = _story(summary)
     if story:
         table = _table("at", "what happened")
@@ -82,6 +85,26 @@ def _global_tasks(summary: Mapping[str, Any]) -> RenderableType:
     if not idle:
         return table
     return Group(table, Text(f" and {_count(idle, 'global task')} that never came up", "dim"))
+
+
+def _bids(biddings: Sequence[Mapping[str, Any]]) -> RenderableType:
+    """Who bid what, the best first, and in bold who did it."""
+    table = _table("local task", "bids")
+    for bidding in biddings[:MOST_BIDS]:
+        bids, line = bidding["bids"], Text()
+        made = {robot: bid for robot, bid in bids.items() if bid is not None}
+        for robot in [
+            *sorted(made, key=lambda r: (-made[r], r)),
+            *sorted(bids.keys() - made.keys()),
+        ]:
+            text = f"{robot} {made[robot]:g}" if robot in made else f"{robot} none"
+            line.append(", " if line else "", PLAIN)
+            line.append(text, "bold" if robot in bidding["robots"] else "dim")
+        table.add_row(Text(bidding["local_task"]), line)
+    more = len(biddings) - MOST_BIDS
+    if more <= 0:
+        return table
+    return Group(table, Text(f" and bids for {_count(more, 'other')}", "dim"))
 
 
 def _story(summary: Mapping[str, Any]) -> list[tuple[float, Text]]:

@@ -29,7 +29,14 @@ from mrbt_mesh.core.planner import Planner
 from mrbt_mesh.core.quiet import Quiet
 from mrbt_mesh.core.refusals import Refusals
 from mrbt_mesh.core.replica import Received, Replica
-from mrbt_mesh.core.reporting import change_capability, finished, leave, set_conditions
+from mrbt_mesh.core.reporting import (
+    ask_for_bids,
+    bids_made,
+    change_capability,
+    finished,
+    leave,
+    set_conditions,
+)
 from mrbt_mesh.core.robot_tree import RobotTree
 from mrbt_mesh.core.team import TeamFacts
 from mrbt_mesh.core.timing import NEVER_US
@@ -73,6 +80,8 @@ class Agent:
             self.me, config.type, config.capabilities, config.software, config.host, config.pid
         )
         self.refusals = Refusals()
+        # The (activation, local task) pairs for which this robot's program was asked to bid.
+        self.asked_bids: set[tuple[str, str]] = set()
         self._effects: list[fx.Effect] = []
         self._deadline_us = now_us
         self.quiet = Quiet(now_us)
@@ -167,6 +176,8 @@ class Agent:
                 set_conditions(self, {name: value}, now_us)
             case fx.CapabilityChanged(local_task, lost):
                 change_capability(self, local_task, lost, now_us)
+            case fx.BidsMade():
+                bids_made(self, event, now_us)
             case fx.LeaveRequested():
                 leave(self, now_us)
             case fx.PlanMade(number, plan):
@@ -294,6 +305,7 @@ class Agent:
             check_grants(self, now_us)
             self._replan(now_us)
             if not self.planner.is_busy:
+                ask_for_bids(self)
                 perform(self, now_us)
                 seek_grants(self)
         self._ask_who_is_due(now_us)

@@ -92,6 +92,26 @@ class CapabilityChanged:
 
 
 @dataclass(frozen=True, slots=True)
+class BidMade:
+    """What this robot would do a local task with, in micro-units.
+
+    None: it has no bid, because of `error` if that says anything.
+    """
+
+    activation: str
+    local_task: str
+    performance: int | None
+    error: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class BidsMade:
+    """Answers to RequestBid: as many as there are at once, to be told together."""
+
+    bids: tuple[BidMade, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class LeaveRequested:
     """Leave on purpose: hand the work over and stop."""
 
@@ -118,6 +138,7 @@ Input: TypeAlias = (
     | ProgressReported
     | ConditionSet
     | CapabilityChanged
+    | BidsMade
     | LeaveRequested
     | TimerFired
     | PlanMade
@@ -195,6 +216,20 @@ class CancelAction:
 
 
 @dataclass(frozen=True, slots=True)
+class RequestBid:
+    """Have the robot's program bid for a local task; it is answered by BidsMade.
+
+    `performance`: the declared one.
+    """
+
+    activation: str
+    global_task: str
+    local_task: str
+    performance: int
+    incarnation: Incarnation
+
+
+@dataclass(frozen=True, slots=True)
 class DeclareToken:
     """Show the liveliness token of this incarnation, in place of an earlier one."""
 
@@ -227,6 +262,7 @@ Effect: TypeAlias = (
     | StartAction
     | MakePlan
     | CancelAction
+    | RequestBid
     | DeclareToken
     | Log
     | Stop

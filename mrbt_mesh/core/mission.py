@@ -25,7 +25,10 @@ MAX_ROBOTS = 1_000
 MAX_GLOBAL_TASKS = 10_000
 MAX_ARGUMENTS = 8
 MAX_COST = 1_000_000
+MAX_BID_WITHIN_US = 10 * MICRO
 COMPILED_VERSION = 2
+# Of missions with bids: software that knows no bids refuses them, and all others keep their digest.
+BIDS_VERSION = 3
 
 NAME_PATTERN = r"[A-Za-z_][A-Za-z0-9_]{0,63}"
 ARGUMENT_PATTERN = r"[A-Za-z0-9_.+-]{1,64}"
@@ -76,12 +79,16 @@ class Need:
     """One local task of psi(g) with its bounds nu (`min_robots`) and mu (`max_robots`).
 
     `same_robot_as`: only robots that have succeeded with that before are put on it.
+    `by_bid`: a robot's performance is what it bids for the activation, and the plan waits
+    `bid_within_us` for it (None: `Timing.bid_us`).
     """
 
     local_task: LocalTaskId
     min_robots: int
     max_robots: int
     same_robot_as: SameRobotAs | None = None
+    by_bid: bool = False
+    bid_within_us: int | None = None
 
     @property
     def after(self) -> str:
@@ -90,16 +97,22 @@ class Need:
         return f" that did {before.local_task} of {before.global_task}" if before else ""
 
     def to_json(self) -> list[Any]:
-        """The bounds, and what `same_robot_as` names if anything."""
+        """The bounds; what `same_robot_as` names, if anything; and what is said of bids."""
         before = self.same_robot_as
-        named = [[before.global_task, before.local_task]] if before else []
-        return [self.local_task, self.min_robots, self.max_robots, *named]
+        named = [before.global_task, before.local_task] if before else None
+        row = [self.local_task, self.min_robots, self.max_robots]
+        if self.by_bid:
+            return [*row, named, True, self.bid_within_us]
+        return [*row, named] if named else row
 
     @classmethod
     def from_json(cls, data: list[Any]) -> Need:
         """The other way round; raises TypeError or ValueError for anything else."""
-        local_task, least, most, *named = data
-        return cls(local_task, least, most, *(SameRobotAs(*names) for names in named))
+        local_task, least, most, *more = data
+        usual: list[Any] = [None, False, None]
+        named, by_bid, within_us = more + usual[len(more) :]
+        same = None if named is None else SameRobotAs(*named)
+        return cls(local_task, least, most, same, by_bid, within_us)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +138,10 @@ class GlobalTask:
     def by_coalition(self) -> bool:
         """Whether it is carried out by coalitions: all their robots start together."""
         return self.simultaneous or self.exclusive
+
+    def need(self, local_task: LocalTaskId) -> Need | None:
+        """What it needs of a local task, None if nothing."""
+        return next((need for need in self.needs if need.local_task == local_task), None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,6 +255,11 @@ class Mission:
         text = json.dumps(data, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()
 
+    @cached_property
+    def has_bids(self) -> bool:
+        """Whether any performance is known only to the robots."""
+        return any(need.by_bid for task in self.global_tasks.values() for need in task.needs)
+
     def condition_default(self, ground: str) -> bool:
         """What `ground` reads as while nobody has set it; False if it is not declared."""
         declared = self.conditions.get(type_name(ground))
@@ -264,7 +286,7 @@ class Mission:
             **({"constraints": limited} if limited else {}),
             **({} if usual else {"assignment": str(self.assignment)}),
             **({} if self.solver is None else {"solver": self.solver}),
-            "compiled": COMPILED_VERSION,
+            "compiled": BIDS_VERSION if self.has_bids else COMPILED_VERSION,
             "name": self.name,
             "robots": {r.id: [r.type, dict(r.capabilities)] for r in self.robots.values()},
             "robot_types": {name: dict(c) for name, c in self.robot_types.items()},
@@ -311,9 +333,10 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
 
     Raises ValueError if it was not compiled by this version.
     """
-    if data.get("compiled") != COMPILED_VERSION:
-        found = data.get("compiled")
-        raise ValueError(f"compiled mission version {COMPILED_VERSION} expected, found {found!r}")
+    found = data.get("compiled")
+    if found not in (COMPILED_VERSION, BIDS_VERSION):
+        known = f"{COMPILED_VERSION} or {BIDS_VERSION}"
+        raise ValueError(f"compiled mission version {known} expected, found {found!r}")
     try:
         return Mission(
             name=data["name"],

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from mrbt_mesh.core import records
 from mrbt_mesh.core.coalition import is_enough, ready_members, standing
 from mrbt_mesh.core.facts import Incarnation
-from mrbt_mesh.core.mission import GlobalTask, type_name
+from mrbt_mesh.core.mission import GlobalTask, performance, type_name
 from mrbt_mesh.core.records import Claim, Coalition, Phase, Token
 
 if TYPE_CHECKING:
@@ -44,10 +44,12 @@ def perform(agent: Agent, now_us: int) -> None:
         is_cleared = token is not None or not task.by_coalition
     assigned = type_name(work.claim.local_task) if work.claim is not None else None
     wanted = agent.tree.tick(plan.result, assigned if is_cleared else None)
-    if wanted is not None and work.is_waiting:
+    if wanted is not None and work.is_waiting and work.claim is not None:
         partners = plan.partners(agent.me)
         coalition = str(token) if token is not None else ""
-        start = work.start(partners, agent.replica.incarnation, coalition)
+        declared = performance(agent.config.capabilities, work.claim.local_task)
+        assert declared is not None
+        start = work.start(partners, declared, agent.replica.incarnation, coalition)
         # The claim is on disk before the action begins.
         agent.write([*writes, _claim_write(agent)], now_us)
         _log_start(agent, start)

@@ -13,6 +13,7 @@ from typing import Any
 
 import msgpack
 
+from mrbt_mesh.core.bidding import Bidding, shortened
 from mrbt_mesh.core.consistency import Shortage
 from mrbt_mesh.core.evaluate import Evaluation
 from mrbt_mesh.core.records import OrderKind
@@ -23,6 +24,7 @@ from mrbt_mesh.core.tree import Status
 class Line:
     """One robot's line of the plan. `pinned`: it was running this already and goes on.
 
+    `performance` is the declared one, or what the robot bid.
     `leader` brings the coalition together, where the task is carried out by one; `round`
     counts the coalitions that have ended without success.
     """
@@ -42,7 +44,8 @@ class Waiting:
     """A request that is not served. With `shortages` it is blocked: no living robots could.
 
     `obstacle` is what else keeps it from being served, whoever is free. `held_by`: the side
-    constraints without which it would not have to wait now.
+    constraints without which it would not have to wait now. `awaited`: the robots without whose
+    bids it is not decided who serves it.
     """
 
     activation: str
@@ -50,6 +53,7 @@ class Waiting:
     shortages: tuple[Shortage, ...]
     obstacle: str = ""
     held_by: str = ""
+    awaited: tuple[str, ...] = ()
 
     @property
     def is_blocked(self) -> bool:
@@ -63,6 +67,8 @@ class Waiting:
             return f"blocked: {self.obstacle}"
         if self.held_by:
             return f"waiting: {self.held_by}"
+        if self.awaited:
+            return f"waiting for bids of {shortened(self.awaited)}"
         if not self.shortages:
             return "waiting: the robots it needs are busy with earlier requests"
         return "blocked: " + "; ".join(map(str, self.shortages))
@@ -70,7 +76,7 @@ class Waiting:
 
 @dataclass(frozen=True)
 class Plan:
-    """`lines` by robot; `idle` says why a robot has none; `waiting` in tree order.
+    """`lines` by robot; `idle` says why a robot has none; `waiting`, `biddings` in tree order.
 
     `feasible` is what *Assign Agents* returns: whether the assignment problem had a solution.
     """
@@ -81,6 +87,7 @@ class Plan:
     idle: Mapping[str, str]
     waiting: tuple[Waiting, ...]
     feasible: bool
+    biddings: tuple[Bidding, ...] = ()
 
     @cached_property
     def result(self) -> Status:
@@ -138,4 +145,5 @@ class Plan:
                 }
                 for w in self.waiting
             ],
+            "bids": [bidding.to_json() for bidding in self.biddings],
         }

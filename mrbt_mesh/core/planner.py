@@ -32,7 +32,7 @@ class Planner:
     ) -> None:
         self._me = me
         self.evaluator = Reevaluator(tree, facts)
-        self.watches = Watches()
+        self.watches = Watches(config.timing.bid_us)
         self.plan: Plan | None = None
         self.dropped: list[tuple[str, str]] = []
         self.failures: list[str] = []

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from mrbt_mesh.core.assignment import UNASSIGNED, SideConstraint, Solver
+from mrbt_mesh.core.bidding import Biddings
 from mrbt_mesh.core.canonical import solve
 from mrbt_mesh.core.capable import Capable, Worker
 from mrbt_mesh.core.coalition import standing
@@ -55,6 +56,7 @@ class PlanMaker:
         self._capable = Capable()
         self._demands = Demands()
         self._consistency = ConsistencyKeeper()
+        self._biddings = Biddings()
         self._waiting: dict[str, tuple[Group, Waiting]] = {}
         self._open: dict[str, _Open] = {}
         self._solver = solver
@@ -71,7 +73,8 @@ class PlanMaker:
             idle = dict.fromkeys(team, f"the operator's order is {order}")
             return Plan(evaluation, order, {}, idle | away, (), True)
         requests = evaluation.requests
-        demands: Sequence[Group] = self._demands.groups(facts, requests, self._capable)
+        groups = self._demands.groups(facts, requests, self._capable)
+        demands, biddings = self._biddings.follow(facts, groups, team)
         obstacles = self._obstacles(facts, requests, demands)
         offered = demands
         if facts.mission.assignment is Assignment.SPARE_SCARCE:
@@ -88,17 +91,26 @@ class PlanMaker:
         chosen = self._assign([offered[i] for i in kept], team, holders, constraints, running)
         lines = holders if chosen is None else holders | chosen
         served = frozenset(kept)
-        rest = [i for i in range(len(requests)) if i not in served]
-        waiting = self._wait(facts, [(demands[i], obstacles.get(i, "")) for i in rest])
+        held = self._biddings.held_back(demands, kept, lines)
+        if held:
+            later = {requests[index].activation for index in held}
+            lines = {robot: x for robot, x in lines.items() if x.activation not in later}
+        rest = [i for i in range(len(requests)) if i not in served or i in held]
+        waiting = self._wait(
+            facts, [(demands[i], obstacles.get(i, ""), held.get(i, ())) for i in rest]
+        )
         if constraints:
             limits = Limits(constraints, robots, offered)
             waiting = tuple(
-                each if each.is_blocked else _limited(each, limits, demands[i], kept, i, pinned)
+                each
+                if each.is_blocked or each.awaited
+                else _limited(each, limits, demands[i], kept, i, pinned)
                 for i, each in zip(rest, waiting, strict=True)
             )
-        idle = _why_idle([r for r in team if r not in lines], demands, offered, served)
+        idle = _why_idle([r for r in team if r not in lines], demands, offered, served, held)
         ordered = _with_leaders(facts, {robot: lines[robot] for robot in sorted(lines)}, team)
-        return Plan(evaluation, order, ordered, idle | away, waiting, chosen is not None)
+        feasible = chosen is not None
+        return Plan(evaluation, order, ordered, idle | away, waiting, feasible, biddings)
 
     def _obstacles(
         self, facts: TeamFacts, requests: Sequence[Request], demands: Sequence[Group]
@@ -192,16 +204,23 @@ class PlanMaker:
                 found.append(known)
         return found
 
-    def _wait(self, facts: TeamFacts, rest: Sequence[tuple[Group, str]]) -> tuple[Waiting, ...]:
-        """Why the requests that are not kept wait, in tree order."""
+    def _wait(
+        self, facts: TeamFacts, rest: Sequence[tuple[Group, str, tuple[str, ...]]]
+    ) -> tuple[Waiting, ...]:
+        """Why the requests that are not served wait, in tree order."""
         before, self._waiting = self._waiting, {}
         found = []
-        for group, text in rest:
+        for group, text, awaited in rest:
             request = group[0].request
             known = before.get(request.activation)
-            if known is None or known[0] is not group or known[1].obstacle != text:
-                short = () if text else shortages(facts, group, self._capable)
-                known = group, Waiting(request.activation, request.subject, short, text)
+            if (
+                known is None
+                or known[0] is not group
+                or (known[1].obstacle, known[1].awaited) != (text, awaited)
+            ):
+                short = () if text or awaited else shortages(facts, group, self._capable)
+                activation, subject = request.activation, request.subject
+                known = group, Waiting(activation, subject, short, text, awaited=awaited)
             self._waiting[request.activation] = known
             found.append(known[1])
         return tuple(found)
@@ -248,6 +267,7 @@ def _why_idle(
     demands: Sequence[Group],
     offered: Sequence[Group],
     kept: Collection[int],
+    held: Collection[int],
 ) -> dict[str, str]:
     """For robots without a line: why."""
     if not demands:
@@ -266,6 +286,9 @@ def _why_idle(
         elif robot in spared:
             names = sorted({demands[index][0].request.subject for index in found})
             reasons[robot] = f"{', '.join(names)}: spared for what fewer robots can do"
+        elif waiting := [index for index in served if index in held]:
+            names = sorted({demands[index][0].request.subject for index in waiting})
+            reasons[robot] = f"{', '.join(names)}: waits for bids"
         elif served:
             reasons[robot] = f"{', '.join(names)}: as many robots as are allowed or useful"
         else:

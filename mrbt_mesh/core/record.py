@@ -10,9 +10,9 @@ from mrbt_mesh.core import records
 from mrbt_mesh.core.evaluate import parse_scope
 from mrbt_mesh.core.facts import Entry, Incarnation
 from mrbt_mesh.core.membership import State
-from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.core.mission import MICRO, Mission
 from mrbt_mesh.core.plan import Plan
-from mrbt_mesh.core.records import Claim, ConditionValue, Member, NoClaim, Outcome, Phase
+from mrbt_mesh.core.records import Bid, Claim, ConditionValue, Member, NoClaim, Outcome, Phase
 from mrbt_mesh.core.tree import Status
 
 
@@ -52,6 +52,20 @@ class BlockedEpisode:
 
 
 @dataclass(slots=True)
+class BiddingRecord:
+    """What robots bid for a local task of one activation, in units, and who ran it.
+
+    None: a robot said that it has no bid.
+    """
+
+    global_task: str
+    local_task: str
+    at_us: int
+    bids: dict[str, float | None] = field(default_factory=dict)
+    robots: set[str] = field(default_factory=set)
+
+
+@dataclass(slots=True)
 class TaskRecord:
     """A global task: its status and who took part (ran one of its local tasks)."""
 
@@ -63,7 +77,7 @@ class RunRecord:
     """Collects the run. Times are on the observer's clock, reported from `started_us` on.
 
     `claims` and `conditions` are all that robots made and said, in order and with their times;
-    `joined_us` is when each robot joined first.
+    `biddings` are by activation and local task; `joined_us` is when each robot joined first.
     """
 
     def __init__(self, mission: Mission) -> None:
@@ -79,6 +93,7 @@ class RunRecord:
         self.timeline: list[tuple[int, str]] = []
         self.claims: list[tuple[int, str, Claim]] = []
         self.conditions: list[tuple[int, str, bool]] = []
+        self.biddings: dict[tuple[str, str], BiddingRecord] = {}
         self.joined_us: dict[str, int] = {}
         self._claims: dict[str, tuple[Claim, Incarnation]] = {}
         self._exits: dict[str, int] = {}
@@ -181,6 +196,9 @@ class RunRecord:
                 name = records.split_name(entry.name)[1]
                 self.conditions.append((now_us, name, condition.value))
                 self.say(now_us, f"{robot}: {name} is {str(condition.value).lower()}")
+            case Bid(number):
+                _, activation, local_task = records.split_name(entry.name)
+                self._bid(robot, activation, local_task, number, now_us)
             case records.Order() as order:
                 self.say(now_us, f"operator: {order.kind}")
 
@@ -258,6 +276,9 @@ class RunRecord:
 
     def _running(self, robot: str, claim: Claim, now_us: int) -> None:
         self._took_part(robot, claim.activation)
+        bidding = self.biddings.get((claim.activation, claim.local_task))
+        if bidding is not None:
+            bidding.robots.add(robot)
         self.say(now_us, f"{robot}: {claim.local_task} for {claim.global_task}")
         for fault in self.major:
             if fault.robot != robot:
@@ -270,6 +291,17 @@ class RunRecord:
             return
         if (held.activation, held.local_task) == (claim.activation, claim.local_task):
             fault.reassigned_us, fault.replacement = now_us, robot
+
+    def _bid(
+        self, robot: str, activation: str, local_task: str, number: int | None, now_us: int
+    ) -> None:
+        bidding = self.biddings.get((activation, local_task))
+        if bidding is None:
+            bidding = BiddingRecord(parse_scope(activation).subject, local_task, now_us)
+            self.biddings[activation, local_task] = bidding
+        bidding.bids[robot] = None if number is None else number / MICRO
+        words = "has no bid" if number is None else f"bids {number / MICRO:g}"
+        self.say(now_us, f"{robot}: {words} for {local_task}")
 
     def _took_part(self, robot: str, activation: str) -> None:
         task = self.tasks.get(parse_scope(activation).subject)
@@ -329,6 +361,16 @@ class RunRecord:
                     "to": self.seconds(episode.to_us),
                 }
                 for episode in self.blocked
+            ],
+            "bids": [
+                {
+                    "global_task": bidding.global_task,
+                    "local_task": bidding.local_task,
+                    "at_s": self.seconds(bidding.at_us),
+                    "bids": {robot: bidding.bids[robot] for robot in sorted(bidding.bids)},
+                    "robots": sorted(bidding.robots),
+                }
+                for bidding in self.biddings.values()
             ],
             "takeovers": [
                 {

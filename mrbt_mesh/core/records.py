@@ -1,4 +1,4 @@
-"""What an entry means: member, claim, outcome, coalition, condition, order, latches; their limits.
+"""What an entry means: member, claim, outcome, bid, coalition, condition, order; their limits.
 
 Values come from the network: every parser raises ValueError for anything that is not exactly
 its kind, and nothing else.
@@ -339,6 +339,21 @@ class Passed(Record):
 
 
 @dataclass(frozen=True, slots=True)
+class Bid(Record):
+    """What the author's performance would be, in micro-units; None: it has none to tell.
+
+    The first one stands: a robot that starts again does not outbid itself.
+    """
+
+    performance: int | None
+    first_stands: ClassVar[bool] = True
+
+    @staticmethod
+    def parse(value: Any) -> Bid:
+        return Bid(None if value is None else _integer(value, -MAX_PERFORMANCE, MAX_PERFORMANCE))
+
+
+@dataclass(frozen=True, slots=True)
 class Latch(Record):
     """Something that stays true once said: a verdict of failure, a grant, a broken coalition."""
 
@@ -367,6 +382,8 @@ COALITION, BROKEN, GRANT, DOUBT, CLEARED = "coalition", "broken", "grant", "doub
 PASSED = "passed"
 # The operator's word that an activation in doubt was done.
 DONE = "done"
+# For one local task of an activation: the author's bid; nobody's bid is waited for any more.
+BID, CLOSED = "bid", "closed"
 
 _PARSERS: Mapping[str, Callable[[Any], Record]] = {
     MEMBER: Member.parse,
@@ -384,9 +401,12 @@ _PARSERS: Mapping[str, Callable[[Any], Record]] = {
     DOUBT: Latch.parse,
     CLEARED: Latch.parse,
     DONE: Latch.parse,
+    BID: Bid.parse,
+    CLOSED: Latch.parse,
 }
 COALITION_KINDS = frozenset({COALITION, BROKEN, GRANT, DOUBT, CLEARED})
 EXCLUSIVE_KINDS = frozenset({GRANT, DOUBT, CLEARED, DONE})
+BID_KINDS = frozenset({BID, CLOSED})
 # kind / condition, scope or activation / local task, token or position / token of an outcome
 _PARTS: Mapping[str, tuple[int, ...]] = {
     MEMBER: (1,),
@@ -394,7 +414,7 @@ _PARTS: Mapping[str, tuple[int, ...]] = {
     ORDER: (1,),
     OUTCOME: (3, 4),
     PASSED: (3,),
-    **dict.fromkeys(sorted(COALITION_KINDS), (3,)),
+    **dict.fromkeys(sorted(COALITION_KINDS | BID_KINDS), (3,)),
 }
 
 

@@ -1,4 +1,4 @@
-"""What a robot tells its team of itself: outcomes, conditions, lost capabilities, its leaving."""
+"""What a robot tells its team of itself: outcomes, conditions, bids, lost capabilities."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from mrbt_mesh.core import records
+from mrbt_mesh.core.effects import RequestBid
+from mrbt_mesh.core.mission import performance, type_name
 from mrbt_mesh.core.performing import given_up
 
 if TYPE_CHECKING:
     from mrbt_mesh.core.agent import Agent
-    from mrbt_mesh.core.effects import ActionFinished
+    from mrbt_mesh.core.effects import ActionFinished, BidsMade
 
 CONDITIONS_PER_OUTCOME = 1_000
 
@@ -68,6 +70,44 @@ def set_conditions(agent: Agent, values: Mapping[str, bool], now_us: int) -> Non
         agent.unsaid |= known
         values = {n: v for n, v in values.items() if n not in known}
     agent.write(_condition_writes(agent, values.items()), now_us)
+
+
+def ask_for_bids(agent: Agent) -> None:
+    """Have this robot's program bid for what the plan lacks its bids for, once each."""
+    assert agent.plan is not None
+    wanted = {
+        (bidding.activation, bidding.local_task): bidding.global_task
+        for bidding in agent.plan.biddings
+        if agent.me in bidding.silent
+    }
+    fresh = sorted(wanted.keys() - agent.asked_bids)
+    agent.asked_bids = set(wanted)
+    capabilities, incarnation = agent.config.capabilities, agent.replica.incarnation
+    agent.emit(
+        RequestBid(activation, wanted[activation, local_task], local_task, declared, incarnation)
+        for activation, local_task in fresh
+        if (declared := performance(capabilities, local_task)) is not None
+    )
+
+
+def bids_made(agent: Agent, event: BidsMade, now_us: int) -> None:
+    """Tell the team, all in one batch. What was asked for before a new life is asked for again."""
+    if agent.joining is not None:
+        agent.asked_bids.clear()
+        return
+    writes: dict[str, int | None] = {}
+    for bid in event.bids:
+        if (bid.activation, bid.local_task) not in agent.asked_bids:
+            continue  # nobody needs it any more
+        name = f"{records.BID}/{bid.activation}/{bid.local_task}"
+        value, error = bid.performance, bid.error or agent.replica.problem(name, bid.performance)
+        if error:
+            value = None
+            lines = error.strip().splitlines()
+            if agent.refusals.count(f"bid for {type_name(bid.local_task)}", lines[-1]):
+                agent.log("error", "bid_failed", local_task=bid.local_task, error=error)
+        writes[name] = value
+    agent.write(sorted(writes.items()), now_us)
 
 
 def change_capability(agent: Agent, local_task: str, lost: bool, now_us: int) -> str | None:

@@ -16,6 +16,7 @@ from mrbt_mesh.core.facts import Entry, FactMap, Incarnation
 from mrbt_mesh.core.mission import FailurePolicy, GlobalTask, Mission, Need, performance, type_name
 from mrbt_mesh.core.records import (
     Attempt,
+    Bid,
     Claim,
     Coalition,
     ConditionValue,
@@ -38,7 +39,7 @@ _SCOPED = {
     records.EXPIRED: frozenset({Kind.TIMEOUT}),
     records.PASSED: CONTROLS,
     records.DONE: frozenset({Kind.ACTION}),
-    **dict.fromkeys(sorted(records.COALITION_KINDS), frozenset({Kind.ACTION})),
+    **dict.fromkeys(sorted(records.COALITION_KINDS | records.BID_KINDS), frozenset({Kind.ACTION})),
 }
 
 
@@ -77,6 +78,9 @@ class TeamFacts:
         self._orders: dict[str, Order] = {}
         self._latches: dict[str, dict[str, int]] = {}
         self._coalitions: dict[str, Coalitions] = {}
+        self._bids: dict[tuple[str, str], dict[str, int | None]] = {}
+        # By activation, a sum of hashes over its bids and whether they are closed.
+        self._bid_states: dict[str, int] = {}
         self.givers = frozenset(mission.robots)
 
     # -- EvaluationFacts ------------------------------------------------------------------
@@ -188,6 +192,23 @@ class TeamFacts:
         found = self._coalitions.items()
         return {*self.outcomes, *(name for name, coalitions in found if coalitions.outcomes)}
 
+    def is_begun(self, activation: str) -> bool:
+        """Whether some outcome of the activation is known."""
+        found = self._coalitions.get(activation)
+        return activation in self.outcomes or (found is not None and bool(found.outcomes))
+
+    def bids(self, activation: str, local_task: str) -> Mapping[str, int | None]:
+        """Robot -> its performance by its own word, in micro-units; None: it has no bid."""
+        return self._bids.get((activation, local_task), {})
+
+    def bid_state(self, activation: str) -> int:
+        """Equal for equal facts about the bids of an activation."""
+        return self._bid_states.get(activation, 0)
+
+    def is_closed(self, activation: str, local_task: str) -> bool:
+        """Whether somebody has waited for bids long enough."""
+        return f"{records.CLOSED}/{activation}/{local_task}" in self._latches
+
     def coalitions(self, activation: str) -> Coalitions:
         """What is known of the coalitions of one activation."""
         return self._coalitions.get(activation) or Coalitions()
@@ -286,6 +307,10 @@ class TeamFacts:
                 return f"{task.id!r} needs no {names[1]!r:.80}"
             if (len(names) == 3) != task.by_coalition:
                 return f"{task.id!r}: an outcome names a coalition if the task has any"
+        elif kind in records.BID_KINDS:
+            need = task.need(names[1])
+            if need is None or not need.by_bid:
+                return f"{task.id!r}: {names[1]!r:.80} is not for bids"
         elif kind in records.EXCLUSIVE_KINDS and not task.exclusive:
             return f"{task.id!r} is not exclusive"
         elif kind in records.COALITION_KINDS and not task.by_coalition:
@@ -324,6 +349,8 @@ class TeamFacts:
         author, record = entry.author, entry.record
         if parts[0] in _SCOPED:
             self._scope_changed(parts, entry, new is None)
+        if parts[0] in records.BID_KINDS:
+            self._bids_change(parts[1], old, new)
         if new is None:
             self._forget(parts, author)
             return
@@ -349,11 +376,10 @@ class TeamFacts:
             case Order():
                 self._orders[author] = record
                 self.max_stamp = max(self.max_stamp, record.stamp)
-            case Attempt(number):
-                self._latches.setdefault(entry.name, {})[author] = number
-            case Latch() | Passed():
-                number = int(record.success) if isinstance(record, Passed) else 1
-                self._latches.setdefault(entry.name, {})[author] = number
+            case Bid(number):
+                self._bids.setdefault((parts[1], parts[2]), {})[author] = number
+            case Attempt() | Latch() | Passed():
+                self._latched(entry, record)
 
     def _scope_changed(self, parts: list[str], entry: Entry, is_dropped: bool) -> None:
         change = self._scoped.remove if is_dropped else self._scoped.add
@@ -401,6 +427,12 @@ class TeamFacts:
             except ValueError:
                 return  # of nothing that a tree could name
 
+    def _bids_change(self, activation: str, old: Entry | None, new: Entry | None) -> None:
+        change = (new.hash if new else 0) - (old.hash if old else 0)
+        state = self._bid_states.pop(activation, 0) + change
+        if state:
+            self._bid_states[activation] = state
+
     def _ended(self, parts: list[str], entry: Entry, outcome: Outcome) -> None:
         self.outcome_changes += 1
         if len(parts) == 4:
@@ -418,6 +450,13 @@ class TeamFacts:
             self._succeeded.add(activation)
         else:
             self._succeeded.discard(activation)
+
+    def _latched(self, entry: Entry, record: Attempt | Latch | Passed) -> None:
+        match record:
+            case Attempt(number=number) | Passed(success=number):
+                self._latches.setdefault(entry.name, {})[entry.author] = int(number)
+            case Latch():
+                self._latches.setdefault(entry.name, {})[entry.author] = 1
 
     def _coalition(self, parts: list[str]) -> Coalitions:
         return self._coalitions.setdefault(parts[1], Coalitions())
@@ -437,6 +476,9 @@ class TeamFacts:
             else:
                 del self.outcomes[parts[1]]
                 self._succeeded.discard(parts[1])
+            return
+        if parts[0] == records.BID:
+            self._bids.pop((parts[1], parts[2]), None)
             return
         name = "/".join(parts)
         del self._latches[name][author]

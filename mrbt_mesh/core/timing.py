@@ -66,6 +66,11 @@ class Timing:
         return self.detection_us * 3 // 10
 
     @property
+    def bid_us(self) -> int:
+        """A request waits this long for bids, where the mission does not say how long."""
+        return self.detection_us * 3 // 10
+
+    @property
     def repair_us(self) -> int:
         """Fact digests that differ for longer than this are repaired by asking."""
         return self.beat_us // 2

@@ -1,4 +1,4 @@
-"""Deadlines that become facts: Timeouts of the tree, and global tasks blocked for too long.
+"""Deadlines that become facts: of the tree's Timeouts, of global tasks that are blocked, of bids.
 
 Every robot measures from when it first saw the thing run; whoever sees the deadline pass
 first says so, once, for all.
@@ -14,9 +14,13 @@ from mrbt_mesh.core.team import TeamFacts
 
 
 class Watches:
-    """The deadlines that are running, by the name of the fact that they will become."""
+    """The deadlines that are running, by the name of the fact that they will become.
 
-    def __init__(self) -> None:
+    `bid_us`: how long bids are waited for where the mission does not say.
+    """
+
+    def __init__(self, bid_us: int) -> None:
+        self._bid_us = bid_us
         self._due_us: dict[str, int] = {}
 
     def expired(self, plan: Plan, facts: TeamFacts, now_us: int) -> list[tuple[str, Any]]:
@@ -28,6 +32,10 @@ class Watches:
             limit_us = facts.mission.global_tasks[waiting.global_task].blocked_fail_after_us
             if waiting.shortages and limit_us is not None:
                 running[f"{records.VERDICT}/{waiting.activation}"] = limit_us
+        for bidding in plan.biddings:
+            if bidding.is_open:
+                within_us = bidding.within_us
+                running[bidding.closed_name] = self._bid_us if within_us is None else within_us
         due_us = {}
         for name, limit_us in running.items():
             due_us[name] = self._due_us.get(name, now_us + limit_us)

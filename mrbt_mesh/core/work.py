@@ -74,12 +74,15 @@ class Work:
         self.claim = replace(self.claim, phase=Phase.READY)
 
     def start(
-        self, partners: tuple[str, ...], incarnation: Incarnation, coalition: str
+        self,
+        partners: tuple[str, ...],
+        performance: int,
+        incarnation: Incarnation,
+        coalition: str,
     ) -> StartAction:
         """Begin the action of the claim; call it only if `is_waiting`."""
-        assert self.line is not None
         assert self.claim is not None
-        claim, line = self.claim, self.line
+        claim = self.claim
         self._tickets += 1
         self._stopping = False
         self.progress = 0
@@ -93,7 +96,7 @@ class Work:
             claim.global_task,
             claim.local_task,
             partners,
-            line.performance,
+            performance,
             incarnation,
             coalition,
         )

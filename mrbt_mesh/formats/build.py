@@ -40,6 +40,7 @@ from mrbt_mesh.formats.expand import (
     substitute,
 )
 from mrbt_mesh.formats.mission_model import (
+    BidModel,
     FailAfterModel,
     GlobalTaskModel,
     MissionModel,
@@ -208,6 +209,9 @@ class _Builder:
                 if need.max is not None and need.min > need.max:
                     message = f"min (nu) is {need.min}, but max (mu) is {need.max}"
                     self.report.add(path, f"{message}; max has to be at least min")
+                if isinstance(need.performance, BidModel):
+                    place = (*path, "performance", "bid_within_s")
+                    micro_or_report(need.performance.bid_within_s, place, self.report)
             if isinstance(task.blocked, FailAfterModel):
                 place = ("global_tasks", name, "blocked", "fail_after_s")
                 micro_or_report(task.blocked.fail_after_s, place, self.report)
@@ -291,7 +295,12 @@ class _Builder:
                     same = self.same_robot(need.same_robot_as, scope, (*path, "same_robot_as"))
             except ValueError as error:
                 self.report.add(path, f"in {ground}: {error}")
-            needs[local] = Need(local, need.min, most, same)
+            bid = need.performance
+            within_us = None
+            if isinstance(bid, BidModel):
+                within_us = micro_or_report(bid.bid_within_s, path, self.report)
+            by_bid = bid != "declared"
+            needs[local] = Need(local, need.min, most, same, by_bid, within_us)
         return tuple(needs.values())
 
     def same_robot(

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from mrbt_mesh.core.mission import (
+    MAX_BID_WITHIN_US,
     MAX_COST,
     MAX_GLOBAL_TASKS,
     MAX_PERFORMANCE,
@@ -113,6 +114,9 @@ def _check_global_tasks(mission: Mission) -> None:
                 earlier = mission.global_tasks.get(before.global_task)
                 known = {each.local_task for each in earlier.needs} if earlier else set()
                 _expect(before.local_task in known, f"{here}: same_robot_as")
+            within = need.bid_within_us
+            in_time = within is None or _is_integer(within, 1, MAX_BID_WITHIN_US)
+            _expect(isinstance(need.by_bid, bool) and in_time, f"{here}: bids")
 
 
 def _check_tree(mission: Mission) -> None:

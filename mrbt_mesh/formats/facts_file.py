@@ -6,6 +6,7 @@ failed: [fix_hw(4)]                        # global tasks that have failed
 outcomes:                                  # single results of local tasks
   - {robot: A1, global_task: diagnose_part(1), local_task: do_diagnosis(1), success: true}
 running: {A2: diagnose_part(2)}            # what robots work on
+bids: {fetch(1): {drive(1): {A1: -12.5}}}  # where performances are bid; null: it has no bid
 lost: {B1: [use_soldering_iron]}           # minor faults
 order: pause
 """
@@ -20,7 +21,7 @@ from mrbt_mesh.core import records
 from mrbt_mesh.core.assignment import Solver
 from mrbt_mesh.core.evaluate import Evaluator, parse_scope
 from mrbt_mesh.core.facts import Incarnation, Version, make_entry
-from mrbt_mesh.core.mission import Mission, Robot
+from mrbt_mesh.core.mission import MAX_PERFORMANCE, MICRO, Mission, Robot
 from mrbt_mesh.core.plan import Plan
 from mrbt_mesh.core.planning import make_plan
 from mrbt_mesh.core.records import (
@@ -90,6 +91,7 @@ class _Builder:
             "done": lambda path, value: self._ended(path, value, success=True),
             "failed": lambda path, value: self._ended(path, value, success=False),
             "outcomes": self._outcomes,
+            "bids": self._bids,
             "running": self._running,
             "order": self._order,
         }
@@ -158,6 +160,34 @@ class _Builder:
             else:
                 for activation in self._activations(task):
                     self._outcome(row["robot"], activation, local_task, success)
+
+    def _bids(self, path: SourcePath, value: Any) -> None:
+        for task, needs in self._mapping(path, value):
+            if not self._is_task((*path, task), task):
+                continue
+            by_bid = [n.local_task for n in self.mission.global_tasks[task].needs if n.by_bid]
+            for local_task, rows in self._mapping((*path, task), needs):
+                here = (*path, task, local_task)
+                if local_task not in by_bid:
+                    text = f"{task} has no bids for {local_task!r}{nearest(local_task, by_bid)}"
+                    self._report.add(here, text)
+                    continue
+                for robot, bid in self._mapping(here, rows):
+                    if self._is_robot((*here, robot), robot):
+                        self._bid((*here, robot), robot, self._activations(task), local_task, bid)
+
+    def _bid(
+        self, path: SourcePath, robot: str, activations: list[str], local_task: str, bid: Any
+    ) -> None:
+        most = MAX_PERFORMANCE // MICRO
+        is_number = isinstance(bid, int | float) and not isinstance(bid, bool)
+        if bid is not None and not (is_number and -most <= bid <= most):
+            text = f"a number from {-most} to {most}, or null, expected, found {found(bid)}"
+            self._report.add(path, text)
+            return
+        for activation in activations:
+            value = None if bid is None else round(bid * MICRO)
+            self._write(robot, f"{records.BID}/{activation}/{local_task}", value)
 
     def _running(self, path: SourcePath, value: Any) -> None:
         for robot, task in self._mapping(path, value):

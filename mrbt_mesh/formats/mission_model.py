@@ -26,9 +26,11 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from mrbt_mesh.core.mission import (
     MAX_ARGUMENTS,
+    MAX_BID_WITHIN_US,
     MAX_COST,
     MAX_GLOBAL_TASKS,
     MAX_ROBOTS,
+    MICRO,
     NAME_PATTERN,
 )
 from mrbt_mesh.core.tree import MAX_NODES, Kind
@@ -148,15 +150,27 @@ class SameRobotModel(FileModel):
     local_task: CallText | None = None
 
 
+class BidModel(FileModel):
+    """Bids that are waited for this many seconds."""
+
+    bid_within_s: Annotated[float, Field(gt=0, le=MAX_BID_WITHIN_US / MICRO)]
+
+
 class NeedModel(FileModel):
     """How many robots a local task needs (`min`, nu) and can use (`max`, mu; default `min`).
 
     `same_robot_as`: only robots that have succeeded with that before.
+    `performance: bid`: how well a robot does it is known only to the robot, which bids for it.
     """
 
     min: Count = 1
     max: Count | None = None
     same_robot_as: SameRobotModel | None = None
+    performance: Annotated[
+        Annotated[Literal["declared", "bid"], Tag("<text>")]
+        | Annotated[BidModel, Tag("<mapping>")],
+        by_type("declared, bid, or {bid_within_s: 0.5}", {str: "<text>", dict: "<mapping>"}),
+    ] = "declared"
 
 
 class FailAfterModel(FileModel):

@@ -5,6 +5,7 @@ Used by the real runtime and, on a virtual clock, by the simulator.
 
 from __future__ import annotations
 
+import inspect
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -12,21 +13,34 @@ from typing import Any, Protocol
 
 import anyio
 import anyio.abc
+import anyio.lowlevel
 
 from mrbt_mesh.core.effects import (
     ActionFinished,
     ActionStopped,
+    BidMade,
+    BidsMade,
+    CancelAction,
     CapabilityChanged,
     ConditionSet,
     Input,
     ProgressReported,
+    RequestBid,
     StartAction,
 )
 from mrbt_mesh.core.facts import Incarnation
-from mrbt_mesh.core.mission import MICRO, Mission, split_call
+from mrbt_mesh.core.mission import (
+    MAX_BID_WITHIN_US,
+    MAX_PERFORMANCE,
+    MICRO,
+    Mission,
+    split_call,
+)
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext, TaskFailedError
 
 MAX_ERROR = 2_000
+# No mission waits longer for a bid.
+BID_LIMIT_S = MAX_BID_WITHIN_US / MICRO
 
 
 class Host(Protocol):
@@ -50,6 +64,20 @@ class Identity:
     type: str
     pid: int
     speed: float
+
+
+class _NoBidError(Exception):
+    """Why there is no bid; the message says all that is to be said."""
+
+
+def micro_bid(value: Any) -> int | None:
+    """A bid in micro-units, None for none. Raises _NoBidError for what is no bid."""
+    most = MAX_PERFORMANCE // MICRO
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not -most <= value <= most:
+        raise _NoBidError(f"a bid is a number from {-most} to {most}, or None, not {value!r:.80}")
+    return round(value * MICRO)
 
 
 class _Port:
@@ -92,7 +120,9 @@ class _Port:
 
 
 class ActionRunner:
-    """Runs actions as tasks of `group`; each ends in exactly one input to the host."""
+    """Runs actions and bids as tasks of `group`; each ends in exactly one input to the host, bids
+    that end at the same time in a common one.
+    """
 
     def __init__(
         self,
@@ -108,17 +138,19 @@ class ActionRunner:
         self._identity = identity
         self._host = host
         self._scopes: dict[int, anyio.CancelScope] = {}
+        self._bids: list[BidMade] = []
 
-    def start(self, effect: StartAction) -> None:
-        """Carry out a StartAction."""
-        scope = self._scopes[effect.ticket] = anyio.CancelScope()
-        self._group.start_soon(self._run, effect, scope)
-
-    def cancel(self, ticket: int) -> None:
-        """Carry out a CancelAction."""
-        scope = self._scopes.get(ticket)
-        if scope is not None:
-            scope.cancel()
+    def carry_out(self, effect: StartAction | CancelAction | RequestBid) -> None:
+        """Do what the agent wants of the program."""
+        match effect:
+            case StartAction(ticket):
+                scope = self._scopes[ticket] = anyio.CancelScope()
+                self._group.start_soon(self._run, effect, scope)
+            case CancelAction(ticket):
+                if ticket in self._scopes:
+                    self._scopes[ticket].cancel()
+            case RequestBid():
+                self._group.start_soon(self._bid, effect)
 
     def start_background(self) -> None:
         """Start the program's sensors."""
@@ -159,6 +191,45 @@ class ActionRunner:
                 error = traceback.format_exc(limit=-8)[-MAX_ERROR:]
         conditions = tuple(sorted(port.conditions.items()))
         return ActionFinished(ticket, success, data, conditions, error)
+
+    async def _bid(self, effect: RequestBid) -> None:
+        value, error = None, ""
+        try:
+            with anyio.move_on_after(BID_LIMIT_S) as scope:
+                value = micro_bid(await self._call_bid(effect))
+            if scope.cancelled_caught:
+                error = f"no answer within {BID_LIMIT_S:g} s"
+        except _NoBidError as problem:
+            error = str(problem)
+        except Exception:
+            error = traceback.format_exc(limit=-8)[-MAX_ERROR:]
+        self._bids.append(BidMade(effect.activation, effect.local_task, value, error))
+        if len(self._bids) == 1:
+            self._group.start_soon(self._tell_bids)
+
+    async def _tell_bids(self) -> None:
+        # Those that are about to end come along: one message tells them all.
+        await anyio.lowlevel.checkpoint()
+        bids, self._bids = tuple(self._bids), []
+        self._host.submit(BidsMade(bids))
+
+    async def _call_bid(self, effect: RequestBid) -> Any:
+        name, arguments = split_call(effect.local_task)
+        function = self._program.find_bid(name)
+        if function is None:
+            raise _NoBidError(f"the robot's program has no bid for {name!r}")
+        port = _Port(self._host, self._mission, None)
+        start = StartAction(
+            0,
+            effect.activation,
+            effect.global_task,
+            effect.local_task,
+            (),
+            effect.performance,
+            effect.incarnation,
+        )
+        result = function(self._context(start, name, arguments, port), *arguments)
+        return await result if inspect.isawaitable(result) else result
 
     async def _background(self, function: Callable[[TaskContext], Any]) -> None:
         port = _Port(self._host, self._mission, None)

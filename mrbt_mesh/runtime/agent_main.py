@@ -132,7 +132,7 @@ def make_driver(options: argparse.Namespace) -> Driver:
     program = load_program(reference)
     lacking = check_program(program, mission, capabilities)
     if lacking:
-        raise AgentInputError(f"{reference} has no local task {', '.join(lacking)} for type {kind}")
+        raise AgentInputError(f"{reference} has no {', no '.join(lacking)} for type {kind}")
     address = on_network(
         mission,
         robot=options.robot,

@@ -29,6 +29,7 @@ from mrbt_mesh.core.effects import (
     PlanMade,
     Publish,
     Reply,
+    RequestBid,
     StartAction,
     Stop,
     TimerFired,
@@ -223,7 +224,7 @@ class Driver:
                 self._transport.ask(peer, MessageKind.PULL, data, timeout_s)
             case Reply(query, pages):
                 self._transport.reply(query, pages)
-            case StartAction() | CancelAction() | MakePlan():
+            case StartAction() | CancelAction() | RequestBid() | MakePlan():
                 self._work(effect)
             case DeclareToken(incarnation):
                 self._transport.declare_token(incarnation)
@@ -235,14 +236,11 @@ class Driver:
                     self.log("info" if code == 0 else "error", "stopped", code=code, reason=reason)
                     self._stopped.set()
 
-    def _work(self, effect: StartAction | CancelAction | MakePlan) -> None:
-        match effect:
-            case StartAction():
-                self._runner.start(effect)
-            case CancelAction(ticket):
-                self._runner.cancel(ticket)
-            case MakePlan(number):
-                self._group.start_soon(self._make_plan, number)
+    def _work(self, effect: StartAction | CancelAction | RequestBid | MakePlan) -> None:
+        if isinstance(effect, MakePlan):
+            self._group.start_soon(self._make_plan, effect.number)
+        else:
+            self._runner.carry_out(effect)
 
     async def _make_plan(self, number: int) -> None:
         planner = self._agent.planner

@@ -6,6 +6,10 @@
     async def replace_hw(task: TaskContext, part: str) -> None:
         await arm.swap(part)                     # raise, or return False: the local task failed
 
+    @robot.bid("replace_hw")                     # where the mission says `performance: bid`
+    def bid(task: TaskContext, part: str) -> float:
+        return -arm.seconds_to(part)             # larger is better; a cost is a negative one
+
 A program knows nothing of the team: it does what it is asked and says how it went. The
 runtime cancels it through an anyio cancel scope when the plan no longer wants it.
 """
@@ -19,6 +23,8 @@ from typing import Any, Protocol, TypeAlias, TypeVar
 
 Result: TypeAlias = bool | Mapping[str, Any] | None
 TaskFunction: TypeAlias = Callable[..., Awaitable[Result]]
+Bid: TypeAlias = float | None
+BidFunction: TypeAlias = Callable[..., Bid | Awaitable[Bid]]
 _T = TypeVar("_T")
 
 
@@ -100,12 +106,15 @@ class TaskContext:
 
 
 class RobotProgram:
-    """Collects what one robot can do: `local_task` for actions, `background` for sensors."""
+    """Collects what one robot can do: `local_task` for actions, `bid` for how well it would do
+    them, `background` for sensors.
+    """
 
     def __init__(self) -> None:
         self.tasks: dict[str, TaskFunction] = {}
         self.backgrounds: list[Callable[[TaskContext], Awaitable[None]]] = []
         self._any: TaskFunction | None = None
+        self._bids: dict[str, BidFunction] = {}
 
     def local_task(self, name: str) -> Callable[[_T], _T]:
         """Register an async function `f(task, *arguments)`, or a class with `async run(task, ...)`.
@@ -126,6 +135,26 @@ class RobotProgram:
 
         return register
 
+    def bid(self, name: str) -> Callable[[_T], _T]:
+        """Register `f(task, *arguments)`, async or not: this robot's performance in a local task.
+
+        It is asked once per activation where the mission says `performance: bid`, also while the
+        robot is busy, and has to answer soon. It returns a number from -1e6 to 1e6, larger is
+        better; a cost is a negative performance. None, or an exception: no bid, which makes this
+        robot the last to be chosen. `"*"` serves every local task that has none of its own.
+        Raises ProgramError for a second registration.
+        """
+
+        def register(target: _T) -> _T:
+            if not callable(target) or inspect.isclass(target):
+                raise ProgramError(f"bid {name!r}: {target!r} is not a function")
+            if name in self._bids:
+                raise ProgramError(f"bid {name!r} is registered twice")
+            self._bids[name] = target
+            return target
+
+        return register
+
     def background(
         self, function: Callable[[TaskContext], Awaitable[None]]
     ) -> Callable[[TaskContext], Awaitable[None]]:
@@ -139,6 +168,10 @@ class RobotProgram:
     def find(self, local_task_type: str) -> TaskFunction | None:
         """The function for a local-task type, or None."""
         return self.tasks.get(local_task_type, self._any)
+
+    def find_bid(self, local_task_type: str) -> BidFunction | None:
+        """The function that bids for a local-task type, or None."""
+        return self._bids.get(local_task_type, self._bids.get("*"))
 
 
 def _as_function(target: Any, name: str) -> TaskFunction:

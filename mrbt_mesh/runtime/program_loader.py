@@ -39,10 +39,15 @@ def load_program(reference: str) -> RobotProgram:
 def check_program(
     program: RobotProgram, mission: Mission, capabilities: Iterable[str]
 ) -> list[str]:
-    """The local-task types among `capabilities` (types or ground) that `program` lacks, sorted."""
+    """What `program` lacks for these `capabilities` (types or ground): `local task weld`, and
+    `bid for weld` where the mission asks for bids; sorted.
+    """
     claimed = {type_name(capability) for capability in capabilities}
     declared = claimed & mission.local_tasks.keys()
-    return sorted(name for name in declared if program.find(name) is None)
+    needs = [need for task in mission.global_tasks.values() for need in task.needs]
+    by_bid = claimed & {type_name(need.local_task) for need in needs if need.by_bid}
+    lacking = [f"local task {name}" for name in declared if program.find(name) is None]
+    return sorted(lacking + [f"bid for {name}" for name in by_bid if not program.find_bid(name)])
 
 
 def _import_file(path: Path) -> ModuleType:

@@ -26,6 +26,7 @@ from mrbt_mesh.core.effects import (
     PlanMade,
     Publish,
     Reply,
+    RequestBid,
     StartAction,
     Stop,
     TimerFired,
@@ -185,10 +186,8 @@ class SimProcess:
             case MakePlan(number):
                 clock = self._world.clock
                 clock.at(clock.now_us + self._plan_delay_us, partial(self._make_plan, number))
-            case StartAction():
-                self._context.run(self._runner.start, effect)
-            case CancelAction(ticket):
-                self._runner.cancel(ticket)
+            case StartAction() | CancelAction() | RequestBid():
+                self._context.run(self._runner.carry_out, effect)
             case DeclareToken(incarnation):
                 self._world.declared(self, incarnation)
             case Stop():

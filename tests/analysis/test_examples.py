@@ -91,6 +91,20 @@ def test_explore() -> None:
     assert [row["slack"] for row in data["tasks"]] == [1, 1]
 
 
+def test_bids_change_nothing_of_what_a_team_can_do() -> None:
+    """Who has no bid serves all the same, so a need by bid is a need."""
+    mission = load_mission(EXAMPLES / "couriers" / "mission.yaml")
+    declared = {
+        name: replace(each, needs=tuple(replace(need, by_bid=False) for need in each.needs))
+        for name, each in mission.global_tasks.items()
+    }
+    assert mission.has_bids
+    found = analyse(mission, mission.costs, limit_s=60).to_json()
+    other = analyse(replace(mission, global_tasks=declared), mission.costs, limit_s=60).to_json()
+    assert key_figures(found) == key_figures(other)
+    assert found["major"]["max_tolerated"] == 3
+
+
 def test_tool_search() -> None:
     """One of two mechanics is enough. Of 6 capabilities one search and one large screwdriver are:
     the small one is for when the large one fails, which is no lack of robots. Fatal are both

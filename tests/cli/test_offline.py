@@ -18,6 +18,7 @@ from mrbt_mesh.core.solvers import SOLVERS
 ROOT = Path(__file__).resolve().parents[2]
 REPAIR = str(ROOT / "examples" / "vehicle_repair" / "mission.yaml")
 EXPLORE = str(ROOT / "examples" / "explore" / "mission.yaml")
+COURIERS = str(ROOT / "examples" / "couriers" / "mission.yaml")
 
 
 def mrbt(*arguments: str) -> tuple[int, str, str]:
@@ -259,6 +260,56 @@ def test_plan_with_failed_tasks_and_single_outcomes(tmp_path: Path) -> None:
         " success: true}\nfailed: [explore_area(B)]\n",
     )
     assert plan(EXPLORE, "--facts", facts)["result"] == "failure"
+
+
+BIDS = """bids:
+  delivery(bread): {deliver(bread): {K1: -7.5, K2: -13, K3: -14, K4: -5}}
+  delivery(keys): {deliver(keys): {K1: -9.5, K2: -3.5, K3: -9, K4: -2.5}}
+  delivery(flowers): {deliver(flowers): {K1: -12, K2: -10, K3: -4.5, K4: null}}
+"""
+
+
+def test_plan_takes_bids_from_the_file_and_shows_them(tmp_path: Path) -> None:
+    data = plan(COURIERS, "--facts", write(tmp_path, BIDS))
+    assert {r: line["local_task"] for r, line in data["lines"].items()} == {
+        "K2": "deliver(keys)",
+        "K3": "deliver(flowers)",
+        "K4": "deliver(bread)",
+    }
+    assert data["bids"][2]["bids"] == {"K1": -12, "K2": -10, "K3": -4.5, "K4": None}
+    code, output, _ = mrbt("plan", COURIERS, "--facts", write(tmp_path, BIDS))
+    assert code == 0
+    assert "-4.5)" in output, "why K3 goes"
+    assert "K3 -4.5, K2 -10, K1 -12, none of K4" in output
+
+
+def test_plan_says_whose_bids_are_waited_for(tmp_path: Path) -> None:
+    facts = write(tmp_path, BIDS.replace(", K4: null", ""))
+    code, output, _ = mrbt("plan", COURIERS, "--facts", facts, "--alive", "K1,K3,K4")
+    assert code == 0
+    assert "delivery(flowers)  waiting for bids of K4" in output
+    assert "K3 -4.5, K1 -12, waiting for K4" in output
+    running = facts + ".running.yaml"
+    Path(running).write_text(Path(facts).read_text() + "running: {K1: delivery(flowers)}\n")
+    assert "goes on with what it runs (bid -12)" in mrbt("plan", COURIERS, "--facts", running)[1]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{delivery(x): {}}", "no global task 'delivery(x)' in this mission"),
+        ("{delivery(keys): {deliver(cake): {}}}", "has no bids for 'deliver(cake)'; did you mean"),
+        ("{delivery(keys): {deliver(keys): {K9: 1}}}", "no robot 'K9'"),
+        ("{delivery(keys): {deliver(keys): {K1: fast}}}", "or null, expected, found the text"),
+        ("{delivery(keys): {deliver(keys): {K1: true}}}", "or null, expected, found"),
+        ("{delivery(keys): {deliver(keys): {K1: .nan}}}", "a finite number"),
+        ("{delivery(keys): {deliver(keys): {K1: 1e7}}}", "a number from -1000000 to 1000000"),
+    ],
+)
+def test_plan_says_what_is_wrong_with_bids(tmp_path: Path, text: str, message: str) -> None:
+    code, _, problems = mrbt("plan", COURIERS, "--facts", write(tmp_path, f"bids: {text}\n"))
+    assert code == 2
+    assert message in problems
 
 
 def test_plan_for_people_names_robots_and_reasons() -> None:

@@ -82,3 +82,13 @@ def test_the_summary_tells_the_story_of_a_takeover() -> None:
     assert "1 fault" in text
     assert "A1 died" in text
     assert "dead" in line_of(text, "A1     A")
+
+
+def test_bids_are_in_the_live_view_and_in_the_summary() -> None:
+    mission = load_mission(REPAIR.parents[1] / "couriers" / "mission.yaml")
+    program = load_program(mission.program or "")
+    result = simulate(mission, program, seed=1)
+    summary = drawn(render_summary(result.summary))
+    assert "K4 -5.12, K1 -7.41, K2 -13, K3 -13.62" in line_of(summary, "deliver(bread)  ")
+    begun = simulate(mission, program, seed=1, timeout_us=SECOND)
+    assert "K4: bids -2.8 for deliver(keys)" in live(begun, 1)

@@ -88,10 +88,13 @@ def leaves(spec: NodeSpec, kind: Kind) -> list[str]:
 # -- missions ---------------------------------------------------------------------------------
 
 
-def task(name: str, *needs: tuple[str, int, int], **policies: Any) -> GlobalTask:
-    """A global task; without `needs` one robot does the local task of the same name."""
+def task(name: str, *needs: tuple[Any, ...], **policies: Any) -> GlobalTask:
+    """A global task; without `needs` one robot does the local task of the same name.
+
+    A need is (local task, min, max), or with bids (local task, min, max, True[, within_us]).
+    """
     rows = needs or ((name, 1, 1),)
-    return GlobalTask(name, tuple(Need(*row) for row in rows), **policies)
+    return GlobalTask(name, tuple(Need(*row[:3], None, *row[3:]) for row in rows), **policies)
 
 
 def make_mission(
@@ -192,6 +195,15 @@ class World:
         """A robot finishes its part of an activation; it may be a straggler."""
         local = local or parse_scope(activation).subject
         self.write(robot, (f"{records.OUTCOME}/{activation}/{local}", [success, None]))
+
+    def bid(self, robot: str, activation: str, local: str, performance: float | None) -> None:
+        """A robot tells how well it would do a local task of an activation."""
+        value = None if performance is None else round(performance * MICRO)
+        self.write(robot, (f"{records.BID}/{activation}/{local}", value))
+
+    def close(self, activation: str, local: str, robot: str = "R1") -> None:
+        """A robot has seen the time for bids pass."""
+        self.write(robot, (f"{records.CLOSED}/{activation}/{local}", True))
 
     def claim(
         self, robot: str, activation: str, local: str = "", running: bool = True, since: int = 1

@@ -41,6 +41,7 @@ class Process:
     mail: deque[fx.Input] = field(default_factory=deque)
     token: Incarnation | None = None
     tickets: list[int] = field(default_factory=list)
+    asked: list[fx.RequestBid] = field(default_factory=list)
     stops_at_once: bool = True
 
     @property
@@ -163,6 +164,9 @@ class Team:
                 if process.stops_at_once:
                     process.tickets.remove(ticket)
                     self._post(process, fx.ActionStopped(ticket))
+            case fx.RequestBid(_, _, local_task):
+                process.asked.append(effect)
+                self._tell(process, f"is asked to bid for {local_task}")
             case fx.Stop(code, reason):
                 self._tell(process, f"stops with {code}: {reason}")
                 self.processes.pop(process.name, None)
@@ -242,6 +246,8 @@ def entry_text(name: str, value: object) -> str:
             return f"coalition of {', '.join(row[0] for row in members)}"
         case (("broken" | "grant" | "doubt" | "cleared"), True):
             return f"{kind} of {Token.parse(parts[1]).leader} for {parse_scope(parts[0]).subject}"
+        case "bid", bid:
+            return f"bid {'none' if bid is None else f'{bid / 1e6:g}'} for {parts[1]}"
         case "claim", None:
             return "no claim"
         case "member", [_, _, lost, leaving, *_]:
@@ -300,12 +306,16 @@ class Script:
         self.robots[name] = {local: float(value or 1) for local, _, value in pairs}
 
     def do_task(self, name: str, *words: str) -> None:
-        """task cover lift 2..2 fail_after=0.5; task dose pour exclusive in_doubt=retry"""
-        needs: list[tuple[str, int, int]] = []
+        """task cover lift 2..2 fail_after=0.5; task dose pour exclusive in_doubt=retry;
+        task fetch drive 1..1 bid_within=0.5"""
+        needs: list[tuple[Any, ...]] = []
         policies: dict[str, Any] = {}
         for word in words:
             key, is_policy, value = word.partition("=")
-            if word in ("simultaneous", "exclusive"):
+            if word == "bid" or key == "bid_within":
+                within_us = round(float(value) * 1e6) if is_policy else None
+                needs[-1] = (*needs[-1], True, within_us)
+            elif word in ("simultaneous", "exclusive"):
                 policies[word] = True
             elif key == "in_doubt":
                 policies[key] = InDoubt(value)
@@ -380,6 +390,19 @@ class Script:
     def do_raise(self, name: str) -> None:
         """The action's code raises: the runtime reports a failure with the traceback."""
         self.end_action(name, False, (), "Traceback: ZeroDivisionError")
+
+    def do_bid(self, name: str, *words: str) -> None:
+        """bid A fetch=-3 carry=none: what its program says to what it was asked, all at once."""
+        process = self.team.processes[name]
+        values = dict(word.split("=") for word in words)
+        bids = []
+        for asked in [a for a in process.asked if a.local_task in values]:
+            text = values[asked.local_task]
+            value = None if text in ("none", "raises") else round(float(text) * 1e6)
+            error = "Traceback: ZeroDivisionError" if text == "raises" else ""
+            bids.append(fx.BidMade(asked.activation, asked.local_task, value, error))
+            process.asked.remove(asked)
+        self.team.give(process, fx.BidsMade(tuple(bids)))
 
     def do_set(self, name: str, condition: str) -> None:
         key, _, value = condition.partition("=")

@@ -58,6 +58,12 @@ def test_the_good_one_is_good() -> None:
         # Keys, shapes and types.
         ("mission: m", "misson: m", 1, "unknown key 'misson'; did you mean 'mission'?"),
         ("mission: m", "mission: m\nassignment: best", 2, "any or spare_scarce is expected"),
+        ("max: 2}", "performance: bids}", 17, "declared or bid is expected, found the text 'bids'"),
+        ("max: 2}", "performance: 3}", 17, "declared, bid, or {bid_within_s: 0.5} is expected"),
+        ("max: 2}", "performance: {bid_within_s: 0}}", 17, "a number above 0 is expected"),
+        ("max: 2}", "performance: {bid_within_s: 11}}", 17, "a number of at most 10 is expected"),
+        ("max: 2}", "performance: {within_s: 1}}", 17, "unknown key 'within_s'; did you mean"),
+        ("max: 2}", "performance: {bid_within_s: 0.0000001}}", 17, "at most 6 decimals"),
         ("mission: m", "mission: 3", 1, "text is expected, found the number 3"),
         ("mission: m", "mission: m x", 1, "a name is expected: a letter or _"),
         ("mission: m", "mission: m\nprogram: robot.txt", 2, "e.g. robot.py or robot.py:name"),

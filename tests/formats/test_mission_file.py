@@ -16,6 +16,7 @@ from mrbt_mesh.core.mission import (
     Assignment,
     FailurePolicy,
     Mission,
+    Need,
     mission_from_json,
     performance,
 )
@@ -56,13 +57,29 @@ def test_the_assignment_is_read() -> None:
     assert mission_from_compiled(compile_mission(mission), "m.json") == mission
 
 
+def test_bids_are_read() -> None:
+    declared = load_text(SMALL)
+    assert not declared.has_bids
+    assert load_text(
+        SMALL.replace("{weld($part): {}}", "{weld($part): {performance: declared}}")
+    ) == (declared)
+    for text, within_us in (("bid", None), ("{bid_within_s: 1.5}", 1_500_000)):
+        mission = load_text(SMALL.replace("{}}}\ntree", f"{{performance: {text}}}}}}}\ntree"))
+        (need,) = mission.global_tasks["fix(3)"].needs
+        assert need == Need("weld(3)", 1, 1, by_bid=True, bid_within_us=within_us)
+        assert mission_from_compiled(compile_mission(mission), "m.json") == mission
+        assert mission.to_json()["compiled"] == 3, "software that knows no bids refuses it"
+        assert mission.digest != declared.digest
+    assert declared.to_json()["compiled"] == 2, "others keep their digests"
+
+
 def example(name: str) -> Mission:
     return load_mission(ROOT / "examples" / name / "mission.yaml")
 
 
 def test_the_examples_are_where_the_readme_says() -> None:
     names = [path.parent.name for path in EXAMPLES]
-    assert names == ["dispense", "explore", "lift", "tool_search", "vehicle_repair"]
+    assert names == ["couriers", "dispense", "explore", "lift", "tool_search", "vehicle_repair"]
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.parent.name)
@@ -302,7 +319,7 @@ def _damaged(change: str) -> str:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("d['compiled'] = 99", "version 2 expected, found 99"),
+        ("d['compiled'] = 99", "version 2 or 3 expected, found 99"),
         ("d.pop('compiled')", "not a compiled mission"),
         ("d.pop('tree')", "damaged: KeyError"),
         ("d['name'] = 3", "name 3"),

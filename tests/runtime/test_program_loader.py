@@ -115,7 +115,7 @@ def test_files_that_cannot_be_programs(tmp_path: Path) -> None:
         load_program(str(tmp_path / "binary.py"))
 
 
-@pytest.mark.parametrize("name", ["vehicle_repair", "explore", "tool_search"])
+@pytest.mark.parametrize("name", ["vehicle_repair", "explore", "tool_search", "couriers"])
 def test_the_examples_robots_can_do_what_they_claim(name: str) -> None:
     mission = load_mission(ROOT / "examples" / name / "mission.yaml")
     assert mission.program is not None
@@ -128,7 +128,7 @@ def test_missing_local_tasks_are_listed_by_type() -> None:
     mission = load_mission(ROOT / "examples" / "vehicle_repair" / "mission.yaml")
     program = load_program(str(ROOT / "agents" / "explore.py"))
     lacking = check_program(program, mission, ["replace_hw(2)", "move_frame", "replace_hw"])
-    assert lacking == ["move_frame", "replace_hw"]
+    assert lacking == ["local task move_frame", "local task replace_hw"]
 
 
 def test_a_program_for_everything_lacks_nothing() -> None:

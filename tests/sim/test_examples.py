@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import pytest
 from runs import Run
 
@@ -56,3 +58,19 @@ def test_no_tools_at_all_is_a_failure(run: Run) -> None:
     result = run("tool_search", 1, parameters={"tools_in_storage": 3}, expect="failure")
     assert {s.end for s in of(spans(result.events), "search")} == {"failure"}
     assert not of(spans(result.events), "large_screwdriver")
+
+
+def test_couriers_bid_from_where_they_are_and_the_sum_of_ways_is_the_least(run: Run) -> None:
+    result = run("couriers", 1)
+    rows = {row["local_task"]: row for row in result.summary["bids"]}
+    assert len(rows) == 6
+    morning = [rows[f"deliver({each})"] for each in ("bread", "keys", "flowers")]
+    assert morning[0]["bids"] == {"K1": -7.41, "K2": -13, "K3": -13.62, "K4": -5.12}
+    best = max(
+        sum(row["bids"][robot] for row, robot in zip(morning, robots, strict=True))
+        for robots in itertools.permutations(["K1", "K2", "K3", "K4"], 3)
+    )
+    assert sum(row["bids"][row["robots"][0]] for row in morning) == pytest.approx(best)
+    taken = [span.end_s - span.start_s for span in spans(result.events)]
+    said = [-row["bids"][row["robots"][0]] for row in result.summary["bids"]]
+    assert sorted(taken) == pytest.approx(sorted(said), abs=0.05), "they took as long as they said"

@@ -32,7 +32,9 @@ def story(result: SimulationResult) -> tuple[Any, ...]:
     return result.result, result.duration_us, result.summary, result.events, result.stops, plans
 
 
-@pytest.mark.parametrize("name", ["vehicle_repair", "dispense", "explore", "tool_search"])
+@pytest.mark.parametrize(
+    "name", ["vehicle_repair", "dispense", "explore", "tool_search", "couriers"]
+)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_inspection_changes_nothing_of_a_run(name: str, seed: int) -> None:
     mission, program = example(name)

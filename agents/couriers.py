@@ -1,0 +1,57 @@
+"""The couriers of examples/couriers: a bid is the time that a delivery would take, as a cost."""
+
+import math
+
+import anyio
+from simulated import physical
+
+from mrbt_mesh import RobotProgram, TaskContext
+
+robot = RobotProgram()
+Place = tuple[float, float]
+STEP_S = 0.1
+
+# Where each courier is; a real one would ask its localisation. Simulated ones share this module.
+here: dict[tuple[str, int], Place] = {}
+
+
+@robot.background
+async def set_out(task: TaskContext) -> None:
+    """A courier that starts, or starts again, does so at its station."""
+    x, y = task.parameters["stations"][task.robot]
+    here[task.robot, task.pid] = (x, y)
+
+
+@robot.bid("deliver")
+def bid(task: TaskContext, parcel: str) -> float:
+    """Minus the seconds to the parcel and from there to its destination."""
+    pick_up, destination = _places(task, parcel)
+    way = math.dist(here[task.robot, task.pid], pick_up) + math.dist(pick_up, destination)
+    return -round(way / task.performance, 2)
+
+
+@robot.local_task("deliver")
+@physical
+async def deliver(task: TaskContext, parcel: str) -> None:
+    """Go to the parcel, and with it to its destination."""
+    for share, place in enumerate(_places(task, parcel)):
+        await _go(task, place, share / 2)
+
+
+async def _go(task: TaskContext, place: Place, done: float) -> None:
+    start = here[task.robot, task.pid]
+    seconds = math.dist(start, place) / (task.performance * task.speed)
+    steps = max(1, round(seconds / STEP_S))
+    for step in range(1, steps + 1):
+        await anyio.sleep(seconds / steps)
+        gone = step / steps
+        here[task.robot, task.pid] = (
+            start[0] + gone * (place[0] - start[0]),
+            start[1] + gone * (place[1] - start[1]),
+        )
+        task.report_progress(done + gone / 2)
+
+
+def _places(task: TaskContext, parcel: str) -> tuple[Place, Place]:
+    (from_x, from_y), (to_x, to_y) = task.parameters["parcels"][parcel]
+    return (from_x, from_y), (to_x, to_y)

@@ -1,0 +1,168 @@
+"""Robots' programs bid: what becomes of whatever they may answer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import anyio
+import pytest
+
+from mrbt_mesh import ProgramError, RobotProgram, TaskContext
+from mrbt_mesh.core.effects import BidMade, BidsMade, Input, RequestBid
+from mrbt_mesh.core.facts import Incarnation
+from mrbt_mesh.core.mission import MICRO
+from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.runtime import actions
+from mrbt_mesh.runtime.actions import ActionRunner, Identity
+from mrbt_mesh.runtime.program_loader import check_program
+
+COURIERS = Path(__file__).resolve().parents[2] / "examples" / "couriers" / "mission.yaml"
+PARCELS = ("bread", "keys", "flowers")
+
+
+class FakeHost:
+    """Keeps what the runner says."""
+
+    def __init__(self) -> None:
+        self.said: list[BidsMade] = []
+        self.has_said = anyio.Event()
+
+    def submit(self, event: Input) -> None:
+        assert isinstance(event, BidsMade)
+        self.said.append(event)
+        self.has_said.set()
+
+    def read_condition(self, name: str) -> bool:
+        raise AssertionError(name)
+
+    def record_event(self, event: Mapping[str, Any]) -> None:
+        raise AssertionError(event)
+
+    def unix_time_s(self) -> float:
+        return 0.0
+
+    def log(self, level: str, event: str, **fields: Any) -> None:
+        raise AssertionError(event)
+
+
+def answers(program: RobotProgram, *parcels: str) -> list[BidsMade]:
+    """What comes of asking for bids for these parcels at once, until somebody has answered."""
+
+    async def ask() -> list[BidsMade]:
+        host = FakeHost()
+        async with anyio.create_task_group() as group:
+            identity = Identity("K1", "bicycle", 1, 1.0)
+            runner = ActionRunner(group, program, load_mission(COURIERS), identity, host)
+            for parcel in parcels:
+                local_task = f"deliver({parcel})"
+                name = f"delivery({parcel})"
+                runner.carry_out(
+                    RequestBid(f"a-{parcel}", name, local_task, 2 * MICRO, Incarnation(1, "n"))
+                )
+            await host.has_said.wait()
+            group.cancel_scope.cancel()
+        return host.said
+
+    return anyio.run(ask)
+
+
+def answer(bid: Callable[..., Any]) -> BidMade:
+    """What comes of one function's bid."""
+    program = RobotProgram()
+    program.bid("deliver")(bid)
+    ((made,),) = (event.bids for event in answers(program, "bread"))
+    assert (made.activation, made.local_task) == ("a-bread", "deliver(bread)")
+    return made
+
+
+def test_a_bid_may_be_a_plain_function_or_an_async_one() -> None:
+    seen: list[TaskContext] = []
+
+    def plain(task: TaskContext, parcel: str) -> float:
+        seen.append(task)
+        return -2.5 if parcel == "bread" else 0
+
+    async def slowly(task: TaskContext, parcel: str) -> int:
+        await anyio.lowlevel.checkpoint()
+        return 3
+
+    assert answer(plain).performance == -2_500_000
+    assert answer(slowly).performance == 3_000_000
+    (task,) = seen
+    assert (task.robot, task.performance, task.arguments) == ("K1", 2.0, ("bread",))
+    assert (task.global_task, task.activation) == ("delivery(bread)", "a-bread")
+
+
+def test_none_is_no_bid_and_nothing_is_wrong_with_it() -> None:
+    assert answer(lambda task, parcel: None) == BidMade("a-bread", "deliver(bread)", None)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), 1e7, -1e7, True, "3", [1]])
+def test_what_is_no_number_in_range_is_no_bid(value: Any) -> None:
+    made = answer(lambda task, parcel: value)
+    assert made.performance is None
+    assert made.error.startswith("a bid is a number from -1000000 to 1000000, or None, not ")
+
+
+def test_an_exception_is_no_bid_with_its_traceback() -> None:
+    async def late(task: TaskContext, parcel: str) -> float:
+        raise TimeoutError("the map server")
+
+    def broken(task: TaskContext, parcel: str) -> float:
+        return 1 / 0
+
+    assert answer(broken).performance is None
+    assert "ZeroDivisionError" in answer(broken).error
+    assert "the map server" in answer(late).error
+    assert "positional argument" in answer(lambda task: 1.0).error
+
+
+def test_who_never_answers_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def never(task: TaskContext, parcel: str) -> float:
+        await anyio.sleep_forever()
+        return 1.0
+
+    monkeypatch.setattr(actions, "BID_LIMIT_S", 0.01)
+    assert answer(never) == BidMade("a-bread", "deliver(bread)", None, "no answer within 0.01 s")
+
+
+def test_bids_that_are_made_at_once_are_told_at_once() -> None:
+    program = RobotProgram()
+
+    @program.bid("*")
+    async def bid(task: TaskContext, parcel: str) -> float:
+        if parcel == "keys":
+            await anyio.lowlevel.checkpoint()
+        return len(parcel)
+
+    (event,) = answers(program, *PARCELS)
+    assert {made.local_task for made in event.bids} == {f"deliver({each})" for each in PARCELS}
+
+
+def test_a_program_says_what_it_bids_for_once() -> None:
+    program = RobotProgram()
+    program.bid("deliver")(lambda task, parcel: 1.0)
+    with pytest.raises(ProgramError, match="bid 'deliver' is registered twice"):
+        program.bid("deliver")(lambda task, parcel: 2.0)
+    with pytest.raises(ProgramError, match="is not a function"):
+        program.bid("carry")(RobotProgram)
+
+
+def test_a_program_without_the_bids_that_a_mission_asks_for_is_refused() -> None:
+    mission = load_mission(COURIERS)
+    program = RobotProgram()
+
+    @program.local_task("*")
+    async def anything(*_: object) -> None: ...
+
+    assert check_program(program, mission, ["deliver"]) == ["bid for deliver"]
+    program.bid("*")(lambda task, parcel: 1.0)
+    assert check_program(program, mission, ["deliver"]) == []
+
+
+def test_the_runner_names_a_bid_that_is_missing_all_the_same() -> None:
+    """As where a robot is given a capability that its program does not know."""
+    ((made,),) = (event.bids for event in answers(RobotProgram(), "bread"))
+    assert made.error == "the robot's program has no bid for 'deliver'"
