@@ -6,6 +6,7 @@ What they do is in the mission file's parameters, so that the file says it all:
       salt: 7
       tasks:
         t1: {fails_permille: 200, raises: true, sets: {c0: true}, loses: 30}
+        t2: {bid: {no_permille: 100, fails_permille: 100, late_permille: 100}}
       sensors:
         R1: [[1.5, c0, true]]      # seconds after the robot's start
 
@@ -23,6 +24,8 @@ from mrbt_mesh import RobotProgram, TaskContext
 
 robot = RobotProgram()
 STEPS = 3
+DISTANCES = 4
+LATE_S = 0.7
 
 
 def _permille(task: TaskContext, purpose: str) -> int:
@@ -67,6 +70,26 @@ async def work(task: TaskContext, *arguments: str) -> bool:
         for name, value in behaviour.get("sets", {}).items():
             task.set_condition(name, value)
     return success
+
+
+@robot.bid("*")
+async def bid(task: TaskContext, *arguments: str) -> float | None:
+    """A travel cost from one of a few distances, so that many assignments are equally good.
+
+    Some have none to tell, some break, and some think for longer than anybody waits.
+    """
+    behaviour = task.parameters.get("tasks", {}).get(task.local_task.partition("(")[0], {})
+    chances, drawn = behaviour.get("bid", {}), _permille(task, "bids")
+    for kind in ("no", "fails", "late"):
+        drawn -= chances.get(f"{kind}_permille", 0)
+        if drawn < 0:
+            if kind == "no":
+                return None
+            if kind == "fails":
+                raise RuntimeError(f"{task.robot} has lost its map")
+            await anyio.sleep(LATE_S)
+            break
+    return -float(_permille(task, "distance") % DISTANCES)
 
 
 @robot.background

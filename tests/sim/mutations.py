@@ -14,6 +14,7 @@ from unittest import mock
 
 from mrbt_mesh.core import (
     assignment,
+    bidding,
     canonical,
     capable,
     coalition,
@@ -192,6 +193,18 @@ def any_optimum() -> Iterator[None]:
         return tuple(optimum)
 
     with mock.patch.object(canonical, "canonical", last):
+        yield
+
+
+@mutation
+def bids_not_awaited() -> Iterator[None]:
+    """The plan takes the bids that are there, and who has not spoken as a last resort."""
+
+    def never_open(*args: Any) -> bidding.Bidding:
+        return replace(original(*args), is_open=False)
+
+    original = bidding._bidding
+    with mock.patch.object(bidding, "_bidding", never_open):
         yield
 
 

@@ -26,7 +26,13 @@ ALL = EVERYWHERE | {"I5", "I8"}
 # A few quick seeds in which there is everything; the same whatever MRBT_CHAOS_SEEDS says.
 SAMPLE = range(220, 240)
 # Slow missions are run faster, and get fewer seeds.
-EXAMPLE_SEEDS = {"explore": 1.0, "tool_search": 1.0, "dispense": 0.25, "vehicle_repair": 0.1}
+EXAMPLE_SEEDS = {
+    "couriers": 0.5,
+    "explore": 1.0,
+    "tool_search": 1.0,
+    "dispense": 0.25,
+    "vehicle_repair": 0.1,
+}
 
 
 def source(name: str | None) -> Source:

@@ -22,6 +22,7 @@ CAUGHT = {
     "no_repair": ("I2", (4, 34)),
     "starts_without_agreement": ("I4", (0, 3)),
     "any_optimum": ("I7", (19, 24)),
+    "bids_not_awaited": ("I7", (0, 19)),
     "told_before_synced": ("I9", (0, 1)),
     "prunes_what_is_current": ("I3", (3, 2)),
     "exclusive_without_majority": ("I5", (41, 33)),

@@ -3,8 +3,8 @@
 I1 same facts and same alive set give the same plan; I2 facts converge; I3 nothing that is done is
 undone; I4 nobody works on what it cannot do, and at rest the bounds of every demand hold; I5 an
 exclusive task has one coalition at a time, and is not begun again; I6 what can be finished is
-finished; I7 assignments are optimal and canonical; I8 garbage changes nothing; I9 a restart
-resumes from the journal.
+finished; I7 assignments are optimal and canonical, by the bids of all that live; I8 garbage changes
+nothing; I9 a restart resumes from the journal.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mrbt_mesh.core.records import Claim
 from mrbt_mesh.sim.checkers.exclusive import Exclusive
 from mrbt_mesh.sim.checkers.facts import Convergence, GarbageChangesNothing, NothingUndone
 from mrbt_mesh.sim.checkers.findings import Findings, View, components, joined
-from mrbt_mesh.sim.checkers.plans import OptimalAssignment, SamePlan
+from mrbt_mesh.sim.checkers.plans import BidsFirst, OptimalAssignment, SamePlan
 from mrbt_mesh.sim.checkers.restarts import Resumption
 from mrbt_mesh.sim.checkers.work import Bounds, Progress
 from mrbt_mesh.sim.process import SimProcess
@@ -40,9 +40,11 @@ class Checkers:
         self.i5 = Exclusive(self.findings)
         self.i6 = Progress(self.findings)
         self.i7 = OptimalAssignment(self.findings)
+        self.bids = BidsFirst(self.findings)
         self.i8 = GarbageChangesNothing(self.findings)
         self.i9 = Resumption(self.findings)
         self._sampled: list[tuple[str, int, int]] = []
+        self._claim: Claim | None = None
         self._running: Claim | None = None
         self._life: Incarnation | None = None
 
@@ -65,6 +67,7 @@ class Checkers:
         assert agent is not None
         self.i5.handling(process, agent, event)
         self.i6.finishing(agent, event)
+        self._claim = agent.work.claim
         self._running = agent.work.claim if agent.work.action is not None else None
         self._life = agent.incarnation
 
@@ -81,6 +84,11 @@ class Checkers:
             elif isinstance(effect, StartAction):
                 self.i3.started(agent, effect)
                 self.i4.started(agent, effect)
+        claim = agent.work.claim
+        if claim is not None and (
+            self._claim is None or claim.activation != self._claim.activation
+        ):
+            self.bids.claimed(agent, claim)
         if effects:
             self.i5.handled(process, effects)
             self.i6.handled(process, event, effects)

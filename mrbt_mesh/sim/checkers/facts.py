@@ -11,6 +11,7 @@ from mrbt_mesh.core.evaluate import parse_scope
 from mrbt_mesh.core.facts import Entry, FactMap, join
 from mrbt_mesh.core.records import (
     ATTEMPT,
+    BID_KINDS,
     COALITION_KINDS,
     DONE,
     EXPIRED,
@@ -24,7 +25,7 @@ from mrbt_mesh.core.tree import Status
 from mrbt_mesh.sim.checkers.findings import Findings, alive_set, is_connected, joined
 from mrbt_mesh.sim.process import SimProcess
 
-_SCOPED = COALITION_KINDS | {OUTCOME, VERDICT, ATTEMPT, EXPIRED, PASSED, DONE}
+_SCOPED = COALITION_KINDS | BID_KINDS | {OUTCOME, VERDICT, ATTEMPT, EXPIRED, PASSED, DONE}
 
 
 class Convergence:

@@ -10,7 +10,9 @@ from mrbt_mesh.core.assignment import AssignmentProblem, Integers
 from mrbt_mesh.core.canonical import solve
 from mrbt_mesh.core.evaluate import Evaluator
 from mrbt_mesh.core.planning import make_plan
+from mrbt_mesh.core.records import Claim, Phase
 from mrbt_mesh.core.solvers import brute_force
+from mrbt_mesh.core.team import capability
 from mrbt_mesh.sim.checkers.findings import Findings, alive_set, current_plan
 
 MAX_CHOICES = 2_000
@@ -78,3 +80,35 @@ class OptimalAssignment:
             self._findings.say("I7", text)
         if list(problem.robots) != sorted(problem.robots):
             self._findings.say("I7", f"{agent.me} assigns robots in the order {problem.robots}")
+
+
+class BidsFirst:
+    """I7 needs the bids: nobody claims what robots bid for while a bid of the living is missing,
+    unless it was waited for long enough, or somebody else is at work on the activation already.
+    """
+
+    def __init__(self, findings: Findings) -> None:
+        self._findings = findings
+
+    def claimed(self, agent: Agent, claim: Claim) -> None:
+        """The agent has just made this claim."""
+        facts, activation = agent.facts, claim.activation
+        needs = agent.mission.global_tasks[claim.global_task].needs
+        alive = {r: life for r, life in alive_set(agent).items() if r in facts.members}
+        others = [facts.valid_claim(robot) for robot in alive if robot != agent.me]
+        at_work = [each for each in others if each is not None and each.phase > Phase.CLAIMED]
+        if any(each.activation == activation for each in at_work):
+            return
+        if any(facts.results(activation, need.local_task) for need in needs):
+            return
+        for need in needs:
+            if not need.by_bid or facts.is_closed(activation, need.local_task):
+                continue
+            self._findings.checks["I7"] += 1
+            bids = facts.bids(activation, need.local_task)
+            for robot in sorted(alive.keys() - bids.keys()):
+                member, life = facts.members[robot]
+                able = capability(member, need.local_task) is not None
+                if able and life == alive[robot] and not member.leaving:
+                    text = f"{agent.me} claims {claim.local_task} of {activation}"
+                    self._findings.say("I7", f"{text} without a bid of {robot}")
