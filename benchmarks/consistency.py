@@ -1,30 +1,15 @@
-"""*Check Consistency* after one event: brought up to date, from scratch, and by its definition.
-
-    python -m benchmarks.consistency [--sizes 6,50,200,1000] [--events 60] [--json FILE]
-
-N robots and N requests of 1 to 3 robots each, in tree order; about half of the requests can be
-kept. Sparse: 10 capable robots per request; dense: all. With pins, half of the seated robots run
-what they sit for. Each event is answered by all that are compared, one after the other; only the
-answers are timed. The plain definition (tests/core/plain_consistency.py) takes seconds at 1000
-robots, so it answers few of the events there.
-"""
+"""*Check Consistency* after one event: brought up to date, from scratch, and by its definition."""
 
 from __future__ import annotations
 
-import argparse
-import json
 import random
 import statistics
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
-
+from benchmarks.registry import Benchmark, Result, Setting, Table
 from mrbt_mesh.core.capable import Capable
 from mrbt_mesh.core.consistency import Consistency, ConsistencyKeeper, kept_requests, shortages
 from mrbt_mesh.core.demand import Demand
@@ -32,6 +17,16 @@ from mrbt_mesh.core.evaluate import Request
 from tests.core import plain_consistency
 from tests.core.consistency_stories import WORKER, facts
 
+NOTE = (
+    "N robots and N requests of 1 to 3 robots each, in tree order; about half of "
+    "the requests can be kept. Sparse: 10 capable robots per request; dense: all. "
+    "With pins, half of the seated robots run what they sit for. Each event is "
+    "answered by all that are compared, one after the other; only the answers are "
+    "timed. The plain definition (tests/core/plain_consistency.py) takes seconds at "
+    "1000 robots, so it answers few of the events there."
+)
+
+SIZES = (6, 50, 200, 1_000)
 EVENTS = ("death", "return", "outcome", "request gone", "new request", "claim")
 Answer = tuple[list[int], dict[str, int]]
 
@@ -190,40 +185,30 @@ def measure(size: int, dense: bool, pins: bool, events: int, plain: int) -> dict
 
 def tables(rows: list[dict[str, Any]]) -> list[Table]:
     """All events together against the others, and each kind of event by itself."""
-    every = Table("robots", "pairs", "kept", title="Milliseconds per event (medians)")
     names = ("incremental_ms", "scratch_ms", "definition_ms", "shortages_ms")
     ratios = ("scratch_over_incremental", "definition_over_scratch")
-    for name in ("incremental", "scratch", "definition", "shortages", "s / i", "d / s"):
-        every.add_column(name, justify="right")
-    each = Table("robots", "pairs", *EVENTS, title="Incremental, by event, milliseconds (medians)")
+    every, each = [], []
     for row in rows:
         case = (str(row["robots"]), row["pairs"] + (", pins" if row["pins"] else ""))
         figures = [f"{row[name]:.3f}" for name in names] + [f"{row[name]:.1f}" for name in ratios]
-        every.add_row(*case, str(row["kept"]), *figures)
-        each.add_row(*case, *(f"{ms:.3f}" for ms in row["events_ms"].values()))
-    return [every, each]
+        every.append((*case, str(row["kept"]), *figures))
+        each.append((*case, *(f"{ms:.3f}" for ms in row["events_ms"].values())))
+    head = ("kept up", "scratch", "definition", "shortages", "scratch / kept up", "def. / scratch")
+    return [
+        Table("Check Consistency after one event, ms", ("robots", "pairs", "kept", *head), every),
+        Table("Kept up to date, by event, ms", ("robots", "pairs", *EVENTS), each),
+    ]
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--sizes", default="6,50,200,1000", help="numbers of robots: 6,50")
-    parser.add_argument("--events", type=int, default=60, help="events per case, at least 6 (60)")
-    parser.add_argument("--plain", type=int, default=6, help="events for the definition (6)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures there")
-    args = parser.parse_args()
-    console, rows = Console(width=max(Console().width, 110)), []
-    for size in (int(part) for part in args.sizes.split(",")):
-        plain = max(1, args.plain if size < 1000 else args.plain // 6)
+def run(setting: Setting) -> Result:
+    rows = []
+    for size in SIZES[: 3 if setting.quick else None]:
+        plain = 1 if size >= 1_000 or setting.quick else 6
         for dense in (False, True):
             for pins in (False, True):
-                rows.append(measure(size, dense, pins, args.events, plain))
-                console.print(f"{size} robots, {rows[-1]['pairs']}: done", style="dim")
-    for each in tables(rows):
-        console.print(each)
-    if args.json:
-        args.json.write_text(json.dumps(rows, indent=1) + "\n")
-    return 0
+                rows.append(measure(size, dense, pins, 12 if setting.quick else 60, plain))
+        setting.say(f"  {size} robots")
+    return Result("from scratch", rows, tables(rows), notes=[NOTE])
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+BENCHMARK = Benchmark("*Check Consistency* after one event, and from scratch", run)

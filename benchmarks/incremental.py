@@ -1,39 +1,36 @@
-"""One event in a large team: the optimum kept up to date against solving again.
-
-    python benchmarks/incremental.py [--robots 6 50 200 1000] [--events 20] [--json FILE]
-
-Demands are offered, each for 1..3 robots up to 5, and kept in order while they can be served
-together: as many as there are robots, so that none is spare, or 0.3 times as many. Sparse: 10
-robots can do a demand; dense: all can. An event may change which demands are kept, and so come
-with some more changes. After every event both are timed on the same problem, in turn; a ratio
-below 1 means that keeping is faster. CPU time of one thread; medians.
-"""
+"""One event: the optimum kept up to date, and solved again."""
 
 from __future__ import annotations
 
-import argparse
-import json
 import random
 import statistics
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
+from typing import Any
 
-from rich.console import Console
-from rich.progress import Progress
-from rich.table import Table
-
+from benchmarks.registry import Benchmark, Result, Setting, Table
 from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem
 from mrbt_mesh.core.canonical import solve
 from mrbt_mesh.core.offers import Offered, Team
 from mrbt_mesh.core.reassign import Reassigner
 from mrbt_mesh.core.solvers import default_solver
 
+NOTE = (
+    "Demands are offered, each for 1..3 robots up to 5, and kept in order while "
+    "they can be served together: as many as there are robots, so that none is "
+    "spare, or 0.3 times as many. Sparse: 10 robots can do a demand; dense: all "
+    "can. An event may change which demands are kept, and so come with some more "
+    "changes. After every event both are timed on the same problem, in turn; a "
+    "ratio below 1 means that keeping is faster. CPU time of one thread; medians."
+)
+
 CAPABLE = 10
 MICRO = 1_000_000
+SIZES = (6, 50, 200, 1_000)
+PERFORMANCES = (1_000, 10, 1)
+OFFERED = (1.0, 0.3)  # per robot
 EVENTS = ("death", "return", "request", "end", "outcome")
 
 
@@ -181,7 +178,7 @@ def scratch(team: Team) -> dict[str, str] | None:
     return {robot: team.demands[index].id for robot, index in pairs if index != UNASSIGNED}
 
 
-def summary(case: Case, rows: list[tuple[str, float, float]]) -> list[dict[str, object]]:
+def summary(case: Case, rows: list[tuple[str, float, float]]) -> list[dict[str, Any]]:
     result = []
     for event in (*EVENTS, "all"):
         mine = [row for row in rows if event in (row[0], "all")]
@@ -205,54 +202,31 @@ def summary(case: Case, rows: list[tuple[str, float, float]]) -> list[dict[str, 
     return result
 
 
-def show(results: list[dict[str, object]], console: Console) -> None:
-    table = Table(
-        "robots", "demands", "performances", "event", title="One event: kept up to date, ms"
-    )
-    for name in ("median", "worst", "from scratch", "ratio"):
-        table.add_column(name, justify="right")
+def table(results: Sequence[Mapping[str, Any]]) -> Table:
+    rows = []
     for row in results:
-        kind = "dense" if row["dense"] else "sparse"
-        values = f"1..{row['most']}" if row["most"] != 1 else "all equal"
-        figures = [f"{row[key]:.3f}" for key in ("kept_ms", "kept_worst_ms", "scratch_ms", "ratio")]
+        values = f"1..{row['most']}" if row["most"] != 1 else "all 1"
+        kind = (str(row["robots"]), "dense" if row["dense"] else "sparse")
         demands = f"{row['offered_per_robot']} per robot"
-        table.add_row(f"{row['robots']} {kind}", demands, values, str(row["event"]), *figures)
-        if row["event"] == "all":
-            table.add_section()
-    console.print(table)
+        figures = [f"{row[key]:.3f}" for key in ("kept_ms", "kept_worst_ms", "scratch_ms")]
+        rows.append((*kind, demands, values, str(row["event"]), *figures, f"{row['ratio']:.2f}"))
+    head = ("robots", "density", "offered", "p", "event", "kept", "worst", "from scratch", "ratio")
+    return Table("The optimum after one event, ms", head, rows)
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--robots", type=int, nargs="+", default=[6, 50, 200, 1000])
-    parser.add_argument("--most", type=int, nargs="+", default=[1000, 10, 1], help="performances")
-    parser.add_argument("--offered", type=float, nargs="+", default=[1.0, 0.3], help="per robot")
-    parser.add_argument("--events", type=int, default=20, help="of each kind")
-    parser.add_argument("--seconds", type=float, default=60, help="at most, per case")
-    parser.add_argument("--only", choices=["sparse", "dense"])
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", type=Path, metavar="FILE")
-    options = parser.parse_args()
-    kinds = [dense for dense in (False, True) if options.only in (None, ("sparse", "dense")[dense])]
-    cases = [
-        Case(robots, dense, most, share)
-        for robots in options.robots
-        for dense in kinds
-        for share in options.offered
-        for most in options.most
-    ]
-    console, results = Console(), list[dict[str, object]]()
-    with Progress(console=Console(stderr=True), transient=True) as progress:
-        for case in progress.track(cases, description="cases"):
-            rows = list(case.run(options.events, options.seconds, options.seed))
-            results += summary(case, rows)
-    show(results, console)
-    if options.json:
-        options.json.write_text(json.dumps({"one_event": results}, indent=1) + "\n")
-    return 0
+def run(setting: Setting) -> Result:
+    sizes = SIZES[: 3 if setting.quick else None]
+    events, seconds = (4, 5.0) if setting.quick else (20, 40.0)
+    results: list[dict[str, Any]] = []
+    for robots in sizes:
+        for dense in (False, True):
+            for share in OFFERED:
+                for most in PERFORMANCES:
+                    case = Case(robots, dense, most, share)
+                    results += summary(case, list(case.run(events, seconds, setting.seed)))
+            setting.say(f"  {robots} robots, {'dense' if dense else 'sparse'}")
+    overall = [row for row in results if row["event"] == "all"]
+    return Result("from scratch", results, [table(overall)], notes=[NOTE])
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+BENCHMARK = Benchmark("one event: the optimum kept up to date, and solved again", run)

@@ -94,7 +94,7 @@ class Script:
     quick_options: Sequence[str]
 
 
-MODULES = ("assignment", "auction", "evaluate", "plan")
+MODULES = ("assignment", "incremental", "consistency", "evaluate", "plan", "auction")
 
 SCRIPTS = {
     "failover": Script(

@@ -21,7 +21,7 @@ CAUGHT = {
     "stale_claims_stay_valid": ("I6", (80, 166)),
     "no_repair": ("I2", (4, 34)),
     "starts_without_agreement": ("I4", (0, 3)),
-    "any_optimum": ("I7", (19, 24)),
+    "any_optimum": ("I7", (28, 36)),
     "bids_not_awaited": ("I7", (0, 19)),
     "told_before_synced": ("I9", (0, 1)),
     "prunes_what_is_current": ("I3", (3, 2)),
