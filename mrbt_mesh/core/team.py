@@ -347,10 +347,10 @@ class TeamFacts:
         assert entry is not None
         parts = records.split_name(entry.name)
         author, record = entry.author, entry.record
-        if parts[0] in _SCOPED:
-            self._scope_changed(parts, entry, new is None)
         if parts[0] in records.BID_KINDS:
             self._bids_change(parts[1], old, new)
+        if parts[0] in _SCOPED:
+            self._scope_changed(parts, entry, new is None)
         if new is None:
             self._forget(parts, author)
             return
@@ -388,6 +388,8 @@ class TeamFacts:
             for changes in self._followers:
                 changes.passed[node, int(parts[2])] = None
             return
+        if parts[0] in records.BID_KINDS:
+            return  # no tree reads them
         self._nodes_change(node)
         if parts[0] == records.ATTEMPT and not is_dropped:
             self._scoped.goes_round(node)
