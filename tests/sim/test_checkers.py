@@ -105,6 +105,7 @@ def test_i1_plans_that_differ_on_the_same_facts(team: Team) -> None:
     facts = team.agents[0].facts
     facts.run = "another"
     facts.changes += 1
+    team.agents[0].planner.evaluator.forget()
     assert "I1" in team.sample()
 
 
@@ -400,10 +401,12 @@ def test_i7_brute_force_takes_the_first_of_the_best() -> None:
     assert brute_force(problem({0: 1}, bounds=[(2, 2)])) is None
 
 
-def test_i7_an_assignment_that_is_not_the_canonical_one(team: Team) -> None:
+def test_i7_an_assignment_that_is_not_the_canonical_one() -> None:
+    agent = _waiting_for_work()
+    team = Team([agent])
     team.solver = lambda problem: [-1] * len(problem.robots)
     with pytest.raises(SolverError):
-        team.checkers.i7.sample([_waiting_for_work()])
+        team.checkers.i7.sample([agent])
 
 
 def _waiting_for_work() -> Agent:
