@@ -385,7 +385,7 @@ def run(setting: Setting) -> Result:
             rows += compare(py_trees, shape, size, repeat)
     size = SIZES[1] if setting.quick else SIZES[-1]
     guard = worst(py_trees, size, repeat // 4)
-    pruned = pruning(size, min(OUTCOMES, size // 3), repeat)
+    pruned = pruning(size, min(OUTCOMES, size // 2), repeat)
     notes = [
         f"The worst case, the leftmost guard of the mixed tree of {guard['nodes']:,} nodes: "
         f"{guard['against_us'] / 1e3:.1f} ms when it turns against everything, "

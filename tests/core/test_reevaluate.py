@@ -366,7 +366,7 @@ def test_by_the_papers_policy_a_claim_counts() -> None:
     assert again.evaluate(world.facts).status is Status.FAILURE
     world.claim("R2", activation)
     assert again.evaluate(world.facts).status is Status.RUNNING
-    world.join("R2", {"a": 1}, life=2)
+    world.join("R2", world.facts.members["R2"][0].capabilities, life=2)
     assert again.evaluate(world.facts).status is Status.FAILURE, "a claim of another life"
 
 
