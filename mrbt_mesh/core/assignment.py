@@ -96,14 +96,29 @@ class AssignmentProblem:
         )
 
     @cached_property
+    def options(self) -> tuple[Integers, Integers, Integers]:
+        """The pairs, then every robot without a demand: robot, node, performance.
+
+        That is the node after the last demand; its performance is 0.
+        """
+        count = len(self.robots)
+        idle = np.empty(count, np.int64)
+        idle.fill(len(self.demands))
+        return (
+            np.concatenate((self.pair_robot, np.arange(count))),
+            np.concatenate((self.pair_demand, idle)),
+            np.concatenate((self.pair_performance, np.zeros(count, np.int64))),
+        )
+
+    @cached_property
     def lower(self) -> Integers:
         """The lower bounds, per demand, and at last that of the robots without any."""
-        return integers((*(bounds.lower for bounds in self.demands), 0))
+        return np.array([*[bounds.lower for bounds in self.demands], 0], np.int64)
 
     @cached_property
     def upper(self) -> Integers:
         """The upper bounds likewise; no number of robots without a demand is too large."""
-        return integers((*(bounds.upper for bounds in self.demands), len(self.robots) + 1))
+        return np.array([*[b.upper for b in self.demands], len(self.robots) + 1], np.int64)
 
     @cached_property
     def performance(self) -> tuple[Mapping[int, int], ...]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -25,25 +26,31 @@ from mrbt_mesh.core.assignment import (
 )
 from mrbt_mesh.core.solvers import cp_sat, default_solver, min_cost_flow
 
-# Of so few robots at a node it is worth while to look anew where they can go.
+# Costs more than any way, and no sum of it and a way's cost is too large.
+_CLOSED = 1 << 61
+# Where so few robots can leave a node, it is worth while to look anew where they can go.
 _FEW = 8
+# A search that has seen so many nodes is met from its end, by a step more each time that it has
+# grown so many times.
+_MANY = 16
+_GROWTH = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
     """An optimal assignment and what proves it.
 
-    `choice` is a node per robot: a demand's index, or the number of demands for idle. `value` is
-    p of that choice, `counts` the robots per node. `potential` is a distance per node, and that
-    of the slack as the last one: moving robot i from u to v costs p(i,u) - p(i,v), which with
-    potential(u) - potential(v) is never below 0.
+    `choice` is a node per robot: a demand's index, or the number of demands for idle; `counts`
+    are the robots per node. `potential` is a distance per node, and that of the slack as the last
+    one: moving robot i from u to v costs p(i,u) - p(i,v), which with potential(u) - potential(v)
+    is never below 0. `tight` are those of the problem's options for which it is 0.
     """
 
     problem: AssignmentProblem
     choice: Integers
-    value: Integers
     counts: Integers
     potential: Integers
+    tight: Integers
 
 
 def solve(problem: AssignmentProblem, solver: Solver) -> tuple[int, ...] | None:
@@ -112,37 +119,63 @@ def canonical(problem: AssignmentProblem, optimum: Sequence[int] | Integers) -> 
 
 
 def proven(problem: AssignmentProblem, optimum: Sequence[int] | Integers) -> Optimum:
-    """Check that an assignment is feasible and optimal. Raises SolverError if it is not."""
-    choice, value, counts = checked(problem, optimum)
-    return Optimum(problem, choice, value, counts, _potentials(problem, choice, value, counts))
+    """Check that an assignment is feasible and optimal. Raises SolverError if it is not.
+
+    By Bellman-Ford: a cycle that gains is a proof that the assignment was not optimal.
+    """
+    choice, counts, chosen = checked(problem, optimum)
+    robots, nodes, performances = problem.options
+    value = np.empty(len(choice), np.int64)
+    value[robots[chosen]] = performances[chosen]
+    slack, options = len(counts), len(nodes)
+    every, to_slack = np.arange(slack), np.empty(slack, np.int64)
+    to_slack.fill(slack)
+    shut = np.concatenate((counts >= problem.upper, counts <= problem.lower))
+    sources = np.concatenate((choice[robots], every, to_slack))
+    targets = np.concatenate((nodes, to_slack, every))
+    costs = np.concatenate((value[robots] - performances, shut * _CLOSED))
+    distance = np.zeros(slack + 1, np.int64)
+    reached = np.empty(len(sources), np.int64)
+    for _ in range(slack + 2):
+        distance.take(sources, out=reached, mode="clip")
+        reached += costs
+        nearer = distance.copy()
+        np.minimum.at(nearer, targets, reached)
+        if nearer.tobytes() == distance.tobytes():
+            tight = (reached[:options] == distance[nodes]).nonzero()[0]
+            return Optimum(problem, choice, counts, distance, tight)
+        distance = nearer
+    raise SolverError("the assignment is not optimal: moving robots around a cycle gains")
 
 
 def checked(
     problem: AssignmentProblem, answer: Sequence[int] | Integers
 ) -> tuple[Integers, Integers, Integers]:
-    """An assignment that keeps the bounds, as in Optimum: (choice, value, counts).
+    """An assignment that keeps the bounds: choice and counts as in Optimum, the chosen options.
 
     Raises SolverError if it does not keep them, or is no assignment at all.
     """
     idle, given = len(problem.demands), _as_integers(answer)
     if len(given) != len(problem.robots):
         raise SolverError(f"{len(given)} answers for {len(problem.robots)} robots")
-    unassigned = given == UNASSIGNED
-    choice = np.where(unassigned, idle, given)
-    chosen = problem.pair_demand == choice[problem.pair_robot]
-    value = np.zeros(len(choice), np.int64)
-    value[problem.pair_robot[chosen]] = problem.pair_performance[chosen]
-    # Whatever is out of range, or cannot be done, is in no pair.
-    if np.count_nonzero(chosen) + np.count_nonzero(unassigned) != len(choice):
+    unassigned = (given == UNASSIGNED).nonzero()[0]
+    choice = given.copy()
+    choice[unassigned] = idle
+    robots, nodes, _ = problem.options
+    chosen = (choice[robots] == nodes).nonzero()[0]
+    # Whatever is out of range, or cannot be done, is no option.
+    if len(chosen) != len(choice):
         raise _impossible(problem, given)
     counts = np.bincount(choice, minlength=idle + 1)
+    if counts[idle] != len(unassigned):  # idle goes by another number in answers
+        raise _impossible(problem, given)
     wrong = (counts < problem.lower) | (counts > problem.upper)
-    if wrong.any():
+    if np.count_nonzero(wrong):
         demand = int(wrong.argmax())
         bounds = problem.demands[demand]
         count = counts[demand]
         raise SolverError(f"{count} robots on {bounds.id}, {bounds.lower}..{bounds.upper}")
-    return choice, value, counts
+    return choice, counts, chosen
 
 
 def _as_integers(answer: Sequence[int] | Integers) -> Integers:
@@ -168,241 +201,224 @@ def _impossible(problem: AssignmentProblem, given: Integers) -> SolverError:
     return SolverError("a robot and a demand are paired twice")
 
 
-def _potentials(
-    problem: AssignmentProblem, choice: Integers, value: Integers, counts: Integers
-) -> Integers:
-    """Bellman-Ford; a cycle that gains is a proof that the assignment was not optimal."""
-    idle = len(problem.demands)
-    slack = idle + 1
-    robots = problem.pair_robot
-    gives, takes = (counts > problem.lower).nonzero()[0], (counts < problem.upper).nonzero()[0]
-    to_slack, from_slack = np.full(len(takes), slack), np.full(len(gives), slack)
-    sources = np.concatenate((choice[robots], choice, takes, from_slack))
-    targets = np.concatenate((problem.pair_demand, np.full(len(choice), idle), to_slack, gives))
-    costs = np.zeros(len(sources), np.int64)
-    np.subtract(value[robots], problem.pair_performance, out=costs[: len(robots)])
-    costs[len(robots) : len(robots) + len(choice)] = value
-    distance = np.zeros(slack + 1, np.int64)
-    for _ in range(slack + 2):
-        before = distance.copy()
-        np.minimum.at(distance, targets, before[sources] + costs)
-        if distance.tobytes() == before.tobytes():
-            return distance
-    raise SolverError("the assignment is not optimal: moving robots around a cycle gains")
-
-
 def first_optimum(found: Optimum) -> list[int]:
     """The canonical choice, a node per robot."""
-    problem, potential = found.problem, found.potential
-    idle = len(problem.demands)
-    level = found.value + potential[found.choice]
-    gain = problem.pair_performance + potential[problem.pair_demand]
-    tight = np.flatnonzero(gain == level[problem.pair_robot])
-    robots, demands = problem.pair_robot[tight], problem.pair_demand[tight]
-    may_idle = level == potential[idle]
-    free = np.bincount(robots, minlength=len(level)) + may_idle > 1
-    kept = free[robots]
-    robots, demands = robots[kept], demands[kept]
-    if not len(robots):
+    robot, node, _ = found.problem.options
+    robots = robot[found.tight]
+    several = np.bincount(robots, minlength=len(found.choice)) > 1
+    free: list[int] = several.nonzero()[0].tolist()
+    if not free:
         return list(found.choice.tolist())
-    masks = dict.fromkeys(np.flatnonzero(free).tolist(), 0)
-    wanting: list[list[int]] = [[] for _ in range(idle + 2)]
-    if len(robots) <= 2 * _FEW * idle:
-        for robot, demand in zip(robots.tolist(), demands.tolist(), strict=True):
-            masks[robot] |= 1 << demand
-            wanting[demand].append(robot)
-    else:
-        table = np.zeros((len(level), idle), np.bool_)
-        table[robots, demands] = True
-        lines = np.packbits(table[free], axis=1, bitorder="little")
-        masks = dict(
-            zip(masks, (int.from_bytes(x.tobytes(), "little") for x in lines), strict=True)
-        )
-    for robot in np.flatnonzero(free & may_idle).tolist():
-        masks[robot] |= 1 << idle
-    return _Ties(found, masks, wanting).resolve()
+    kept = found.tight[several[robots]]
+    return _Ties(found, free, robot[kept], node[kept]).resolve()
 
 
 class _Ties:
     """Fixes the robots that have several tight options, in order. Sets of nodes are bit masks.
 
-    `ahead[u]` are the nodes to which some robot at u that is not fixed could move, or which take
-    a robot more through the slack; it may still name a node to which nobody can move any more.
-    `wanting[u]` are the robots that u is an option of; where they are many none are named.
-    `cells` part the nodes: ways never lead back from one cell to another one that they have left.
+    `through[u]` is the slack if that takes a robot of u, or nothing; `through[slack]` are the
+    nodes which it can give one. `ahead[u]` adds the nodes to which some robot at u that is not
+    fixed could move; it may still name one to which nobody can move any more. `cells` part the
+    nodes: ways never lead back from one cell to another one that they have left.
     """
 
-    def __init__(self, found: Optimum, options: dict[int, int], wanting: list[list[int]]) -> None:
+    def __init__(self, found: Optimum, free: list[int], robots: Integers, nodes: Integers) -> None:
+        """`robots` and `nodes` are the tight options of those robots that are free to choose."""
         problem = found.problem
-        self._wanting = wanting
-        self._options = options
-        self._slack = len(problem.demands) + 1
-        self._bits = [1 << node for node in range(self._slack + 1)]
+        slack = len(problem.demands) + 1
+        self._slack = slack
+        self._bits = bits = [1 << node for node in range(slack + 1)]
+        self._tight = robots, nodes
+        self._options = _masks(free, robots, nodes, slack)
         self._choice: list[int] = found.choice.tolist()
-        self._counts: list[int] = found.counts.tolist()
-        self._lower: list[int] = problem.lower.tolist()
-        self._upper: list[int] = problem.upper.tolist()
-        self._level: list[bool] = (found.potential == found.potential[-1]).tolist()
-        self._movable: list[list[int]] = [[] for _ in range(self._slack)]
-        for robot in options:
-            self._movable[self._choice[robot]].append(robot)
-        self._ahead = [0] * (self._slack + 1)
-        for node in range(self._slack):
-            if self._movable[node] or self._level[node]:
-                self._look_ahead(node)
-        self._cell = [0] * (self._slack + 1)
-        self._cells = [(1 << (self._slack + 1)) - 1]
+        _sorted_alike(self._choice, self._options)
+        # Where moves through the slack cost nothing: how many robots more or less a node may have.
+        level = found.potential[:-1] == found.potential[-1]
+        self._more: list[int] = (level * (problem.upper - found.counts)).tolist()
+        self._less: list[int] = (level * (found.counts - problem.lower)).tolist()
+        self._through = [bits[slack] if more else 0 for more in self._more]
+        self._through.append(sum(bit for bit, less in zip(bits, self._less, strict=False) if less))
+        self._movable: list[list[int]] = [[] for _ in bits]
+        self._ahead = self._through.copy()
+        for robot, options in self._options.items():
+            node = self._choice[robot]
+            self._movable[node].append(robot)
+            self._ahead[node] |= options
+        self._cell = [0] * (slack + 1)
+        self._cells = [(1 << (slack + 1)) - 1]
+        self._parent = [0] * (slack + 1)
 
     def resolve(self) -> list[int]:
-        for robot, options in self._options.items():
-            here = self._choice[robot]
-            movable = self._movable[here]
-            movable.remove(robot)
-            before = options & (self._bits[here] - 1)
-            if len(movable) < _FEW:
-                self._look_ahead(here)
-            while better := before & self._cells[self._cell[here]]:
-                first = (better & -better).bit_length() - 1
-                way = self._way(robot, first, here)
-                if way is not None:
-                    self._rotate(robot, way)
+        bits, choice, movable, ahead = self._bits, self._choice, self._movable, self._ahead
+        cell, cells, masks, through = self._cell, self._cells, self._options, self._through
+        for robot, options in masks.items():
+            here = choice[robot]
+            goal = bits[here]
+            if cells[cell[here]] == goal:
+                continue
+            leaving = movable[here]
+            leaving.remove(robot)
+            if len(leaving) < _FEW:
+                mask = through[here]
+                for mover in leaving:
+                    mask |= masks[mover]
+                ahead[here] = mask
+            before = options & (goal - 1)
+            while better := before & cells[cell[here]]:
+                start = (better & -better).bit_length() - 1
+                way = [here, start] if ahead[start] & goal else self._search(robot, start, here)
+                if way and self._rotate(robot, way):
                     break
-        return self._choice
-
-    def _look_ahead(self, node: int) -> None:
-        """Where the robots at a node can go, and what its bounds leave room for."""
-        mask = 0
-        for robot in self._movable[node]:
-            mask |= self._options[robot]
-        self._ahead[node] = mask & ~self._bits[node]
-        self._mind_bounds(node)
-
-    def _mind_bounds(self, node: int) -> None:
-        if self._level[node]:
-            slack, bit = self._slack, self._bits[node]
-            if self._counts[node] < self._upper[node]:
-                self._ahead[node] |= self._bits[slack]
-            else:
-                self._ahead[node] &= ~self._bits[slack]
-            if self._counts[node] > self._lower[node]:
-                self._ahead[slack] |= bit
-            else:
-                self._ahead[slack] &= ~bit
-
-    def _way(self, robot: int, start: int, end: int) -> list[tuple[int, int, int]] | None:
-        """Moves (mover, from, to) that lead from `start` to `end`, mover -1 through the slack.
-
-        The movers come after `robot`.
-
-        Where there are none, whatever `start` reaches becomes a cell of its own.
-        """
-        while True:
-            nodes = self._search(robot, start, end)
-            if nodes is None:
-                return None
-            moves = []
-            for here, there in pairwise(nodes):
-                mover = self._mover(here, there)
-                if mover is None:
-                    self._ahead[here] &= ~self._bits[there]
-                    break
-                moves.append((mover, here, there))
-            else:
-                return moves
-
-    def _mover(self, here: int, there: int) -> int | None:
-        if self._slack in (here, there):
-            return -1
-        bit = self._bits[there]
-        return next((r for r in self._movable[here] if self._options[r] & bit), None)
+        return choice
 
     def _search(self, robot: int, start: int, end: int) -> list[int] | None:
-        """The nodes of a way, breadth first."""
-        ahead, cell = self._ahead, self._cell[start]
-        last, goals = self._before(robot, end)
-        if start in last:
-            return [start, *_follow(last, start)]
-        unseen = self._cells[cell] & ~self._bits[start]
-        queue, found = [start], [0]
+        """The nodes of a way from `start` to `end` by robots after `robot`, the last one first.
+
+        Breadth first. Where there is none, whatever `start` reaches becomes a cell of its own.
+        """
+        ahead, parent, goals = self._ahead, self._parent, self._bits[end]
+        cell = self._cell[start]
+        unseen = self._cells[cell] ^ self._bits[start]
+        parent[start] = start
+        queue, after = [start], {end: end}
+        many, steps = _MANY, 0
         for node in queue:
             fresh = ahead[node] & unseen
-            found.append(fresh)
-            if not fresh:
-                continue
-            if goal := fresh & goals:
-                break
-            unseen &= ~fresh
+            unseen ^= fresh
             while fresh:
                 bit = fresh & -fresh
                 fresh ^= bit
-                queue.append(bit.bit_length() - 1)
-        else:
-            self._part(queue, cell)
-            return None
-        at = len(found) - 2
-        met = goal.bit_length() - 1
-        way = [*reversed(_follow(last, met)), met]
-        while True:
-            node = queue[at]
-            way.append(node)
-            if node == start:
-                way.reverse()
-                return way
-            bit = self._bits[node]
-            while not found[at] & bit:
-                at -= 1
-            at -= 1
+                seen = bit.bit_length() - 1
+                parent[seen] = node
+                if ahead[seen] & goals:
+                    return self._joined(seen, goals, after)
+                queue.append(seen)
+            if len(queue) > many:
+                many, steps = many * _GROWTH, steps + 1
+                after, goals = self._before(robot, start, end, steps)
+                for seen in queue:
+                    if ahead[seen] & goals:
+                        return self._joined(seen, goals, after)
+        for node in queue:
+            self._cell[node] = len(self._cells)
+        self._cells.append(self._cells[cell] ^ unseen)
+        self._cells[cell] = unseen
+        return None
 
-    def _before(self, robot: int, end: int) -> tuple[dict[int, int], int]:
-        """Some nodes that lead to `end`, each with the next one, and as a mask: two steps back,
-        where few robots are to be asked for them.
+    def _joined(self, met: int, goals: int, after: dict[int, int]) -> list[int]:
+        """The way to `met`, from where it was searched, on to a goal, and as that leads on."""
+        goal = (self._ahead[met] & goals).bit_length() - 1
+        way, parent = [goal], self._parent
+        while (node := after[goal]) != goal:
+            way.append(node)
+            goal = node
+        way.reverse()
+        way.append(met)
+        while (node := parent[met]) != met:
+            way.append(node)
+            met = node
+        return way
+
+    def _before(self, robot: int, start: int, end: int, steps: int) -> tuple[dict[int, int], int]:
+        """The nodes from which robots after `robot` lead to `end` in so many steps, not by `start`.
+
+        Each with the next one, and all as a mask.
         """
-        last, goals, layer = {end: end}, self._bits[end], [end]
-        for _ in range(2):
-            layer, nodes = [], layer
+        after, layer = {start: start, end: end}, [end]
+        for _ in range(steps):
+            nodes, layer = layer, []
             for node in nodes:
                 for mover in self._wanting[node]:
                     here = self._choice[mover]
-                    if mover > robot and here not in last:
-                        last[here] = node
-                        goals |= self._bits[here]
+                    if mover > robot and here not in after:
+                        after[here] = node
                         layer.append(here)
-        return last, goals
+        del after[start]
+        goals = 0
+        for node in after:
+            goals |= self._bits[node]
+        return after, goals
 
-    def _part(self, nodes: list[int], cell: int) -> None:
-        new, mask = len(self._cells), 0
-        for node in nodes:
-            mask |= self._bits[node]
-            self._cell[node] = new
-        self._cells.append(mask)
-        self._cells[cell] &= ~mask
+    @cached_property
+    def _wanting(self) -> list[list[int]]:
+        """Per node the robots of which it is an option."""
+        wanting: list[list[int]] = [[] for _ in self._bits]
+        for robot, node in zip(*(tight.tolist() for tight in self._tight), strict=True):
+            wanting[node].append(robot)
+        return wanting
 
-    def _rotate(self, robot: int, way: list[tuple[int, int, int]]) -> None:
-        """Move a robot, now fixed, to the start of a way that leads to where it was."""
-        start, end = way[0][1], way[-1][2]
-        self._choice[robot] = start
-        self._counts[end] -= 1
-        self._counts[start] += 1
-        for mover, here, there in way:
-            if mover >= 0:
-                self._movable[here].remove(mover)
-                self._movable[there].append(mover)
+    def _rotate(self, robot: int, way: list[int]) -> bool:
+        """Move a robot, now fixed, to where a way starts, and others along it to where it was.
+
+        The way is given last node first. It is not gone if there is nobody to move from some
+        node to the next: that is noted.
+        """
+        bits, options, movable, ahead = self._bits, self._options, self._movable, self._ahead
+        movers = []
+        for there, here in pairwise(way):
+            bit = bits[there]
+            if self._through[here] & bit:
+                movers.append(-1)
+                continue
+            for mover in movable[here]:
+                if options[mover] & bit:
+                    movers.append(mover)
+                    break
+            else:
+                ahead[here] &= ~bit
+                return False
+        self._choice[robot] = way[-1]
+        for mover, there, here in zip(movers, way, way[1:], strict=False):
+            if mover < 0:
+                self._pass(here, there)
+            else:
+                movable[here].remove(mover)
+                movable[there].append(mover)
                 self._choice[mover] = there
-                self._counts[here] -= 1
-                self._counts[there] += 1
-                self._ahead[there] |= self._options[mover] & ~self._bits[there]
-        for node in (end, *(here for _, here, _ in way)):
-            if node != self._slack:
-                if len(self._movable[node]) < _FEW:
-                    self._look_ahead(node)
-                else:
-                    self._mind_bounds(node)
+                ahead[there] |= options[mover]
+        for node in way:
+            leaving = movable[node]
+            if len(leaving) < _FEW:
+                mask = self._through[node]
+                for mover in leaving:
+                    mask |= options[mover]
+                ahead[node] = mask
+        return True
+
+    def _pass(self, here: int, there: int) -> None:
+        """The slack takes a robot from one node, or gives one to the other."""
+        slack = self._slack
+        node, change = (here, 1) if there == slack else (there, -1)
+        self._more[node] -= change
+        self._less[node] += change
+        self._through[node] = self._bits[slack] if self._more[node] else 0
+        self._through[slack] &= ~self._bits[node]
+        if self._less[node]:
+            self._through[slack] |= self._bits[node]
+        self._ahead[node] |= self._through[node]
+        self._ahead[slack] |= self._through[slack]
 
 
-def _follow(following: dict[int, int], node: int) -> list[int]:
-    """The nodes after `node`, each followed by its entry, to the one that is its own."""
-    way = []
-    while following[node] != node:
-        node = following[node]
-        way.append(node)
-    return way
+def _masks(free: list[int], robots: Integers, nodes: Integers, count: int) -> dict[int, int]:
+    """Per free robot its nodes, of so many, as a mask."""
+    width = -(-count // 64) * 64
+    table = np.zeros((free[-1] + 1) * width, np.bool_)
+    table[robots * width + nodes] = True
+    packed = np.packbits(table, bitorder="little")
+    if width == 64:
+        return dict(zip(free, packed.view("<u8")[free].tolist(), strict=True))
+    size, lines, convert = width // 8, packed.tobytes(), int.from_bytes
+    return {robot: convert(lines[robot * size : (robot + 1) * size], "little") for robot in free}
+
+
+def _sorted_alike(choice: list[int], options: dict[int, int]) -> None:
+    """Robots with the same options exchange places, which costs nothing: the first the first."""
+    if len(set(options.values())) == len(options):
+        return
+    alike: dict[int, list[int]] = {}
+    for robot, mask in options.items():
+        alike.setdefault(mask, []).append(robot)
+    for robots in alike.values():
+        places = sorted([choice[robot] for robot in robots])
+        for robot, place in zip(robots, places, strict=True):
+            choice[robot] = place

@@ -36,24 +36,29 @@ def min_cost_flow(problem: AssignmentProblem) -> Integers | None:
     spare = robots - int(problem.lower.sum())
     if spare < 0:
         return None
+    # The node after the last demand is the pool.
+    tails, heads, performances = problem.options
     nodes = np.arange(pool + 1)
+    capacities = np.ones(len(tails) + demands, np.int64)
+    np.subtract(problem.upper[:-1], problem.lower[:-1], out=capacities[len(tails) :])
+    supplies = np.ones(pool + 1, np.int64)
+    np.negative(problem.lower[:-1], out=supplies[robots:pool])
+    supplies[pool] = -spare
     flow = SimpleMinCostFlow()
-    flow.add_arcs_with_capacity_and_unit_cost(
-        np.concatenate((problem.pair_robot, nodes[:pool])),
-        np.concatenate((problem.pair_demand + robots, np.full(pool, pool))),
-        np.concatenate((np.ones(pairs + robots, np.int64), (problem.upper - problem.lower)[:-1])),
-        np.concatenate((-problem.pair_performance, np.zeros(pool, np.int64))),
+    arcs = flow.add_arcs_with_capacity_and_unit_cost(
+        np.concatenate((tails, nodes[robots:pool])),
+        np.concatenate((heads + robots, np.full(demands, pool))),
+        capacities,
+        np.concatenate((-performances, np.zeros(demands, np.int64))),
     )
-    flow.set_nodes_supplies(
-        nodes, np.concatenate((np.ones(robots, np.int64), -problem.lower[:-1], [-spare]))
-    )
+    flow.set_nodes_supplies(nodes, supplies)
     status = flow.solve()
     if status == flow.INFEASIBLE:
         return None
     if status != flow.OPTIMAL:
         raise SolverError(f"min-cost flow ended with status {status.name}")
     choice = np.full(robots, UNASSIGNED)
-    used = np.flatnonzero(flow.flows(np.arange(pairs)))
+    used = np.flatnonzero(flow.flows(arcs[:pairs]))
     choice[problem.pair_robot[used]] = problem.pair_demand[used]
     return choice
 

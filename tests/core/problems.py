@@ -15,6 +15,7 @@ from mrbt_mesh.core.assignment import (
     Shared,
     SideConstraint,
     Solver,
+    integers,
 )
 
 
@@ -70,7 +71,7 @@ def perturbed(solver: Solver, draw: random.Random) -> Solver:
     """The same solver, on costs with their ties broken at random, too little to change the rest."""
 
     def solve_perturbed(problem: AssignmentProblem) -> Any:
-        noise = [draw.randrange(10) for _ in problem.pair_robot]
+        noise = integers(draw.randrange(10) for _ in problem.pair_robot)
         scale = 10 * (len(problem.robots) + 1)
         return solver(replace(problem, pair_performance=problem.pair_performance * scale + noise))
 

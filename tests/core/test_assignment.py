@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import itertools
+import random
 from collections.abc import Iterator, Sequence
+from unittest import mock
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mrbt_mesh.core import canonical as canonical_module
 from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, Bounds, SolverError
 from mrbt_mesh.core.canonical import canonical, solve
 from mrbt_mesh.core.mission import MAX_PERFORMANCE
@@ -68,6 +71,29 @@ def test_the_answer_does_not_depend_on_the_optimum_that_a_solver_found(
     if best:
         found = data.draw(st.sampled_from(best))
         assert canonical(given_problem, found) == best[0]
+
+
+@pytest.mark.parametrize(("many", "few"), [(0, 8), (0, 0), (16, 0), (2, 1)])
+def test_the_answer_does_not_depend_on_how_ties_are_searched(many: int, few: int) -> None:
+    draw = random.Random(many + few)
+    for _ in range(10):
+        rows = [dict.fromkeys(draw.sample(range(30), 4), 1) for _ in range(60)]
+        taken = [draw.choice(list(row)) for row in rows]
+        bounds = [(max(0, taken.count(d) - 1), taken.count(d) + d % 2) for d in range(30)]
+        tied = problem(bounds, *rows)
+        expected = solve(tied, min_cost_flow)
+        with mock.patch.multiple(canonical_module, _MANY=many, _FEW=few):
+            assert canonical(tied, taken) == expected
+
+
+@given(problems(), st.sampled_from((0, 2, 16)), st.sampled_from((0, 1, 8)))
+def test_every_way_to_search_ties_finds_the_canonical_optimum(
+    given_problem: AssignmentProblem, many: int, few: int
+) -> None:
+    best = optima(given_problem)
+    if best:
+        with mock.patch.multiple(canonical_module, _MANY=many, _FEW=few):
+            assert canonical(given_problem, best[-1]) == best[0]
 
 
 @given(problems())
@@ -153,8 +179,12 @@ def test_what_a_broken_solver_did_is_told() -> None:
         solve(problem([(1, 1)], {}, {0: 7}), lambda _: [0, UNASSIGNED])
     with pytest.raises(SolverError, match="1 answers for 2 robots"):
         solve(two, lambda _: [0])
-    with pytest.raises(SolverError, match="r1: no demand 5"):
-        solve(two, lambda _: [0, 5])
+
+
+@pytest.mark.parametrize("number", [5, 1, -2])
+def test_a_demand_that_is_none_is_told(number: int) -> None:
+    with pytest.raises(SolverError, match=f"r1: no demand {number}"):
+        solve(problem([(1, 1)], {0: 5}, {0: 7}), lambda _: [0, number])
 
 
 def test_a_large_team_is_assigned_at_once() -> None:
