@@ -44,12 +44,15 @@ def min_cost_flow(problem: AssignmentProblem) -> Integers | None:
     supplies = np.ones(pool + 1, np.int64)
     np.negative(problem.lower[:-1], out=supplies[robots:pool])
     supplies[pool] = -spare
+    # Cost scaling takes a round for each digit: micro-units are often far finer than the values.
+    unit = np.gcd.reduce(performances)
+    gains = performances // unit if unit > 1 else performances
     flow = SimpleMinCostFlow()
     arcs = flow.add_arcs_with_capacity_and_unit_cost(
         np.concatenate((tails, nodes[robots:pool])),
         np.concatenate((heads + robots, np.full(demands, pool))),
         capacities,
-        np.concatenate((-performances, np.zeros(demands, np.int64))),
+        np.concatenate((-gains, np.zeros(demands, np.int64))),
     )
     flow.set_nodes_supplies(nodes, supplies)
     status = flow.solve()
