@@ -37,7 +37,7 @@ _GROWTH = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Optimum:
+class ProvenOptimum:
     """An optimal assignment and what proves it.
 
     `choice` is a node per robot: a demand's index, or the number of demands for idle; `counts`
@@ -118,7 +118,7 @@ def canonical(problem: AssignmentProblem, optimum: Sequence[int] | Integers) -> 
     return tuple([UNASSIGNED if node == idle else node for node in choice])
 
 
-def proven(problem: AssignmentProblem, optimum: Sequence[int] | Integers) -> Optimum:
+def proven(problem: AssignmentProblem, optimum: Sequence[int] | Integers) -> ProvenOptimum:
     """Check that an assignment is feasible and optimal. Raises SolverError if it is not.
 
     By Bellman-Ford: a cycle that gains is a proof that the assignment was not optimal.
@@ -143,7 +143,7 @@ def proven(problem: AssignmentProblem, optimum: Sequence[int] | Integers) -> Opt
         np.minimum.at(nearer, targets, reached)
         if nearer.tobytes() == distance.tobytes():
             tight = (reached[:options] == distance[nodes]).nonzero()[0]
-            return Optimum(problem, choice, counts, distance, tight)
+            return ProvenOptimum(problem, choice, counts, distance, tight)
         distance = nearer
     raise SolverError("the assignment is not optimal: moving robots around a cycle gains")
 
@@ -151,7 +151,7 @@ def proven(problem: AssignmentProblem, optimum: Sequence[int] | Integers) -> Opt
 def checked(
     problem: AssignmentProblem, answer: Sequence[int] | Integers
 ) -> tuple[Integers, Integers, Integers]:
-    """An assignment that keeps the bounds: choice and counts as in Optimum, the chosen options.
+    """An assignment that keeps the bounds: choice, counts (as in ProvenOptimum), chosen options.
 
     Raises SolverError if it does not keep them, or is no assignment at all.
     """
@@ -201,7 +201,7 @@ def _impossible(problem: AssignmentProblem, given: Integers) -> SolverError:
     return SolverError("a robot and a demand are paired twice")
 
 
-def first_optimum(found: Optimum) -> list[int]:
+def first_optimum(found: ProvenOptimum) -> list[int]:
     """The canonical choice, a node per robot."""
     robot, node, _ = found.problem.options
     robots = robot[found.tight]
@@ -222,7 +222,9 @@ class _Ties:
     nodes: ways never lead back from one cell to another one that they have left.
     """
 
-    def __init__(self, found: Optimum, free: list[int], robots: Integers, nodes: Integers) -> None:
+    def __init__(
+        self, found: ProvenOptimum, free: list[int], robots: Integers, nodes: Integers
+    ) -> None:
         """`robots` and `nodes` are the tight options of those robots that are free to choose."""
         problem = found.problem
         slack = len(problem.demands) + 1

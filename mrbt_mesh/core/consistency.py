@@ -183,8 +183,7 @@ class ConsistencyKeeper:
 
     def _forget(self) -> None:
         self._bits = RobotBits()
-        self._all_pins = Standing(self._bits)
-        self._some_pins = Standing(self._bits)
+        self._standing = Standing(self._bits)
 
     def kept_requests(
         self,
@@ -212,24 +211,24 @@ class ConsistencyKeeper:
         self, facts: TeamFacts, demands: Groups, barred: Collection[int]
     ) -> tuple[list[int], dict[str, int]] | None:
         """None if a request might take robots from others."""
-        first, second = self._all_pins, self._some_pins
-        first.update(demands, barred, frozenset())
-        if _might_preempt(facts, first):
+        standing = self._standing
+        standing.update(demands, barred, frozenset())
+        if _might_preempt(facts, standing):
             return None
-        kept, pins = first.kept, first.pins
+        kept, pins = standing.kept, standing.pins
         vain = frozenset(robot for robot, row in pins.items() if not row.kept)
         yielding: set[str] = set()
-        if vain and first.would_matter(vain):
-            second.update(demands, barred, vain)
-            if _might_preempt(facts, second):
+        if vain and standing.would_matter(vain):
+            standing.update(demands, barred, vain)
+            if _might_preempt(facts, standing):
                 return None
-            if is_better(second.kept, kept):
-                kept, yielding = second.kept, set(vain)
+            if is_better(standing.kept, kept):
+                kept, yielding = standing.kept, set(vain)
                 for robot in sorted(vain):  # who helps nobody goes on
-                    second.update(demands, barred, frozenset(yielding - {robot}))
-                    if _might_preempt(facts, second):
+                    standing.update(demands, barred, frozenset(yielding - {robot}))
+                    if _might_preempt(facts, standing):
                         return None
-                    if second.kept == kept:
+                    if standing.kept == kept:
                         yielding.discard(robot)
         return list(kept), {r: pins[r].index for r in sorted(pins) if r not in yielding}
 

@@ -7,14 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from operator import is_
+from typing import Any
 
 from mrbt_mesh.core.capable import Capable, Worker
 from mrbt_mesh.core.coalition import Coalitions, is_in, majority, standing
 from mrbt_mesh.core.evaluate import Evaluator, Request
 from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.mission import GlobalTask, InDoubt, Need
-from mrbt_mesh.core.records import Phase, Token
+from mrbt_mesh.core.records import Claim, Phase, Token
 from mrbt_mesh.core.team import TeamFacts
 from mrbt_mesh.core.tree import Kind
 
@@ -39,29 +40,66 @@ class Demand:
     after: str = ""
 
 
-# What one need's demand follows from besides the request: robot -> performance, (robot, success)
-# of the outcomes, (since, robot) of the running claims, and who did what has to be done before
-# (None: nothing has).
-_Inputs: TypeAlias = tuple[
-    Mapping[str, int],
-    tuple[tuple[str, bool], ...],
-    list[tuple[int, str]],
-    tuple[str, ...] | None,
-]
+_NONE: Mapping[str, Any] = {}
+
+
+class _Running:
+    """Who runs what, of a team."""
+
+    def __init__(self) -> None:
+        # Activation -> local task -> robots, in the canonical order of claims: (since, robot).
+        # What has not changed is the same object.
+        self.at: dict[str, Mapping[str, tuple[str, ...]]] = {}
+        self._seen: dict[str, Any] = {}
+        self._claims: dict[str, Claim] = {}
+        self._robots: dict[str, dict[str, None]] = {}
+
+    def follow(self, facts: TeamFacts, team: Mapping[str, Worker]) -> None:
+        """The claims as they are now."""
+        claims = map(facts.claims.get, team)
+        before = self._seen
+        self._seen = seen = dict(zip(team, zip(team.values(), claims, strict=True), strict=True))
+        others = [robot for robot, each in seen.items() if before.get(robot) != each]
+        others += [robot for robot in before if robot not in seen]
+        changed: dict[str, None] = {}
+        for robot in others:
+            old = self._claims.pop(robot, None)
+            if old is not None:
+                del self._robots[old.activation][robot]
+                changed[old.activation] = None
+            new = facts.valid_claim(robot) if robot in team else None
+            if new is not None and new.phase is Phase.RUNNING:
+                self._claims[robot] = new
+                self._robots.setdefault(new.activation, {})[robot] = None
+                changed[new.activation] = None
+        for activation in changed:
+            self._tell(activation)
+
+    def _tell(self, activation: str) -> None:
+        robots = self._robots[activation]
+        if not robots:
+            del self._robots[activation]
+            self.at.pop(activation, None)
+            return
+        found: dict[str, tuple[str, ...]] = {}
+        for robot in sorted(robots, key=lambda robot: (self._claims[robot].since, robot)):
+            local_task = self._claims[robot].local_task
+            found[local_task] = (*found.get(local_task, ()), robot)
+        if found != self.at.get(activation):
+            self.at[activation] = found
 
 
 @dataclass(frozen=True, slots=True)
 class _Known:
-    request: Request
-    inputs: list[_Inputs]
-    group: tuple[Demand, ...]
+    """An activation's demands and what they follow from: for each need who can do it, and who did
+    what has to be done before (None: nothing has); the outcomes and running robots by local task.
+    """
 
-    def holds(self, request: Request, inputs: list[_Inputs]) -> bool:
-        same = request is self.request or request == self.request
-        return same and all(
-            mine[0] is other[0] and mine[1:] == other[1:]
-            for mine, other in zip(self.inputs, inputs, strict=True)
-        )
+    able: list[Mapping[str, int]]
+    did: list[tuple[str, ...] | None]
+    ends: Mapping[str, Mapping[str, bool]]
+    running: Mapping[str, tuple[str, ...]]
+    group: tuple[Demand, ...]
 
 
 class Demands:
@@ -71,6 +109,7 @@ class Demands:
 
     def __init__(self) -> None:
         self._known: dict[str, _Known] = {}
+        self._running = _Running()
         self._evaluator: Evaluator | None = None
 
     def groups(
@@ -82,33 +121,35 @@ class Demands:
         successes reach nu, nobody new is assigned. At most mu running claims are pinned, in the
         canonical order of claims: (since, robot).
         """
-        running: dict[tuple[str, str], list[tuple[int, str]]] = {}
-        for robot in capable.team:
-            claim = facts.valid_claim(robot)
-            if claim is not None and claim.phase is Phase.RUNNING:
-                key = (claim.activation, claim.local_task)
-                running.setdefault(key, []).append((claim.since, robot))
+        self._running.follow(facts, capable.team)
+        tasks, outcomes, running = facts.mission.global_tasks, facts.outcomes, self._running.at
         before, self._known = self._known, {}
         result = []
         for request in requests:
-            task, activation = facts.mission.global_tasks[request.subject], request.activation
+            task, activation = tasks[request.subject], request.activation
             if task.by_coalition:
                 did = [self._did(facts, request, need) for need in task.needs]
                 result.append(_coalition_demands(facts, request, task, capable, did))
                 continue
-            inputs: list[_Inputs] = [
-                (
-                    capable.able(need.local_task),
-                    tuple(facts.results(activation, need.local_task).items()),
-                    sorted(running.get((activation, need.local_task), ())),
-                    self._did(facts, request, need),
-                )
+            known = before.get(activation)
+            able = [capable.able(need.local_task) for need in task.needs]
+            did = [
+                None if need.same_robot_as is None else self._did(facts, request, need)
                 for need in task.needs
             ]
-            known = before.get(activation)
-            if known is None or not known.holds(request, inputs):
-                pairs = zip(task.needs, inputs, strict=True)
-                known = _Known(request, inputs, tuple(_demand(request, *pair) for pair in pairs))
+            ends, runs = outcomes.get(activation, _NONE), running.get(activation, _NONE)
+            if (
+                known is None
+                or known.ends is not ends
+                or known.running is not runs
+                or not all(map(is_, known.able, able))
+                or known.did != did
+            ):
+                group = tuple(
+                    _demand(request, *each, ends, runs)
+                    for each in zip(task.needs, able, did, strict=True)
+                )
+                known = _Known(able, did, ends, runs, group)
             self._known[activation] = known
             result.append(known.group)
         return result
@@ -144,18 +185,25 @@ def demands_of(
     return Demands().groups(facts, requests, capable)
 
 
-def _demand(request: Request, need: Need, inputs: _Inputs) -> Demand:
-    able, results, claims, did = inputs
+def _demand(
+    request: Request,
+    need: Need,
+    able: Mapping[str, int],
+    did: tuple[str, ...] | None,
+    ends: Mapping[str, Mapping[str, bool]],
+    running: Mapping[str, tuple[str, ...]],
+) -> Demand:
+    results = ends.get(need.local_task, {})
     if did is not None:
         able = {robot: able[robot] for robot in did if robot in able}
-    successes = sum(success for _, success in results)
+    successes = sum(results.values())
     lower = max(0, need.min_robots - successes)
     upper = max(lower, need.max_robots - len(results), 0)
     candidates = able
     if results:
-        ended = {robot for robot, _ in results}
-        candidates = {robot: value for robot, value in able.items() if robot not in ended}
-    pinned = tuple(robot for _, robot in claims if robot in candidates)[:upper]
+        candidates = {robot: value for robot, value in able.items() if robot not in results}
+    runners = running.get(need.local_task, ())
+    pinned = tuple(robot for robot in runners if robot in candidates)[:upper]
     if not lower:
         upper = len(pinned)
     bounds = need.min_robots, lower, upper

@@ -245,7 +245,7 @@ class Seating:
     def _seat(self, row: Row, moves: list[_Move]) -> tuple[Witness | int, int] | None:
         """Give a row all its seats; or (witness or robots for one, how many it lacks of them)."""
         before = [ask.got for ask in row.asks]
-        dead = -1
+        dead: list[int] | None = None
         for ask in row.asks:
             pool = ask.pool
             while ask.got < ask.need:
@@ -253,7 +253,7 @@ class Seating:
                 if found:
                     self._take(found & -found, pool, moves)
                 else:
-                    if dead < 0:
+                    if dead is None:
                         known, dead = self._known(row)
                         if known is not None:
                             self._undo(moves)
@@ -280,24 +280,28 @@ class Seating:
                 ask.pool.asks.remove(ask)
             ask.got = got
 
-    def _known(self, row: Row) -> tuple[tuple[Witness, int] | None, int]:
+    def _known(self, row: Row) -> tuple[tuple[Witness, int] | None, list[int]]:
         """What the witnesses tell of a row: ((one that it cannot be kept, how many it lacks) or
-        None, robots that cannot be had at its label, whoever else changes seats).
+        None, sets of robots none of which can be had at its label, whoever else changes seats).
         """
-        dead, label = 0, row.label
+        label, dead = row.label, list[int]()
+        asks = [(ask.pool.robots, ask.need) for ask in row.asks]
         for place, witness in enumerate(self.witnesses):
+            robots, need = witness.robots, 0
+            for able, count in asks:
+                if able & robots == able:
+                    need += count
             spare = witness.spare(label)
-            if spare is None:
+            if spare is None and need:
                 spare = self._spare_before(witness, label)
-                if spare is None:
-                    continue
-            need = witness.needed(row)
+            if spare is None:
+                continue
             if need > spare:
                 if place:  # it may well show the same for the next one
                     self.witnesses.insert(0, self.witnesses.pop(place))
                 return (witness, need - spare), dead
             if spare <= 0:
-                dead |= witness.robots
+                dead.append(robots)
         return None, dead
 
     def _spare_before(self, witness: Witness, label: int) -> int | None:
@@ -309,7 +313,9 @@ class Seating:
             return None
         return spare + sum(witness.needed(self.rows[each]) for each in self._kept[start:end])
 
-    def _augment(self, start: Pool, label: int, dead: int, moves: list[_Move]) -> int | None:
+    def _augment(
+        self, start: Pool, label: int, dead: Sequence[int], moves: list[_Move]
+    ) -> int | None:
         """One more seat for a pool; others change seats, or one after `label` loses one.
 
         Returns the robots that it could not get beyond, None on success.
@@ -318,7 +324,9 @@ class Seating:
             self._rob(start, moves)
             return None
         goal = self.open | self._later(label)
-        unseen = self.free & ~(dead | start.seats)
+        unseen = self.free & ~start.seats
+        for robots in dead:
+            unseen &= ~robots
         owners = self._owners
         entered: dict[Pool, tuple[int, Pool] | None] = {start: None}
         if start.robots & goal:
@@ -343,9 +351,14 @@ class Seating:
                     self._finish(owner, owner.robots & goal, entered, moves)
                     return None
                 queue.append(owner)
+        reached = 0
         for pool in queue:
-            dead |= pool.robots
-        return dead
+            reached |= pool.robots
+        met = reached & self.free
+        for robots in dead:
+            if robots & met:
+                reached |= robots
+        return reached
 
     def _later(self, label: int) -> int:
         """Robots that sit for later rows, or might as well; 0 where there are many such rows."""

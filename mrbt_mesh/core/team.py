@@ -59,7 +59,8 @@ class TeamFacts:
         self.map = FactMap(self._changed)
         self.members: dict[str, tuple[Member, Incarnation]] = {}
         self.claims: dict[str, tuple[Claim, Incarnation]] = {}
-        self.outcomes: dict[str, dict[str, dict[str, bool]]] = {}
+        # By activation, local task and robot; of an activation that has changed, another object.
+        self.outcomes: dict[str, Mapping[str, Mapping[str, bool]]] = {}
         self.max_stamp = 0
         self.changes = 0
         self.outcome_changes = 0
@@ -441,8 +442,9 @@ class TeamFacts:
             token = Token.parse(parts[3])
             self._coalition(parts).take_outcome(token, parts[2], entry, outcome.success)
         else:
-            ends = self.outcomes.setdefault(parts[1], {}).setdefault(parts[2], {})
-            ends[entry.author] = outcome.success
+            tasks = self.outcomes.get(parts[1], {})
+            ends = {**tasks.get(parts[2], {}), entry.author: outcome.success}
+            self.outcomes[parts[1]] = {**tasks, parts[2]: ends}
             self._count_successes(parts[1])
 
     def _count_successes(self, activation: str) -> None:
@@ -469,11 +471,12 @@ class TeamFacts:
             self._coalitions.pop(parts[1], None)
             return
         if parts[0] == records.OUTCOME:
-            tasks = self.outcomes[parts[1]]
-            del tasks[parts[2]][author]
-            if not tasks[parts[2]]:
-                del tasks[parts[2]]
+            tasks = dict(self.outcomes[parts[1]])
+            ends = {robot: x for robot, x in tasks.pop(parts[2]).items() if robot != author}
+            if ends:
+                tasks[parts[2]] = ends
             if tasks:
+                self.outcomes[parts[1]] = tasks
                 self._count_successes(parts[1])
             else:
                 del self.outcomes[parts[1]]
