@@ -13,7 +13,8 @@ from collections import deque
 from mrbt_mesh.core import effects as fx
 from mrbt_mesh.core.wire import MessageKind
 
-# They may be taken in together before the next plan.
+# So many of them, at most, are taken in together before the next plan: a few milliseconds' work.
+AT_ONCE = 100
 _FACTS = (fx.MessageReceived, fx.AnswerReceived)
 _ALWAYS = (
     fx.MessageReceived,
@@ -39,7 +40,7 @@ class Meanwhile:
         """What is to be taken in now that `event` has come, while a plan is made or not.
 
         What has waited comes before what may change facts, one step at a time: one input, or
-        all facts from others that come first.
+        the facts from others that come first.
         """
         if isinstance(event, _ALWAYS) and not _changes_facts(event):
             found: list[fx.Input] = [event]
@@ -49,11 +50,12 @@ class Meanwhile:
         else:
             return [event]
         if not busy and self._waiting and not isinstance(event, fx.PlanMade):
-            found.append(self._waiting.popleft())
-            while isinstance(found[-1], _FACTS) and self._waiting:
-                if not isinstance(self._waiting[0], _FACTS):
-                    break
+            first = self._waiting.popleft()
+            found.append(first)
+            most = AT_ONCE if isinstance(first, _FACTS) else 1
+            while most > 1 and self._waiting and isinstance(self._waiting[0], _FACTS):
                 found.append(self._waiting.popleft())
+                most -= 1
         return found
 
 

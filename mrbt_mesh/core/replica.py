@@ -22,7 +22,8 @@ from mrbt_mesh.core.wire import (
     parse_summary,
 )
 
-PAGE_BYTES = 1 << 20
+# To take in a page takes a robot some milliseconds, in which it does nothing else.
+PAGE_BYTES = 1 << 16
 # One answer holds all that is lacking; so few are asked, and then, message loss allowing for,
 # every `Timing.repair_us` as many more.
 QUESTIONS = 3

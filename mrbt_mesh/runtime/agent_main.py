@@ -7,6 +7,7 @@ compiled mission, the mission format.
 from __future__ import annotations
 
 import argparse
+import gc
 import os
 import secrets
 import socket
@@ -212,7 +213,12 @@ def main(arguments: Sequence[str]) -> NoReturn:
         if options.run_dir is not None:
             claim_run_dir(options.run_dir, options.robot, options.takeover)
         configure_log(options.robot, options.run_dir)
-        stop = make_driver(options).run()
+        driver = make_driver(options)
+        # What is there for good is not looked through in every collection: of a large mission
+        # that would take longer than a robot should be deaf.
+        gc.collect()
+        gc.freeze()
+        stop = driver.run()
         code = stop.code
         if code == 2 or options.run_dir is None:
             message = f"{options.robot}: {stop.reason}"

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core import effects as fx
-from mrbt_mesh.core.meanwhile import Meanwhile
+from mrbt_mesh.core.meanwhile import AT_ONCE, Meanwhile
 from mrbt_mesh.core.wire import MessageKind
 
 BEAT = fx.MessageReceived(MessageKind.BEAT, "B", b"beat")
@@ -46,6 +46,16 @@ def test_facts_of_others_come_together_and_what_the_robot_says_one_by_one() -> N
     assert meanwhile.due(TIMER, False) == [TIMER, condition(2)]
     assert meanwhile.due(TIMER, False) == [TIMER, fact(3)]
     assert not meanwhile.waits
+
+
+def test_a_flood_of_facts_is_taken_in_by_portions() -> None:
+    meanwhile = Meanwhile()
+    flood = [fact(number % 256) for number in range(2 * AT_ONCE + 1)]
+    for event in flood:
+        assert meanwhile.due(event, True) == []
+    taken = [meanwhile.due(TIMER, False)[1:] for _ in range(3)]
+    assert list(map(len, taken)) == [AT_ONCE, AT_ONCE, 1]
+    assert [event for batch in taken for event in batch] == flood
 
 
 def test_the_plan_comes_before_what_has_waited_for_it() -> None:

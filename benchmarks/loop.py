@@ -1,0 +1,270 @@
+"""How long a large team's planning keeps an agent's event loop from its beats.
+
+One agent of a large team runs as a robot's process runs it: plans are made in a thread, large
+assignments are solved in a process. The others are only what they say. Beside it a task asks for
+the loop every millisecond; how late it gets it is the loop's lag.
+"""
+
+from __future__ import annotations
+
+import gc
+import random
+import statistics
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import anyio
+import anyio.lowlevel
+import anyio.to_thread
+from anyio.abc import TaskGroup
+
+from benchmarks.large import RUN, large_mission
+from benchmarks.registry import Benchmark, Result, Setting, Table
+from mrbt_mesh.core import effects as fx
+from mrbt_mesh.core import records
+from mrbt_mesh.core.agent import Agent
+from mrbt_mesh.core.agent_config import AgentConfig
+from mrbt_mesh.core.evaluate import parse_scope
+from mrbt_mesh.core.facts import Incarnation, Version, make_entry
+from mrbt_mesh.core.functions import write_beat
+from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.core.plan import Line, Plan
+from mrbt_mesh.core.records import Claim, Member, Phase
+from mrbt_mesh.core.replica import Replica
+from mrbt_mesh.core.solvers import default_solver
+from mrbt_mesh.core.team import TeamFacts
+from mrbt_mesh.core.timing import Timing
+from mrbt_mesh.core.wire import Beat, Header, MessageKind, encode, entries_body
+from mrbt_mesh.runtime.solver_process import SolverProcess
+
+SIZES = ((200, 1_000), (1_000, 10_000))
+EVENTS, QUICK_EVENTS = 60, 16
+STEP_S = 0.001
+ME = "R0000"
+REFERENCE = "plans made in the event loop"
+
+
+class Others:
+    """What the other robots of a team say."""
+
+    def __init__(self, mission: Mission) -> None:
+        self.mission = mission
+        self.lives = dict.fromkeys(mission.robots, 1)
+        self.replica = Replica(TeamFacts(mission, RUN), self._header("r"), Timing(), "r")
+        self._sequence = 0
+
+    def _header(self, robot: str) -> Header:
+        return Header(self.mission.digest[:16], self.mission.name, RUN, robot)
+
+    def facts(self, robot: str, *values: tuple[str, Any]) -> fx.MessageReceived:
+        """One batch of a robot's facts."""
+        self._sequence += 1
+        version = Version(Incarnation(self.lives[robot], "n"), self._sequence)
+        entries = [make_entry(robot, name, version, value) for name, value in values]
+        self.replica.facts.map.merge(entries)
+        body = entries_body(entries)
+        data = encode(self._header(robot), MessageKind.FACT, body)
+        return fx.MessageReceived(MessageKind.FACT, robot, data)
+
+    def member(self, robot: str) -> fx.MessageReceived:
+        """A robot says who it is, and that it has nothing to do."""
+        member = Member("T", self.mission.robots[robot].capabilities, (), False, "", "", 0)
+        return self.facts(robot, (records.MEMBER, member.to_value()), (records.CLAIM, None))
+
+    def beat(self, robot: str, leaving: bool = False) -> fx.MessageReceived:
+        self._sequence += 1
+        life = Incarnation(self.lives[robot], "n")
+        digest = self.replica.facts.map.digest()
+        beat = Beat(life, self._sequence, True, leaving, bytes(8), digest, (3,) * 4, 3, 0, (), ())
+        data = write_beat(beat, self._header(robot))
+        return fx.MessageReceived(MessageKind.BEAT, robot, data)
+
+    def begin(self, line: Line) -> fx.MessageReceived:
+        """A robot begins its line, or says so again."""
+        task = parse_scope(line.activation).subject
+        claim = Claim(line.activation, task, line.local_task, Phase.RUNNING, 1)
+        return self.facts(line.robot, (records.CLAIM, claim.to_value()))
+
+    def finish(self, line: Line) -> fx.MessageReceived:
+        outcome = (f"{records.OUTCOME}/{line.activation}/{line.local_task}", [True, None])
+        return self.facts(line.robot, outcome, (records.CLAIM, None))
+
+    def turn(self, name: str, robot: str) -> fx.MessageReceived:
+        """A robot sees a condition change."""
+        facts = self.replica.facts
+        row = [not facts.condition(name), facts.revision(name) + 1, facts.max_stamp + 1]
+        return self.facts(robot, (f"{records.CONDITION}/{name}", row))
+
+    def state(self) -> Iterator[fx.AnswerReceived]:
+        """The answer to somebody who knows nothing, page by page."""
+        asker = Replica(TeamFacts(self.mission, RUN), self._header("asker"), Timing(), "n")
+        for page in self.replica.answer(asker.pull()):
+            yield fx.AnswerReceived("R0001", page)
+
+
+@dataclass
+class Lags:
+    """Milliseconds: the agent's steps, and per event the longest time that the loop was late."""
+
+    steps_ms: list[float] = field(default_factory=list)
+    lags_ms: list[float] = field(default_factory=list)
+
+
+class Robot:
+    """One agent with its event loop; `others` say what happens."""
+
+    def __init__(self, others: Others, apart: bool, group: TaskGroup) -> None:
+        self.others = others
+        mission = others.mission
+        solver = SolverProcess(default_solver) if apart else default_solver
+        can = dict(mission.robots[ME].capabilities)
+        config = AgentConfig(ME, "T", can, RUN, "n", solver, plans_apart=apart)
+        self.agent = Agent(mission, config, 0)
+        self.lags = Lags()
+        self._now_us = 0
+        self._group = group
+        self._late_ms = 0.0
+        group.start_soon(self._be_late)
+
+    async def join(self) -> None:
+        """Hear everybody, take in what is known, and plan."""
+        rest = [robot for robot in self.others.mission.robots if robot != ME]
+        for robot in rest:
+            self.others.member(robot)
+        await self.take(*map(self.others.beat, rest))
+        await self.take(*self.others.state())
+        for _ in range(3):
+            self._now_us += Timing().detection_us // 2
+            await self.take(*map(self.others.beat, rest))
+        if self.agent.joining is not None or self.agent.plan is None:
+            raise AssertionError("the robot has not joined")
+
+    @property
+    def plan(self) -> Plan:
+        assert self.agent.plan is not None
+        return self.agent.plan
+
+    async def take(self, *inputs: fx.Input) -> None:
+        """Take in what has come, and plan until nothing follows."""
+        for each in inputs:
+            self._step(each)
+            await anyio.lowlevel.checkpoint()
+        agent = self.agent
+        while self._is_behind():
+            if not agent.planner.is_busy:
+                self._step(fx.TimerFired())
+            await anyio.sleep(STEP_S)
+
+    def _is_behind(self) -> bool:
+        """Whether its last plan is not that of all it knows; not so before it has joined."""
+        agent = self.agent
+        if agent.joining is not None or agent.planner.is_busy or agent.meanwhile.waits:
+            return agent.planner.is_busy or agent.meanwhile.waits
+        return not agent.planner.is_current(agent.membership.changes)
+
+    async def event(self, *inputs: fx.Input) -> None:
+        """The same, as an event to be measured."""
+        await anyio.sleep(2 * STEP_S)
+        self._late_ms = 0.0
+        await self.take(*inputs)
+        await anyio.sleep(2 * STEP_S)
+        self.lags.lags_ms.append(self._late_ms)
+
+    def _step(self, event: fx.Input) -> None:
+        started_s = time.perf_counter()
+        effects = self.agent.handle(event, self._now_us)
+        self.lags.steps_ms.append((time.perf_counter() - started_s) * 1e3)
+        for effect in effects:
+            if isinstance(effect, fx.MakePlan):
+                self._group.start_soon(self._make_plan, effect.number)
+
+    async def _make_plan(self, number: int) -> None:
+        plan = await anyio.to_thread.run_sync(self.agent.planner.compute)
+        self._step(fx.PlanMade(number, plan))
+
+    async def _be_late(self) -> None:
+        while True:
+            due_s = time.perf_counter() + STEP_S
+            await anyio.sleep(STEP_S)
+            self._late_ms = max(self._late_ms, (time.perf_counter() - due_s) * 1e3)
+
+
+async def measure(mission: Mission, events: int, seed: int, apart: bool) -> tuple[Lags, Lags]:
+    """Lags of joining, and of as many events."""
+    gc.collect()
+    gc.freeze()  # as a robot's process does
+    others, pick = Others(mission), random.Random(f"{seed}/{mission.name}")
+    skips = sorted(name for name in mission.conditions if name.startswith("done"))
+    async with anyio.create_task_group() as group:
+        robot = Robot(others, apart, group)
+        await robot.join()
+        joining, robot.lags = robot.lags, Lags()
+        for number in range(events):
+            steps, robot.lags.steps_ms = robot.lags.steps_ms, []
+            lines = [line for line in robot.plan.lines.values() if line.robot != ME]
+            await robot.take(*(others.begin(line) for line in lines if not line.pinned))
+            robot.lags.steps_ms = steps
+            line = pick.choice([x for x in robot.plan.lines.values() if x.robot != ME])
+            match number % 4:
+                case 0:
+                    await robot.event(others.finish(line))
+                case 1:
+                    await robot.event(others.beat(line.robot, leaving=True))
+                    others.lives[line.robot] += 1
+                    await robot.take(others.beat(line.robot), others.member(line.robot))
+                case 2:
+                    await robot.event(others.begin(line))
+                case _:
+                    await robot.event(others.turn(pick.choice(skips), line.robot))
+        group.cancel_scope.cancel()
+    return joining, robot.lags
+
+
+def run(setting: Setting) -> Result:
+    rows: list[dict[str, Any]] = []
+    for robots, nodes in SIZES[: 1 if setting.quick else None]:
+        mission = large_mission(robots, nodes, seed=setting.seed)
+        events = QUICK_EVENTS if setting.quick else EVENTS
+        for apart in (True, False):
+            joining, lags = anyio.run(measure, mission, events, setting.seed, apart)
+            rows.append(_row(mission, apart, joining, lags))
+        setting.say(f"  {robots} robots, {nodes} nodes")
+    return Result(
+        REFERENCE,
+        rows,
+        [_table(rows)],
+        notes=[
+            "One agent of the team; all others are at work. A step is one call of the agent, which "
+            "nothing else in its process can interrupt. Lag: how late the loop gave way to a task "
+            "that asked for it every millisecond, at worst per event; the threads of one Python "
+            "process take turns of up to 5 ms. Elapsed time, so a loaded machine adds to it."
+        ],
+    )
+
+
+def _row(mission: Mission, apart: bool, joining: Lags, lags: Lags) -> dict[str, Any]:
+    return {
+        "robots": len(mission.robots),
+        "nodes": len(mission.tree.nodes),
+        "plans": "beside the loop" if apart else "in the loop",
+        "step_median_ms": statistics.median(lags.steps_ms),
+        "step_max_ms": max(lags.steps_ms),
+        "lag_median_ms": statistics.median(lags.lags_ms),
+        "lag_max_ms": max(lags.lags_ms),
+        "joining_step_max_ms": max(joining.steps_ms),
+    }
+
+
+def _table(rows: Sequence[dict[str, Any]]) -> Table:
+    names = ("step_median_ms", "step_max_ms", "lag_median_ms", "lag_max_ms", "joining_step_max_ms")
+    head = ("robots", "nodes", "plans", "step", "worst step", "lag", "worst lag", "joining, worst")
+    shown = [
+        (str(row["robots"]), f"{row['nodes']:,}", row["plans"], *(f"{row[n]:.2f}" for n in names))
+        for row in rows
+    ]
+    return Table("The event loop while a team is at work, ms", head, shown)
+
+
+BENCHMARK = Benchmark("how long planning blocks the event loop", run)
