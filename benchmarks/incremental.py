@@ -11,10 +11,9 @@ from functools import partial
 from typing import Any
 
 from benchmarks.registry import Benchmark, Result, Setting, Table
-from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem
-from mrbt_mesh.core.canonical import solve
 from mrbt_mesh.core.offers import Offered, Team
 from mrbt_mesh.core.reassign import Reassigner
+from mrbt_mesh.core.scratch import optimum
 from mrbt_mesh.core.solvers import default_solver
 
 NOTE = (
@@ -123,10 +122,6 @@ class Places:
         return False
 
 
-def from_scratch(problem: AssignmentProblem) -> tuple[int, ...] | None:
-    return solve(problem, default_solver)
-
-
 def timed(work: Callable[[], object]) -> tuple[object, float]:
     start = time.thread_time()
     result = work()
@@ -150,7 +145,7 @@ class Case:
         names = [f"r{number:05d}" for number in range(self.robots)]
         world = World(random.Random(seed), names, self.dense, self.most, list(names))
         world.offered = [world.offer() for _ in range(max(2, round(self.share * len(names))))]
-        reassigner = Reassigner(from_scratch)
+        reassigner = Reassigner(scratch)
         team = world.team()
         reassigner.update(team)
         for number in range(events * len(EVENTS)):
@@ -171,11 +166,7 @@ class Case:
 
 
 def scratch(team: Team) -> dict[str, str] | None:
-    choice = from_scratch(team.problem())
-    if choice is None:
-        return None
-    pairs = zip(team.robots, choice, strict=True)
-    return {robot: team.demands[index].id for robot, index in pairs if index != UNASSIGNED}
+    return optimum(team, default_solver)
 
 
 def summary(case: Case, rows: list[tuple[str, float, float]]) -> list[dict[str, Any]]:

@@ -37,20 +37,6 @@ class Team:
             and self.robots == other.robots
         )
 
-    def best_of_one(self) -> dict[str, str] | None:
-        """The canonical optimum where there is one demand: its best robots, of equals the first.
-
-        None if there are too few.
-        """
-        (demand,) = self.demands
-        able = [robot for robot in self.robots if robot in demand.candidates]
-        able.sort(key=demand.candidates.__getitem__, reverse=True)  # equals stay in their order
-        useful = sum(demand.candidates[robot] >= 0 for robot in able)
-        if len(able) < demand.lower:
-            return None
-        count = min(demand.upper, max(demand.lower, useful))
-        return dict.fromkeys(able[:count], demand.id)
-
     def problem(self) -> AssignmentProblem:
         """The same by indices, as solvers take it."""
         number = {robot: index for index, robot in enumerate(self.robots)}

@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from mrbt_mesh.core.assignment import UNASSIGNED, SideConstraint, Solver
+from mrbt_mesh.core.assignment import SideConstraint, Solver
 from mrbt_mesh.core.bidding import Biddings
 from mrbt_mesh.core.canonical import solve
 from mrbt_mesh.core.capable import Capable, Worker
@@ -27,6 +27,7 @@ from mrbt_mesh.core.plan import Line, Plan, Waiting
 from mrbt_mesh.core.reassign import Reassigner
 from mrbt_mesh.core.records import OrderKind
 from mrbt_mesh.core.scarcity import spare_scarce
+from mrbt_mesh.core.scratch import named, optimum
 from mrbt_mesh.core.team import TeamFacts
 
 Group = tuple[Demand, ...]
@@ -60,7 +61,7 @@ class PlanMaker:
         self._waiting: dict[str, tuple[Group, Waiting]] = {}
         self._open: dict[str, _Open] = {}
         self._solver = solver
-        self._reassigner = Reassigner(partial(solve, solver=solver))
+        self._reassigner = Reassigner(partial(optimum, solver=solver))
         self._lines: dict[tuple[str, bool], tuple[Demand, Line]] = {}
 
     def plan(self, facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
@@ -173,14 +174,8 @@ class PlanMaker:
 
     def _within(self, team: Team, limits: tuple[SideConstraint, ...]) -> Mapping[str, str] | None:
         """Robot -> demand within side constraints, from scratch; None if infeasible."""
-        choice = solve(replace(team.problem(), constraints=limits), self._solver)
-        if choice is None:
-            return None
-        return {
-            robot: team.demands[index].id
-            for robot, index in zip(team.robots, choice, strict=True)
-            if index != UNASSIGNED
-        }
+        problem = replace(team.problem(), constraints=limits)
+        return named(team, solve(problem, self._solver))
 
     def _open_demands(self, groups: Sequence[Group], pinned: Mapping[str, Line]) -> list[_Open]:
         """What the kept demands still want, beside the robots that are pinned to them."""

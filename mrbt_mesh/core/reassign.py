@@ -6,17 +6,16 @@ many changes at once are solved from scratch, and so is what turns out to reach 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import TypeAlias
 
-from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem
 from mrbt_mesh.core.offers import Changes, Team, difference
 from mrbt_mesh.core.optimum import Optimum
 from mrbt_mesh.core.residual import InfeasibleError, TooFarError
 
-# From scratch to the canonical optimum: a demand's index or UNASSIGNED per robot; None: infeasible.
-FromScratch: TypeAlias = Callable[[AssignmentProblem], Sequence[int] | None]
+# The canonical optimum: robot -> demand, without the idle robots; None: infeasible.
+FromScratch: TypeAlias = Callable[[Team], dict[str, str] | None]
 
 # Teams from which on a change is faster than solving again: benchmarks/incremental.py.
 SMALLEST_TEAM = 100
@@ -85,17 +84,7 @@ class Reassigner:
         return self._optimum is not None
 
     def _solve(self, team: Team) -> None:
-        if len(team.demands) == 1:
-            assigned = team.best_of_one()
-        else:
-            choice = self._from_scratch(team.problem())  # may raise: nothing has changed by then
-            assigned = None
-            if choice is not None:
-                assigned = {
-                    robot: team.demands[index].id
-                    for robot, index in zip(team.robots, choice, strict=True)
-                    if index != UNASSIGNED
-                }
+        assigned = self._from_scratch(team)  # may raise: nothing has changed by then
         self._team, self._optimum, self._assigned = team, None, assigned
 
     def _apply(self, changes: Changes, team: Team) -> None:

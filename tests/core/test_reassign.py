@@ -5,7 +5,6 @@ from __future__ import annotations
 import random
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from functools import partial
 
 import pytest
 from hypothesis import given, settings
@@ -14,14 +13,15 @@ from hypothesis import strategies as st
 from mrbt_mesh.core import optimum as optimum_module
 from mrbt_mesh.core import reassign as reassign_module
 from mrbt_mesh.core import residual as residual_module
-from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, SolverError
-from mrbt_mesh.core.canonical import solve
+from mrbt_mesh.core.assignment import SolverError
 from mrbt_mesh.core.mission import MAX_PERFORMANCE
 from mrbt_mesh.core.offers import Changes, Offered, Team, difference
 from mrbt_mesh.core.optimum import Optimum
 from mrbt_mesh.core.options import ENTRY, IDLE, NEAR
 from mrbt_mesh.core.reassign import Reassigner
 from mrbt_mesh.core.residual import InfeasibleError, TooFarError
+from mrbt_mesh.core.scratch import named
+from mrbt_mesh.core.scratch import optimum as from_scratch
 from mrbt_mesh.core.solvers import min_cost_flow
 from tests.core.test_assignment import optima
 
@@ -29,19 +29,9 @@ KINDS = ["dies", "comes", "request", "ended", "bounds", "option"]
 VALUES = [1, 3, 10, 1000]
 
 
-def from_scratch(problem: AssignmentProblem) -> tuple[int, ...] | None:
-    return solve(problem, min_cost_flow)
-
-
 def assigned(team: Team) -> dict[str, str] | None:
     """By definition: from scratch."""
-    choice = from_scratch(team.problem())
-    return None if choice is None else by_id(team, choice)
-
-
-def by_id(team: Team, choice: tuple[int, ...]) -> dict[str, str]:
-    pairs = zip(team.robots, choice, strict=True)
-    return {robot: team.demands[index].id for robot, index in pairs if index != UNASSIGNED}
+    return from_scratch(team, min_cost_flow)
 
 
 def check_prices(optimum: Optimum) -> None:
@@ -177,7 +167,7 @@ def test_after_every_event_it_is_what_brute_force_finds(
 ) -> None:
     for seed in range(4):
         for team, optimum in follow(seed, 4, 50, most):
-            best = by_id(team, optima(team.problem())[0])
+            best = named(team, optima(team.problem())[0])
             assert optimum.assigned == best, f"{seed=} {most=}"
             check_prices(optimum)
 
@@ -208,7 +198,7 @@ def test_update_gives_what_scratch_gives_whatever_has_changed(
     """Also where it has to solve again: many changes, no solution, visits that go too far."""
     for seed in range(8):
         story = Story(seed, size, VALUES[seed % 4])
-        reassigner = Reassigner(from_scratch, smallest_team=1)
+        reassigner = Reassigner(assigned, smallest_team=1)
         monkeypatch.setattr(reassign_module, "ROBOTS_PER_VISIT", (1, 5)[seed % 2])
         for number in range(60):
             kinds = ["comes", "dies", "request", "bounds"] * 10 if number % 20 == 10 else []
@@ -227,9 +217,9 @@ class Scratch:
     def __init__(self) -> None:
         self.calls = 0
 
-    def __call__(self, problem: AssignmentProblem) -> tuple[int, ...] | None:
+    def __call__(self, team: Team) -> dict[str, str] | None:
         self.calls += 1
-        return from_scratch(problem)
+        return assigned(team)
 
 
 def small_changes(team: Team, count: int) -> Iterator[Team]:
@@ -288,7 +278,7 @@ def test_a_small_team_is_always_solved_again() -> None:
 
 def test_demands_in_another_order_are_another_problem() -> None:
     one, other = Offered("a", 0, 1, {"r": 1}), Offered("b", 0, 1, {"r": 1})
-    reassigner = Reassigner(from_scratch, smallest_team=1)
+    reassigner = Reassigner(assigned, smallest_team=1)
     for demands, expected in [((one, other), "a"), ((other, one), "b"), ((one, other), "a")]:
         assert reassigner.update(Team(("r",), demands)) == {"r": expected}
         reassigner.prepare()
@@ -369,34 +359,14 @@ def test_visits_may_be_limited() -> None:
         Optimum(team, {"r": "a"}).apply(Changes(gone_robots=["r"]), visits=0)
 
 
-@given(
-    st.lists(st.integers(-2, 4), max_size=6),
-    st.integers(0, 3),
-    st.integers(0, 3),
-    st.lists(st.booleans(), min_size=6, max_size=6),
-)
-def test_one_demand_gets_its_best_robots(
-    values: list[int], lower: int, more: int, able: list[bool]
-) -> None:
-    robots = tuple(f"R{number}" for number in range(len(values)))
-    candidates = {robot: p for robot, p, can in zip(robots, values, able, strict=False) if can}
-    team = Team(robots, (Offered("d", lower, lower + more, candidates),))
-    choice = solve(team.problem(), min_cost_flow)
-    expected = (
-        None if choice is None else {r: "d" for r, d in zip(robots, choice, strict=True) if d == 0}
-    )
-    assert team.best_of_one() == expected
-    assert Reassigner(partial(solve, solver=min_cost_flow)).update(team) == expected
-
-
 def test_after_a_solver_has_failed_the_same_problem_is_solved_again() -> None:
     answers: list[tuple[int, ...]] = []
 
-    def fails_at_first(problem: AssignmentProblem) -> tuple[int, ...] | None:
+    def fails_at_first(team: Team) -> dict[str, str] | None:
         if not answers:
             answers.append(())
             raise SolverError("not yet")
-        return from_scratch(problem)
+        return assigned(team)
 
     demands = (Offered("x", 1, 1, {"a": 1, "b": 2}), Offered("y", 1, 1, {"a": 1, "b": 1}))
     team = Team(("a", "b"), demands)
