@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 from mrbt_mesh.core.evaluate import Evaluator
 from mrbt_mesh.core.tree import Kind, NodeSpec, Status, Tree, build_tree, parallel_status
@@ -82,12 +83,35 @@ class OwnFacts:
         return None
 
 
+# All robots tick the same few trees over the same few facts: what came of it is kept.
+
+
+@lru_cache
+def assignment_status(finished: bool, requested: bool, feasible: bool) -> Status:
+    """The status of T_A, ticked with these triggers and with robots assigned or no assignment."""
+    holding = {CHECK_CONSISTENCY}
+    if finished:
+        holding.add(LOCAL_TASK_FINISHED)
+    if requested:
+        holding.add(NEW_GLOBAL_TASK_EXECUTED)
+    solved = Status.SUCCESS if feasible else Status.FAILURE
+    facts = OwnFacts(frozenset(holding), {ASSIGN_AGENTS: solved})
+    return Evaluator(assignment_tree()).evaluate(facts).status
+
+
+@lru_cache(maxsize=1_024)
+def local_status(local_tasks: frozenset[str], assigned: str | None) -> tuple[Status, str | None]:
+    """The status of T_Li and the local task that it wants to run, with this one assigned."""
+    holding = {ASSIGNED, f"{ASSIGNED}({assigned})"} if assigned else set()
+    found = Evaluator(local_tree(local_tasks)).evaluate(OwnFacts(frozenset(holding)))
+    return found.status, found.requests[0].subject if found.requests else None
+
+
 class RobotTree:
     """T_i of one robot; `statuses` are those of T_i, T_A, T_G and T_Li after the last tick."""
 
     def __init__(self, local_tasks: Iterable[str]) -> None:
-        self._assignment = Evaluator(assignment_tree())
-        self._local = Evaluator(local_tree(local_tasks))
+        self._local_tasks = frozenset(local_tasks)
         self.statuses = (Status.IDLE,) * 4
         self._solved = Status.SUCCESS
         self._ticked: tuple[Status, Status, str | None] | None = None
@@ -95,27 +119,16 @@ class RobotTree:
 
     def tick_assignment(self, finished: bool, requested: bool, feasible: bool) -> None:
         """Tick T_A after a plan was made; without a trigger it keeps its last solved status."""
-        if not finished and not requested:
-            return
-        holding = {CHECK_CONSISTENCY}
-        if finished:
-            holding.add(LOCAL_TASK_FINISHED)
-        if requested:
-            holding.add(NEW_GLOBAL_TASK_EXECUTED)
-        solved = Status.SUCCESS if feasible else Status.FAILURE
-        facts = OwnFacts(frozenset(holding), {ASSIGN_AGENTS: solved})
-        self._solved = self._assignment.evaluate(facts).status
+        if finished or requested:
+            self._solved = assignment_status(finished, requested, feasible)
 
     def tick(self, global_tasks: Status, assigned: str | None) -> str | None:
         """Tick T_Li and T_i; returns the local-task type that T_Li wants to run, or None."""
         inputs = (self._solved, global_tasks, assigned)
         if inputs == self._ticked:
-            return self._wanted  # a pure function: the same inputs give the same answer
-        holding = {ASSIGNED, f"{ASSIGNED}({assigned})"} if assigned else set()
-        local = self._local.evaluate(OwnFacts(frozenset(holding)))
-        parts = (self._solved, global_tasks, local.status)
-        whole = parallel_status(parts, 3)
-        self.statuses = (whole, *parts)
+            return self._wanted
+        local, self._wanted = local_status(self._local_tasks, assigned)
+        parts = (self._solved, global_tasks, local)
+        self.statuses = (parallel_status(parts, 3), *parts)
         self._ticked = inputs
-        self._wanted = local.requests[0].subject if local.requests else None
         return self._wanted
