@@ -36,7 +36,7 @@ from mrbt_mesh.core.replica import Replica
 from mrbt_mesh.core.solvers import default_solver
 from mrbt_mesh.core.team import TeamFacts
 from mrbt_mesh.core.timing import Timing
-from mrbt_mesh.core.wire import Beat, Header, MessageKind, encode, entries_body
+from mrbt_mesh.core.wire import Beat, Header, MessageKind, Word, encode, entries_body
 from mrbt_mesh.runtime.solver_process import SolverProcess
 
 SIZES = ((200, 1_000), (1_000, 10_000))
@@ -77,7 +77,8 @@ class Others:
         self._sequence += 1
         life = Incarnation(self.lives[robot], "n")
         digest = self.replica.facts.map.digest()
-        beat = Beat(life, self._sequence, True, leaving, bytes(8), digest, (3,) * 4, 3, 0, (), ())
+        word = Word(life, self._sequence, bytes(8), True, 3)
+        beat = Beat(word, leaving, digest, (3,) * 4, 0, (), {})
         data = write_beat(beat, self._header(robot))
         return fx.MessageReceived(MessageKind.BEAT, robot, data)
 

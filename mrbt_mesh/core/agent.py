@@ -47,6 +47,7 @@ from mrbt_mesh.core.wire import (
     IncompatibleError,
     MessageKind,
     WireError,
+    Word,
     decode,
     encode,
 )
@@ -205,8 +206,9 @@ class Agent:
             return
         known = self.membership.peers.get(source)
         if self.membership.beat(source, beat, now_us):
-            if known is None or known.incarnation != beat.incarnation:
-                self.log("info", "robot_heard", robot=source, incarnation=str(beat.incarnation))
+            if known is None or known.incarnation != beat.word.incarnation:
+                incarnation = str(beat.word.incarnation)
+                self.log("info", "robot_heard", robot=source, incarnation=incarnation)
             self.replica.compare(source, beat.fact_digest, now_us)
             # Every beat says it again.
             if (beat.seeks is not None or beat.grants) and not self.planner.is_busy:
@@ -403,15 +405,12 @@ class Agent:
         plan = self.plan
         number = self.gossip.sent(self._urgent(), now_us)
         self.write(self.grants.sent(number, now_us, self._may_grant), now_us)
+        digest, result = (plan.digest, plan.result) if plan else (bytes(8), Status.RUNNING)
         beat = Beat(
-            self.replica.incarnation,
-            number,
-            self.joining is None,
+            Word(self.replica.incarnation, number, digest, self.joining is None, int(result)),
             self.leaving,
-            plan.digest if plan else bytes(8),
             self.facts.map.digest(),
-            tuple(int(status) for status in self.tree.statuses),
-            int(plan.result) if plan else int(Status.RUNNING),
+            tuple([int(status) for status in self.tree.statuses]),
             self.work.progress,
             self.membership.accusations(),
             self.membership.heard(),

@@ -107,9 +107,9 @@ class Grants:
         """A beat of another robot: its request, and its answers to this robot's requests."""
         if robot in self._facts.givers:
             self._confirm(robot, [grant for grant in beat.grants if grant.member == self._me])
-        if beat.seeks is None or not beat.joined:
+        if beat.seeks is None or not beat.word.joined:
             return []
-        return self._asked(robot, beat.number, beat.seeks, now_us, may_grant)
+        return self._asked(robot, beat.word.number, beat.seeks, now_us, may_grant)
 
     def _asked(
         self,

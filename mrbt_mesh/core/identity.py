@@ -50,13 +50,14 @@ class Identity:
         self, beat: Beat, mine: Incarnation, starting: bool, members: Mapping[str, _Known]
     ) -> str | None:
         """A beat arrived under this robot's own id."""
-        if beat.incarnation.nonce == self._nonce or beat.leaving:
+        incarnation, joined = beat.word.incarnation, beat.word.joined
+        if incarnation.nonce == self._nonce or beat.leaving:
             return None
         if not starting:
-            return self._replaced_by(beat.incarnation, mine) if beat.joined else None
-        self._notice(beat.incarnation)
+            return self._replaced_by(incarnation, mine) if joined else None
+        self._notice(incarnation)
         may_replace = self._takeover and mine.counter == 0
-        if not may_replace and (beat.joined or beat.incarnation > mine):
+        if not may_replace and (joined or incarnation > mine):
             return self._is_running(members)
         return None
 
@@ -77,11 +78,7 @@ class Identity:
         for accusation in beat.accusations:
             if accusation.robot == self._me and accusation.incarnation.nonce != self._nonce:
                 self._notice(accusation.incarnation)
-        relay = None
-        for heard in beat.heard:
-            if heard.robot == self._me:
-                relay = heard
-                break
+        relay = beat.heard.get(self._me)
         if relay is None or relay.incarnation.nonce == self._nonce:
             self._relayed_by.discard(source)
             return None

@@ -18,7 +18,7 @@ from typing import Any
 from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.hearing import Hearing
 from mrbt_mesh.core.timing import Timing
-from mrbt_mesh.core.wire import Accusation, Beat, Heard
+from mrbt_mesh.core.wire import Accusation, Beat, Word
 
 # A robot is sought once it has been silent for one part in so many of its limit.
 SEEK_SHARE = 2
@@ -45,7 +45,7 @@ class State(enum.StrEnum):
 
 @dataclass(slots=True)
 class Peer:
-    """What is known of one robot's newest incarnation.
+    """What is known of one robot's newest incarnation, by its newest `word`.
 
     `evidence_us` is when a newer beat than before arrived, from itself or relayed; after
     `limit_us` of silence it is dead. After `seek_us` it is `sought`, and left out when agreement is
@@ -54,11 +54,8 @@ class Peer:
     """
 
     incarnation: Incarnation
-    number: int
+    word: Word
     evidence_us: int
-    plan_digest: bytes
-    joined: bool
-    result: int
     hearing: Hearing
     limit_us: int
     seek_us: int
@@ -97,23 +94,23 @@ class Membership:
         peer = self.peers.get(robot) if isinstance(robot, str) else None
         if peer is None or type(number) is not int:
             return True
-        return number > peer.number or (counter, nonce) != peer.incarnation
+        return number > peer.word.number or (counter, nonce) != peer.incarnation
 
     def beat(self, robot: str, beat: Beat, now_us: int) -> bool:
         """Take in a beat that came from `robot` itself; False if it is old news."""
-        if not self._news(robot, beat, now_us, beat):
+        if not self._news(robot, beat.word, now_us, beat):
             return False
         peers, me = self.peers, self.me
-        for heard in beat.heard:
-            name = heard.robot
+        for name, word in beat.heard.items():
             known = peers.get(name)
             # Most relays tell nothing new.
-            if (
-                known is None
-                or heard.number > known.number
-                or heard.incarnation != known.incarnation
-            ) and name != me:
-                self._news(name, heard, now_us, None)
+            if known is None:
+                if name != me:
+                    self._news(name, word, now_us, None)
+            elif word is not known.word and (
+                word.number > known.word.number or word.incarnation != known.incarnation
+            ):
+                self._news(name, word, now_us, None)
         if beat.accusations or robot in self._accusers:
             self._take_accusations(robot, beat.accusations)
         return True
@@ -133,26 +130,24 @@ class Membership:
         else:
             self._accusers.discard(robot)
 
-    def _news(self, robot: str, heard: Beat | Heard, now_us: int, beat: Beat | None) -> bool:
-        """Take in a robot's word: its own `beat`, or else the relay of one."""
+    def _news(self, robot: str, word: Word, now_us: int, beat: Beat | None) -> bool:
+        """Take in a robot's word, from its own `beat` or else relayed."""
         peer = self.peers.get(robot)
-        if peer is None or heard.incarnation != peer.incarnation:
-            if peer is not None and heard.incarnation < peer.incarnation:
+        if peer is None or word.incarnation != peer.incarnation:
+            if peer is not None and word.incarnation < peer.incarnation:
                 return False
-            peer = self._newcomer(robot, heard, peer, now_us)
-        elif heard.number > peer.number:
+            peer = self._newcomer(robot, word, peer, now_us)
+        elif word.number > peer.word.number:
             self._listen(peer, now_us)
-        elif beat is not None and heard.number == peer.number:
+        elif beat is not None and word.number == peer.word.number:
             peer.beat = beat
             return peer.state.is_present
         else:
             return False
-        peer.number, peer.evidence_us = heard.number, now_us
-        if heard.plan_digest != peer.plan_digest or heard.result != peer.result:
+        before, peer.word, peer.evidence_us = peer.word, word, now_us
+        if word.plan_digest != before.plan_digest or word.result != before.result:
             self.reports += 1
-            peer.plan_digest, peer.result = heard.plan_digest, heard.result
-        if heard.joined != peer.joined:
-            peer.joined = heard.joined
+        if word.joined != before.joined:
             self.changes += 1
         if beat is not None:
             # Only the robot's own word takes back a lost token: a relay may be older than the loss.
@@ -169,19 +164,16 @@ class Membership:
             self._set(robot, peer, State.ALIVE)
         return True
 
-    def _newcomer(self, robot: str, heard: Beat | Heard, before: Peer | None, now_us: int) -> Peer:
+    def _newcomer(self, robot: str, word: Word, before: Peer | None, now_us: int) -> Peer:
         """A robot's new life is heard over the same network as the one before."""
         hearing = before.hearing if before is not None else Hearing.unknown(self.timing)
         limit_us = self._limit_us(hearing.silence_permille)
         self.changes += 1
         self._distrusted.pop(robot, None)
         peer = self.peers[robot] = Peer(
-            heard.incarnation,
-            heard.number,
+            word.incarnation,
+            word,
             now_us,
-            heard.plan_digest,
-            heard.joined,
-            heard.result,
             hearing,
             limit_us,
             limit_us // SEEK_SHARE,
@@ -323,7 +315,7 @@ class Membership:
         witnesses = [
             name
             for name, other in self.peers.items()
-            if name != robot and other.joined and other.state.is_alive
+            if name != robot and other.word.joined and other.state.is_alive
         ]
         return bool(witnesses) and all(name in peer.accusers for name in witnesses)
 
@@ -342,7 +334,7 @@ class Membership:
         return {
             robot: self.peers[robot].incarnation
             for robot in sorted(self.peers)
-            if self.peers[robot].joined and self.peers[robot].state.is_present
+            if self.peers[robot].word.joined and self.peers[robot].state.is_present
         }
 
     def accusations(self) -> tuple[Accusation, ...]:
@@ -356,17 +348,11 @@ class Membership:
             for robot, peer in sorted(self._distrusted.items())
         )
 
-    def heard(self) -> tuple[Heard, ...]:
-        """The relays that this robot's next beat carries."""
-        return tuple(
-            [
-                Heard(
-                    robot, peer.incarnation, peer.number, peer.plan_digest, peer.joined, peer.result
-                )
-                for robot, peer in sorted(self.peers.items())
-                if peer.state.is_alive
-            ]
-        )
+    def heard(self) -> dict[str, Word]:
+        """The relays that this robot's next beat carries, sorted by robot."""
+        return {
+            robot: peer.word for robot, peer in sorted(self.peers.items()) if peer.state.is_alive
+        }
 
     def agrees(self, digest: bytes) -> bool:
         """Whether every robot in good standing reports this plan digest.
@@ -374,16 +360,16 @@ class Membership:
         One that is still joining for the first time reports none, so it is waited for too.
         """
         for peer in self.peers.values():
-            if peer.state.is_alive and not (peer.joined and peer.plan_digest == digest):
+            if peer.state.is_alive and not (peer.word.joined and peer.word.plan_digest == digest):
                 return False
         return True
 
     def all_report(self, result: int) -> bool:
         """Whether every robot of the alive set, suspects included, beats this mission status."""
         return all(
-            peer.result == result
+            peer.word.result == result
             for peer in self.peers.values()
-            if peer.joined and peer.state.is_present
+            if peer.word.joined and peer.state.is_present
         )
 
     def _next_judgement_us(self, now_us: int) -> int:

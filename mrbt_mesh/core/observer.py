@@ -108,8 +108,8 @@ class Observer:
         if not self.membership.beat(source, beat, now_us):
             return
         self.replica.compare(source, beat.fact_digest, now_us)
-        if beat.joined:
-            self.record.robot_seen(source, beat.incarnation, now_us)
+        if beat.word.joined:
+            self.record.robot_seen(source, beat.word.incarnation, now_us)
             for accusation in beat.accusations:
                 if accusation.dead:
                     self.record.verdict(accusation.robot, accusation.incarnation, now_us)
@@ -152,7 +152,9 @@ class Observer:
         if not self._has_caught_up:
             return False
         good = [p for p in self.membership.peers.values() if p.state.is_alive]
-        return all(p.joined for p in good) and any(p.plan_digest == plan.digest for p in good)
+        return all(p.word.joined for p in good) and any(
+            p.word.plan_digest == plan.digest for p in good
+        )
 
     @property
     def team_result(self) -> Status | None:
@@ -176,7 +178,7 @@ class Observer:
     def caught_up(self) -> bool:
         """Whether it hears whoever the robots hear, and holds the same facts as they."""
         peers = self.membership.peers.values()
-        beats = [p.beat for p in peers if p.joined and p.state.is_alive]
+        beats = [p.beat for p in peers if p.word.joined and p.state.is_alive]
         digest = self.facts.map.digest()
         return bool(beats) and all(b is not None and b.fact_digest == digest for b in beats)
 
@@ -184,9 +186,9 @@ class Observer:
     def agreement(self) -> bool:
         """Whether all robots in good standing report the same plan digest."""
         digests = {
-            peer.plan_digest
+            peer.word.plan_digest
             for peer in self.membership.peers.values()
-            if peer.joined and peer.state.is_alive
+            if peer.word.joined and peer.state.is_alive
         }
         return len(digests) <= 1
 

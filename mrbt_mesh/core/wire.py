@@ -71,10 +71,12 @@ class Accusation:
         return int(self.token_lost) + 2 * int(self.dead) + 4 * int(self.sought)
 
 
-class Heard(NamedTuple):
-    """The newest beat of another robot that the sender knows of: a relay of its word."""
+class Word(NamedTuple):
+    """What a robot says of itself in every beat, and what others relay of it.
 
-    robot: str
+    `result` is the mission's status as it sees it.
+    """
+
     incarnation: Incarnation
     number: int
     plan_digest: bytes
@@ -94,21 +96,17 @@ class Granted:
 class Beat(NamedTuple):
     """One heartbeat. `statuses` are those of T_i, T_A, T_G and T_Li; `progress` in percent.
 
-    `result` is the mission's status as the sender sees it. `seeks` are the activation and the
-    coalition's token for which the sender needs grants.
+    `heard` are the relays: robot -> its newest word that the sender knows of. `seeks` are the
+    activation and the coalition's token for which the sender needs grants.
     """
 
-    incarnation: Incarnation
-    number: int
-    joined: bool
+    word: Word
     leaving: bool
-    plan_digest: bytes
     fact_digest: bytes
     statuses: tuple[int, ...]
-    result: int
     progress: int
     accusations: tuple[Accusation, ...]
-    heard: tuple[Heard, ...]
+    heard: Mapping[str, Word]
     seeks: tuple[str, str] | None = None
     grants: tuple[Granted, ...] = ()
 
@@ -197,19 +195,20 @@ def _rows(value: Any, width: int) -> list[list[Any]]:
 
 def beat_body(beat: Beat) -> list[Any]:
     """A beat as plain data."""
+    word = beat.word
     return [
-        *beat.incarnation,
-        beat.number,
-        int(beat.joined) + 2 * int(beat.leaving),
-        beat.plan_digest,
+        *word.incarnation,
+        word.number,
+        int(word.joined) + 2 * int(beat.leaving),
+        word.plan_digest,
         beat.fact_digest,
         list(beat.statuses),
-        beat.result,
+        word.result,
         beat.progress,
         [[a.robot, *a.incarnation, a.flags] for a in beat.accusations],
         [
             [robot, *incarnation, number, digest, int(joined), result]
-            for robot, incarnation, number, digest, joined, result in beat.heard
+            for robot, (incarnation, number, digest, joined, result) in beat.heard.items()
         ],
         list(beat.seeks) if beat.seeks is not None else None,
         [[g.token, g.member, g.number] for g in beat.grants],
@@ -234,14 +233,16 @@ def parse_beat(body: Any, is_news: Callable[[list[Any]], bool] = _all_is_news) -
     if not isinstance(statuses, list) or len(statuses) != 4:
         raise WireError("beat statuses are malformed")
     return Beat(
-        _incarnation(counter, nonce),
-        _count(number),
-        bool(flags & 1),
+        Word(
+            _incarnation(counter, nonce),
+            _count(number),
+            _digest(plan),
+            bool(flags & 1),
+            _count(result, 3),
+        ),
         bool(flags & 2),
-        _digest(plan),
         _digest(facts),
         tuple(_count(status, 3) for status in statuses),
-        _count(result, 3),
         _count(progress, 100),
         tuple(
             Accusation(
@@ -249,16 +250,15 @@ def parse_beat(body: Any, is_news: Callable[[list[Any]], bool] = _all_is_news) -
             )
             for r, c, n, f in _rows(accused, 4)
         ),
-        tuple([_heard(row) for row in filter(is_news, _rows(heard, 7))]),
+        dict([_relay(row) for row in filter(is_news, _rows(heard, 7))]),
         _seeks(seeks),
         tuple(Granted(_name(t), _robot(r), _count(n)) for t, r, n in _rows(grants, 3)),
     )
 
 
-def _heard(row: list[Any]) -> Heard:
+def _relay(row: list[Any]) -> tuple[str, Word]:
     robot, counter, nonce, number, digest, joined, result = row
-    return Heard(
-        _robot(robot),
+    return _robot(robot), Word(
         _incarnation(counter, nonce),
         _count(number),
         _digest(digest),

@@ -14,7 +14,7 @@ from mrbt_mesh.core import effects as fx
 from mrbt_mesh.core.agent import Agent
 from mrbt_mesh.core.commands import carry_out
 from mrbt_mesh.core.facts import MAX_VALUE_BYTES, Incarnation
-from mrbt_mesh.core.wire import Accusation, Beat, Header, MessageKind, beat_body, encode
+from mrbt_mesh.core.wire import Accusation, Beat, Header, MessageKind, Word, beat_body, encode
 from tests.core.harness import MS, Script
 from tests.core.test_records_wire import mutations, plain
 
@@ -312,17 +312,13 @@ def test_a_robot_whose_later_life_others_bury_joins_above_it() -> None:
     later = Incarnation(agent.incarnation.counter, "zzz")
     assert later > agent.incarnation
     beat = Beat(
-        script.team.processes["B"].agent.incarnation,
-        1_000,
-        True,
+        Word(script.team.processes["B"].agent.incarnation, 1_000, bytes(8), True, 1),
         False,
-        bytes(8),
         agent.facts.map.digest(),
         (1, 2, 1, 1),
-        1,
         0,
         (Accusation("A", later, token_lost=False, dead=True, sought=False),),
-        (),
+        {},
     )
     data = encode(header(script), MessageKind.BEAT, beat_body(beat))
     agent.handle(fx.MessageReceived(MessageKind.BEAT, "B", data), 250 * MS)
@@ -386,17 +382,13 @@ def test_an_earlier_life_that_others_bury_is_noticed_at_once() -> None:
     later = Incarnation(before.counter + 3, "zz")
     peer = agent.membership.peers["B"]
     beat = Beat(
-        peer.incarnation,
-        peer.number + 1,
-        True,
+        Word(peer.incarnation, peer.word.number + 1, peer.word.plan_digest, True, 0),
         False,
-        peer.plan_digest,
         agent.facts.map.digest(),
         (0, 0, 0, 0),
         0,
-        0,
         (Accusation("A", later, False, True, False),),
-        (),
+        {},
     )
     data = encode(header(script), MessageKind.BEAT, beat_body(beat))
     effects = agent.handle(fx.MessageReceived(MessageKind.BEAT, "B", data), script.team.now_us)

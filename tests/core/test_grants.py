@@ -16,7 +16,7 @@ from mrbt_mesh.core.mission import InDoubt, Mission
 from mrbt_mesh.core.records import Token
 from mrbt_mesh.core.team import TeamFacts
 from mrbt_mesh.core.timing import Timing
-from mrbt_mesh.core.wire import Beat, Granted
+from mrbt_mesh.core.wire import Beat, Granted, Word
 from tests.core.build import RUN, action, make_mission, task
 
 TIMING = Timing()
@@ -66,7 +66,8 @@ class Robot:
         self.number += 1
         self.write(self.grants.sent(self.number, self.clock(now_us), lambda *_: True))
         return Beat(
-            Incarnation(1, "n"), self.number, True, False, b"", b"", (0, 0, 0, 0), 0, 0, (), (),
+            Word(Incarnation(1, "n"), self.number, b"", True, 0),
+            False, b"", (0, 0, 0, 0), 0, (), {},
             self.grants.seeks, self.grants.given(),
         )  # fmt: skip
 
@@ -197,7 +198,8 @@ def test_robots_that_the_mission_does_not_name_grant_nothing() -> None:
 def grants_of(member: str, number: int) -> Beat:
     granted = (Granted(str(TOKENS[member]), member, number),)
     return Beat(
-        Incarnation(1, "n"), 1, True, False, b"", b"", (0, 0, 0, 0), 0, 0, (), (), None, granted
+        Word(Incarnation(1, "n"), 1, b"", True, 0),
+        False, b"", (0, 0, 0, 0), 0, (), {}, None, granted,
     )  # fmt: skip
 
 

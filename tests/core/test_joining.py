@@ -6,7 +6,7 @@ from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.joining import Joining
 from mrbt_mesh.core.membership import Membership
 from mrbt_mesh.core.timing import Timing
-from mrbt_mesh.core.wire import Beat
+from mrbt_mesh.core.wire import Beat, Word
 
 MS = 1_000
 TIMING = Timing(100 * MS, 1_000 * MS)
@@ -24,7 +24,8 @@ class Newcomer:
     def hear(self, robot: str, digest: bytes = OTHER, ms: int = 0) -> None:
         self.number += 1
         life = Incarnation(1, "n")
-        beat = Beat(life, self.number, True, False, b"p" * 8, digest, (0, 0, 0, 0), 0, 0, (), ())
+        word = Word(life, self.number, b"p" * 8, True, 0)
+        beat = Beat(word, False, digest, (0, 0, 0, 0), 0, (), {})
         self.members.beat(robot, beat, ms * MS)
         self.joining.heard(robot)
 

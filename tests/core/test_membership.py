@@ -12,7 +12,7 @@ from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.membership import Membership, State
 from mrbt_mesh.core.timing import Timing
 from mrbt_mesh.core.tree import Status
-from mrbt_mesh.core.wire import Accusation, Beat, Heard
+from mrbt_mesh.core.wire import Accusation, Beat, Word
 
 MS = 1_000
 TIMING = Timing(beat_us=100 * MS, detection_us=1_000 * MS)
@@ -62,19 +62,15 @@ class View:
             *(Accusation(each, one, False, False, True) for each in seeks),
             *(Accusation(each, one, False, True, False) for each in buries),
         )
-        heard = tuple(
-            Heard(each, Incarnation(1, "n"), n, plan, True, int(result))
+        heard = {
+            each: Word(Incarnation(1, "n"), n, plan, True, int(result))
             for each, n in (relays or {}).items()
-        )
+        }
         beat = Beat(
-            Incarnation(life, "n"),
-            self.numbers[robot],
-            joined,
+            Word(Incarnation(life, "n"), self.numbers[robot], plan, joined, int(result)),
             leaving,
-            plan,
             b"f" * 8,
             (0, 0, 0, 0),
-            int(result),
             0,
             accusations,
             heard,
@@ -199,18 +195,22 @@ def test_a_relay_revives_a_robot_that_was_thought_dead() -> None:
 
 def test_robots_relay_only_what_they_hear_and_never_a_suspect() -> None:
     view = View("A", "B")
-    assert [(h.robot, h.number) for h in view.members.heard()] == [("A", 1), ("B", 1)]
+    assert [(r, w.number) for r, w in view.members.heard().items()] == [("A", 1), ("B", 1)]
     view.at(600)
     view.hear("B")
-    assert [h.robot for h in view.members.heard()] == ["B"]
+    assert list(view.members.heard()) == ["B"]
+
+
+def relays_of(view: View, robot: str) -> dict[str, int]:
+    return {name: word.number for name, word in view.members.heard().items() if name == robot}
 
 
 def test_two_robots_that_relay_one_another_do_not_keep_a_third_alive() -> None:
     here, there = View("A", "P"), View("A", "P")
     for ms in range(100, 1300, 100):
         here.ms = there.ms = ms
-        here.hear("P", relays={h.robot: h.number for h in there.members.heard() if h.robot == "A"})
-        there.hear("P", relays={h.robot: h.number for h in here.members.heard() if h.robot == "A"})
+        here.hear("P", relays=relays_of(there, "A"))
+        there.hear("P", relays=relays_of(here, "A"))
     assert (here["A"], there["A"]) == (DEAD, DEAD)
 
 

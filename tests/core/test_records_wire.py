@@ -17,10 +17,10 @@ from mrbt_mesh.core.wire import (
     Beat,
     Granted,
     Header,
-    Heard,
     IncompatibleError,
     MessageKind,
     WireError,
+    Word,
     beat_body,
     decode,
     encode,
@@ -50,24 +50,18 @@ plain = st.recursive(
     ),
     max_leaves=12,
 )
+words = st.builds(Word, incarnations, numbers, digests, st.booleans(), st.integers(0, 3))
 beats = st.builds(
     Beat,
-    incarnations,
-    numbers,
+    words,
     st.booleans(),
-    st.booleans(),
-    digests,
     digests,
     st.tuples(*[st.integers(0, 3)] * 4),
-    st.integers(0, 3),
     st.integers(0, 100),
     st.lists(
         st.builds(Accusation, robots, incarnations, st.booleans(), st.booleans()), max_size=3
     ).map(tuple),
-    st.lists(
-        st.builds(Heard, robots, incarnations, numbers, digests, st.booleans(), st.integers(0, 3)),
-        max_size=3,
-    ).map(tuple),
+    st.dictionaries(robots, words, max_size=3),
     st.none() | st.tuples(st.text(max_size=8), st.text(max_size=8)),
     st.lists(st.builds(Granted, st.text(max_size=8), robots, numbers), max_size=3).map(tuple),
 )

@@ -122,7 +122,7 @@ def test_the_same_seed_gives_the_same_run() -> None:
             team.bytes,
             [node.agent.facts.map.digest() for node in team.living()],
             [
-                (peer.number, peer.evidence_us, peer.limit_us)
+                (peer.word.number, peer.evidence_us, peer.limit_us)
                 for node in team.living()
                 for peer in node.agent.membership.peers.values()
             ],
