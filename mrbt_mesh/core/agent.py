@@ -199,8 +199,8 @@ class Agent:
             self._refuse(source, str(error), isinstance(error, IncompatibleError))
 
     def _beat(self, source: str, beat: Beat, now_us: int) -> None:
-        mine, members = self.replica.incarnation, self.facts.members
-        starting = self.is_new
+        mine, members, joining = self.replica.incarnation, self.facts.members, self.joining
+        starting = joining is not None and joining.first
         if source == self.me:
             self._stop(2, self.identity.heard(beat, mine, starting, members))
             return
@@ -215,8 +215,8 @@ class Agent:
                 self.write(self.grants.heard(source, beat, now_us, self._may_grant), now_us)
             if beat.accusations and self.membership.is_asked(beat, mine):
                 self.gossip.hurry(self.membership.present, now_us)
-        if self.joining is not None:
-            self.joining.heard(source)
+        if joining is not None:
+            joining.heard(source)
         reason = self.identity.relayed(source, beat, mine, starting, members, now_us)
         if reason is not None:
             self._stop(2, reason)
@@ -395,9 +395,9 @@ class Agent:
 
     def _urgent(self) -> tuple[Any, ...]:
         """What the others must hear at once when it changes."""
-        digest = self.plan.digest if self.plan else b""
-        result = self.plan.result if self.plan else Status.RUNNING
-        granted = tuple((grant.token, grant.member) for grant in self.grants.given())
+        plan = self.plan
+        digest, result = (plan.digest, plan.result) if plan else (b"", Status.RUNNING)
+        granted = tuple([(grant.token, grant.member) for grant in self.grants.given()])
         standing = (self.joining is None, self.leaving)
         return digest, result, self.membership.accusations(), standing, self.grants.seeks, granted
 

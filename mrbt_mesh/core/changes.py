@@ -99,6 +99,8 @@ class ScopedEntries:
 
     def take_obsolete(self, evaluator: Evaluator, facts: TurningFacts) -> list[Key]:
         """The entries that no evaluation can reach any more, sorted; they are to be removed."""
+        if not (self._fresh or self._revisions or self._loops):
+            return []
         layout, looked_at = evaluator.layout, self._fresh
         reach = [(loop + 1, layout.ends[loop]) for loop in self._loops]
         for name, before in self._revisions.items():

@@ -183,8 +183,10 @@ class Membership:
     def _listen(self, peer: Peer, now_us: int) -> None:
         """Learn from the time between two pieces of news; an outage is none of the network's."""
         if peer.state.is_present:
-            peer.hearing.gap(now_us - peer.evidence_us, self.timing)
-            limit_us = self._limit_us(peer.hearing.silence_permille)
+            hearing, limits_us = peer.hearing, self._limits_us
+            hearing.gap(now_us - peer.evidence_us, self.timing)
+            permille = hearing.silence_permille
+            limit_us = limits_us[permille] if permille in limits_us else self._limit_us(permille)
             if limit_us != peer.limit_us:
                 peer.limit_us, peer.seek_us = limit_us, limit_us // SEEK_SHARE
         peer.sought = False
@@ -235,7 +237,8 @@ class Membership:
     @property
     def is_seeking(self) -> bool:
         """Whether a robot that is not given up has been silent for too long."""
-        return any(peer.sought for peer in self._distrusted.values())
+        distrusted = self._distrusted
+        return bool(distrusted) and any(peer.sought for peer in distrusted.values())
 
     def token(self, robot: str, incarnation: Incarnation, held: bool) -> None:
         """A liveliness token came (held) or went. Its presence proves nothing."""

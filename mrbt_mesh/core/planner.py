@@ -43,6 +43,8 @@ class Planner:
         self._robot_tree = robot_tree
         # Of the plan that is being made elsewhere; `number` is its.
         self._wanted: tuple[tuple[int, int], Mapping[str, Incarnation]] | None = None
+        # Whether a plan is being made elsewhere: the facts must stay as they are until then.
+        self.is_busy = False
         self.number = 0
         self._planned: tuple[int, int] | None = None
         self._trigger: tuple[int, tuple[str, ...]] = (0, ())
@@ -50,6 +52,7 @@ class Planner:
     def forget(self) -> None:
         """Plan anew at the next step, whatever has changed or is being made."""
         self._planned = self._wanted = None
+        self.is_busy = False
 
     def is_current(self, alive_changes: int) -> bool:
         """Whether the plan is that of the facts and the alive set as they are now.
@@ -77,15 +80,11 @@ class Planner:
             self._wanted = state, alive()
             self.number += 1
             if apart:
+                self.is_busy = True
                 return []
             latched = self.made(self.compute())
         assert self.plan is not None
         return latched + self.watches.expired(self.plan, facts, now_us)
-
-    @property
-    def is_busy(self) -> bool:
-        """Whether a plan is being made elsewhere: the facts must stay as they are until then."""
-        return self._wanted is not None
 
     def compute(self) -> Plan:
         """The plan that is asked for. Reads the facts and changes nothing that others read."""
@@ -95,7 +94,7 @@ class Planner:
     def made(self, plan: Plan) -> list[tuple[str, Any]]:
         """Follow the plan that was asked for; returns facts to write."""
         assert self._wanted is not None
-        (self._planned, living), self._wanted = self._wanted, None
+        (self._planned, living), self._wanted, self.is_busy = self._wanted, None, False
         self.plan = plan
         self._tick_assignment(plan)
         return self._latches(plan, living)

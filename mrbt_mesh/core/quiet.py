@@ -50,8 +50,8 @@ class Quiet:
         So it is with most.
         """
         return (
-            self._settled == self._changes(agent)
-            and now_us < self.step_us
+            now_us < self.step_us
+            and self._settled == self._changes(agent)
             and isinstance(event, _MAY_PASS)
             and agent.membership.is_at_peace(now_us)
         )

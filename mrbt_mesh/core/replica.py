@@ -202,7 +202,9 @@ class Replica:
             if self._repairs:
                 self.forget(peer)
             return
-        repair = self._repairs.setdefault(peer, _Repair())
+        repair = self._repairs.get(peer)
+        if repair is None:
+            repair = self._repairs[peer] = _Repair()
         before = (repair.differs_us, repair.is_behind)
         repair.is_behind = digest in self._past
         if repair.differs_us is None:

@@ -41,7 +41,8 @@ class VirtualClock:
     def at(self, at_us: int, event: Callable[[], None]) -> None:
         """Let `event` happen at `at_us`, after all that is already due then; never in the past."""
         self._sequence += 1
-        heapq.heappush(self._events, (max(at_us, self.now_us), self._sequence, event))
+        due_us = at_us if at_us > self.now_us else self.now_us
+        heapq.heappush(self._events, (due_us, self._sequence, event))
 
     def advance(self, timeout_s: float | None) -> None:
         """Let up to `timeout_s` pass, less if an event touches the event loop; None: for ever.
@@ -103,6 +104,9 @@ class LocalClock:
     @property
     def boottime_us(self) -> int:
         if self._suspended_us is None:
+            if not self._rate_ppm:  # asked with every event, and nearly always so
+                passed_us = self._clock.now_us - self._since_us
+                return self._monotonic_us + passed_us + self._ahead_us
             return self.monotonic_us + self._ahead_us
         suspended_us = self._clock.now_us - self._suspended_us
         return self.monotonic_us + self._ahead_us + suspended_us

@@ -19,6 +19,7 @@ class Inspection:
     """The moments of a run at which somebody may look; this one looks at nothing.
 
     `violations` are the invariants that did not hold, `checks` how often each one was checked.
+    `watches_steps`: whether `handling` and `handled` are called, for each step of each agent.
     `is_settled`: nothing more will come of the run. `done_twice` counts local tasks that
     succeeded more often than their `max`, `exclusive_done_twice` exclusive tasks that did.
     """
@@ -26,6 +27,7 @@ class Inspection:
     violations: Sequence[str] = ()
     checks: Mapping[str, int] = {}
     effect_log: Sequence[str] = ()
+    watches_steps = False
 
     @property
     def effect_log_digest(self) -> str:
@@ -83,6 +85,8 @@ class Inspection:
 
 class FullInspection(Inspection):
     """Checks every invariant and logs every effect."""
+
+    watches_steps = True
 
     def __init__(self, world: View, keep_log: bool) -> None:
         self._world = world

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 Link = tuple[str, str]
 
@@ -43,7 +44,7 @@ class LinkKnobs:
         return self.delay_us + self.jitter_us + held_us
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class NetworkKnobs:
     """The whole network: `link` for all links but those in `links` (source, target).
 
@@ -57,6 +58,13 @@ class NetworkKnobs:
     token_delay_us: int | None = 5_000
     query_timeout_us: int = 1_000_000
     quiet_from_us: int | None = None
+
+    @cached_property
+    def is_steady(self) -> bool:
+        """Whether every message arrives once, and takes as long, on all links."""
+        link = self.link
+        varies = link.jitter_us or link.reorder_permille or not link.is_reliable
+        return not varies and not self.links and self.quiet_from_us is None
 
     def of(self, link: Link, now_us: int) -> LinkKnobs:
         """How one link behaves at `now_us`."""
@@ -116,6 +124,22 @@ class Network:
     def _usual(self) -> tuple[LinkKnobs, ...]:
         return (self.knobs.link, *(self.knobs.links or {}).values())
 
+    def arrivals_at_all(
+        self, source: str, targets: Iterable[str], now_us: int
+    ) -> dict[int, list[str]]:
+        """When a message that is sent to many now arrives, and where; never at the source."""
+        is_steady = self.knobs.is_steady and not (self._disturbed or self.blocked)
+        knobs, found = self.knobs.link, dict[int, list[str]]()
+        for target in targets:
+            if target != source:
+                if is_steady:
+                    arrivals_us = [self._in_order_us((source, target), now_us + knobs.delay_us)]
+                else:
+                    arrivals_us = self.arrivals_us(source, target, now_us)
+                for arrival_us in arrivals_us:
+                    found.setdefault(arrival_us, []).append(target)
+        return found
+
     def _knobs_of(self, link: Link, now_us: int) -> LinkKnobs:
         if not self._disturbed:
             return self.knobs.of(link, now_us)
@@ -141,6 +165,9 @@ class Network:
             arrival_us += self._stream("jitter", link).randrange(knobs.jitter_us + 1)
         if knobs.reorder_permille and self._happens("reorder", link, knobs.reorder_permille):
             return arrival_us + self._stream("hold", link).randint(0, knobs.reorder_us)
+        return self._in_order_us(link, arrival_us)
+
+    def _in_order_us(self, link: Link, arrival_us: int) -> int:
         last_us = self._last_us.get(link, 0)
         if arrival_us < last_us:
             return last_us

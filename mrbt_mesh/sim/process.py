@@ -39,6 +39,8 @@ from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim.clock import MICRO, Gate, LocalClock, VirtualClock, current_gate
 from mrbt_mesh.sim.journal import SimJournal
 
+TIMER_FIRED = TimerFired()
+
 
 class Surroundings(Protocol):
     """What a process needs of its world."""
@@ -60,6 +62,9 @@ class Surroundings(Protocol):
 
 class Witness(Protocol):
     """Sees what processes do."""
+
+    @property
+    def watches_steps(self) -> bool: ...
 
     def booted(self, process: SimProcess) -> None: ...
     def handling(self, process: SimProcess, event: Input) -> None: ...
@@ -138,18 +143,16 @@ class SimProcess:
         self._runner = ActionRunner(group, self._program, agent.mission, self.identity, self)
         self._context.run(self._runner.start_background)
         self._world.inspection.booted(self)
-        self.deliver(TimerFired())
+        self.deliver(TIMER_FIRED)
 
     # -- inputs -------------------------------------------------------------------------------
 
     def deliver(self, event: Input) -> None:
         """Hand an input to the agent; it waits while the process is frozen or slow."""
-        if self.is_over or self.agent is None:
-            return
-        if self.is_frozen or self._lag_us:
-            self._inbox.append(event)
-        else:
+        if not (self.is_frozen or self._lag_us):
             self._handle(event)
+        elif not self.is_over and self.agent is not None:
+            self._inbox.append(event)
 
     def _handle(self, event: Input) -> None:
         agent, inspection = self.agent, self._world.inspection
@@ -158,12 +161,14 @@ class SimProcess:
         now_us = self.local.boottime_us
         gap_us, self._ran_us = now_us - self._ran_us, now_us
         if gap_us > agent.config.timing.detection_us and not isinstance(event, TimerFired):
-            self._handle(TimerFired())  # as runtime.fencing does
-        inspection.handling(self, event)
+            self._handle(TIMER_FIRED)  # as runtime.fencing does
+        if inspection.watches_steps:
+            inspection.handling(self, event)
         effects = agent.handle(event, now_us)
         for effect in effects:
             self._carry_out(effect)
-        inspection.handled(self, event, effects)
+        if inspection.watches_steps:
+            inspection.handled(self, event, effects)
         if isinstance(event, ActionFinished):
             self._world.completed(self)
         if not self.is_over:
@@ -240,7 +245,7 @@ class SimProcess:
             return  # an earlier one has replaced it
         self._timer_us = None
         if self.runs and self.agent is not None:
-            self.deliver(TimerFired())
+            self.deliver(TIMER_FIRED)
 
     # -- faults -------------------------------------------------------------------------------
 
@@ -259,7 +264,7 @@ class SimProcess:
         """SIGCONT: the agent looks at the clock before anything else of the process goes on."""
         if self.is_frozen:
             self.is_frozen = False
-            self._inbox.appendleft(TimerFired())
+            self._inbox.appendleft(TIMER_FIRED)
             self._catch_up()
 
     def slow(self, lag_us: int) -> None:

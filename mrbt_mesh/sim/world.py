@@ -248,11 +248,7 @@ class World:
     def published(self, process: SimProcess, effect: Publish) -> None:
         now_us = self.clock.now_us
         event = MessageReceived(effect.kind, process.robot, effect.data)
-        arrivals: dict[int, list[str]] = {}
-        for target in self.processes:
-            if target != process.robot:
-                for arrival_us in self.network.arrivals_us(process.robot, target, now_us):
-                    arrivals.setdefault(arrival_us, []).append(target)
+        arrivals = self.network.arrivals_at_all(process.robot, self.processes, now_us)
         for arrival_us, targets in arrivals.items():
             self.clock.at(arrival_us, partial(self._arrive_at_all, targets, event))
         self._injector.heard(process.robot, event)
