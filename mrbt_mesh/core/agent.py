@@ -53,6 +53,7 @@ from mrbt_mesh.core.wire import (
 )
 from mrbt_mesh.core.work import Work
 
+_BEAT = MessageKind.BEAT  # members of an enumeration are slow to look up
 _FROM_OUTSIDE = (fx.TokenChanged, fx.QueryReceived, fx.AnswerReceived)
 
 
@@ -189,7 +190,7 @@ class Agent:
 
     def _message(self, kind: MessageKind, source: str, data: bytes, now_us: int) -> None:
         try:
-            if kind is MessageKind.BEAT:
+            if kind is _BEAT:
                 read, header = self.config.functions.read_beat, self.replica.header
                 beat = read(source, data, header, self.membership.is_news)
                 self._beat(source, beat, now_us)

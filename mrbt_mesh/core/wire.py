@@ -8,7 +8,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgpack
 
@@ -71,7 +71,8 @@ class Accusation:
         return int(self.token_lost) + 2 * int(self.dead) + 4 * int(self.sought)
 
 
-class Word(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Word:
     """What a robot says of itself in every beat, and what others relay of it.
 
     `result` is the mission's status as it sees it.
@@ -93,7 +94,8 @@ class Granted:
     number: int
 
 
-class Beat(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Beat:
     """One heartbeat. `statuses` are those of T_i, T_A, T_G and T_Li; `progress` in percent.
 
     `heard` are the relays: robot -> its newest word that the sender knows of. `seeks` are the
@@ -207,8 +209,8 @@ def beat_body(beat: Beat) -> list[Any]:
         beat.progress,
         [[a.robot, *a.incarnation, a.flags] for a in beat.accusations],
         [
-            [robot, *incarnation, number, digest, int(joined), result]
-            for robot, (incarnation, number, digest, joined, result) in beat.heard.items()
+            [robot, *w.incarnation, w.number, w.plan_digest, int(w.joined), w.result]
+            for robot, w in beat.heard.items()
         ],
         list(beat.seeks) if beat.seeks is not None else None,
         [[g.token, g.member, g.number] for g in beat.grants],

@@ -88,7 +88,11 @@ class Network:
         self._slowest_us = max(each.slowest_us for each in self._usual())
         self._seed = seed
         self._streams: dict[tuple[str, Link], random.Random] = {}
+        # When the last message of each link arrives, and the very last one; of links that behave
+        # all alike only who sent to whom.
         self._last_us: dict[Link, int] = {}
+        self._latest_us = 0
+        self._sent_at_all: dict[str, tuple[int, list[str]]] = {}
 
     def block(self, links: Iterable[Link]) -> None:
         """Let nothing pass in these directions."""
@@ -128,16 +132,17 @@ class Network:
         self, source: str, targets: Iterable[str], now_us: int
     ) -> dict[int, list[str]]:
         """When a message that is sent to many now arrives, and where; never at the source."""
-        is_steady = self.knobs.is_steady and not (self._disturbed or self.blocked)
-        knobs, found = self.knobs.link, dict[int, list[str]]()
-        for target in targets:
-            if target != source:
-                if is_steady:
-                    arrivals_us = [self._in_order_us((source, target), now_us + knobs.delay_us)]
-                else:
-                    arrivals_us = self.arrivals_us(source, target, now_us)
-                for arrival_us in arrivals_us:
-                    found.setdefault(arrival_us, []).append(target)
+        others = [target for target in targets if target != source]
+        arrival_us = now_us + self.knobs.link.delay_us
+        is_usual = self.knobs.is_steady and not (self._disturbed or self.blocked)
+        if is_usual and arrival_us >= self._latest_us:
+            self._sent_at_all[source] = arrival_us, others
+            self._latest_us = arrival_us
+            return {arrival_us: others}
+        found: dict[int, list[str]] = {}
+        for target in others:
+            for arrival_us in self.arrivals_us(source, target, now_us):
+                found.setdefault(arrival_us, []).append(target)
         return found
 
     def _knobs_of(self, link: Link, now_us: int) -> LinkKnobs:
@@ -168,10 +173,14 @@ class Network:
         return self._in_order_us(link, arrival_us)
 
     def _in_order_us(self, link: Link, arrival_us: int) -> int:
+        for source, (sent_us, targets) in self._sent_at_all.items():
+            self._last_us |= dict.fromkeys([(source, target) for target in targets], sent_us)
+        self._sent_at_all.clear()
         last_us = self._last_us.get(link, 0)
         if arrival_us < last_us:
             return last_us
         self._last_us[link] = arrival_us
+        self._latest_us = max(self._latest_us, arrival_us)
         return arrival_us
 
     def _happens(self, purpose: str, link: Link, permille: int) -> bool:

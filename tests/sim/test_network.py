@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import random
+
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mrbt_mesh.sim.network import LinkKnobs, Network, NetworkKnobs
 
@@ -108,3 +112,35 @@ def test_links_are_disturbed_for_a_while() -> None:
     net.settle()
     assert net.arrivals_us("A", "B", 9_000) == [10_000]
     assert net.is_reliable_at(0)
+
+
+@given(st.integers(0, 10**9), st.sampled_from((0, 500)))
+def test_a_message_to_all_arrives_as_if_sent_to_each(seed: int, jitter_us: int) -> None:
+    """Whether links behave alike or not, and however that changes in between."""
+    knobs = NetworkKnobs(LinkKnobs(delay_us=1_000, jitter_us=jitter_us))
+    together, apart = Network(knobs, seed), Network(knobs, seed)
+    draw, names, now_us = random.Random(seed), ["A", "B", "C"], 0
+    for number in range(60):
+        now_us += draw.randrange(800)
+        link = (draw.choice(names), draw.choice(names))
+        quick = LinkKnobs(delay_us=draw.choice((0, 3_000)), loss_permille=draw.choice((0, 300)))
+        change, links = draw.randrange(8), draw.choice(([link], None))
+        for network in (together, apart):
+            match change:
+                case 0:
+                    network.block([link])
+                case 1:
+                    network.unblock()
+                case 2:
+                    network.disturb(quick, links)
+                case 3:
+                    network.settle()
+        if number == 30:
+            names.append("D")
+        source = draw.choice(names)
+        expected: dict[int, list[str]] = {}
+        for target in names:
+            if target != source:
+                for arrival_us in apart.arrivals_us(source, target, now_us):
+                    expected.setdefault(arrival_us, []).append(target)
+        assert together.arrivals_at_all(source, names, now_us) == expected, f"{number=}"
