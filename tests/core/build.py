@@ -93,7 +93,7 @@ def task(name: str, *needs: tuple[Any, ...], **policies: Any) -> GlobalTask:
 
     A need is (local task, min, max), or with bids (local task, min, max, True[, within_us]).
     """
-    rows = needs or ((name, 1, 1),)
+    rows: tuple[tuple[Any, ...], ...] = needs or ((name, 1, 1),)
     return GlobalTask(name, tuple(Need(*row[:3], None, *row[3:]) for row in rows), **policies)
 
 
