@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 from mrbt_mesh.core.evaluation import Evaluation, EvaluationFacts, Request, RunningTimeout
 from mrbt_mesh.core.layout import Layout
@@ -45,6 +46,7 @@ class ScopeName:
         return f"{self.run}:{self.node}:{self.subject}:{attempts}:{self.turns}"
 
 
+@lru_cache(maxsize=4_096)
 def parse_scope(text: str) -> ScopeName:
     """The inverse of `str(ScopeName)`; raises ValueError if it is none."""
     run, node, subject, attempts, turns = text.split(":")

@@ -376,15 +376,17 @@ class Membership:
         )
 
     def _next_judgement_us(self, now_us: int) -> int:
-        earliest_us = now_us + self.timing.detection_us
+        detection_us = self.timing.detection_us
+        earliest_us = now_us + detection_us
         for peer in self.peers.values():
             if not peer.state.is_present:
                 continue
-            for wait_us in (peer.seek_us, self.timing.detection_us, peer.limit_us):
-                for extra_us in (0, self.timing.detection_us):
-                    if peer.evidence_us + wait_us + extra_us > now_us:
-                        earliest_us = min(earliest_us, peer.evidence_us + wait_us + extra_us)
-                        break
+            for wait_us in (peer.seek_us, detection_us, peer.limit_us):
+                at_us = peer.evidence_us + wait_us
+                if at_us <= now_us:
+                    at_us += detection_us  # it may have been waited for once more
+                if now_us < at_us < earliest_us:
+                    earliest_us = at_us
         return earliest_us
 
     def states(self) -> Mapping[str, State]:

@@ -10,6 +10,7 @@ import enum
 import reprlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, ClassVar
 
 from mrbt_mesh.core.mission import MAX_PERFORMANCE, MAX_ROBOTS
@@ -418,9 +419,15 @@ _PARTS: Mapping[str, tuple[int, ...]] = {
 }
 
 
-def split_name(name: str) -> list[str]:
+def split_name(name: str) -> tuple[str, ...]:
     """The parts of an entry's name: kind first; raises ValueError if it is none."""
-    parts = _text(name, MAX_NAME).split("/")
+    return _split(_text(name, MAX_NAME))
+
+
+# Each name is read several times, by every robot that is simulated in one process.
+@lru_cache(maxsize=4_096)
+def _split(name: str) -> tuple[str, ...]:
+    parts = tuple(name.split("/"))
     if parts[0] not in _PARSERS or len(parts) not in _PARTS.get(parts[0], (2,)):
         raise ValueError(f"no kind of fact has the name {_shown(name)}")
     return parts

@@ -75,6 +75,9 @@ def set_conditions(agent: Agent, values: Mapping[str, bool], now_us: int) -> Non
 def ask_for_bids(agent: Agent) -> None:
     """Have this robot's program bid for what the plan lacks its bids for, once each."""
     assert agent.plan is not None
+    if not agent.plan.biddings:
+        agent.asked_bids.clear()
+        return
     wanted = {
         (bidding.activation, bidding.local_task): bidding.global_task
         for bidding in agent.plan.biddings

@@ -299,7 +299,7 @@ class TeamFacts:
                 return self._misfit(parts, self.mission.global_tasks[scope.subject], entry)
         return None
 
-    def _misfit(self, parts: list[str], task: GlobalTask, entry: Entry) -> str | None:
+    def _misfit(self, parts: tuple[str, ...], task: GlobalTask, entry: Entry) -> str | None:
         """Why an entry of an activation has no place in it."""
         kind, *names = parts
         needs = {need.local_task for need in task.needs}
@@ -382,7 +382,7 @@ class TeamFacts:
             case Attempt() | Latch() | Passed():
                 self._latched(entry, record)
 
-    def _scope_changed(self, parts: list[str], entry: Entry, is_dropped: bool) -> None:
+    def _scope_changed(self, parts: tuple[str, ...], entry: Entry, is_dropped: bool) -> None:
         change = self._scoped.remove if is_dropped else self._scoped.add
         node = change(parts[1], (entry.author, entry.name))
         if parts[0] == records.PASSED:
@@ -436,7 +436,7 @@ class TeamFacts:
         if state:
             self._bid_states[activation] = state
 
-    def _ended(self, parts: list[str], entry: Entry, outcome: Outcome) -> None:
+    def _ended(self, parts: tuple[str, ...], entry: Entry, outcome: Outcome) -> None:
         self.outcome_changes += 1
         if len(parts) == 4:
             token = Token.parse(parts[3])
@@ -462,10 +462,10 @@ class TeamFacts:
             case Latch():
                 self._latches.setdefault(entry.name, {})[entry.author] = 1
 
-    def _coalition(self, parts: list[str]) -> Coalitions:
+    def _coalition(self, parts: tuple[str, ...]) -> Coalitions:
         return self._coalitions.setdefault(parts[1], Coalitions())
 
-    def _forget(self, parts: list[str], author: str) -> None:
+    def _forget(self, parts: tuple[str, ...], author: str) -> None:
         """Only scoped entries are ever dropped, those of one activation all together."""
         if parts[0] in records.COALITION_KINDS or len(parts) == 4:
             self._coalitions.pop(parts[1], None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 SECOND_US = 1_000_000
 NEVER_US = 1 << 62
@@ -11,6 +12,16 @@ NEVER_US = 1 << 62
 ODDS_BITS = 20
 # While a robot is sought, nobody receives more than about this many beats per beat period.
 CROWD = 32
+
+
+@lru_cache(maxsize=4_096)
+def _unlikely_beats(silence_permille: int, most: int) -> int:
+    """So many silent beat periods in a row are no chance any more; at most `most`."""
+    odds, beats = 1 << 40, 0
+    while odds > 1 << (40 - ODDS_BITS) and beats < most:
+        odds = odds * silence_permille // 1_000
+        beats += 1
+    return beats
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +47,7 @@ class Timing:
 
         At least the detection time, at most `max_limit_us`.
         """
-        odds, beats, most = 1 << 40, 0, self.max_limit_us // self.beat_us
-        while odds > 1 << (40 - ODDS_BITS) and beats < most:
-            odds = odds * silence_permille // 1_000
-            beats += 1
+        beats = _unlikely_beats(silence_permille, self.max_limit_us // self.beat_us)
         return max(self.detection_us, beats * self.beat_us)
 
     @property
