@@ -53,7 +53,9 @@ from mrbt_mesh.core.wire import (
 )
 from mrbt_mesh.core.work import Work
 
-_BEAT = MessageKind.BEAT  # members of an enumeration are slow to look up
+# Members of an enumeration are slow to look up.
+_BEAT = MessageKind.BEAT
+_RESULTS = (Status.SUCCESS, Status.FAILURE)
 _FROM_OUTSIDE = (fx.TokenChanged, fx.QueryReceived, fx.AnswerReceived)
 
 
@@ -490,7 +492,8 @@ class Agent:
     @property
     def is_over(self) -> bool:
         """Whether this robot's plan has the mission's result."""
-        return self.plan is not None and self.plan.result in (Status.SUCCESS, Status.FAILURE)
+        plan = self.plan
+        return plan is not None and plan.result in _RESULTS
 
     @property
     def is_new(self) -> bool:

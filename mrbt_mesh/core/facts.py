@@ -147,10 +147,8 @@ class FactMap:
     def digest(self) -> bytes:
         """An 8-byte digest of the whole map."""
         if self._digest is None:
-            whole = hashlib.blake2b(digest_size=8)
-            for author, digest in self.author_digests().items():
-                whole.update(author.encode() + b"\0" + digest)
-            self._digest = whole.digest()
+            parts = [a.encode() + b"\0" + digest for a, digest in self.author_digests().items()]
+            self._digest = hashlib.blake2b(b"".join(parts), digest_size=8).digest()
         return self._digest
 
     def of_author(self, author: str) -> list[Entry]:

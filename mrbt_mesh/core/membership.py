@@ -335,9 +335,9 @@ class Membership:
     def alive(self) -> dict[str, Incarnation]:
         """Joined robots that are not dead or gone, suspects included: the plan's alive set."""
         return {
-            robot: self.peers[robot].incarnation
-            for robot in sorted(self.peers)
-            if self.peers[robot].word.joined and self.peers[robot].state.is_present
+            robot: peer.incarnation
+            for robot, peer in sorted(self.peers.items())
+            if peer.word.joined and peer.state.is_present
         }
 
     def accusations(self) -> tuple[Accusation, ...]:

@@ -72,4 +72,8 @@ def _next_step_us(agent: Agent, now_us: int) -> int:
         deadlines.append(agent.grace_ends_us())
     if agent.done_us is not None:
         deadlines.append(agent.done_us + agent.config.timing.beat_us)
-    return min((d for d in deadlines if d is not None and d > now_us), default=NEVER_US)
+    earliest_us = NEVER_US
+    for deadline_us in deadlines:
+        if deadline_us is not None and now_us < deadline_us < earliest_us:
+            earliest_us = deadline_us
+    return earliest_us
