@@ -110,7 +110,7 @@ def outcomes_dropped_at_restart() -> Iterator[None]:
 @mutation
 def no_relays() -> Iterator[None]:
     """Beats do not say whom else their sender hears: there is no indirect probe."""
-    with mock.patch.object(Membership, "heard", return_value=()):
+    with mock.patch.object(Membership, "heard", return_value={}):
         yield
 
 

@@ -208,7 +208,7 @@ def test_i4_bounds_that_are_not_met(run: Run, monkeypatch: pytest.MonkeyPatch) -
     mission, program = example("explore")
     result = simulate(mission, program, seed=1, timeout_us=2 * SECOND_US)
     team = Team(agent for _, agent in sorted(result.agents.items()))
-    monkeypatch.setattr("mrbt_mesh.core.planning.solve", lambda problem, solver: None)
+    monkeypatch.setattr("mrbt_mesh.core.planning.optimum", lambda team, solver: None)
     for agent in team.agents:
         agent.facts.claims.clear()
         agent.facts.changes += 1
