@@ -93,8 +93,12 @@ def task(name: str, *needs: tuple[Any, ...], **policies: Any) -> GlobalTask:
 
     A need is (local task, min, max), or with bids (local task, min, max, True[, within_us]).
     """
-    rows: tuple[tuple[Any, ...], ...] = needs or ((name, 1, 1),)
-    return GlobalTask(name, tuple(Need(*row[:3], None, *row[3:]) for row in rows), **policies)
+    rows = needs or ((name, 1, 1),)
+    return GlobalTask(name, tuple(_need(*row) for row in rows), **policies)
+
+
+def _need(local_task: str, least: int, most: int, *bid: Any) -> Need:
+    return Need(local_task, least, most, None, *bid)
 
 
 def make_mission(
