@@ -203,14 +203,32 @@ def _impossible(problem: AssignmentProblem, given: Integers) -> SolverError:
 
 def first_optimum(found: ProvenOptimum) -> list[int]:
     """The canonical choice, a node per robot."""
-    robot, node, _ = found.problem.options
-    robots = robot[found.tight]
-    several = np.bincount(robots, minlength=len(found.choice)) > 1
+    problem = found.problem
+    robots, nodes, _ = problem.options
+    # Where moves through the slack cost nothing: how many robots more or less a node may have.
+    level = found.potential[:-1] == found.potential[-1]
+    more = (level * (problem.upper - found.counts)).tolist()
+    less = (level * (found.counts - problem.lower)).tolist()
+    choice: list[int] = found.choice.tolist()
+    return first_of_ties(choice, robots[found.tight], nodes[found.tight], more, less)
+
+
+def first_of_ties(
+    choice: list[int], robots: Integers, nodes: Integers, more: list[int], less: list[int]
+) -> list[int]:
+    """The canonical choice, a node per robot, from any optimal one; that may be changed.
+
+    `robots` and `nodes` are the tight options. `more` and `less` are how many robots more or less
+    a node may have where that costs nothing.
+    """
+    several = np.bincount(robots, minlength=len(choice)) > 1
     free: list[int] = several.nonzero()[0].tolist()
     if not free:
-        return list(found.choice.tolist())
-    kept = found.tight[several[robots]]
-    return _Ties(found, free, robot[kept], node[kept]).resolve()
+        return choice
+    if len(free) < len(choice):
+        kept = several[robots]
+        robots, nodes = robots[kept], nodes[kept]
+    return _Ties(choice, free, robots, nodes, more, less).resolve()
 
 
 class _Ties:
@@ -223,23 +241,24 @@ class _Ties:
     """
 
     def __init__(
-        self, found: ProvenOptimum, free: list[int], robots: Integers, nodes: Integers
+        self,
+        choice: list[int],
+        free: list[int],
+        robots: Integers,
+        nodes: Integers,
+        more: list[int],
+        less: list[int],
     ) -> None:
         """`robots` and `nodes` are the tight options of those robots that are free to choose."""
-        problem = found.problem
-        slack = len(problem.demands) + 1
-        self._slack = slack
+        self._slack = slack = len(more)
         self._bits = bits = [1 << node for node in range(slack + 1)]
         self._tight = robots, nodes
         self._options = _masks(free, robots, nodes, slack)
-        self._choice: list[int] = found.choice.tolist()
+        self._choice = choice
         _sorted_alike(self._choice, self._options)
-        # Where moves through the slack cost nothing: how many robots more or less a node may have.
-        level = found.potential[:-1] == found.potential[-1]
-        self._more: list[int] = (level * (problem.upper - found.counts)).tolist()
-        self._less: list[int] = (level * (found.counts - problem.lower)).tolist()
-        self._through = [bits[slack] if more else 0 for more in self._more]
-        self._through.append(sum(bit for bit, less in zip(bits, self._less, strict=False) if less))
+        self._more, self._less = more, less
+        self._through = [bits[slack] if count else 0 for count in more]
+        self._through.append(sum(bit for bit, count in zip(bits, less, strict=False) if count))
         self._movable: list[list[int]] = [[] for _ in bits]
         self._ahead = self._through.copy()
         for robot, options in self._options.items():
@@ -330,7 +349,7 @@ class _Ties:
         for _ in range(steps):
             nodes, layer = layer, []
             for node in nodes:
-                for mover in self._wanting[node]:
+                for mover in self._wanting(node):
                     here = self._choice[mover]
                     if mover > robot and here not in after:
                         after[here] = node
@@ -341,13 +360,19 @@ class _Ties:
             goals |= self._bits[node]
         return after, goals
 
-    @cached_property
-    def _wanting(self) -> list[list[int]]:
-        """Per node the robots of which it is an option."""
-        wanting: list[list[int]] = [[] for _ in self._bits]
-        for robot, node in zip(*(tight.tolist() for tight in self._tight), strict=True):
-            wanting[node].append(robot)
+    def _wanting(self, node: int) -> list[int]:
+        """The robots of which it is an option."""
+        robots, ends = self._by_node
+        wanting: list[int] = robots[ends[node] : ends[node + 1]].tolist()
         return wanting
+
+    @cached_property
+    def _by_node(self) -> tuple[Integers, list[int]]:
+        """The robots of all options, node by node, and where those of a node begin."""
+        robots, nodes = self._tight
+        counts = np.bincount(nodes, minlength=len(self._bits))
+        small = nodes.astype(np.min_scalar_type(len(counts)))  # sorted faster
+        return robots[small.argsort(kind="stable")], [0, *counts.cumsum().tolist()]
 
     def _rotate(self, robot: int, way: list[int]) -> bool:
         """Move a robot, now fixed, to where a way starts, and others along it to where it was.
@@ -414,8 +439,11 @@ def _masks(free: list[int], robots: Integers, nodes: Integers, count: int) -> di
 
 
 def _sorted_alike(choice: list[int], options: dict[int, int]) -> None:
-    """Robots with the same options exchange places, which costs nothing: the first the first."""
-    if len(set(options.values())) == len(options):
+    """Robots with the same options exchange places, which costs nothing: the first the first.
+
+    Where there are few such robots, ways are found as fast.
+    """
+    if 2 * len(set(options.values())) > len(options):
         return
     alike: dict[int, list[int]] = {}
     for robot, mask in options.items():

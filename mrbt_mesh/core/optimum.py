@@ -5,9 +5,9 @@ Robots and demands have names here; `Residual` works on their numbers.
 
 from __future__ import annotations
 
-from bisect import bisect_left, insort
 from collections.abc import Mapping, Sequence
 
+from mrbt_mesh.core.assignment import SolverError
 from mrbt_mesh.core.offers import Changes, Offered, Team
 from mrbt_mesh.core.options import (
     ENTRY,
@@ -20,11 +20,10 @@ from mrbt_mesh.core.options import (
 )
 from mrbt_mesh.core.prices import set_prices
 from mrbt_mesh.core.residual import Residual
+from mrbt_mesh.core.ties import break_ties
 
 # Share of the (robot, demand) pairs from which a matrix is the faster way to store them.
 DENSE = 0.25
-# Between the ranks of neighbours. When there is no more room, all are ranked again.
-GAP = 1 << 4
 
 
 class Optimum:
@@ -33,10 +32,8 @@ class Optimum:
     `pairs`: of a robot and a demand that it can do, at the beginning.
     """
 
-    def __init__(
-        self, team: Team, assigned: Mapping[str, str], prices: Mapping[str, int] | None = None
-    ) -> None:
-        """`prices` by demand, where known. Raises SolverError if `assigned` is not canonical."""
+    def __init__(self, team: Team, assigned: Mapping[str, str]) -> None:
+        """Raises SolverError if `assigned` is not canonical."""
         demands = team.demands
         self.assigned = dict(assigned)
         self._numbers = {robot: number for number, robot in enumerate(team.robots)}
@@ -52,17 +49,16 @@ class Optimum:
         self._residual = Residual(
             options=self._options(demands),
             place=place,
-            shift=[0] * len(place),
             members=members,
             lower=[0, 0, *(demand.lower for demand in demands)],
             upper=[0, 0, *(demand.upper for demand in demands)],
             required=[0, 0, *map(len, members[ENTRY + 1 :])],
-            rank=[0] * len(self._ids),
-            tie=[0] * len(self._ids),
         )
-        self._count(list(self._nodes), self._names)
-        known = None if prices is None else [0, 0, *(prices[demand.id] for demand in demands)]
-        set_prices(self._residual, known)
+        self._positions = {demand.id: position for position, demand in enumerate(demands)}
+        set_prices(self._residual)
+        self._break_ties()
+        if self._residual.moved:
+            raise SolverError("the optimum is not the canonical one")
 
     def _options(self, demands: Sequence[Offered]) -> Options:
         columns = [self._column(demand.candidates) for demand in demands]
@@ -81,104 +77,44 @@ class Optimum:
         numbers = self._numbers
         return {numbers[robot]: p for robot, p in candidates.items() if robot in numbers}
 
-    # -- the canonical order --------------------------------------------------------------------
-
-    def _count(self, order: Sequence[str], robots: Sequence[str]) -> None:
-        """Ranks and weights with room for more; both may have those that are yet to come."""
-        residual = self._residual
-        self._ranks = {name: GAP * (place + 1) for place, name in enumerate(order)}
-        residual.rank[IDLE] = 2 * GAP * (len(order) + 1)
-        for name, node in self._nodes.items():
-            residual.rank[node] = self._ranks[name]
-        self._digit = residual.rank[IDLE].bit_length() + 1
-        self._known = sorted(robots)
-        spare = len(robots) // 8 + 8
-        self._shifts = {
-            robot: self._digit * (spare + place) for place, robot in enumerate(self._known[::-1])
-        }
-        for robot, number in self._numbers.items():
-            residual.shift[number] = self._shifts[robot]
-
-    def _make_room(self, changes: Changes) -> None:
-        """Ranks and weights for what is new; if there is no room, all are counted again."""
-        robots = [robot for robot in changes.new_robots if robot not in self._shifts]
-        if not (self._rank(changes) and all(map(self._weigh, robots))):
-            order = changes.order or sorted(self._nodes, key=self._ranks.__getitem__)
-            self._count(order, [*self._numbers, *changes.new_robots])
-            prices = [self._residual.options.price(node) for node in range(len(self._ids))]
-            set_prices(self._residual, prices)
-
-    def _weigh(self, robot: str) -> bool:
-        """A robot never seen before has room after all others and before them, only."""
-        place = bisect_left(self._known, robot)
-        if place == 0:
-            shift = self._shifts[self._known[0]] + self._digit if self._known else 0
-        elif place == len(self._known):
-            shift = self._shifts[self._known[-1]] - self._digit
-        else:
-            return False
-        insort(self._known, robot)
-        self._shifts[robot] = shift
-        return shift >= 0
-
-    def _rank(self, changes: Changes) -> bool:
-        """Ranks between those of the neighbours; at the end, as far apart as at first."""
-        for demand in changes.gone_demands:
-            del self._ranks[demand]
-        last, waiting = 0, list[str]()
-        for name in changes.order:
-            if name not in self._ranks:
-                waiting.append(name)
-                continue
-            if not self._spread(waiting, last, self._ranks[name]):
-                return False
-            last, waiting = self._ranks[name], []
-        end = min(self._residual.rank[IDLE], last + GAP * (len(waiting) + 1))
-        return self._spread(waiting, last, end)
-
-    def _spread(self, names: Sequence[str], low: int, high: int) -> bool:
-        if high - low <= len(names):
-            return False
-        for place, name in enumerate(names, start=1):
-            self._ranks[name] = low + (high - low) * place // (len(names) + 1)
-        return True
-
     # -- changes --------------------------------------------------------------------------------
 
     def apply(self, changes: Changes, visits: int = UNREACHED) -> None:
-        """First all that allows more, then all that allows less: so every problem on the way has
-        a solution if the last one has.
-
-        Raises InfeasibleError, and TooFarError if that would take more visits to nodes; then this
-        object is of no more use.
+        """Raises InfeasibleError, and TooFarError if that would take more visits to nodes; then
+        this object is of no more use.
         """
         residual = self._residual
         residual.visits, residual.most_visits = 0, visits
+        if changes.order:
+            self._positions = {demand: place for place, demand in enumerate(changes.order)}
         for demand in changes.gone_demands:
             self._drop_demand(demand)
-        self._make_room(changes)
+        for robot in changes.gone_robots:
+            self.assigned.pop(robot, None)
+            self._leave(self._numbers.pop(robot))
+        for robot, cells in changes.cells.items():
+            self._change_row(robot, cells)
         for demand, (lower, upper) in changes.bounds.items():
             residual.widen(self._nodes[demand], lower, upper)
         for offered in changes.new_demands:
             self._add_demand(offered)
         for robot, row in changes.new_robots.items():
             self._add_robot(robot, row)
-        leaving = [
-            number
-            for robot, cells in changes.cells.items()
-            for number in self._change_row(robot, cells)
-        ]
-        for offered in changes.new_demands:
-            residual.narrow(self._nodes[offered.id], offered.lower, offered.upper)
         for demand, (lower, upper) in changes.bounds.items():
             residual.narrow(self._nodes[demand], lower, upper)
-        leaving += [self._numbers.pop(robot) for robot in changes.gone_robots]
-        for number in leaving:
-            residual.leave(number)
-            self._free_numbers.append(number)
-        for robot in changes.gone_robots:
-            self.assigned.pop(robot, None)
+        residual.settle()
+        for offered in changes.new_demands:
+            residual.widen(self._nodes[offered.id], offered.lower, offered.upper)
+        self._break_ties()
         self._note()
+
+    def _break_ties(self) -> None:
+        positions, ids = self._positions, self._ids
+        break_ties(
+            self._residual,
+            self._names,
+            lambda node: len(positions) if node == IDLE else positions[ids[node]],
+        )
 
     def _note(self) -> None:
         """Bring `assigned` up to date."""
@@ -205,15 +141,12 @@ class Optimum:
             node = len(self._ids)
             self._ids.append("")
             residual.members.append({})
-            for numbers in (residual.lower, residual.upper, residual.required, residual.tie):
+            for numbers in (residual.lower, residual.upper, residual.required):
                 numbers.append(0)
-            residual.rank.append(0)
         self._ids[node] = offered.id
         self._nodes[offered.id] = node
-        residual.rank[node] = self._ranks[offered.id]
         residual.options.set_column(node, self._column(offered.candidates))
-        residual.open(node)
-        residual.widen(node, 0, offered.upper)
+        residual.open(node, offered.lower)
 
     def _add_robot(self, robot: str, row: Mapping[str, int]) -> None:
         nodes = self._nodes
@@ -228,15 +161,13 @@ class Optimum:
             number = len(self._names)
             self._names.append("")
             residual.place.append(IDLE)
-            residual.shift.append(0)
         self._names[number] = robot
         self._numbers[robot] = number
-        residual.shift[number] = self._shifts[robot]
         residual.options.set_robot(number, row)
         return number
 
-    def _change_row(self, robot: str, cells: Mapping[str, int | None]) -> list[int]:
-        """The robot by a new number, with the new row. Returns the old one if it is to leave."""
+    def _change_row(self, robot: str, cells: Mapping[str, int | None]) -> None:
+        """The robot by a new number, with the new row."""
         residual, old = self._residual, self._numbers[robot]
         row = residual.options.row(old)
         for demand, performance in cells.items():
@@ -247,6 +178,10 @@ class Optimum:
         number = self._new_number(robot, row)
         if residual.replace(old, number):
             self._free_numbers.append(old)
-            return []
-        residual.enter(number)
-        return [old]
+        else:
+            residual.enter(number)
+            self._leave(old)
+
+    def _leave(self, number: int) -> None:
+        self._residual.leave(number)
+        self._free_numbers.append(number)

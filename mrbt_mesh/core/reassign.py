@@ -18,12 +18,12 @@ from mrbt_mesh.core.residual import InfeasibleError, TooFarError
 FromScratch: TypeAlias = Callable[[Team], dict[str, str] | None]
 
 # Teams from which on a change is faster than solving again: benchmarks/incremental.py.
-SMALLEST_TEAM = 100
+SMALLEST_TEAM = 50
 # So many robots per change: with more changes at once, solving again is faster.
 ROBOTS_PER_CHANGE = 25
 # Visits of nodes in one update that cost less than solving again: so many robots per visit, or so
 # many pairs of a robot and a demand that it can do, whichever allows more.
-ROBOTS_PER_VISIT, PAIRS_PER_VISIT = 3, 400
+ROBOTS_PER_VISIT, PAIRS_PER_VISIT = 1, 100
 # Small changes that are solved from scratch after an update that turned out to reach too far: this
 # many, then twice as many and so on.
 FIRST_PAUSE, LONGEST_PAUSE = 3, 63
