@@ -235,6 +235,8 @@ class ConsistencyKeeper:
 
 def _might_preempt(facts: TeamFacts, standing: Standing) -> bool:
     """Whether a request that is not kept may take robots from others further right."""
+    if not facts.mission.has_preemptive:
+        return False
     tasks = facts.mission.global_tasks
     last = max((row.index for row in standing.pins.values()), default=-1)
     return any(

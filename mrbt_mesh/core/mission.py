@@ -260,6 +260,11 @@ class Mission:
         """Whether any performance is known only to the robots."""
         return any(need.by_bid for task in self.global_tasks.values() for need in task.needs)
 
+    @cached_property
+    def has_preemptive(self) -> bool:
+        """Whether any task may take running robots from tasks further right."""
+        return any(task.preemptive for task in self.global_tasks.values())
+
     def condition_default(self, ground: str) -> bool:
         """What `ground` reads as while nobody has set it; False if it is not declared."""
         declared = self.conditions.get(type_name(ground))
