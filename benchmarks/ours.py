@@ -6,27 +6,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.instances import Instance
-from mrbt_mesh.core.assignment import AssignmentProblem, Bounds
+from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, Bounds
 from mrbt_mesh.core.canonical import solve
+from mrbt_mesh.core.offers import Offered, Team
+from mrbt_mesh.core.scratch import FEW, of_few
 from mrbt_mesh.core.solvers import default_solver
 
 
-def prepare(instance: Instance) -> AssignmentProblem:
-    """The problem as the planner hands it over; not a part of what is timed."""
+def prepare(instance: Instance) -> AssignmentProblem | Team:
+    """The problem in the form in which the planner has it; not a part of what is timed."""
     robots = tuple(f"R{robot:05}" for robot in range(instance.robots))
-    demands = tuple(
-        Bounds(f"D{index:05}", lower, upper)
-        for index, (lower, upper) in enumerate(
-            zip(instance.lower.tolist(), instance.upper.tolist(), strict=True)
-        )
-    )
-    pairs = (instance.robot, instance.demand, instance.performance)
-    return AssignmentProblem(robots, demands, *pairs)
+    names = [f"D{index:05}" for index in range(instance.demands)]
+    bounds = list(zip(names, instance.lower.tolist(), instance.upper.tolist(), strict=True))
+    columns = (instance.robot, instance.demand, instance.performance)
+    if len(robots) * len(names) > FEW:
+        return AssignmentProblem(robots, tuple(Bounds(*each) for each in bounds), *columns)
+    candidates: list[dict[str, int]] = [{} for _ in names]
+    for robot, demand, performance in zip(*(each.tolist() for each in columns), strict=True):
+        candidates[demand][robots[robot]] = performance
+    offered = (Offered(*each, some) for each, some in zip(bounds, candidates, strict=True))
+    return Team(robots, tuple(offered))
 
 
-def answer(problem: AssignmentProblem) -> NDArray[np.int64]:
+def answer(problem: AssignmentProblem | Team) -> NDArray[np.int64]:
     """The exact and canonical optimum: a demand, or -1, per robot."""
-    found = solve(problem, default_solver)
-    if found is None:
-        raise ValueError("infeasible")
-    return np.array(found, dtype=np.int64)
+    if isinstance(problem, Team):
+        found = of_few(problem)
+        if found is not None:
+            number = {demand.id: index for index, demand in enumerate(problem.demands)}
+            number[""] = UNASSIGNED
+            return np.array([number[found.get(robot, "")] for robot in problem.robots])
+    elif (choice := solve(problem, default_solver)) is not None:
+        return np.array(choice, dtype=np.int64)
+    raise ValueError("infeasible")
