@@ -183,6 +183,8 @@ class Robot:
 
     async def _make_plan(self, number: int) -> None:
         plan = await anyio.to_thread.run_sync(self.agent.planner.compute)
+        if number == 1:
+            gc.freeze()
         self._step(fx.PlanMade(number, plan))
 
     async def _be_late(self) -> None:

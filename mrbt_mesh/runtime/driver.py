@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import json
 import os
 import signal
@@ -251,6 +252,8 @@ class Driver:
             if planner.is_busy and planner.number == number:
                 raise
         else:
+            if number == 1:
+                gc.freeze()  # as at the start: now the facts of the team are there too
             self.submit(PlanMade(number, plan))
 
     def _persist(self, entries: tuple[Entry, ...], synced: bool) -> None:
