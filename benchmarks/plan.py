@@ -12,6 +12,7 @@ from typing import Any
 from benchmarks.large import LargeTeam, large_mission
 from benchmarks.registry import Benchmark, Result, Setting, Table
 from benchmarks.run import REPAIR
+from mrbt_mesh.core import records
 from mrbt_mesh.core.facts import Incarnation
 from mrbt_mesh.core.mission import Mission
 from mrbt_mesh.core.plan import Plan
@@ -67,6 +68,13 @@ class Story:
         self.plan = self.team.plan()
         self.team.start(self.plan)
         self.plan = self.team.plan()
+        while self.plan.lines and not any(line.pinned for line in self.plan.lines.values()):
+            # All of it are tasks by coalitions, which are passed over.
+            line = next(iter(self.plan.lines.values()))
+            self.team.write(line.robot, (f"{records.DONE}/{line.activation}", True))
+            self.plan = self.team.plan()
+            self.team.start(self.plan)
+            self.plan = self.team.plan()
 
     def _busy(self) -> str:
         return self._pick.choice(sorted(r for r, x in self.plan.lines.items() if x.pinned))
@@ -119,7 +127,8 @@ def run(setting: Setting) -> Result:
             "Medians, of pruning, evaluating, checking consistency, assigning and explaining. All "
             "robots are at work. Jobs have local tasks of their own that 10 robots can do. An "
             "outcome is that of one robot, a condition turns for one job, and a claim is of one "
-            "robot that goes on. Every plan was compared with the one from scratch, byte for byte."
+            "robot that goes on; tasks by coalitions, of the repair, are passed over. Every plan "
+            "was compared with the one from scratch, byte for byte."
         ],
     )
 
