@@ -10,11 +10,11 @@ from dataclasses import replace
 from typing import Any
 
 from benchmarks.registry import Benchmark, Result, Setting, Table
-from mrbt_mesh.core.capable import Capable
-from mrbt_mesh.core.consistency import Consistency, ConsistencyKeeper, kept_requests, shortages
-from mrbt_mesh.core.demand import Demand
-from mrbt_mesh.core.evaluate import Request
-from tests.core import plain_consistency
+from mrbt_mesh.core.bt.evaluation import Request
+from mrbt_mesh.core.incremental.consistency.keeper import ConsistencyKeeper
+from mrbt_mesh.core.planning.capabilities import Capabilities, Worker
+from mrbt_mesh.core.planning.consistency import Consistency, kept_requests, shortages
+from mrbt_mesh.core.planning.demands import Demand
 from tests.core.consistency_stories import WORKER, facts
 
 NOTE = (
@@ -22,13 +22,15 @@ NOTE = (
     "the requests can be kept. Sparse: 10 capable robots per request; dense: all. "
     "With pins, half of the seated robots run what they sit for. Each event is "
     "answered by all that are compared, one after the other; only the answers are "
-    "timed. The plain definition (tests/core/plain_consistency.py) takes seconds at "
+    "timed. The definition (core/planning/consistency.py) takes seconds at "
     "1000 robots, so it answers few of the events there."
 )
 
 SIZES = (6, 50, 200, 1_000)
 EVENTS = ("death", "return", "outcome", "request gone", "new request", "claim")
 Answer = tuple[list[int], dict[str, int]]
+Groups = list[list[Demand]]
+Team = dict[str, Worker]
 
 
 class Case:
@@ -63,7 +65,7 @@ class Case:
         pinned = {r: i for i, (demand,) in enumerate(self.groups) for r in demand.pinned}
         for index, group in enumerate(self.groups):
             check.keep(index, group, pinned)
-        return check.seated
+        return check.matched
 
     def _claim(self, robot: str, index: int) -> None:
         (demand,) = self.groups[index]
@@ -77,7 +79,7 @@ class Case:
         """One event of EVENTS."""
         draw = self._random
         self.groups = list(self.groups)
-        kept, _ = kept_requests(FACTS, self.groups, self.team)
+        kept, _ = by_definition(self.groups, self.team)
         if event == "death":
             self._die(draw.choice(list(self.team)))
         elif event == "return":
@@ -148,20 +150,19 @@ def measure(size: int, dense: bool, pins: bool, events: int, plain: int) -> dict
         case.happen(event)
         groups, team = case.groups, case.team
         found, kept_up_ms = timed(keeper.kept_requests, FACTS, groups, team)
-        again, scratch_ms = timed(kept_requests, FACTS, groups, team)
+        again, scratch_ms = timed(ConsistencyKeeper().kept_requests, FACTS, groups, team)
         assert found == again, f"{size} robots, event {number}: {event}"
         kept_up[event].append(kept_up_ms)
         scratch.append(scratch_ms)
         kept = set(found[0])
         waiting = [group for index, group in enumerate(groups) if index not in kept]
-        capable = Capable()
-        capable.team = team
+        capabilities = Capabilities(dict(team))
         start = time.thread_time()
         for group in waiting:
-            shortages(FACTS, group, capable)
+            shortages(FACTS, group, capabilities)
         short.append((time.thread_time() - start) * 1e3)
         if number < plain:
-            defined, plain_ms = timed(plain_consistency.kept_requests, FACTS, groups, team)
+            defined, plain_ms = timed(by_definition, groups, team)
             assert found == defined, f"{size} robots, event {number}: {event}"
             plainly.append(plain_ms)
     every = [ms for each in kept_up.values() for ms in each]
@@ -181,6 +182,10 @@ def measure(size: int, dense: bool, pins: bool, events: int, plain: int) -> dict
         "definition_over_scratch": medians["definition_ms"] / medians["scratch_ms"],
         "events_ms": {event: statistics.median(ms) for event, ms in kept_up.items()},
     }
+
+
+def by_definition(groups: Groups, team: Team) -> Answer:
+    return kept_requests(FACTS, groups, lambda: Consistency(team))
 
 
 def tables(rows: list[dict[str, Any]]) -> list[Table]:

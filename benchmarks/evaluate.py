@@ -18,13 +18,20 @@ from types import ModuleType
 from typing import Any
 
 from benchmarks.registry import Benchmark, Result, Setting, Table, need
-from mrbt_mesh.core.evaluate import Evaluator
-from mrbt_mesh.core.facts import Incarnation, Version, make_entry
-from mrbt_mesh.core.mission import ConditionType, GlobalTask, LocalTask, Mission, Need, Robot
-from mrbt_mesh.core.records import ConditionValue, Member
-from mrbt_mesh.core.reevaluate import Reevaluator
-from mrbt_mesh.core.team import TeamFacts
-from mrbt_mesh.core.tree import Kind, NodeSpec, Status, Tree, build_tree
+from mrbt_mesh.core.bt.evaluator import Evaluator
+from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, Tree, build_tree
+from mrbt_mesh.core.facts.records import ConditionValue, Member
+from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.incremental.evaluation.evaluator import IncrementalEvaluator
+from mrbt_mesh.core.mission.mission import (
+    ConditionType,
+    GlobalTask,
+    LocalTask,
+    Mission,
+    Need,
+    Robot,
+)
 
 SIZES = (30, 1_000, 10_000)
 CHANGES = (0, 1, 100)
@@ -233,7 +240,7 @@ class Case:
         requests = self.scratch.evaluate(self.team.facts).requests
         for request in requests[1::3]:
             self.team.succeed(request.activation)
-        self.again = Reevaluator(self._tree, self.team.facts)
+        self.again = IncrementalEvaluator(self._tree, self.team.facts)
         self.py_tree = PyTree(self._py_trees, self.team)
         # Where the action below has ended, flipping there and back has it asked for anew.
         units = [n for n in self.py_tree.leaves if n.startswith("done") and n.endswith("_0")]
@@ -330,7 +337,7 @@ def worst(py_trees: ModuleType, size: int, repeat: int) -> dict[str, Any]:
 def pruning(size: int, entries: int, repeat: int) -> dict[str, Any]:
     """What pruning costs with so many outcomes at hand, after one fact of each kind."""
     team = Team(build_tree(flat(size)))
-    evaluator = Reevaluator(team.tree, team.facts)
+    evaluator = IncrementalEvaluator(team.tree, team.facts)
     requests = evaluator.evaluate(team.facts).requests
     for request in requests[:entries]:
         team.succeed(request.activation)

@@ -11,10 +11,10 @@ from functools import partial
 from typing import Any
 
 from benchmarks.registry import Benchmark, Result, Setting, Table
-from mrbt_mesh.core.offers import Offered, Team
-from mrbt_mesh.core.reassign import Reassigner
-from mrbt_mesh.core.scratch import optimum
-from mrbt_mesh.core.solvers import default_solver
+from mrbt_mesh.core.assignment.named import NamedDemand, NamedProblem
+from mrbt_mesh.core.assignment.solve import optimum
+from mrbt_mesh.core.assignment.solvers import default_solver
+from mrbt_mesh.core.incremental.assignment.reassign import Reassigner
 
 NOTE = (
     "Demands are offered, each for 1..3 robots up to 5, and kept in order while "
@@ -42,24 +42,24 @@ class World:
     dense: bool
     most: int
     robots: list[str] = field(default_factory=list)
-    offered: list[Offered] = field(default_factory=list)
+    offered: list[NamedDemand] = field(default_factory=list)
     count: int = 0
 
-    def offer(self) -> Offered:
+    def offer(self) -> NamedDemand:
         self.count += 1
         rng = self.random
         lower = rng.randint(1, 3)
         able = self.names if self.dense else rng.sample(self.names, min(CAPABLE, len(self.names)))
         candidates = {robot: rng.randint(1, self.most) * MICRO for robot in able}
-        return Offered(f"d{self.count}", lower, rng.randint(lower, 5), candidates)
+        return NamedDemand(f"d{self.count}", lower, rng.randint(lower, 5), candidates)
 
-    def team(self) -> Team:
+    def team(self) -> NamedProblem:
         """With the demands that are kept."""
         alive, places = set(self.robots), Places()
         kept = [demand for demand in self.offered if places.keep(demand, alive, self.dense)]
-        return Team(tuple(self.robots), tuple(kept))
+        return NamedProblem(tuple(self.robots), tuple(kept))
 
-    def happen(self, event: str, team: Team) -> None:
+    def happen(self, event: str, team: NamedProblem) -> None:
         rng = self.random
         if event == "death":
             self.robots.remove(rng.choice(self.robots))
@@ -89,7 +89,7 @@ class Places:
         self.able: dict[str, list[str]] = {}
         self.total = 0
 
-    def keep(self, demand: Offered, alive: set[str], dense: bool) -> bool:
+    def keep(self, demand: NamedDemand, alive: set[str], dense: bool) -> bool:
         if dense:
             fits = self.total + demand.lower <= len(alive)
             self.total += demand.lower * fits
@@ -165,7 +165,7 @@ class Case:
                 return
 
 
-def scratch(team: Team) -> dict[str, str] | None:
+def scratch(team: NamedProblem) -> dict[str, str] | None:
     return optimum(team, default_solver)
 
 

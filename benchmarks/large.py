@@ -10,17 +10,27 @@ from __future__ import annotations
 import random
 from typing import Any
 
-from mrbt_mesh.core import records
-from mrbt_mesh.core.evaluate import Evaluator, parse_scope
-from mrbt_mesh.core.facts import Incarnation, Version, make_entry
-from mrbt_mesh.core.mission import MICRO, ConditionType, GlobalTask, LocalTask, Mission, Need, Robot
-from mrbt_mesh.core.plan import Line, Plan
-from mrbt_mesh.core.planning import PlanMaker, make_plan
-from mrbt_mesh.core.records import Claim, Member, Phase
-from mrbt_mesh.core.reevaluate import Reevaluator
-from mrbt_mesh.core.solvers import default_solver
-from mrbt_mesh.core.team import TeamFacts
-from mrbt_mesh.core.tree import Kind, NodeSpec, build_tree
+from mrbt_mesh.core.assignment.solvers import default_solver
+from mrbt_mesh.core.bt.activation import parse_scope
+from mrbt_mesh.core.bt.tree import Kind, NodeSpec, build_tree
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.records import Claim, Member, Phase
+from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.incremental.evaluation.compiled_evaluator import CompiledEvaluator
+from mrbt_mesh.core.incremental.evaluation.evaluator import IncrementalEvaluator
+from mrbt_mesh.core.incremental.planning.steps import IncrementalSteps
+from mrbt_mesh.core.mission.mission import (
+    MICRO,
+    ConditionType,
+    GlobalTask,
+    LocalTask,
+    Mission,
+    Need,
+    Robot,
+)
+from mrbt_mesh.core.planning.make_plan import make_plan
+from mrbt_mesh.core.planning.plan import Line, Plan
 
 NODES_PER_JOB = 10
 RUN = "benchmark"
@@ -71,9 +81,9 @@ class LargeTeam:
     def __init__(self, mission: Mission) -> None:
         self.mission = mission
         self.facts = TeamFacts(mission, RUN)
-        self.evaluator = Reevaluator(mission.tree, self.facts)
+        self.evaluator = IncrementalEvaluator(mission.tree, self.facts)
         self.alive = dict.fromkeys(mission.robots, Incarnation(1, "n"))
-        self._maker = PlanMaker(self.evaluator, default_solver)
+        self._steps = IncrementalSteps(self.evaluator, default_solver)
         self._sequence = 0
         for robot in mission.robots.values():
             member = Member("T", robot.capabilities, (), False, "", "", 0)
@@ -88,11 +98,12 @@ class LargeTeam:
     def plan(self) -> Plan:
         """The next plan."""
         self.facts.prune(self.evaluator)
-        return self._maker.plan(self.facts, self.alive)
+        return make_plan(self.mission, self.facts, self.alive, self._steps)
 
     def plan_anew(self) -> Plan:
         """The same plan from scratch."""
-        return make_plan(Evaluator(self.mission.tree), self.facts, self.alive, default_solver)
+        steps = IncrementalSteps(CompiledEvaluator(self.mission.tree), default_solver)
+        return make_plan(self.mission, self.facts, self.alive, steps)
 
     def start(self, plan: Plan) -> None:
         """Every robot begins what the plan has for it."""

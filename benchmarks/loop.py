@@ -22,21 +22,29 @@ from anyio.abc import TaskGroup
 
 from benchmarks.large import RUN, large_mission
 from benchmarks.registry import Benchmark, Result, Setting, Table
-from mrbt_mesh.core import effects as fx
-from mrbt_mesh.core import records
-from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.agent_config import AgentConfig
-from mrbt_mesh.core.evaluate import parse_scope
-from mrbt_mesh.core.facts import Incarnation, Version, make_entry
-from mrbt_mesh.core.functions import write_beat
-from mrbt_mesh.core.mission import Mission
-from mrbt_mesh.core.plan import Line, Plan
-from mrbt_mesh.core.records import Claim, Member, Phase
-from mrbt_mesh.core.replica import Replica
-from mrbt_mesh.core.solvers import default_solver
-from mrbt_mesh.core.team import TeamFacts
-from mrbt_mesh.core.timing import Timing
-from mrbt_mesh.core.wire import Beat, Header, MessageKind, Word, encode, entries_body
+from mrbt_mesh.core.agent import effects as fx
+from mrbt_mesh.core.agent import inputs
+from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.agent.config import AgentConfig
+from mrbt_mesh.core.assignment.solvers import default_solver
+from mrbt_mesh.core.bt.activation import parse_scope
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.records import Claim, Member, Phase
+from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.membership.anti_entropy import Replica
+from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.membership.wire import (
+    Beat,
+    Header,
+    MessageKind,
+    Word,
+    encode,
+    entries_body,
+    write_beat,
+)
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.planning.plan import Line, Plan
 from mrbt_mesh.runtime.solver_process import SolverProcess
 
 SIZES = ((200, 1_000), (1_000, 10_000))
@@ -58,7 +66,7 @@ class Others:
     def _header(self, robot: str) -> Header:
         return Header(self.mission.digest[:16], self.mission.name, RUN, robot)
 
-    def facts(self, robot: str, *values: tuple[str, Any]) -> fx.MessageReceived:
+    def facts(self, robot: str, *values: tuple[str, Any]) -> inputs.MessageReceived:
         """One batch of a robot's facts."""
         self._sequence += 1
         version = Version(Incarnation(self.lives[robot], "n"), self._sequence)
@@ -66,43 +74,43 @@ class Others:
         self.replica.facts.map.merge(entries)
         body = entries_body(entries)
         data = encode(self._header(robot), MessageKind.FACT, body)
-        return fx.MessageReceived(MessageKind.FACT, robot, data)
+        return inputs.MessageReceived(MessageKind.FACT, robot, data)
 
-    def member(self, robot: str) -> fx.MessageReceived:
+    def member(self, robot: str) -> inputs.MessageReceived:
         """A robot says who it is, and that it has nothing to do."""
         member = Member("T", self.mission.robots[robot].capabilities, (), False, "", "", 0)
         return self.facts(robot, (records.MEMBER, member.to_value()), (records.CLAIM, None))
 
-    def beat(self, robot: str, leaving: bool = False) -> fx.MessageReceived:
+    def beat(self, robot: str, leaving: bool = False) -> inputs.MessageReceived:
         self._sequence += 1
         life = Incarnation(self.lives[robot], "n")
         digest = self.replica.facts.map.digest()
         word = Word(life, self._sequence, bytes(8), True, 3)
         beat = Beat(word, leaving, digest, (3,) * 4, 0, (), {})
         data = write_beat(beat, self._header(robot))
-        return fx.MessageReceived(MessageKind.BEAT, robot, data)
+        return inputs.MessageReceived(MessageKind.BEAT, robot, data)
 
-    def begin(self, line: Line) -> fx.MessageReceived:
+    def begin(self, line: Line) -> inputs.MessageReceived:
         """A robot begins its line, or says so again."""
         task = parse_scope(line.activation).subject
         claim = Claim(line.activation, task, line.local_task, Phase.RUNNING, 1)
         return self.facts(line.robot, (records.CLAIM, claim.to_value()))
 
-    def finish(self, line: Line) -> fx.MessageReceived:
+    def finish(self, line: Line) -> inputs.MessageReceived:
         outcome = (f"{records.OUTCOME}/{line.activation}/{line.local_task}", [True, None])
         return self.facts(line.robot, outcome, (records.CLAIM, None))
 
-    def turn(self, name: str, robot: str) -> fx.MessageReceived:
+    def turn(self, name: str, robot: str) -> inputs.MessageReceived:
         """A robot sees a condition change."""
         facts = self.replica.facts
         row = [not facts.condition(name), facts.revision(name) + 1, facts.max_stamp + 1]
         return self.facts(robot, (f"{records.CONDITION}/{name}", row))
 
-    def state(self) -> Iterator[fx.AnswerReceived]:
+    def state(self) -> Iterator[inputs.AnswerReceived]:
         """The answer to somebody who knows nothing, page by page."""
         asker = Replica(TeamFacts(self.mission, RUN), self._header("asker"), Timing(), "n")
         for page in self.replica.answer(asker.pull()):
-            yield fx.AnswerReceived("R0001", page)
+            yield inputs.AnswerReceived("R0001", page)
 
 
 @dataclass
@@ -147,15 +155,15 @@ class Robot:
         assert self.agent.plan is not None
         return self.agent.plan
 
-    async def take(self, *inputs: fx.Input) -> None:
+    async def take(self, *events: inputs.Input) -> None:
         """Take in what has come, and plan until nothing follows."""
-        for each in inputs:
+        for each in events:
             self._step(each)
             await anyio.lowlevel.checkpoint()
         agent = self.agent
         while self._is_behind():
             if not agent.planner.is_busy:
-                self._step(fx.TimerFired())
+                self._step(inputs.TimerFired())
             await anyio.sleep(STEP_S)
 
     def _is_behind(self) -> bool:
@@ -165,7 +173,7 @@ class Robot:
             return agent.planner.is_busy or agent.meanwhile.waits
         return not agent.planner.is_current(agent.membership.changes)
 
-    async def event(self, *inputs: fx.Input) -> None:
+    async def event(self, *inputs: inputs.Input) -> None:
         """The same, as an event to be measured."""
         await anyio.sleep(2 * STEP_S)
         self._late_ms = 0.0
@@ -173,7 +181,7 @@ class Robot:
         await anyio.sleep(2 * STEP_S)
         self.lags.lags_ms.append(self._late_ms)
 
-    def _step(self, event: fx.Input) -> None:
+    def _step(self, event: inputs.Input) -> None:
         started_s = time.perf_counter()
         effects = self.agent.handle(event, self._now_us)
         self.lags.steps_ms.append((time.perf_counter() - started_s) * 1e3)
@@ -185,7 +193,7 @@ class Robot:
         plan = await anyio.to_thread.run_sync(self.agent.planner.compute)
         if number == 1:
             gc.freeze()
-        self._step(fx.PlanMade(number, plan))
+        self._step(inputs.PlanMade(number, plan))
 
     async def _be_late(self) -> None:
         while True:

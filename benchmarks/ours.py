@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.instances import Instance
-from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, Bounds
-from mrbt_mesh.core.canonical import solve
-from mrbt_mesh.core.offers import Offered, Team
-from mrbt_mesh.core.scratch import FEW, of_few
-from mrbt_mesh.core.solvers import default_solver
+from mrbt_mesh.core.assignment.canonical import solve
+from mrbt_mesh.core.assignment.named import NamedDemand, NamedProblem
+from mrbt_mesh.core.assignment.problem import UNASSIGNED, AssignmentProblem, Bounds
+from mrbt_mesh.core.assignment.solve import FEW, of_few
+from mrbt_mesh.core.assignment.solvers import default_solver
 
 
-def prepare(instance: Instance) -> AssignmentProblem | Team:
+def prepare(instance: Instance) -> AssignmentProblem | NamedProblem:
     """The problem in the form in which the planner has it; not a part of what is timed."""
     robots = tuple(f"R{robot:05}" for robot in range(instance.robots))
     names = [f"D{index:05}" for index in range(instance.demands)]
@@ -24,13 +24,13 @@ def prepare(instance: Instance) -> AssignmentProblem | Team:
     candidates: list[dict[str, int]] = [{} for _ in names]
     for robot, demand, performance in zip(*(each.tolist() for each in columns), strict=True):
         candidates[demand][robots[robot]] = performance
-    offered = (Offered(*each, some) for each, some in zip(bounds, candidates, strict=True))
-    return Team(robots, tuple(offered))
+    offered = (NamedDemand(*each, some) for each, some in zip(bounds, candidates, strict=True))
+    return NamedProblem(robots, tuple(offered))
 
 
-def answer(problem: AssignmentProblem | Team) -> NDArray[np.int64]:
+def answer(problem: AssignmentProblem | NamedProblem) -> NDArray[np.int64]:
     """The exact and canonical optimum: a demand, or -1, per robot."""
-    if isinstance(problem, Team):
+    if isinstance(problem, NamedProblem):
         found = of_few(problem)
         if found is not None:
             number = {demand.id: index for index, demand in enumerate(problem.demands)}

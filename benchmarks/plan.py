@@ -1,4 +1,4 @@
-"""The whole plan after one event: the next one of a PlanMaker against one from scratch."""
+"""The whole plan after one event: made incrementally against one from scratch."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from typing import Any
 from benchmarks.large import LargeTeam, large_mission
 from benchmarks.registry import Benchmark, Result, Setting, Table
 from benchmarks.run import REPAIR
-from mrbt_mesh.core import records
-from mrbt_mesh.core.facts import Incarnation
-from mrbt_mesh.core.mission import Mission
-from mrbt_mesh.core.plan import Plan
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.formats.mission_file import load_mission
 
 # Robots and nodes; 0: the vehicle repair.

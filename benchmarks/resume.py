@@ -31,7 +31,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.run import REPAIR, Run, machine, say
-from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.drills.inject import Deeds, Snapshot
 from mrbt_mesh.drills.journals import read
 from mrbt_mesh.drills.judge import losses, repeats, unjournaled

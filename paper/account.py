@@ -6,8 +6,8 @@ import functools
 from dataclasses import dataclass
 from pathlib import Path
 
-from mrbt_mesh.core.mission import Mission
-from mrbt_mesh.core.record import RunRecord
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.drills.physical import Span, of, spans
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program

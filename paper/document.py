@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from pathlib import Path
 
-from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.core.mission.mission import Mission
 from paper.account import SEED, Account, AccountError, tell
 from paper.caption import all_of, caption, seconds
 from paper.picture import draw

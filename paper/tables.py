@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from itertools import groupby
 
-from mrbt_mesh.core.mission import MICRO, Mission, split_call, type_name
-from mrbt_mesh.core.tree import Kind, NodeSpec, build_tree
+from mrbt_mesh.core.bt.tree import Kind, NodeSpec, build_tree
+from mrbt_mesh.core.mission.mission import MICRO, Mission, split_call, type_name
 
 MINUS_INFINITY = "−∞"
 

@@ -14,7 +14,7 @@ from itertools import combinations
 from mrbt_mesh.analysis.readings import serial
 from mrbt_mesh.analysis.service import Fault, Team, capability_faults, robot_faults
 from mrbt_mesh.analysis.tolerance import tolerance
-from mrbt_mesh.core.mission import Mission, performance, type_name
+from mrbt_mesh.core.mission.mission import Mission, performance, type_name
 
 LIMIT_S = 60.0
 

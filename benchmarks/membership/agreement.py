@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import random
 
+from benchmarks.membership.mesh import Mesh, Node
 from benchmarks.membership.networks import SECOND_US, WARM_UP_US, Net, mission
-from mrbt_mesh.core.effects import ActionFinished, CapabilityChanged
-from mrbt_mesh.core.membership import State
-from mrbt_mesh.sim.mesh import Mesh, Node
+from mrbt_mesh.core.agent.inputs import ActionFinished, CapabilityChanged
+from mrbt_mesh.core.membership.membership import State
 
 GIVE_UP_US = 10 * SECOND_US
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import random
 from dataclasses import dataclass, field
 
+from benchmarks.membership.mesh import Mesh, Node
 from benchmarks.membership.networks import SECOND_US, TIMING, WARM_UP_US, Net, mission, name
-from mrbt_mesh.core.membership import State
-from mrbt_mesh.sim.mesh import Mesh, Node
-from mrbt_mesh.sim.network import Link
+from mrbt_mesh.core.membership.membership import State
+from mrbt_mesh.sim.engine.network import Link
 
 
 @dataclass

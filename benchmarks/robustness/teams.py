@@ -12,8 +12,8 @@ from pathlib import Path
 import anyio
 
 from benchmarks.robustness.draws import ACTIONS, NAMES, ROOMS, Draw
-from mrbt_mesh.core.mission import MICRO, Assignment, Mission, Robot
-from mrbt_mesh.core.tree import Kind, NodeSpec, Status, build_tree
+from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, build_tree
+from mrbt_mesh.core.mission.mission import MICRO, Assignment, Mission, Robot
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext
 from mrbt_mesh.sim import Block, Fault, KillAfter, SimulationResult, simulate

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from mrbt_mesh.analysis.service import Capability, Fault, JointNeed, Service, Team, merged
-from mrbt_mesh.core.coalition import majority
+from mrbt_mesh.core.facts.coalitions import majority
 
 MAX_NEEDS = 8
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
-from mrbt_mesh.core.tree import Kind, Memory, NodeSpec
+from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec
 from mrbt_mesh.formats.declaration import Declaration
 
 # An action's name -> what it declares; an action that is not in it declares nothing.

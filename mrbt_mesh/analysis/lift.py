@@ -25,7 +25,7 @@ from mrbt_mesh.analysis.effects import (
     summary,
     without,
 )
-from mrbt_mesh.core.tree import Kind, Memory, NodeSpec
+from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec
 from mrbt_mesh.formats.declaration import Declaration
 
 

@@ -9,7 +9,7 @@ from mrbt_mesh.analysis.requirement import ALWAYS, Formulas, Requirement, every,
 from mrbt_mesh.analysis.service import Service, service
 from mrbt_mesh.analysis.tolerance import Reading
 from mrbt_mesh.analysis.width import StuckError, widths
-from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.core.mission.mission import Mission
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from mrbt_mesh.core.tree import Kind, Node, Tree
+from mrbt_mesh.core.bt.tree import Kind, Node, Tree
 
 # Formulas are numbered; equal ones have the same number.
 Formula: TypeAlias = int

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
 
-from mrbt_mesh.core.coalition import majority
-from mrbt_mesh.core.consistency import Consistency
-from mrbt_mesh.core.demand import Demand
-from mrbt_mesh.core.evaluate import Request
-from mrbt_mesh.core.mission import GlobalTask, Mission, type_name
+from mrbt_mesh.core.bt.evaluation import Request
+from mrbt_mesh.core.facts.coalitions import majority
+from mrbt_mesh.core.mission.mission import GlobalTask, Mission, type_name
+from mrbt_mesh.core.planning.consistency import Consistency
+from mrbt_mesh.core.planning.demands import Demand
 
 # One minor fault: a robot loses this entry of its capabilities.
 Capability: TypeAlias = tuple[str, str]
@@ -132,7 +132,7 @@ class Team:
         for index, need in enumerate(needs):
             if not together.keep(index, [self.demand(need)], {}):
                 return None
-        return together.seated
+        return together.matched
 
     def demand(self, need: JointNeed) -> Demand:
         """A need as the runtime's demand."""

@@ -14,7 +14,7 @@ from mrbt_mesh.analysis.breaking import fewest_to_break
 from mrbt_mesh.analysis.model import Answer, FaultModel, Literal, optimum
 from mrbt_mesh.analysis.requirement import Formula, Requirement
 from mrbt_mesh.analysis.service import Fault, Service, Team, merged
-from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.core.mission.mission import Mission
 
 # Called with what has been done so far, out of what there is to do.
 Progress = Callable[[int, int], None]

@@ -11,10 +11,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mrbt_mesh.analysis.service import Service, Team, service
-from mrbt_mesh.core.consistency import Consistency
-from mrbt_mesh.core.evaluate import Evaluator
-from mrbt_mesh.core.mission import Mission
-from mrbt_mesh.core.tree import Kind, Node, NodeSpec, Status, Tree, build_tree
+from mrbt_mesh.core.bt.evaluator import Evaluator
+from mrbt_mesh.core.bt.tree import Kind, Node, NodeSpec, Status, Tree, build_tree
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.planning.consistency import Consistency
 
 _ONCE = frozenset({Kind.RETRY, Kind.REPEAT, Kind.KEEP_RUNNING_UNTIL_FAILURE, Kind.TIMEOUT})
 

@@ -16,8 +16,8 @@ from mrbt_mesh.cli.analyze_view import (
     lemma_rows,
     task_groups,
 )
-from mrbt_mesh.core.coalition import majority
-from mrbt_mesh.core.mission import Costs, type_name
+from mrbt_mesh.core.facts.coalitions import majority
+from mrbt_mesh.core.mission.mission import Costs, type_name
 
 MAX_MATRIX_COLUMNS = 40
 _STYLE = """

@@ -30,14 +30,14 @@ from mrbt_mesh.cli.common import (
     print_json,
     read_mission,
 )
-from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import load_program
-from mrbt_mesh.sim.campaign import CRASH, Source, Verdict, campaign, judge
-from mrbt_mesh.sim.generate import PROGRAM_FILE, generate_mission
-from mrbt_mesh.sim.injector import fault_text
-from mrbt_mesh.sim.minimise import Minimised, minimise
-from mrbt_mesh.sim.scenario import Scenario, ScenarioError, dump, scenario_from_json
+from mrbt_mesh.sim.chaos.campaign import CRASH, Source, Verdict, campaign, judge
+from mrbt_mesh.sim.chaos.generate import PROGRAM_FILE, generate_mission
+from mrbt_mesh.sim.chaos.minimise import Minimised, minimise
+from mrbt_mesh.sim.engine.injector import fault_text
+from mrbt_mesh.sim.engine.scenario import Scenario, ScenarioError, dump, scenario_from_json
 
 MAX_MINIMISED = 3
 MAX_SHOWN = 20

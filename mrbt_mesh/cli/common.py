@@ -22,8 +22,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from mrbt_mesh.core.assignment import SolverError
-from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.core.assignment.problem import SolverError
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.formats.btcpp.check import check_file
 from mrbt_mesh.formats.btcpp.findings import Findings
 from mrbt_mesh.formats.btcpp.library import Library

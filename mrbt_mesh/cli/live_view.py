@@ -10,10 +10,10 @@ from rich.table import Table
 from rich.text import Text
 
 from mrbt_mesh.cli.tree_view import MARKS, render_tree
-from mrbt_mesh.core.membership import State
-from mrbt_mesh.core.observer import Observer
-from mrbt_mesh.core.records import Phase
-from mrbt_mesh.core.tree import Status
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts.records import Phase
+from mrbt_mesh.core.membership.membership import State
+from mrbt_mesh.core.observer.observer import Observer
 
 STATE_STYLES = {
     State.ALIVE: "green",

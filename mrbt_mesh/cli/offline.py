@@ -21,10 +21,10 @@ from mrbt_mesh.cli.common import (
     read_mission,
 )
 from mrbt_mesh.cli.plan_view import render_plan
-from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, Bounds
-from mrbt_mesh.core.canonical import solve
-from mrbt_mesh.core.mission import MICRO
-from mrbt_mesh.core.solvers import default_solver
+from mrbt_mesh.core.assignment.canonical import solve
+from mrbt_mesh.core.assignment.problem import UNASSIGNED, AssignmentProblem, Bounds
+from mrbt_mesh.core.assignment.solvers import default_solver
+from mrbt_mesh.core.mission.mission import MICRO
 from mrbt_mesh.formats.assignment_file import problem_from_file
 from mrbt_mesh.formats.facts_file import plan_from_file
 from mrbt_mesh.formats.mission_file import compile_mission, mission_warnings

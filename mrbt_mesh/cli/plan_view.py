@@ -7,9 +7,8 @@ from rich.table import Table
 from rich.text import Text
 
 from mrbt_mesh.cli.tree_view import render_tree
-from mrbt_mesh.core.bidding import Bidding
-from mrbt_mesh.core.mission import MICRO, Mission
-from mrbt_mesh.core.plan import Line, Plan
+from mrbt_mesh.core.mission.mission import MICRO, Mission
+from mrbt_mesh.core.planning.plan import Bidding, Line, Plan
 
 
 def render_plan(mission: Mission, plan: Plan) -> RenderableType:

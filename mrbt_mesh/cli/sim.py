@@ -29,13 +29,13 @@ from mrbt_mesh.cli.common import (
     read_mission,
 )
 from mrbt_mesh.cli.summary import render_summary
-from mrbt_mesh.core.mission import Mission, performance, type_name
+from mrbt_mesh.core.mission.mission import Mission, performance, type_name
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.runtime.solver_loader import solver_for
-from mrbt_mesh.sim import faults
-from mrbt_mesh.sim.generate import PROGRAM, generate_mission
-from mrbt_mesh.sim.network import LinkKnobs, NetworkKnobs
+from mrbt_mesh.sim.chaos.generate import PROGRAM, generate_mission
+from mrbt_mesh.sim.engine import faults
+from mrbt_mesh.sim.engine.network import LinkKnobs, NetworkKnobs
 from mrbt_mesh.sim.run import SimulationError, SimulationResult, run_scenario, simulate
 
 _WHEN = re.compile(r"(?P<what>[^@]+)@(?P<at_s>\d+(?:\.\d+)?)")

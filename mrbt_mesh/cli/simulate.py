@@ -25,12 +25,19 @@ from mrbt_mesh.cli.common import (
     print_json,
     read_mission,
 )
-from mrbt_mesh.core.mission import Mission
-from mrbt_mesh.sim.failures import FailureModel
-from mrbt_mesh.sim.plotting import PlotError, plot
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.sim.engine.failures import FailureModel
 from mrbt_mesh.sim.run import SimulationError
-from mrbt_mesh.sim.statistics import PERCENTILES, Experiment, Outcome, Summary, outcomes, summarise
-from mrbt_mesh.sim.sweeps import (
+from mrbt_mesh.sim.statistics.estimate import (
+    PERCENTILES,
+    Experiment,
+    Outcome,
+    Summary,
+    outcomes,
+    summarise,
+)
+from mrbt_mesh.sim.statistics.plotting import PlotError, plot
+from mrbt_mesh.sim.statistics.sweeps import (
     FAILURE_RATE,
     FAULT_RATE,
     MINOR_RATE,
@@ -39,7 +46,7 @@ from mrbt_mesh.sim.sweeps import (
     parse_rates,
     points_of,
 )
-from mrbt_mesh.sim.team_sizes import describe, resized
+from mrbt_mesh.sim.statistics.team_sizes import describe, resized
 
 MANY = list[str] | None
 

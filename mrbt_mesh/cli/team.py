@@ -26,10 +26,10 @@ from mrbt_mesh.cli.common import (
 )
 from mrbt_mesh.cli.live_view import STATE_STYLES
 from mrbt_mesh.cli.team_options import on_a_team
-from mrbt_mesh.core.commands import DECIDE, FAULT, LEAVE, ORDER, RESTORE, Decision
-from mrbt_mesh.core.membership import State
-from mrbt_mesh.core.mission import is_robot_id
-from mrbt_mesh.core.timing import SECOND_US
+from mrbt_mesh.core.agent.commands import DECIDE, FAULT, LEAVE, ORDER, RESTORE, Decision
+from mrbt_mesh.core.membership.membership import State
+from mrbt_mesh.core.membership.timing import SECOND_US
+from mrbt_mesh.core.mission.mission import is_robot_id
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.team import Team

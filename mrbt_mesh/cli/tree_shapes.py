@@ -6,7 +6,7 @@ import enum
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from mrbt_mesh.core.tree import CONTROLS, Kind, NodeSpec, Tree
+from mrbt_mesh.core.bt.tree import CONTROLS, Kind, NodeSpec, Tree
 from mrbt_mesh.formats.btcpp.builtin_nodes import category_of
 from mrbt_mesh.formats.btcpp.document import (
     SUBTREE,

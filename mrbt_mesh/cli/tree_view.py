@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from rich.text import Text
 from rich.tree import Tree as RichTree
 
-from mrbt_mesh.core.evaluate import Evaluation
-from mrbt_mesh.core.tree import LEAVES, Kind, Node, Status, Tree
+from mrbt_mesh.core.bt.evaluation import Evaluation
+from mrbt_mesh.core.bt.tree import LEAVES, Kind, Node, Status, Tree
 
 MARKS = {
     Status.IDLE: ("·", "dim"),

@@ -40,7 +40,7 @@ from mrbt_mesh.cli.common import (
 from mrbt_mesh.cli.live_view import render_live
 from mrbt_mesh.cli.summary import render_summary
 from mrbt_mesh.cli.team_options import on_a_team
-from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.run_dir import SUMMARY_FILE, RunDir, RunInfo, state_dir, write_atomically

@@ -1,0 +1,12 @@
+"""The pure core: facts and time come in as arguments, effects go out as data.
+
+No clock, no randomness, no I/O. Packages, each of which may import only what stands below it:
+
+    agent | observer         one robot; somebody who only watches
+    engine                   chooses: definitions, or what is faster
+    incremental              evaluation, consistency and assignment after a change
+    planning | membership    who does what; who is alive
+    facts                    what the team knows, and how it joins
+    mission                  robots, tasks, side constraints
+    bt | assignment          behavior trees; the assignment problem
+"""

@@ -12,8 +12,8 @@ from typing import Any
 from pydantic import ValidationError
 
 import mrbt_mesh
-from mrbt_mesh.core.mission import Mission, split_call
-from mrbt_mesh.core.timing import SECOND_US, Timing
+from mrbt_mesh.core.membership.timing import SECOND_US, Timing
+from mrbt_mesh.core.mission.mission import Mission, split_call
 from mrbt_mesh.drills.model import (
     DRILL_EXPLAINED,
     NETWORK_FAULTS,

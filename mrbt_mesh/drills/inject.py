@@ -12,7 +12,7 @@ from typing import Any
 import anyio
 import psutil
 
-from mrbt_mesh.core.commands import DECIDE, FAULT, LEAVE, RESTORE
+from mrbt_mesh.core.agent.commands import DECIDE, FAULT, LEAVE, RESTORE
 from mrbt_mesh.drills.journals import Done, read
 from mrbt_mesh.drills.model import (
     CapabilityModel,

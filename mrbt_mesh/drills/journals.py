@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from mrbt_mesh.core.records import OUTCOME, Outcome, split_name
+from mrbt_mesh.core.facts.records import OUTCOME, Outcome, split_name
 from mrbt_mesh.runtime.journal import read_journals
 
 

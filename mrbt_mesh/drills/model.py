@@ -10,10 +10,10 @@ from typing import Annotated, Any, Literal, TypeAlias
 from pydantic import Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
-from mrbt_mesh.core.commands import Decision
-from mrbt_mesh.core.mission import MAX_ROBOTS
-from mrbt_mesh.core.records import Phase
-from mrbt_mesh.core.tree import Status
+from mrbt_mesh.core.agent.commands import Decision
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts.records import Phase
+from mrbt_mesh.core.mission.mission import MAX_ROBOTS
 from mrbt_mesh.formats.file_model import (
     EXPLAINED,
     FileModel,

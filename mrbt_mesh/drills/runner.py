@@ -10,8 +10,8 @@ from typing import Any
 
 import anyio
 
-from mrbt_mesh.core.evaluate import parse_scope
-from mrbt_mesh.core.observer import Observer
+from mrbt_mesh.core.bt.activation import parse_scope
+from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.drills.drill_file import Drill
 from mrbt_mesh.drills.inject import Deed, Injector
 from mrbt_mesh.drills.journals import read

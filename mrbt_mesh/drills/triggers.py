@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from mrbt_mesh.core.membership import State
-from mrbt_mesh.core.mission import type_name
-from mrbt_mesh.core.observer import Observer
-from mrbt_mesh.core.records import Claim, Phase
-from mrbt_mesh.core.tree import Status
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts.records import Claim, Phase
+from mrbt_mesh.core.membership.membership import State
+from mrbt_mesh.core.mission.mission import type_name
+from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.drills.model import (
     DONE,
     BlockedTrigger,

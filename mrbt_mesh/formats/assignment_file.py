@@ -18,8 +18,14 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
 
-from mrbt_mesh.core.assignment import AssignmentProblem, Bounds, Limit, Shared, SideConstraint
-from mrbt_mesh.core.mission import MAX_PERFORMANCE, MICRO
+from mrbt_mesh.core.assignment.problem import (
+    AssignmentProblem,
+    Bounds,
+    Limit,
+    Shared,
+    SideConstraint,
+)
+from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO
 from mrbt_mesh.formats.mission_file import read_limited
 from mrbt_mesh.formats.problems import nearest, whole_file_error
 

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from mrbt_mesh.core.constraints import Constraint
-from mrbt_mesh.core.mission import (
+from mrbt_mesh.core.bt.tree import NodeSpec, Tree, TreeError, build_tree
+from mrbt_mesh.core.mission.constraints import Constraint
+from mrbt_mesh.core.mission.mission import (
     MAX_GLOBAL_TASKS,
     Assignment,
     ConditionType,
@@ -21,7 +22,6 @@ from mrbt_mesh.core.mission import (
     Robot,
     SameRobotAs,
 )
-from mrbt_mesh.core.tree import NodeSpec, Tree, TreeError, build_tree
 from mrbt_mesh.formats.constraints import build_constraints
 from mrbt_mesh.formats.expand import (
     Declared,

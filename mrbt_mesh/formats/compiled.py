@@ -6,7 +6,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from mrbt_mesh.core.mission import (
+from mrbt_mesh.core.bt.tree import Kind
+from mrbt_mesh.core.mission.mission import (
     MAX_BID_WITHIN_US,
     MAX_COST,
     MAX_GLOBAL_TASKS,
@@ -18,7 +19,6 @@ from mrbt_mesh.core.mission import (
     split_call,
     type_name,
 )
-from mrbt_mesh.core.tree import Kind
 from mrbt_mesh.formats.problems import MissionError, Problem, whole_file_error
 
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import Any, TypeAlias
 
-from mrbt_mesh.core.mission import ARGUMENT_PATTERN, MICRO
-from mrbt_mesh.core.tree import CONTROLS, LEAVES, MAX_DEPTH, MAX_NODES, Kind, Memory, NodeSpec
+from mrbt_mesh.core.bt.tree import CONTROLS, LEAVES, MAX_DEPTH, MAX_NODES, Kind, Memory, NodeSpec
+from mrbt_mesh.core.mission.mission import ARGUMENT_PATTERN, MICRO
 from mrbt_mesh.formats.mission_model import CompositeModel, NodeModel, ParallelModel
 from mrbt_mesh.formats.problems import Report, SourcePath, found, nearest
 

@@ -17,14 +17,11 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from mrbt_mesh.core import records
-from mrbt_mesh.core.assignment import Solver
-from mrbt_mesh.core.evaluate import Evaluator, parse_scope
-from mrbt_mesh.core.facts import Incarnation, Version, make_entry
-from mrbt_mesh.core.mission import MAX_PERFORMANCE, MICRO, Mission, Robot
-from mrbt_mesh.core.plan import Plan
-from mrbt_mesh.core.planning import make_plan
-from mrbt_mesh.core.records import (
+from mrbt_mesh.core.assignment.problem import Solver
+from mrbt_mesh.core.bt.activation import parse_scope
+from mrbt_mesh.core.bt.evaluator import Evaluator
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.records import (
     Claim,
     Coalition,
     CoalitionMember,
@@ -33,7 +30,12 @@ from mrbt_mesh.core.records import (
     Phase,
     Token,
 )
-from mrbt_mesh.core.team import TeamFacts, capability
+from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
+from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, Mission, Robot
+from mrbt_mesh.core.planning.make_plan import make_plan
+from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.core.planning.steps import PlanningSteps
 from mrbt_mesh.formats.mission_file import read_limited
 from mrbt_mesh.formats.problems import (
     MissionError,
@@ -67,7 +69,7 @@ def plan_from_file(
         builder.read(path)
     facts = builder.facts
     living = dict.fromkeys(robots, _FIRST)
-    return make_plan(builder.evaluator, facts, living, solver)
+    return make_plan(facts.mission, facts, living, PlanningSteps(builder.evaluator, solver))
 
 
 class _Builder:

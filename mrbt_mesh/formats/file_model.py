@@ -20,7 +20,12 @@ from pydantic import (
 )
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from mrbt_mesh.core.mission import ARGUMENT_PATTERN, MAX_ARGUMENTS, NAME_PATTERN, ROBOT_PATTERN
+from mrbt_mesh.core.mission.mission import (
+    ARGUMENT_PATTERN,
+    MAX_ARGUMENTS,
+    NAME_PATTERN,
+    ROBOT_PATTERN,
+)
 from mrbt_mesh.formats.problems import Report, SourcePath, found, nearest
 from mrbt_mesh.formats.yaml_source import SourceDict
 

@@ -24,7 +24,8 @@ from pydantic import (
 )
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from mrbt_mesh.core.mission import (
+from mrbt_mesh.core.bt.tree import MAX_NODES, Kind
+from mrbt_mesh.core.mission.mission import (
     MAX_ARGUMENTS,
     MAX_BID_WITHIN_US,
     MAX_COST,
@@ -33,7 +34,6 @@ from mrbt_mesh.core.mission import (
     MICRO,
     NAME_PATTERN,
 )
-from mrbt_mesh.core.tree import MAX_NODES, Kind
 from mrbt_mesh.formats.file_model import (
     CALL_HINT,
     EXPLAINED,

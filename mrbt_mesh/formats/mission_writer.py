@@ -9,7 +9,7 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from mrbt_mesh.core.tree import CONTROLS, LEAVES, Kind, Memory, NodeSpec
+from mrbt_mesh.core.bt.tree import CONTROLS, LEAVES, Kind, Memory, NodeSpec
 
 WIDTH = 100
 

@@ -26,7 +26,7 @@ from typing import Annotated
 
 from pydantic import Field, JsonValue, ValidationError
 
-from mrbt_mesh.core.mission import MAX_ROBOTS, split_call
+from mrbt_mesh.core.mission.mission import MAX_ROBOTS, split_call
 from mrbt_mesh.formats.declaration import Declaration
 from mrbt_mesh.formats.expand import call_text, micro_or_report, split_template, to_micro
 from mrbt_mesh.formats.file_model import FileModel, Name, RobotName, explain

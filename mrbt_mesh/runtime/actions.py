@@ -15,21 +15,19 @@ import anyio
 import anyio.abc
 import anyio.lowlevel
 
-from mrbt_mesh.core.effects import (
+from mrbt_mesh.core.agent.effects import CancelAction, RequestBid, StartAction
+from mrbt_mesh.core.agent.inputs import (
     ActionFinished,
     ActionStopped,
     BidMade,
     BidsMade,
-    CancelAction,
     CapabilityChanged,
     ConditionSet,
     Input,
     ProgressReported,
-    RequestBid,
-    StartAction,
 )
-from mrbt_mesh.core.facts import Incarnation
-from mrbt_mesh.core.mission import (
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.mission.mission import (
     MAX_BID_WITHIN_US,
     MAX_PERFORMANCE,
     MICRO,

@@ -17,11 +17,12 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from mrbt_mesh import __version__
-from mrbt_mesh.core.agent_config import AgentConfig
-from mrbt_mesh.core.assignment import SolverError
-from mrbt_mesh.core.mission import Mission, is_robot_id
+from mrbt_mesh.core.agent.config import AgentConfig
+from mrbt_mesh.core.assignment.problem import SolverError
+from mrbt_mesh.core.mission.mission import Mission, is_robot_id
 from mrbt_mesh.formats.mission_file import MissionError, load_mission
 from mrbt_mesh.runtime.driver import Driver
+from mrbt_mesh.runtime.engine_choice import chosen_engine
 from mrbt_mesh.runtime.journal import Journal, journal_path
 from mrbt_mesh.runtime.log import configure_log, robot_logger
 from mrbt_mesh.runtime.program import ProgramError
@@ -159,6 +160,7 @@ def make_driver(options: argparse.Namespace) -> Driver:
         nonce=secrets.token_hex(4),
         solver=SolverProcess(solver) if is_large else solver,
         plans_apart=is_large,
+        engine=chosen_engine(),
         timing=address.timing,
         expected=frozenset(expected),
         takeover=options.takeover,

@@ -14,31 +14,28 @@ from typing import Any
 
 import anyio
 
-from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.agent_config import AgentConfig
-from mrbt_mesh.core.effects import (
+from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.agent.config import AgentConfig
+from mrbt_mesh.core.agent.effects import (
     Ask,
     CancelAction,
     DeclareToken,
     Effect,
     Forget,
-    Input,
-    LeaveRequested,
     Log,
     MakePlan,
     Persist,
-    PlanMade,
     Publish,
     Reply,
     RequestBid,
     StartAction,
     Stop,
-    TimerFired,
 )
-from mrbt_mesh.core.facts import Entry
-from mrbt_mesh.core.membership import State
-from mrbt_mesh.core.mission import Mission
-from mrbt_mesh.core.wire import MessageKind
+from mrbt_mesh.core.agent.inputs import Input, LeaveRequested, PlanMade, TimerFired
+from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.membership.membership import State
+from mrbt_mesh.core.membership.wire import MessageKind
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.runtime.actions import ActionRunner, Identity
 from mrbt_mesh.runtime.fencing import FencingSelector, boottime_us
 from mrbt_mesh.runtime.inbox import Inbox

@@ -12,7 +12,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any
 
-from mrbt_mesh.core.effects import Input
+from mrbt_mesh.core.agent.inputs import Input
 
 MAX_WAITING = 10_000
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import msgpack
 
-from mrbt_mesh.core.facts import Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
 
 SCHEMA_VERSION = 1
 SUFFIX = ".journal"

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
 
-from mrbt_mesh.core.mission import Mission, type_name
+from mrbt_mesh.core.mission.mission import Mission, type_name
 from mrbt_mesh.runtime.program import ProgramError, RobotProgram
 
 DEFAULT_NAME = "robot"

@@ -15,7 +15,8 @@ from importlib import metadata
 from types import ModuleType
 from typing import Any
 
-from mrbt_mesh.core.assignment import (
+from mrbt_mesh.core.assignment.canonical import solve
+from mrbt_mesh.core.assignment.problem import (
     AssignmentProblem,
     Bounds,
     Limit,
@@ -24,9 +25,8 @@ from mrbt_mesh.core.assignment import (
     SolverError,
     supports_constraints,
 )
-from mrbt_mesh.core.canonical import solve
-from mrbt_mesh.core.mission import Mission
-from mrbt_mesh.core.solvers import SOLVERS, brute_force, default_solver
+from mrbt_mesh.core.assignment.solvers import SOLVERS, brute_force, default_solver
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.formats.problems import nearest
 
 GROUP = "mrbt_mesh.solvers"

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from typing import Any, TypeAlias
 
-from mrbt_mesh.core.assignment import (
+from mrbt_mesh.core.assignment.problem import (
     AssignmentProblem,
     Integers,
     Solver,

@@ -13,8 +13,8 @@ import anyio
 import anyio.abc
 import psutil
 
-from mrbt_mesh.core.facts import Entry
-from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.journal import read_journals
 from mrbt_mesh.runtime.launcher import (

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mrbt_mesh.core.mission import Mission, is_robot_id
-from mrbt_mesh.core.timing import SECOND_US, Timing
+from mrbt_mesh.core.membership.timing import SECOND_US, Timing
+from mrbt_mesh.core.mission.mission import Mission, is_robot_id
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.zenoh_transport import WIRED, TransportConfig
 

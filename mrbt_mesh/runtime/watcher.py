@@ -9,13 +9,14 @@ from contextlib import asynccontextmanager
 
 import anyio
 
-from mrbt_mesh.core.commands import command_body
-from mrbt_mesh.core.effects import AnswerReceived, Input, MessageReceived, TokenChanged
-from mrbt_mesh.core.facts import Incarnation
-from mrbt_mesh.core.observer import Observer
-from mrbt_mesh.core.solvers import default_solver
-from mrbt_mesh.core.timing import SECOND_US
-from mrbt_mesh.core.wire import MessageKind, WireError, decode, encode
+from mrbt_mesh.core.agent.commands import command_body
+from mrbt_mesh.core.agent.inputs import AnswerReceived, Input, MessageReceived, TokenChanged
+from mrbt_mesh.core.assignment.solvers import default_solver
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.timing import SECOND_US
+from mrbt_mesh.core.membership.wire import MessageKind, WireError, decode, encode
+from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.runtime.engine_choice import chosen_engine
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.inbox import Inbox
 from mrbt_mesh.runtime.team_address import TeamAddress
@@ -31,7 +32,9 @@ class Watcher:
     def __init__(self, address: TeamAddress) -> None:
         self.address = address
         self.timing = address.timing
-        self.observer = Observer(address.mission, address.run, address.timing, default_solver)
+        self.observer = Observer(
+            address.mission, address.run, address.timing, default_solver, chosen_engine()
+        )
         self.changed = anyio.Event()
         self._asked: set[tuple[str, Incarnation]] = set()
         self._transport: ZenohTransport

@@ -34,16 +34,16 @@ os.environ.setdefault("ZENOH_RUNTIME", "(rx: (worker_threads: 16))")
 import zenoh
 from zenoh.handlers import Callback
 
-from mrbt_mesh.core.effects import (
+from mrbt_mesh.core.agent.inputs import (
     AnswerReceived,
     Input,
     MessageReceived,
     QueryReceived,
     TokenChanged,
 )
-from mrbt_mesh.core.facts import Incarnation
-from mrbt_mesh.core.mission import is_robot_id
-from mrbt_mesh.core.wire import MAX_MESSAGE_BYTES, MAX_NONCE, MessageKind
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES, MAX_NONCE, MessageKind
+from mrbt_mesh.core.mission.mission import is_robot_id
 from mrbt_mesh.runtime.fencing import boottime_us
 
 LEASE_MS = 2_000

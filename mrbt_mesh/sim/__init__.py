@@ -1,6 +1,6 @@
 """Run whole missions in virtual time, with faults, to test them: see `simulate`."""
 
-from mrbt_mesh.sim.faults import (
+from mrbt_mesh.sim.engine.faults import (
     Block,
     ClockJump,
     ClockRate,
@@ -26,7 +26,7 @@ from mrbt_mesh.sim.faults import (
     Unblock,
     partition,
 )
-from mrbt_mesh.sim.network import LinkKnobs, NetworkKnobs
+from mrbt_mesh.sim.engine.network import LinkKnobs, NetworkKnobs
 from mrbt_mesh.sim.run import SimulationError, SimulationResult, simulate
 
 __all__ = [

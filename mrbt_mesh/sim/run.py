@@ -10,20 +10,20 @@ from typing import Any
 
 import anyio
 
-from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.assignment import Solver
-from mrbt_mesh.core.mission import Mission
-from mrbt_mesh.core.observer import Observer
-from mrbt_mesh.core.solvers import default_solver
-from mrbt_mesh.core.timing import Timing
-from mrbt_mesh.core.tree import Status
+from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.assignment.problem import Solver
+from mrbt_mesh.core.assignment.solvers import default_solver
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.runtime.program import RobotProgram
-from mrbt_mesh.sim.clock import VirtualLoop
-from mrbt_mesh.sim.failures import NO_FAILURES, FailureModel
-from mrbt_mesh.sim.faults import Schedule
-from mrbt_mesh.sim.network import NetworkKnobs
-from mrbt_mesh.sim.scenario import Scenario
-from mrbt_mesh.sim.world import Setup, World
+from mrbt_mesh.sim.engine.clock import VirtualLoop
+from mrbt_mesh.sim.engine.failures import NO_FAILURES, FailureModel
+from mrbt_mesh.sim.engine.faults import Schedule
+from mrbt_mesh.sim.engine.network import NetworkKnobs
+from mrbt_mesh.sim.engine.scenario import Scenario
+from mrbt_mesh.sim.engine.world import Setup, World
 
 DEFAULT_TIMEOUT_US = 600_000_000
 

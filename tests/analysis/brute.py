@@ -7,7 +7,8 @@ import random
 from collections.abc import Callable, Collection, Iterable
 from functools import cache
 
-from mrbt_mesh.core.mission import (
+from mrbt_mesh.core.bt.tree import Kind, Memory, Node, NodeSpec, build_tree
+from mrbt_mesh.core.mission.mission import (
     MICRO,
     ConditionType,
     GlobalTask,
@@ -16,7 +17,6 @@ from mrbt_mesh.core.mission import (
     Need,
     Robot,
 )
-from mrbt_mesh.core.tree import Kind, Memory, Node, NodeSpec, build_tree
 
 Fault = str | tuple[str, str]
 MAX_CAPABILITIES = 9

@@ -11,7 +11,7 @@ import pytest
 from mrbt_mesh.analysis.readings import serial
 from mrbt_mesh.analysis.service import Fault, Team, capability_faults, robot_faults
 from mrbt_mesh.analysis.tolerance import tolerance
-from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import Kill, simulate

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.analysis.effects import Declarations
 from mrbt_mesh.analysis.lift import Lifter, child_path, root_path, walk
-from mrbt_mesh.core.tree import Kind, Memory, NodeSpec, Status, build_tree
+from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec, Status, build_tree
 from mrbt_mesh.formats.declaration import Declaration
 from tests.core.build import World, action, condition
 

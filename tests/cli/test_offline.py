@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from mrbt_mesh.cli.app import app
-from mrbt_mesh.core.solvers import SOLVERS
+from mrbt_mesh.core.assignment.solvers import SOLVERS
 
 ROOT = Path(__file__).resolve().parents[2]
 REPAIR = str(ROOT / "examples" / "vehicle_repair" / "mission.yaml")

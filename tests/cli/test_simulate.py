@@ -70,7 +70,7 @@ def test_a_histogram_without_a_sweep(tmp_path: Path) -> None:
 
 def test_robots_do_not_load_what_draws() -> None:
     assert "matplotlib.pyplot" not in sys.modules
-    import mrbt_mesh.sim.plotting as plotting
+    import mrbt_mesh.sim.statistics.plotting as plotting
 
     assert not [name for name in vars(plotting) if name.startswith("matplotlib")]
 

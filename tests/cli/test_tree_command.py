@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from mrbt_mesh.cli.app import app
-from mrbt_mesh.core.tree import NodeSpec
+from mrbt_mesh.core.bt.tree import NodeSpec
 from mrbt_mesh.formats.btcpp.check import check_file
 from mrbt_mesh.formats.btcpp.document import read_document
 from mrbt_mesh.formats.btcpp.team_tree import to_team_tree

@@ -5,11 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from mrbt_mesh.core import records
-from mrbt_mesh.core.coalition import ready_members
-from mrbt_mesh.core.evaluate import Evaluation, Evaluator, parse_scope
-from mrbt_mesh.core.facts import Entry, Incarnation, Version, make_entry
-from mrbt_mesh.core.mission import (
+from mrbt_mesh.core.assignment.problem import Solver
+from mrbt_mesh.core.assignment.solvers import min_cost_flow
+from mrbt_mesh.core.bt.activation import parse_scope
+from mrbt_mesh.core.bt.evaluation import Evaluation
+from mrbt_mesh.core.bt.evaluator import Evaluator
+from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, build_tree
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.coalitions import ready_members
+from mrbt_mesh.core.facts.records import Claim, Coalition, Member, Phase, Token
+from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.mission.mission import (
     MICRO,
     ConditionType,
     GlobalTask,
@@ -19,12 +26,9 @@ from mrbt_mesh.core.mission import (
     Robot,
     type_name,
 )
-from mrbt_mesh.core.plan import Plan
-from mrbt_mesh.core.planning import make_plan
-from mrbt_mesh.core.records import Claim, Coalition, Member, Phase, Token
-from mrbt_mesh.core.solvers import min_cost_flow
-from mrbt_mesh.core.team import TeamFacts
-from mrbt_mesh.core.tree import Kind, NodeSpec, Status, build_tree
+from mrbt_mesh.core.planning.make_plan import make_plan
+from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.core.planning.steps import PlanningSteps
 
 RUN = "r1"
 SECOND_US = 1_000_000
@@ -304,8 +308,12 @@ class World:
         for running in self.tick().timeouts:
             self.write("R1", (f"{records.EXPIRED}/{running.scope}", True))
 
+    def steps(self, solver: Solver = min_cost_flow) -> PlanningSteps:
+        """How plans are made here: by the definitions."""
+        return PlanningSteps(self.evaluator, solver)
+
     def plan(self) -> Plan:
-        return make_plan(self.evaluator, self.facts, self.alive, min_cost_flow)
+        return make_plan(self.facts.mission, self.facts, self.alive, self.steps())
 
     def replayed(self, entries: Iterable[Entry]) -> World:
         """Another replica that received these entries in this order."""

@@ -10,12 +10,12 @@ import random
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from mrbt_mesh.core.capable import Worker
-from mrbt_mesh.core.demand import Demand
-from mrbt_mesh.core.evaluate import Request
-from mrbt_mesh.core.facts import Incarnation
-from mrbt_mesh.core.records import Member
-from mrbt_mesh.core.team import TeamFacts
+from mrbt_mesh.core.bt.evaluation import Request
+from mrbt_mesh.core.facts.records import Member
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.planning.capabilities import Worker
+from mrbt_mesh.core.planning.demands import Demand
 from tests.core.build import World, action, make_mission, parallel, task
 
 TASKS = ("calm", "grabbing")

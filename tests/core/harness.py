@@ -11,19 +11,20 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from mrbt_mesh.core import effects as fx
-from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.agent_config import AgentConfig
-from mrbt_mesh.core.commands import command_body
-from mrbt_mesh.core.evaluate import parse_scope
-from mrbt_mesh.core.facts import Incarnation
-from mrbt_mesh.core.mission import GlobalTask, InDoubt, Mission
-from mrbt_mesh.core.observer import Observer
-from mrbt_mesh.core.records import Phase, Token
-from mrbt_mesh.core.solvers import min_cost_flow
-from mrbt_mesh.core.timing import Timing
-from mrbt_mesh.core.tree import NodeSpec
-from mrbt_mesh.core.wire import Header, MessageKind, decode, encode
+from mrbt_mesh.core.agent import effects as fx
+from mrbt_mesh.core.agent import inputs
+from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.agent.commands import command_body
+from mrbt_mesh.core.agent.config import AgentConfig
+from mrbt_mesh.core.assignment.solvers import min_cost_flow
+from mrbt_mesh.core.bt.activation import parse_scope
+from mrbt_mesh.core.bt.tree import NodeSpec
+from mrbt_mesh.core.facts.records import Phase, Token
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.membership.wire import Header, MessageKind, decode, encode
+from mrbt_mesh.core.mission.mission import GlobalTask, InDoubt, Mission
+from mrbt_mesh.core.observer.observer import Observer
 from tests.core import build
 
 MS = 1_000
@@ -38,7 +39,7 @@ class Process:
     name: str
     agent: Agent
     frozen: bool = False
-    mail: deque[fx.Input] = field(default_factory=deque)
+    mail: deque[inputs.Input] = field(default_factory=deque)
     token: Incarnation | None = None
     tickets: list[int] = field(default_factory=list)
     asked: list[fx.RequestBid] = field(default_factory=list)
@@ -70,11 +71,11 @@ class Team:
         process = self.processes[name] = Process(name, agent)
         for other in self._others(process):
             if other.token is not None:
-                self._post(process, fx.TokenChanged(other.robot, other.token, True))
-        self.give(process, fx.TimerFired())
+                self._post(process, inputs.TokenChanged(other.robot, other.token, True))
+        self.give(process, inputs.TimerFired())
         return process
 
-    def give(self, process: Process, event: fx.Input) -> None:
+    def give(self, process: Process, event: inputs.Input) -> None:
         """One input, and everything that follows from it at this instant."""
         self._post(process, event)
         self._drain()
@@ -91,7 +92,7 @@ class Team:
             self.now_us = next_us
             for process in awake:
                 if due[process.name] == next_us and process.name in self.processes:
-                    self.give(process, fx.TimerFired())
+                    self.give(process, inputs.TimerFired())
         self.now_us = until_us
 
     def kill(self, name: str) -> None:
@@ -116,7 +117,7 @@ class Team:
         header = process.agent.replica.header
         mine = Header(header.mission, header.mission_name, header.run, "")
         body = encode(mine, MessageKind.COMMAND, command_body(command, argument))
-        self.give(process, fx.QueryReceived(0, MessageKind.COMMAND, body))
+        self.give(process, inputs.QueryReceived(0, MessageKind.COMMAND, body))
 
     def cut(self, one: str, other: str) -> None:
         self.cuts.add(frozenset((one, other)))
@@ -134,7 +135,7 @@ class Team:
             if other is not process and frozenset((process.name, other.name)) not in self.cuts
         ]
 
-    def _post(self, process: Process, event: fx.Input) -> None:
+    def _post(self, process: Process, event: inputs.Input) -> None:
         process.mail.append(event)
         if not process.frozen:
             self._waiting.append(process)
@@ -163,7 +164,7 @@ class Team:
                 self._tell(process, "cancels its action")
                 if process.stops_at_once:
                     process.tickets.remove(ticket)
-                    self._post(process, fx.ActionStopped(ticket))
+                    self._post(process, inputs.ActionStopped(ticket))
             case fx.RequestBid(_, _, local_task):
                 process.asked.append(effect)
                 self._tell(process, f"is asked to bid for {local_task}")
@@ -184,7 +185,7 @@ class Team:
                 if kind is MessageKind.FACT:
                     self._tell(process, f"writes {batch_text(process, data)}")
                 for other in self._others(process):
-                    self._post(other, fx.MessageReceived(kind, process.robot, data))
+                    self._post(other, inputs.MessageReceived(kind, process.robot, data))
                 if self.observer is not None:
                     self.observer.message(kind, process.robot, data, self.now_us)
             case fx.Ask(peer, data):
@@ -192,7 +193,7 @@ class Team:
                     if other.robot == peer:
                         self._query += 1
                         self._queries[other.name, self._query] = process
-                        event = fx.QueryReceived(self._query, MessageKind.PULL, data)
+                        event = inputs.QueryReceived(self._query, MessageKind.PULL, data)
                         self._post(other, event)
             case fx.Reply(query, pages):
                 self._reply(process, query, pages)
@@ -200,13 +201,13 @@ class Team:
                 self._token_gone(process)
                 process.token = incarnation
                 for other in self._others(process):
-                    self._post(other, fx.TokenChanged(process.robot, incarnation, True))
+                    self._post(other, inputs.TokenChanged(process.robot, incarnation, True))
 
     def _reply(self, process: Process, query: int, pages: tuple[bytes, ...]) -> None:
         asker = self._queries.pop((process.name, query), None)
         if asker is not None:
             for page in pages:
-                self._post(asker, fx.AnswerReceived(process.robot, page))
+                self._post(asker, inputs.AnswerReceived(process.robot, page))
         else:
             header = process.agent.replica.header
             _, (good, text) = decode(pages[0], header, MessageKind.ANSWER)
@@ -215,7 +216,7 @@ class Team:
     def _token_gone(self, process: Process) -> None:
         if process.token is not None:
             for other in self._others(process):
-                self._post(other, fx.TokenChanged(process.robot, process.token, False))
+                self._post(other, inputs.TokenChanged(process.robot, process.token, False))
             if self.observer is not None:
                 self.observer.token(process.robot, process.token, False)
             process.token = None
@@ -377,7 +378,7 @@ class Script:
         process = self.team.processes[name]
         conditions = tuple((k, v == "true") for k, _, v in (w.partition("=") for w in words))
         ticket = process.tickets.pop()
-        event = fx.ActionFinished(ticket, success, None, conditions, error)
+        event = inputs.ActionFinished(ticket, success, None, conditions, error)
         self.team.give(process, event)
 
     def do_succeed(self, name: str, *conditions: str) -> None:
@@ -400,13 +401,13 @@ class Script:
             text = values[asked.local_task]
             value = None if text in ("none", "raises") else round(float(text) * 1e6)
             error = "Traceback: ZeroDivisionError" if text == "raises" else ""
-            bids.append(fx.BidMade(asked.activation, asked.local_task, value, error))
+            bids.append(inputs.BidMade(asked.activation, asked.local_task, value, error))
             process.asked.remove(asked)
-        self.team.give(process, fx.BidsMade(tuple(bids)))
+        self.team.give(process, inputs.BidsMade(tuple(bids)))
 
     def do_set(self, name: str, condition: str) -> None:
         key, _, value = condition.partition("=")
-        self.team.give(self.team.processes[name], fx.ConditionSet(key, value == "true"))
+        self.team.give(self.team.processes[name], inputs.ConditionSet(key, value == "true"))
 
     def do_stop_slowly(self, name: str) -> None:
         """From now on a cancelled action takes its time."""
@@ -414,14 +415,14 @@ class Script:
 
     def do_stopped(self, name: str) -> None:
         process = self.team.processes[name]
-        self.team.give(process, fx.ActionStopped(process.tickets.pop(0)))
+        self.team.give(process, inputs.ActionStopped(process.tickets.pop(0)))
 
     def do_tell(self, name: str, command: str, *words: str) -> None:
         """tell A fault lift; tell A order pause; tell A decide dose retry"""
         self.team.command(name, command, " ".join(words))
 
     def do_leave(self, name: str) -> None:
-        self.team.give(self.team.processes[name], fx.LeaveRequested())
+        self.team.give(self.team.processes[name], inputs.LeaveRequested())
 
     def do_kill(self, name: str) -> None:
         self.team.kill(name)

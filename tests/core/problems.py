@@ -7,7 +7,7 @@ import random
 from dataclasses import replace
 from typing import Any
 
-from mrbt_mesh.core.assignment import (
+from mrbt_mesh.core.assignment.problem import (
     UNASSIGNED,
     AssignmentProblem,
     Bounds,

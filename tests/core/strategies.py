@@ -6,8 +6,8 @@ from dataclasses import replace
 
 from hypothesis import strategies as st
 
-from mrbt_mesh.core import records
-from mrbt_mesh.core.tree import CONTROLS, Kind, Memory, NodeSpec
+from mrbt_mesh.core.bt.tree import CONTROLS, Kind, Memory, NodeSpec
+from mrbt_mesh.core.facts import records
 from tests.core.build import World
 
 CONDITIONS = ("c0", "c1", "c2")

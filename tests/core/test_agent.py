@@ -10,11 +10,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core import effects as fx
-from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.commands import carry_out
-from mrbt_mesh.core.facts import MAX_VALUE_BYTES, Incarnation
-from mrbt_mesh.core.wire import Accusation, Beat, Header, MessageKind, Word, beat_body, encode
+from mrbt_mesh.core.agent import effects as fx
+from mrbt_mesh.core.agent import inputs
+from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.agent.commands import carry_out
+from mrbt_mesh.core.facts.store import MAX_VALUE_BYTES, Incarnation
+from mrbt_mesh.core.membership.wire import (
+    Accusation,
+    Beat,
+    Header,
+    MessageKind,
+    Word,
+    beat_body,
+    encode,
+)
 from tests.core.harness import MS, Script
 from tests.core.test_records_wire import mutations, plain
 
@@ -44,12 +53,12 @@ def header(script: Script, sender: str = "B") -> Header:
 # -- whatever arrives -------------------------------------------------------------------------
 
 
-def give(script: Script, event: fx.Input) -> None:
+def give(script: Script, event: inputs.Input) -> None:
     script.team.give(script.team.processes["A"], event)
 
 
 @st.composite
-def inputs(draw: st.DrawFn, mine: Header) -> fx.Input:
+def any_input(draw: st.DrawFn, mine: Header) -> inputs.Input:
     """Anything that the network could bring, from noise to almost correct messages."""
     kind = draw(st.sampled_from(MessageKind))
     entry = ["B", 1, "n2", 9, [["claim", ["r1:1:weld::0", "weld", "weld", 3, 5, ""]]]]
@@ -71,11 +80,11 @@ def inputs(draw: st.DrawFn, mine: Header) -> fx.Input:
     sources = st.sampled_from(("A", "B", "Z"))
     return draw(
         st.one_of(
-            st.builds(fx.MessageReceived, st.just(kind), sources, st.just(data)),
-            st.builds(fx.QueryReceived, st.just(0), st.just(kind), st.just(data)),
-            st.builds(fx.AnswerReceived, sources, st.just(data) | st.none()),
+            st.builds(inputs.MessageReceived, st.just(kind), sources, st.just(data)),
+            st.builds(inputs.QueryReceived, st.just(0), st.just(kind), st.just(data)),
+            st.builds(inputs.AnswerReceived, sources, st.just(data) | st.none()),
             st.builds(
-                fx.TokenChanged,
+                inputs.TokenChanged,
                 sources,
                 st.builds(Incarnation, st.integers(0, 3), st.just("n2")),
                 st.booleans(),
@@ -91,19 +100,19 @@ def test_nothing_that_arrives_stops_an_agent_or_reaches_another_robots_facts(
     script = team()
     robot = script.team.processes["A"]
     before = {(e.name, e.version) for e in robot.agent.facts.map.of_author("A")}
-    for event in data.draw(st.lists(inputs(header(script)), max_size=5)):
+    for event in data.draw(st.lists(any_input(header(script)), max_size=5)):
         # An answer to a command is no story here, and a real command may well stop the robot.
         robot.agent.handle(event, script.team.now_us)
     after = {(e.name, e.version) for e in robot.agent.facts.map.of_author("A")}
     assert {name for name, _ in before} <= {name for name, _ in after}
-    robot.agent.handle(fx.TimerFired(), script.team.now_us + 50 * MS)
+    robot.agent.handle(inputs.TimerFired(), script.team.now_us + 50 * MS)
 
 
 def test_a_robot_cannot_publish_for_another_one() -> None:
     script = team()
     forged = [["A", 9, "zz", 1, [["claim", None]]]]
     data = encode(header(script), MessageKind.FACT, forged)
-    give(script, fx.MessageReceived(MessageKind.FACT, "B", data))
+    give(script, inputs.MessageReceived(MessageKind.FACT, "B", data))
     assert "B published entries of another author" in script.team.story[-1]
     assert script.team.processes["A"].agent.facts.valid_claim("A") is not None
 
@@ -112,7 +121,7 @@ def test_a_message_under_the_key_of_another_robot_is_refused() -> None:
     script = team()
     for kind in (MessageKind.BEAT, MessageKind.FACT):
         data = encode(header(script, "C"), kind, [])
-        give(script, fx.MessageReceived(kind, "B", data))
+        give(script, inputs.MessageReceived(kind, "B", data))
     refusals = script.team.processes["A"].agent.refusals.counts
     assert refusals == {"B: sender C published under the key of B": 2}
 
@@ -121,7 +130,7 @@ def test_what_is_refused_is_counted_and_logged_once() -> None:
     script = team()
     agent = script.team.processes["A"].agent
     for _ in range(5):
-        give(script, fx.MessageReceived(MessageKind.BEAT, "B", b"noise"))
+        give(script, inputs.MessageReceived(MessageKind.BEAT, "B", b"noise"))
     told = [line for line in script.team.story if "input_refused" in line]
     assert len(told) == 1
     assert sum(agent.refusals.counts.values()) == 5
@@ -132,7 +141,7 @@ def test_refusals_do_not_fill_the_memory() -> None:
     agent = script.team.processes["A"].agent
     for number in range(2_000):
         data = encode(header(script, f"Z{number}"), MessageKind.BEAT, [])
-        agent.handle(fx.MessageReceived(MessageKind.BEAT, "B", data), script.team.now_us)
+        agent.handle(inputs.MessageReceived(MessageKind.BEAT, "B", data), script.team.now_us)
     assert len(agent.refusals.counts) <= 1_000
 
 
@@ -140,7 +149,7 @@ def test_refusals_do_not_fill_the_memory() -> None:
 def test_a_malformed_command_is_answered_and_changes_nothing(body: Any) -> None:
     script = team()
     data = encode(header(script, ""), MessageKind.COMMAND, body)
-    give(script, fx.QueryReceived(0, MessageKind.COMMAND, data))
+    give(script, inputs.QueryReceived(0, MessageKind.COMMAND, data))
     assert script.team.story[-1].endswith("A answers no: a command is a list of two texts")
 
 
@@ -155,7 +164,7 @@ def test_result_data_that_cannot_be_sent_costs_the_data_and_not_the_outcome(data
     robot = script.team.processes["A"]
     for _ in range(12):
         data = [data] if isinstance(data, list) else data
-    event = fx.ActionFinished(robot.tickets.pop(), True, data)
+    event = inputs.ActionFinished(robot.tickets.pop(), True, data)
     script.team.give(robot, event)
     told = "\n".join(script.team.story)
     assert "(error) result_data_refused local_task=weld" in told
@@ -166,20 +175,20 @@ def test_result_data_that_cannot_be_sent_costs_the_data_and_not_the_outcome(data
 def test_result_data_travels_with_the_outcome() -> None:
     script = team()
     robot = script.team.processes["A"]
-    script.team.give(robot, fx.ActionFinished(robot.tickets.pop(), True, {"torque": 1.5}))
+    script.team.give(robot, inputs.ActionFinished(robot.tickets.pop(), True, {"torque": 1.5}))
     assert any("success of weld for weld {'torque': 1.5}" in line for line in script.team.story)
 
 
 @pytest.mark.parametrize(
     "event",
     [
-        fx.ActionFinished(99, True),
-        fx.ActionStopped(99),
-        fx.ProgressReported(99, 50),
-        fx.ConditionSet("nonsense", True),
+        inputs.ActionFinished(99, True),
+        inputs.ActionStopped(99),
+        inputs.ProgressReported(99, 50),
+        inputs.ConditionSet("nonsense", True),
     ],
 )
-def test_reports_about_unknown_actions_and_conditions_change_nothing(event: fx.Input) -> None:
+def test_reports_about_unknown_actions_and_conditions_change_nothing(event: inputs.Input) -> None:
     script = team()
     facts = script.team.processes["A"].agent.facts
     before = facts.map.digest()
@@ -191,7 +200,7 @@ def test_reports_about_unknown_actions_and_conditions_change_nothing(event: fx.I
 def test_progress_is_shown_in_percent(reported: int, shown: int) -> None:
     script = team()
     robot = script.team.processes["A"]
-    give(script, fx.ProgressReported(robot.tickets[-1], reported))
+    give(script, inputs.ProgressReported(robot.tickets[-1], reported))
     assert robot.agent.work.progress == shown
 
 
@@ -201,9 +210,9 @@ def test_progress_is_shown_in_percent(reported: int, shown: int) -> None:
 def test_an_agent_that_has_stopped_does_nothing_more() -> None:
     script = team()
     robot = script.team.processes["B"]
-    effects = robot.agent.handle(fx.LeaveRequested(), script.team.now_us)
+    effects = robot.agent.handle(inputs.LeaveRequested(), script.team.now_us)
     assert isinstance(effects[-1], fx.Stop)
-    assert robot.agent.handle(fx.TimerFired(), script.team.now_us + 500 * MS) == []
+    assert robot.agent.handle(inputs.TimerFired(), script.team.now_us + 500 * MS) == []
 
 
 @pytest.mark.parametrize(
@@ -254,7 +263,7 @@ def test_both_robots_hold_the_same_bytes_after_a_conversation() -> None:
 @pytest.mark.parametrize("size", [0, 3, 1 << 16])
 def test_an_answer_of_any_size_that_is_noise_is_refused(size: int) -> None:
     script = team()
-    give(script, fx.AnswerReceived("B", msgpack.packb(b"x" * size)))
+    give(script, inputs.AnswerReceived("B", msgpack.packb(b"x" * size)))
     assert "not a message of this protocol" in script.team.story[-1]
 
 
@@ -268,15 +277,15 @@ def test_what_a_robot_says_while_it_joins_is_written_once_it_has(knows_its_past:
     story(script, "pass 200")
     before = script.team.processes["A"].agent
     now_us = 300 * MS
-    before.handle(fx.ConditionSet("sound", True), now_us)
+    before.handle(inputs.ConditionSet("sound", True), now_us)
     kept = tuple(before.facts.map) if knows_its_past else ()
     config = replace(before.config, nonce="later", restored=kept, expected=frozenset({"B"}))
     agent = Agent(before.mission, config, now_us)
     for value in (knows_its_past, not knows_its_past):
-        agent.handle(fx.ConditionSet("sound", value), now_us)
+        agent.handle(inputs.ConditionSet("sound", value), now_us)
     assert carry_out(agent, ["order", "pause"], now_us)[0] is False
     assert all(entry.version.incarnation.counter for entry in agent.facts.map.of_author("A"))
-    agent.handle(fx.TimerFired(), now_us + 60_000 * MS)
+    agent.handle(inputs.TimerFired(), now_us + 60_000 * MS)
     assert agent.joining is None
     assert agent.facts.condition("sound") is not knows_its_past
     mine = {entry.name: entry.version for entry in agent.facts.map.of_author("A")}
@@ -292,7 +301,7 @@ def test_a_life_that_begins_by_self_fencing_is_on_disk_before_anybody_hears_of_i
     story(script, "pass 200")
     agent = script.team.processes["A"].agent
     before = agent.incarnation
-    effects = agent.handle(fx.TimerFired(), 60_000 * MS)
+    effects = agent.handle(inputs.TimerFired(), 60_000 * MS)
     assert agent.incarnation > before
     synced = [effect for effect in effects if isinstance(effect, fx.Persist) and effect.synced]
     assert any(e.version.incarnation == agent.incarnation for p in synced for e in p.entries)
@@ -321,9 +330,9 @@ def test_a_robot_whose_later_life_others_bury_joins_above_it() -> None:
         {},
     )
     data = encode(header(script), MessageKind.BEAT, beat_body(beat))
-    agent.handle(fx.MessageReceived(MessageKind.BEAT, "B", data), 250 * MS)
+    agent.handle(inputs.MessageReceived(MessageKind.BEAT, "B", data), 250 * MS)
     assert agent.joining is not None
-    agent.handle(fx.TimerFired(), 60_000 * MS)
+    agent.handle(inputs.TimerFired(), 60_000 * MS)
     assert agent.joining is None
     assert agent.incarnation.counter > later.counter
 
@@ -391,6 +400,6 @@ def test_an_earlier_life_that_others_bury_is_noticed_at_once() -> None:
         {},
     )
     data = encode(header(script), MessageKind.BEAT, beat_body(beat))
-    effects = agent.handle(fx.MessageReceived(MessageKind.BEAT, "B", data), script.team.now_us)
+    effects = agent.handle(inputs.MessageReceived(MessageKind.BEAT, "B", data), script.team.now_us)
     events = [effect.event for effect in effects if isinstance(effect, fx.Log)]
     assert "later_life_found" in events

@@ -5,8 +5,8 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.tree import Status
+from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.bt.tree import Status
 from tests.core.harness import Script
 
 ROBOTS = ("A", "B", "C")

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core import canonical as canonical_module
-from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, Bounds, SolverError
-from mrbt_mesh.core.canonical import canonical, solve
-from mrbt_mesh.core.mission import MAX_PERFORMANCE
-from mrbt_mesh.core.solvers import SOLVERS, min_cost_flow
+from mrbt_mesh.core.assignment import canonical as canonical_module
+from mrbt_mesh.core.assignment.canonical import canonical, solve
+from mrbt_mesh.core.assignment.problem import UNASSIGNED, AssignmentProblem, Bounds, SolverError
+from mrbt_mesh.core.assignment.solvers import SOLVERS, min_cost_flow
+from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE
 
 
 def problem(demands: Sequence[tuple[int, int]], *performance: dict[int, int]) -> AssignmentProblem:

@@ -10,15 +10,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core import records
-from mrbt_mesh.core.bidding import LAST_RESORT, Bidding
-from mrbt_mesh.core.effects import BidMade, BidsMade, RequestBid
-from mrbt_mesh.core.facts import Version, make_entry
-from mrbt_mesh.core.mission import MAX_PERFORMANCE, MICRO, Assignment, FailurePolicy, Mission
-from mrbt_mesh.core.planning import PlanMaker, make_plan
-from mrbt_mesh.core.solvers import min_cost_flow
-from mrbt_mesh.core.tree import NodeSpec, Status
-from mrbt_mesh.core.watches import Watches
+from mrbt_mesh.core.agent.effects import RequestBid
+from mrbt_mesh.core.agent.inputs import BidMade, BidsMade
+from mrbt_mesh.core.assignment.solvers import min_cost_flow
+from mrbt_mesh.core.bt.tree import NodeSpec, Status
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.store import Version, make_entry
+from mrbt_mesh.core.incremental.planning.steps import IncrementalSteps
+from mrbt_mesh.core.mission.mission import (
+    MAX_PERFORMANCE,
+    MICRO,
+    Assignment,
+    FailurePolicy,
+    Mission,
+)
+from mrbt_mesh.core.planning.bids import LAST_RESORT
+from mrbt_mesh.core.planning.deadlines import Deadlines
+from mrbt_mesh.core.planning.make_plan import make_plan
+from mrbt_mesh.core.planning.plan import Bidding
 from tests.core.build import World, action, make_mission, parallel, retry, sequence, task
 from tests.core.harness import Script
 
@@ -318,13 +327,13 @@ def test_a_plan_that_follows_another_is_the_plan_from_scratch(seed: int) -> None
     tree = sequence(parallel(2, retry(3, action("t0")), action("t1")), action("t2"))
     team = {f"r{i}": {"drive": 1, "look": 1 + i % 2} for i in range(4)}
     world = World(make_mission(tree, team, tasks))
-    maker = PlanMaker(world.evaluator, min_cost_flow)
+    steps = IncrementalSteps(world.evaluator, min_cost_flow)
     for _ in range(25):
         random_step(world, pick)
         world.tick()
         world.facts.prune(world.evaluator)
-        followed = maker.plan(world.facts, world.alive).packed
-        scratch = make_plan(world.evaluator, world.facts, world.alive, min_cost_flow).packed
+        followed = make_plan(world.mission, world.facts, world.alive, steps).packed
+        scratch = world.plan().packed
         assert followed == scratch, f"seed {seed}"
 
 
@@ -395,7 +404,7 @@ def test_whoever_sees_the_time_pass_says_so() -> None:
     world = town("A", needs=("drive", 1, 1, True, 700_000))
     usual, name = town("A"), f"closed/{world.activation('fetch')}/drive"
     for each, limit_us in ((world, 700_000), (usual, 300_000)):
-        watches = Watches(300_000)
+        watches = Deadlines(300_000)
         assert watches.expired(each.plan(), each.facts, 50) == []
         assert watches.next_deadline_us() == limit_us + 50
         assert watches.expired(each.plan(), each.facts, limit_us + 49) == []

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core import records
-from mrbt_mesh.core.coalition import newly_broken, standing
-from mrbt_mesh.core.facts import Version, make_entry
-from mrbt_mesh.core.mission import FailurePolicy, InDoubt
-from mrbt_mesh.core.records import BROKEN, CLEARED, DONE, DOUBT, GRANT, Token
-from mrbt_mesh.core.tree import Status
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.coalitions import newly_broken, standing_coalition
+from mrbt_mesh.core.facts.records import BROKEN, CLEARED, DONE, DOUBT, GRANT, Token
+from mrbt_mesh.core.facts.store import Version, make_entry
+from mrbt_mesh.core.mission.mission import FailurePolicy, InDoubt
 from tests.core.build import World, action, fallback, make_mission, sequence, task
 
 COVER = "r1:0:cover::0"
@@ -182,7 +182,7 @@ def test_of_two_coalitions_the_first_by_the_order_of_claims_stands() -> None:
     assert on_it(world) == ["C", "D"]
     assert broken(world, "B") == ["A"]
     alive = world.alive
-    token = standing(world.facts, world.mission.global_tasks["cover"], COVER, alive)
+    token = standing_coalition(world.facts, world.mission.global_tasks["cover"], COVER, alive)
     assert token is not None
     assert token.leader == "C"
 
@@ -272,12 +272,12 @@ def test_a_member_that_has_finished_doubts_as_a_giver_only(finished_first: bool)
     if finished_first:
         world.end(name, token, "B", True, "pour")
         world.say(DOUBT, name, token, "B")
-        assert standing(world.facts, dose, name, world.alive) == token
+        assert standing_coalition(world.facts, dose, name, world.alive) == token
         world.say(DOUBT, name, token, "C")  # the grants that are left are no majority
     else:
         world.say(DOUBT, name, token, "B")
         world.end(name, token, "B", True, "pour")
-    assert standing(world.facts, dose, name, world.alive) is None
+    assert standing_coalition(world.facts, dose, name, world.alive) is None
     assert "in doubt" in reason(world)
 
 

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core import standing
-from mrbt_mesh.core.consistency import Consistency, ConsistencyKeeper, kept_requests
-from mrbt_mesh.core.demand import Demand
-from mrbt_mesh.core.evaluate import Request
-from tests.core import plain_consistency
+from mrbt_mesh.core.bt.evaluation import Request
+from mrbt_mesh.core.incremental.consistency import kept_requests as kept_up
+from mrbt_mesh.core.incremental.consistency.keeper import BitsetConsistency, ConsistencyKeeper
+from mrbt_mesh.core.planning.capabilities import Worker
+from mrbt_mesh.core.planning.consistency import Consistency, Kept, kept_requests
+from mrbt_mesh.core.planning.demands import Demand
 from tests.core.consistency_stories import WORKER, Sizes, Story, facts
 
 FACTS = facts()
@@ -30,6 +31,12 @@ SMALL = {
 }
 
 
+def by_definition(
+    groups: Sequence[Sequence[Demand]], team: Mapping[str, Worker], excluded: Collection[int] = ()
+) -> Kept:
+    return kept_requests(FACTS, groups, lambda: Consistency(team), excluded)
+
+
 def follow(story: Story, steps: int, label: str) -> None:
     """Ask a keeper after every event, and compare with the plain definition."""
     keeper = ConsistencyKeeper()
@@ -37,7 +44,7 @@ def follow(story: Story, steps: int, label: str) -> None:
     for number in range(steps):
         groups, team, barred = story.groups(), story.team, story.barred
         found = keeper.kept_requests(FACTS, groups, team, barred)
-        wanted = plain_consistency.kept_requests(FACTS, groups, team, barred)
+        wanted = by_definition(groups, team, barred)
         where = f"{label}: after event {number}, {', '.join(happened)}"
         assert found == wanted, where
         assert list(found[1]) == sorted(found[1]), where
@@ -49,7 +56,7 @@ def follow(story: Story, steps: int, label: str) -> None:
 @pytest.fixture
 def always_incremental(monkeypatch: pytest.MonkeyPatch) -> None:
     """However few requests there are, and however much has changed."""
-    monkeypatch.setattr(standing, "_is_quicker_anew", lambda changes, requests: False)
+    monkeypatch.setattr(kept_up, "_is_quicker_anew", lambda changes, requests: False)
 
 
 @pytest.mark.usefixtures("always_incremental")
@@ -85,8 +92,8 @@ def test_from_scratch_it_answers_like_the_definition(seed: int, name: str) -> No
     story = Story(seed, SMALL[name])
     for _ in range(3):
         groups, team, barred = story.groups(), story.team, story.barred
-        found = kept_requests(FACTS, groups, team, barred)
-        assert found == plain_consistency.kept_requests(FACTS, groups, team, barred)
+        found = ConsistencyKeeper().kept_requests(FACTS, groups, team, barred)
+        assert found == by_definition(groups, team, barred)
         story.step()
 
 
@@ -96,7 +103,7 @@ def test_a_robot_that_claims_two_requests_is_counted_for_the_later_one() -> None
     keeper = ConsistencyKeeper()
     for _ in range(2):
         found = keeper.kept_requests(FACTS, groups, team)
-        assert found == plain_consistency.kept_requests(FACTS, groups, team) == ([1], {"A": 1})
+        assert found == by_definition(groups, team) == ([1], {"A": 1})
 
 
 def test_candidates_out_of_the_team_count_once_they_come() -> None:
@@ -128,7 +135,7 @@ def test_many_requests_come_in_at_one_place() -> None:
     keeper, team = ConsistencyKeeper(), dict.fromkeys("AB", WORKER)
     for number in range(40, 200):
         groups.insert(1, [demand(number, 1, "B")])
-        wanted = plain_consistency.kept_requests(FACTS, groups, team)
+        wanted = by_definition(groups, team)
         assert keeper.kept_requests(FACTS, groups, team) == wanted
 
 
@@ -137,12 +144,12 @@ def test_keeping_one_after_the_other_with_pins(seed: int) -> None:
     story = Story(seed, SMALL["crowded"])
     groups, team = story.groups(), story.team
     pinned = {r: i for i, group in enumerate(groups) for d in group for r in d.pinned}
-    fast, plain = Consistency(team), plain_consistency.Consistency(team)
+    fast, plain = BitsetConsistency(team), Consistency(team)
     for index, group in enumerate(groups):
         fits = plain.fits(index, group, pinned)
         assert fast.fits(index, group, pinned) == fits
         assert fast.keep(index, group, pinned) == plain.keep(index, group, pinned) == fits
-        check_seats(groups, fast.seated, pinned, plain.seated)
+        check_seats(groups, fast.matched, pinned, plain.matched)
 
 
 def check_seats(

@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.core import cp_sat as model
-from mrbt_mesh.core.assignment import (
+from mrbt_mesh.core.assignment import cp_sat as model
+from mrbt_mesh.core.assignment.canonical import solve
+from mrbt_mesh.core.assignment.problem import (
     UNASSIGNED,
     AssignmentProblem,
     Bounds,
@@ -17,8 +18,7 @@ from mrbt_mesh.core.assignment import (
     Shared,
     SolverError,
 )
-from mrbt_mesh.core.canonical import solve
-from mrbt_mesh.core.solvers import brute_force, cp_sat, default_solver, min_cost_flow
+from mrbt_mesh.core.assignment.solvers import brute_force, cp_sat, default_solver, min_cost_flow
 from tests.core.problems import limited
 
 CASES_PER_SEED = 150

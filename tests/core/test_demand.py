@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.capable import Capable, Worker, workers
-from mrbt_mesh.core.consistency import kept_requests, shortages
-from mrbt_mesh.core.demand import Demand, demands_of
-from mrbt_mesh.core.tree import NodeSpec
+from mrbt_mesh.core.bt.tree import NodeSpec
+from mrbt_mesh.core.planning.capabilities import Worker, capabilities_of, workers
+from mrbt_mesh.core.planning.consistency import Consistency, kept_requests, shortages
+from mrbt_mesh.core.planning.demands import Demand, demands_of
 from tests.core.build import World, action, make_mission, parallel, task
 
 LIFT = "r1:0:lift::0"
@@ -25,7 +25,8 @@ def lifters(needed: int, allowed: int, *names: str) -> World:
 
 
 def all_demands(world: World) -> list[tuple[Demand, ...]]:
-    return demands_of(world.facts, world.tick().requests, Capable.of(world.facts, world.alive))
+    capabilities = capabilities_of(world.facts, world.alive)
+    return demands_of(world.facts, world.tick().requests, capabilities, world.evaluator)
 
 
 def demand(world: World) -> Demand:
@@ -35,7 +36,7 @@ def demand(world: World) -> Demand:
 
 def kept(world: World) -> tuple[list[int], dict[str, int]]:
     team = workers(world.facts, world.alive)
-    return kept_requests(world.facts, all_demands(world), team)
+    return kept_requests(world.facts, all_demands(world), lambda: Consistency(team))
 
 
 # -- bounds -----------------------------------------------------------------------------------
@@ -324,7 +325,7 @@ def test_a_long_chain_of_robots_that_step_aside_is_no_problem() -> None:
 
 
 def reasons(world: World) -> list[str]:
-    capable = Capable.of(world.facts, world.alive)
+    capable = capabilities_of(world.facts, world.alive)
     (group,) = all_demands(world)
     return [str(each) for each in shortages(world.facts, group, capable)]
 
@@ -339,7 +340,7 @@ def test_a_request_is_blocked_when_no_living_robots_could_serve_it() -> None:
 def test_robots_that_are_busy_block_nothing() -> None:
     world = two_tasks((1, 1), (1, 1), "A")
     world.claim("A", world.activation("two"), "lift")
-    capable = Capable.of(world.facts, world.alive)
+    capable = capabilities_of(world.facts, world.alive)
     assert [shortages(world.facts, group, capable) for group in all_demands(world)] == [(), ()]
 
 

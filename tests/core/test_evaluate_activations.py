@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.evaluate import ScopeName, parse_scope
-from mrbt_mesh.core.tree import Kind, NodeSpec, Status
+from mrbt_mesh.core.bt.activation import ScopeName, parse_scope
+from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status
 from tests.core.build import (
     World,
     action,

@@ -1,14 +1,16 @@
-"""Evaluation held against the rules in plain words."""
+"""The compiled evaluator held against the definition."""
 
 from __future__ import annotations
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.layout import Layout, TurnSums
-from mrbt_mesh.core.tree import Kind, Memory, NodeSpec, build_tree
+from mrbt_mesh.core.bt.activation import ActivationNames
+from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec, build_tree
+from mrbt_mesh.core.incremental.evaluation.compiled_evaluator import CompiledEvaluator
+from mrbt_mesh.core.incremental.evaluation.compiled_tree import CompiledTree
+from mrbt_mesh.core.incremental.evaluation.turn_sums import TurnSums
 from tests.core.build import World, action, condition, sequence
-from tests.core.plain_evaluation import PlainEvaluator
 from tests.core.strategies import STEPS, Run, tree_specs
 
 
@@ -18,14 +20,14 @@ def test_every_step_of_a_run_is_evaluated_as_the_rules_say(
 ) -> None:
     run = Run(spec)
     world = run.world
-    plain = PlainEvaluator(world.mission.tree)
-    assert world.evaluator.evaluate(world.facts) == plain.evaluate(world.facts)
+    compiled = CompiledEvaluator(world.mission.tree)
+    assert world.evaluator.evaluate(world.facts) == compiled.evaluate(world.facts)
     for choice, success in steps:
         run.happen(choice, success)
         # Before what follows is written down as well as after.
-        assert world.evaluator.evaluate(world.facts) == plain.evaluate(world.facts)
+        assert world.evaluator.evaluate(world.facts) == compiled.evaluate(world.facts)
         run.note()
-        assert world.evaluator.evaluate(world.facts) == plain.evaluate(world.facts)
+        assert world.evaluator.evaluate(world.facts) == compiled.evaluate(world.facts)
 
 
 @given(tree_specs(max_leaves=16), st.lists(st.tuples(st.integers(0, 99), st.integers(0, 5))))
@@ -33,7 +35,8 @@ def test_the_guards_of_a_node_are_those_of_the_rules(
     spec: NodeSpec, turns: list[tuple[int, int]]
 ) -> None:
     tree = build_tree(spec)
-    layout, plain = Layout(tree), PlainEvaluator(tree)
+    plain = ActivationNames(tree)
+    layout = CompiledTree(plain)
     sums = TurnSums(layout)
     for guard, number in turns:
         if layout.guards:
@@ -41,13 +44,13 @@ def test_the_guards_of_a_node_are_those_of_the_rules(
     counts = dict(zip(layout.guards, sums.turned, strict=True))
     for node in range(len(tree.nodes)):
         found = sorted(layout.guards[number] for number in layout.guards_at(node))
-        assert found == sorted(plain._guards[node])
+        assert found == sorted(plain.guards[node])
         assert sums.at(node) == sum(counts[guard] for guard in found)
 
 
 @given(tree_specs(max_leaves=16))
 def test_every_subtree_takes_neighbouring_ranks_its_root_the_last(spec: NodeSpec) -> None:
-    layout = Layout(build_tree(spec))
+    layout = CompiledTree(ActivationNames(build_tree(spec)))
     assert sorted(layout.ranks) == list(range(len(layout.ranks)))
     for node, last in enumerate(layout.ends):
         ranks = sorted(layout.ranks[node : last + 1])
@@ -56,7 +59,8 @@ def test_every_subtree_takes_neighbouring_ranks_its_root_the_last(spec: NodeSpec
 
 
 def test_a_condition_that_guards_twice_counts_twice() -> None:
-    layout = Layout(build_tree(sequence(sequence(condition("c"), condition("c")), action("a"))))
+    tree = build_tree(sequence(sequence(condition("c"), condition("c")), action("a")))
+    layout = CompiledTree(ActivationNames(tree))
     guards = [layout.guards[number] for number in layout.guards_at(4)]
     assert guards == [("c", False), ("c", False)]
 
@@ -67,9 +71,9 @@ def test_a_retry_that_begins_anew_keeps_what_was_latched_below() -> None:
     )
     spec = NodeSpec(Kind.RETRY, (NodeSpec(Kind.RETRY, (inner,), limit=2),), limit=3)
     world = World(spec)
-    plain = PlainEvaluator(world.mission.tree)
+    compiled = CompiledEvaluator(world.mission.tree)
     for subject in ("a", "a", "a"):
         if subject in world.asked():
             world.outcome(world.activation(subject), True)
         found = world.evaluator.evaluate(world.facts)
-        assert found == plain.evaluate(world.facts)
+        assert found == compiled.evaluate(world.facts)

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.evaluate import Evaluation, Evaluator
-from mrbt_mesh.core.tree import LEAVES, Kind, NodeSpec, Status, build_tree
+from mrbt_mesh.core.bt.evaluation import Evaluation
+from mrbt_mesh.core.bt.evaluator import Evaluator
+from mrbt_mesh.core.bt.tree import LEAVES, Kind, NodeSpec, Status, build_tree
 from tests.core.build import (
     World,
     action,

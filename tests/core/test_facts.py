@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.facts import Entry, FactMap, Incarnation, Version, join, make_entry
+from mrbt_mesh.core.facts.store import Entry, FactMap, Incarnation, Version, join, make_entry
 
 AUTHORS = ("A1", "B1")
 SCOPE = "r1:0:a::0"

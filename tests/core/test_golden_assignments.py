@@ -15,9 +15,15 @@ from pathlib import Path
 
 import pytest
 
-from mrbt_mesh.core.assignment import AssignmentProblem, Bounds, Limit, Shared, SideConstraint
-from mrbt_mesh.core.canonical import solve
-from mrbt_mesh.core.solvers import default_solver
+from mrbt_mesh.core.assignment.canonical import solve
+from mrbt_mesh.core.assignment.problem import (
+    AssignmentProblem,
+    Bounds,
+    Limit,
+    Shared,
+    SideConstraint,
+)
+from mrbt_mesh.core.assignment.solvers import default_solver
 
 FILE = Path(__file__).with_name("golden") / "assignments.json"
 # robots, demands, how many cases, whether with side constraints

@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.facts import Incarnation, Version, make_entry
-from mrbt_mesh.core.grants import Grants
-from mrbt_mesh.core.mission import InDoubt, Mission
-from mrbt_mesh.core.records import Token
-from mrbt_mesh.core.team import TeamFacts
-from mrbt_mesh.core.timing import Timing
-from mrbt_mesh.core.wire import Beat, Granted, Word
+from mrbt_mesh.core.facts.records import Token
+from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.membership.leases import Leases
+from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.membership.wire import Beat, Granted, Word
+from mrbt_mesh.core.mission.mission import InDoubt, Mission
 from tests.core.build import RUN, action, make_mission, task
 
 TIMING = Timing()
@@ -40,7 +40,7 @@ class Robot:
     rate_percent: int = 100
     offset_us: int = 0
     facts: TeamFacts = field(init=False)
-    grants: Grants = field(init=False)
+    grants: Leases = field(init=False)
     number: int = 0
     sequence: int = 0
 
@@ -51,7 +51,7 @@ class Robot:
 
     def start(self, now_us: int) -> None:
         """A new process, with the facts of the journal."""
-        self.grants = Grants(self.id, self.facts, TIMING, self.clock(now_us))
+        self.grants = Leases(self.id, self.facts, TIMING, self.clock(now_us))
 
     def clock(self, now_us: int) -> int:
         return self.offset_us + now_us * self.rate_percent // 100

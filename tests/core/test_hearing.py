@@ -5,8 +5,8 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.hearing import Hearing
-from mrbt_mesh.core.timing import ODDS_BITS, Timing
+from mrbt_mesh.core.membership.arrival_history import ArrivalHistory
+from mrbt_mesh.core.membership.timing import ODDS_BITS, Timing
 
 BEAT_US = 200_000
 TIMING = Timing(BEAT_US, 1_000_000)
@@ -14,8 +14,8 @@ TIMING = Timing(BEAT_US, 1_000_000)
 gaps = st.lists(st.integers(0, 5_000_000), max_size=300)
 
 
-def heard(*gaps_us: int) -> Hearing:
-    hearing = Hearing.unknown(TIMING)
+def heard(*gaps_us: int) -> ArrivalHistory:
+    hearing = ArrivalHistory.unknown(TIMING)
     for gap_us in gaps_us:
         hearing.gap(gap_us, TIMING)
     return hearing

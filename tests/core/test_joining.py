@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from mrbt_mesh.core.facts import Incarnation
-from mrbt_mesh.core.joining import Joining
-from mrbt_mesh.core.membership import Membership
-from mrbt_mesh.core.timing import Timing
-from mrbt_mesh.core.wire import Beat, Word
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.joining import Joining
+from mrbt_mesh.core.membership.membership import Membership
+from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.membership.wire import Beat, Word
 
 MS = 1_000
 TIMING = Timing(100 * MS, 1_000 * MS)

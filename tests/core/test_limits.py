@@ -10,14 +10,14 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.core.assignment import AssignmentProblem
-from mrbt_mesh.core.canonical import solve
-from mrbt_mesh.core.constraints import AtMost, Constraint, NeverTogether, NotAtOnce
-from mrbt_mesh.core.mission import FailurePolicy, GlobalTask, Mission, Need, SameRobotAs
-from mrbt_mesh.core.plan import Plan
-from mrbt_mesh.core.planning import make_plan
-from mrbt_mesh.core.solvers import brute_force, default_solver
-from mrbt_mesh.core.tree import NodeSpec
+from mrbt_mesh.core.assignment.canonical import solve
+from mrbt_mesh.core.assignment.problem import AssignmentProblem
+from mrbt_mesh.core.assignment.solvers import brute_force, default_solver
+from mrbt_mesh.core.bt.tree import NodeSpec
+from mrbt_mesh.core.mission.constraints import AtMost, Constraint, NeverTogether, NotAtOnce
+from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, Mission, Need, SameRobotAs
+from mrbt_mesh.core.planning.make_plan import make_plan
+from mrbt_mesh.core.planning.plan import Plan
 from tests.core.build import World, action, fallback, make_mission, parallel, retry, sequence, task
 
 
@@ -27,7 +27,7 @@ def limited(mission: Mission, *constraints: Constraint) -> World:
 
 def plan(world: World) -> Plan:
     world.tick()
-    return make_plan(world.evaluator, world.facts, world.alive, default_solver)
+    return make_plan(world.mission, world.facts, world.alive, world.steps(default_solver))
 
 
 def served(found: Plan) -> dict[str, str]:
@@ -289,7 +289,7 @@ def test_plans_keep_the_constraints_and_requests_as_trying_out_everything_does(s
             return default_solver(problem)
 
         noting.supports_constraints = True  # type: ignore[attr-defined]
-        found = make_plan(world.evaluator, world.facts, world.alive, noting)
+        found = make_plan(world.mission, world.facts, world.alive, world.steps(noting))
         where = f"seed {seed}, case {case}: {world.mission.constraints}, {found.to_json()}"
         assert found.feasible, where
         on = {r: (line.global_task, line.local_task) for r, line in found.lines.items()}

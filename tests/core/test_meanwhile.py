@@ -5,31 +5,31 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core import effects as fx
-from mrbt_mesh.core.meanwhile import AT_ONCE, Meanwhile
-from mrbt_mesh.core.wire import MessageKind
+from mrbt_mesh.core.agent import inputs
+from mrbt_mesh.core.agent.deferred_inputs import AT_ONCE, DeferredInputs
+from mrbt_mesh.core.membership.wire import MessageKind
 
-BEAT = fx.MessageReceived(MessageKind.BEAT, "B", b"beat")
-TIMER = fx.TimerFired()
-
-
-def fact(number: int) -> fx.Input:
-    return fx.MessageReceived(MessageKind.FACT, "B", bytes([number]))
+BEAT = inputs.MessageReceived(MessageKind.BEAT, "B", b"beat")
+TIMER = inputs.TimerFired()
 
 
-def condition(number: int) -> fx.Input:
-    return fx.ConditionSet(f"c{number}", True)
+def fact(number: int) -> inputs.Input:
+    return inputs.MessageReceived(MessageKind.FACT, "B", bytes([number]))
+
+
+def condition(number: int) -> inputs.Input:
+    return inputs.ConditionSet(f"c{number}", True)
 
 
 def test_without_a_plan_in_the_making_everything_is_taken_at_once() -> None:
-    meanwhile = Meanwhile()
-    for event in (BEAT, fact(1), condition(1), TIMER, fx.LeaveRequested()):
+    meanwhile = DeferredInputs()
+    for event in (BEAT, fact(1), condition(1), TIMER, inputs.LeaveRequested()):
         assert meanwhile.due(event, False) == [event]
     assert not meanwhile.waits
 
 
 def test_beats_are_heard_and_facts_wait() -> None:
-    meanwhile = Meanwhile()
+    meanwhile = DeferredInputs()
     assert meanwhile.due(BEAT, True) == [BEAT]
     assert meanwhile.due(fact(1), True) == []
     assert meanwhile.due(TIMER, True) == [TIMER]
@@ -37,7 +37,7 @@ def test_beats_are_heard_and_facts_wait() -> None:
 
 
 def test_facts_of_others_come_together_and_what_the_robot_says_one_by_one() -> None:
-    meanwhile = Meanwhile()
+    meanwhile = DeferredInputs()
     events = [fact(1), fact(2), condition(1), condition(2), fact(3)]
     for event in events:
         assert meanwhile.due(event, True) == []
@@ -49,7 +49,7 @@ def test_facts_of_others_come_together_and_what_the_robot_says_one_by_one() -> N
 
 
 def test_a_flood_of_facts_is_taken_in_by_portions() -> None:
-    meanwhile = Meanwhile()
+    meanwhile = DeferredInputs()
     flood = [fact(number % 256) for number in range(2 * AT_ONCE + 1)]
     for event in flood:
         assert meanwhile.due(event, True) == []
@@ -59,17 +59,17 @@ def test_a_flood_of_facts_is_taken_in_by_portions() -> None:
 
 
 def test_the_plan_comes_before_what_has_waited_for_it() -> None:
-    meanwhile = Meanwhile()
+    meanwhile = DeferredInputs()
     meanwhile.due(fact(1), True)
-    made = fx.PlanMade(1, None)  # type: ignore[arg-type]
+    made = inputs.PlanMade(1, None)  # type: ignore[arg-type]
     assert meanwhile.due(made, True) == [made]
 
 
 @given(st.lists(st.tuples(st.integers(0, 2), st.booleans()), max_size=40))
 def test_nothing_is_lost_or_overtaken(steps: list[tuple[int, bool]]) -> None:
-    meanwhile = Meanwhile()
-    given_events: list[fx.Input] = []
-    taken: list[fx.Input] = []
+    meanwhile = DeferredInputs()
+    given_events: list[inputs.Input] = []
+    taken: list[inputs.Input] = []
     for number, (kind, busy) in enumerate(steps):
         event = (fact(number), condition(number), BEAT)[kind]
         if kind != 2:

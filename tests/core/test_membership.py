@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.facts import Incarnation
-from mrbt_mesh.core.membership import Membership, State
-from mrbt_mesh.core.timing import Timing
-from mrbt_mesh.core.tree import Status
-from mrbt_mesh.core.wire import Accusation, Beat, Word
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.membership import Membership, State
+from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.membership.wire import Accusation, Beat, Word
 
 MS = 1_000
 TIMING = Timing(beat_us=100 * MS, detection_us=1_000 * MS)

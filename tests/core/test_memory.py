@@ -17,9 +17,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.facts import Incarnation, Version, make_entry
-from mrbt_mesh.core.tree import Kind, Memory, NodeSpec
-from mrbt_mesh.core.tree import Status as Ours
+from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec
+from mrbt_mesh.core.bt.tree import Status as Ours
+from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from tests.core.build import RUN, World, action, condition
 from tests.formats.btcpp import interpreter as btcpp
 from tests.formats.btcpp.interpreter import Node, Status

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from mrbt_mesh.core.mission import (
+from mrbt_mesh.core.bt.tree import Kind, NodeSpec, build_tree
+from mrbt_mesh.core.mission.mission import (
     Mission,
     is_robot_id,
     mission_from_json,
@@ -15,7 +16,6 @@ from mrbt_mesh.core.mission import (
     split_call,
     type_name,
 )
-from mrbt_mesh.core.tree import Kind, NodeSpec, build_tree
 from tests.core.build import action, condition, make_mission, retry, sequence, task, timeout
 
 

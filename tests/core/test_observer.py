@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.core.membership import State
-from mrbt_mesh.core.observer import Observer
-from mrbt_mesh.core.solvers import min_cost_flow
-from mrbt_mesh.core.timing import Timing
-from mrbt_mesh.core.tree import Status
-from mrbt_mesh.core.wire import MessageKind, encode
+from mrbt_mesh.core.assignment.solvers import min_cost_flow
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.membership.membership import State
+from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.membership.wire import MessageKind, encode
+from mrbt_mesh.core.observer.observer import Observer
 from tests.core.harness import Script
 
 TEAM = """

@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from mrbt_mesh.core.options import (
+from mrbt_mesh.core.incremental.assignment.arc_costs import (
     ENTRY,
     FAR,
     IDLE,

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core import records
-from mrbt_mesh.core.facts import Incarnation
-from mrbt_mesh.core.plan import Plan
-from mrbt_mesh.core.planning import make_plan
-from mrbt_mesh.core.solvers import min_cost_flow
-from mrbt_mesh.core.tree import Status
+from mrbt_mesh.core.assignment.solvers import min_cost_flow
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.planning.make_plan import make_plan
+from mrbt_mesh.core.planning.plan import Plan
 from tests.core.build import World, action, fallback, make_mission, parallel, sequence, task
 from tests.core.test_demand import worlds
 
@@ -280,7 +280,7 @@ def test_the_alive_set_alone_does_not_change_the_digest() -> None:
 def test_a_robot_counts_only_in_the_life_that_is_alive() -> None:
     world = repair()
     alive = world.alive | {"C1": Incarnation(7, "other")}
-    plan = make_plan(world.evaluator, world.facts, alive, min_cost_flow)
+    plan = make_plan(world.mission, world.facts, alive, world.steps(min_cost_flow))
     assert "C1" not in plan.lines
 
 

@@ -10,27 +10,28 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mrbt_mesh.core import optimum as optimum_module
-from mrbt_mesh.core import reassign as reassign_module
-from mrbt_mesh.core import residual as residual_module
-from mrbt_mesh.core import ties as ties_module
-from mrbt_mesh.core.assignment import SolverError
-from mrbt_mesh.core.mission import MAX_PERFORMANCE
-from mrbt_mesh.core.offers import Changes, Offered, Team, difference
-from mrbt_mesh.core.optimum import Optimum
-from mrbt_mesh.core.options import ENTRY, IDLE
-from mrbt_mesh.core.reassign import Reassigner
-from mrbt_mesh.core.residual import InfeasibleError, TooFarError
-from mrbt_mesh.core.scratch import named
-from mrbt_mesh.core.scratch import optimum as from_scratch
-from mrbt_mesh.core.solvers import min_cost_flow
+from mrbt_mesh.core.assignment.named import NamedDemand, NamedProblem
+from mrbt_mesh.core.assignment.problem import SolverError
+from mrbt_mesh.core.assignment.solve import named
+from mrbt_mesh.core.assignment.solve import optimum as from_scratch
+from mrbt_mesh.core.assignment.solvers import min_cost_flow
+from mrbt_mesh.core.incremental.assignment import optimum as optimum_module
+from mrbt_mesh.core.incremental.assignment import reassign as reassign_module
+from mrbt_mesh.core.incremental.assignment import residual as residual_module
+from mrbt_mesh.core.incremental.assignment import ties as ties_module
+from mrbt_mesh.core.incremental.assignment.arc_costs import ENTRY, IDLE
+from mrbt_mesh.core.incremental.assignment.optimum import Optimum
+from mrbt_mesh.core.incremental.assignment.problem_changes import ProblemChanges, difference
+from mrbt_mesh.core.incremental.assignment.reassign import Reassigner
+from mrbt_mesh.core.incremental.assignment.residual import InfeasibleError, TooFarError
+from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE
 from tests.core.test_assignment import optima
 
 KINDS = ["dies", "comes", "request", "ended", "bounds", "option"]
 VALUES = [1, 3, 10, 1000]
 
 
-def assigned(team: Team) -> dict[str, str] | None:
+def assigned(team: NamedProblem) -> dict[str, str] | None:
     """By definition: from scratch."""
     return from_scratch(team, min_cost_flow)
 
@@ -68,41 +69,41 @@ class Story:
         self.share = self.random.choice((0.2, 0.5, 1.0))
         self.offered = 0
         robots = sorted(self.random.sample(self.names, size))
-        self.team = Team(tuple(robots), tuple(self.offer() for _ in range(size // 3)))
+        self.team = NamedProblem(tuple(robots), tuple(self.offer() for _ in range(size // 3)))
 
-    def offer(self) -> Offered:
+    def offer(self) -> NamedDemand:
         self.offered += 1
         rng = self.random
         lower = rng.choice((0, 0, 1, 2))
         able = [robot for robot in self.names if rng.random() < self.share]
         candidates = {robot: rng.randint(1, self.most) for robot in able}
-        return Offered(f"d{self.offered}", lower, lower + rng.choice((0, 0, 1, 2)), candidates)
+        return NamedDemand(f"d{self.offered}", lower, lower + rng.choice((0, 0, 1, 2)), candidates)
 
-    def next(self, *kinds: str) -> Team:
+    def next(self, *kinds: str) -> NamedProblem:
         robots, demands = list(self.team.robots), list(self.team.demands)
         for kind in kinds or self.random.choices(KINDS, k=self.random.choice((1, 1, 1, 2, 4))):
             getattr(self, f"_{kind}")(robots, demands)
-        self.team = Team(tuple(sorted(robots)), tuple(demands))
+        self.team = NamedProblem(tuple(sorted(robots)), tuple(demands))
         return self.team
 
-    def _dies(self, robots: list[str], demands: list[Offered]) -> None:
+    def _dies(self, robots: list[str], demands: list[NamedDemand]) -> None:
         if robots:
             robots.remove(self.random.choice(robots))
 
-    def _comes(self, robots: list[str], demands: list[Offered]) -> None:
+    def _comes(self, robots: list[str], demands: list[NamedDemand]) -> None:
         away = [robot for robot in self.names if robot not in robots]
         if away:
             robots.append(self.random.choice(away))
 
-    def _request(self, robots: list[str], demands: list[Offered]) -> None:
+    def _request(self, robots: list[str], demands: list[NamedDemand]) -> None:
         if len(demands) < self.size:
             demands.insert(self.random.randint(0, len(demands)), self.offer())
 
-    def _ended(self, robots: list[str], demands: list[Offered]) -> None:
+    def _ended(self, robots: list[str], demands: list[NamedDemand]) -> None:
         if demands:
             demands.remove(self.random.choice(demands))
 
-    def _bounds(self, robots: list[str], demands: list[Offered]) -> None:
+    def _bounds(self, robots: list[str], demands: list[NamedDemand]) -> None:
         if demands:
             index = self.random.randrange(len(demands))
             old = demands[index]
@@ -110,7 +111,7 @@ class Story:
             upper = max(lower, old.upper + self.random.choice((-1, 0, 1)))
             demands[index] = replace(old, lower=lower, upper=upper)
 
-    def _option(self, robots: list[str], demands: list[Offered]) -> None:
+    def _option(self, robots: list[str], demands: list[NamedDemand]) -> None:
         if demands:
             index = self.random.randrange(len(demands))
             candidates = dict(demands[index].candidates)
@@ -143,7 +144,7 @@ def ties(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str
     return str(request.param)
 
 
-def follow(seed: int, size: int, events: int, most: int) -> Iterator[tuple[Team, Optimum]]:
+def follow(seed: int, size: int, events: int, most: int) -> Iterator[tuple[NamedProblem, Optimum]]:
     """The team and the optimum that has been kept up to date, event by event."""
     story = Story(seed, size, most)
     before, kept = story.team, None
@@ -191,12 +192,12 @@ def test_after_every_event_it_is_what_scratch_finds(
 def test_who_has_lost_a_demand_goes_where_somebody_is_missing(storage: str, search: str) -> None:
     """Straight, although the way by those who are idle is open too."""
     able = dict.fromkeys(["a", "b", "c", "d", "e"], 5)
-    demands = tuple(Offered(name, 2, 2, able) for name in ("x", "y"))
-    team = Team(("a", "b", "c", "d", "e"), demands)
+    demands = tuple(NamedDemand(name, 2, 2, able) for name in ("x", "y"))
+    team = NamedProblem(("a", "b", "c", "d", "e"), demands)
     optimum = Optimum(team, assigned(team) or {})
     # b, of y's, is not there any more, and neither is x, which a and b were on.
-    after = Team(("a", "c", "d", "e"), demands[1:])
-    optimum.apply(difference(team, after) or Changes())
+    after = NamedProblem(("a", "c", "d", "e"), demands[1:])
+    optimum.apply(difference(team, after) or ProblemChanges())
     assert optimum.assigned == assigned(after) == {"a": "y", "c": "y"}
     check_prices(optimum)
 
@@ -235,12 +236,12 @@ class Scratch:
     def __init__(self) -> None:
         self.calls = 0
 
-    def __call__(self, team: Team) -> dict[str, str] | None:
+    def __call__(self, team: NamedProblem) -> dict[str, str] | None:
         self.calls += 1
         return assigned(team)
 
 
-def small_changes(team: Team, count: int) -> Iterator[Team]:
+def small_changes(team: NamedProblem, count: int) -> Iterator[NamedProblem]:
     for number in range(count):
         yield replace(team, robots=tuple(r for r in team.robots if r != team.robots[number]))
 
@@ -271,7 +272,7 @@ def test_after_reaching_too_far_it_pauses_ever_longer(monkeypatch: pytest.Monkey
     monkeypatch.setattr(reassign_module, "PAIRS_PER_VISIT", 10**9)
     story = Story(5, 120, 1000)
     demand = replace(story.offer(), lower=110, upper=110, candidates=dict.fromkeys(story.names, 1))
-    story.team = replace(story.team, demands=(demand, Offered("nobody's", 0, 1, {})))
+    story.team = replace(story.team, demands=(demand, NamedDemand("nobody's", 0, 1, {})))
     scratch = Scratch()
     reassigner = Reassigner(scratch)
     reassigner.update(story.team)
@@ -295,10 +296,10 @@ def test_a_small_team_is_always_solved_again() -> None:
 
 
 def test_demands_in_another_order_are_another_problem() -> None:
-    one, other = Offered("a", 0, 1, {"r": 1}), Offered("b", 0, 1, {"r": 1})
+    one, other = NamedDemand("a", 0, 1, {"r": 1}), NamedDemand("b", 0, 1, {"r": 1})
     reassigner = Reassigner(assigned, smallest_team=1)
     for demands, expected in [((one, other), "a"), ((other, one), "b"), ((one, other), "a")]:
-        assert reassigner.update(Team(("r",), demands)) == {"r": expected}
+        assert reassigner.update(NamedProblem(("r",), demands)) == {"r": expected}
         reassigner.prepare()
 
 
@@ -309,45 +310,47 @@ def test_what_has_not_changed_is_not_looked_at() -> None:
 
         __eq__ = items  # type: ignore[assignment]
 
-    demands = tuple(Offered(f"d{i}", 0, 1, Untouchable(r=1, s=2)) for i in range(3))
-    old = Team(("r", "s"), demands)
-    new = Team(("r", "s"), (replace(demands[0], upper=2), *demands[1:]))
-    assert difference(old, new) == Changes(bounds={"d0": (0, 2)})
-    assert difference(old, replace(old, robots=("r",))) == Changes(gone_robots=["s"])
+    demands = tuple(NamedDemand(f"d{i}", 0, 1, Untouchable(r=1, s=2)) for i in range(3))
+    old = NamedProblem(("r", "s"), demands)
+    new = NamedProblem(("r", "s"), (replace(demands[0], upper=2), *demands[1:]))
+    assert difference(old, new) == ProblemChanges(bounds={"d0": (0, 2)})
+    assert difference(old, replace(old, robots=("r",))) == ProblemChanges(gone_robots=["s"])
 
 
 def test_many_new_requests_at_one_place_of_the_order() -> None:
     """Beyond the room between two ranks."""
     candidates = {"r": 1, "s": 1}
-    team = Team(("r", "s"), (Offered("a", 0, 1, candidates), Offered("z", 0, 1, candidates)))
+    team = NamedProblem(
+        ("r", "s"), (NamedDemand("a", 0, 1, candidates), NamedDemand("z", 0, 1, candidates))
+    )
     optimum = Optimum(team, assigned(team) or {})
     for number in range(40):
-        new = Offered(f"b{number}", 0, 1, candidates)
-        after = Team(team.robots, (team.demands[0], new, *team.demands[1:]))
-        optimum.apply(difference(team, after) or Changes())
+        new = NamedDemand(f"b{number}", 0, 1, candidates)
+        after = NamedProblem(team.robots, (team.demands[0], new, *team.demands[1:]))
+        optimum.apply(difference(team, after) or ProblemChanges())
         assert optimum.assigned == assigned(after) == {"r": "a", "s": new.id}
         team = after
 
 
 def test_robots_never_seen_before_come_anywhere_in_the_order() -> None:
     names = [f"r{number:02d}" for number in range(40)]
-    demand = Offered("a", 0, 2, dict.fromkeys(names, 1))
-    team = Team((), (demand,))
+    demand = NamedDemand("a", 0, 2, dict.fromkeys(names, 1))
+    team = NamedProblem((), (demand,))
     optimum = Optimum(team, {})
     for name in random.Random(1).sample(names, 40):
-        after = Team(tuple(sorted((*team.robots, name))), (demand,))
-        optimum.apply(difference(team, after) or Changes())
+        after = NamedProblem(tuple(sorted((*team.robots, name))), (demand,))
+        optimum.apply(difference(team, after) or ProblemChanges())
         assert optimum.assigned == dict.fromkeys(after.robots[:2], "a")
         team = after
 
 
 @pytest.mark.parametrize("most", [MAX_PERFORMANCE, 1 << 56])
 def test_performances_beyond_what_a_matrix_may_hold(storage: str, most: int) -> None:
-    team = Team(("r", "s"), (Offered("a", 0, 1, {"r": most, "s": most - 1}),))
+    team = NamedProblem(("r", "s"), (NamedDemand("a", 0, 1, {"r": most, "s": most - 1}),))
     optimum = Optimum(team, {"r": "a"})
-    optimum.apply(Changes(gone_robots=["r"]))
+    optimum.apply(ProblemChanges(gone_robots=["r"]))
     assert optimum.assigned == {"s": "a"}
-    optimum.apply(Changes(new_robots={"r": {"a": most}}))
+    optimum.apply(ProblemChanges(new_robots={"r": {"a": most}}))
     assert optimum.assigned == {"r": "a"}
 
 
@@ -366,28 +369,30 @@ def test_what_is_not_the_canonical_optimum_is_refused(
     storage: str, wrong: Mapping[str, str]
 ) -> None:
     candidates = {"r": 1, "s": 1}
-    team = Team(("r", "s"), (Offered("a", 0, 1, candidates), Offered("b", 0, 1, candidates)))
+    team = NamedProblem(
+        ("r", "s"), (NamedDemand("a", 0, 1, candidates), NamedDemand("b", 0, 1, candidates))
+    )
     with pytest.raises(SolverError):
         Optimum(team, wrong)
 
 
 def test_visits_may_be_limited() -> None:
-    team = Team(("r", "s"), (Offered("a", 1, 1, {"r": 1, "s": 1}),))
+    team = NamedProblem(("r", "s"), (NamedDemand("a", 1, 1, {"r": 1, "s": 1}),))
     with pytest.raises(TooFarError):
-        Optimum(team, {"r": "a"}).apply(Changes(gone_robots=["r"]), visits=0)
+        Optimum(team, {"r": "a"}).apply(ProblemChanges(gone_robots=["r"]), visits=0)
 
 
 def test_after_a_solver_has_failed_the_same_problem_is_solved_again() -> None:
     answers: list[tuple[int, ...]] = []
 
-    def fails_at_first(team: Team) -> dict[str, str] | None:
+    def fails_at_first(team: NamedProblem) -> dict[str, str] | None:
         if not answers:
             answers.append(())
             raise SolverError("not yet")
         return assigned(team)
 
-    demands = (Offered("x", 1, 1, {"a": 1, "b": 2}), Offered("y", 1, 1, {"a": 1, "b": 1}))
-    team = Team(("a", "b"), demands)
+    demands = (NamedDemand("x", 1, 1, {"a": 1, "b": 2}), NamedDemand("y", 1, 1, {"a": 1, "b": 1}))
+    team = NamedProblem(("a", "b"), demands)
     keeper = Reassigner(fails_at_first)
     with pytest.raises(SolverError, match="not yet"):
         keeper.update(team)

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mrbt_mesh.core.facts import Entry, Incarnation, Version, make_entry
-from mrbt_mesh.core.membership import State
-from mrbt_mesh.core.record import RunRecord
-from mrbt_mesh.core.records import (
+from mrbt_mesh.core.facts.records import (
     CLAIM,
     CONDITION,
     MEMBER,
@@ -16,6 +13,9 @@ from mrbt_mesh.core.records import (
     Member,
     Phase,
 )
+from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.membership.membership import State
+from mrbt_mesh.core.observer.run_record import RunRecord
 from tests.core.build import action, make_mission
 
 FIRST, SECOND = Incarnation(1, "n"), Incarnation(2, "m")

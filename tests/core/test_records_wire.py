@@ -9,10 +9,11 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core import records, wire
-from mrbt_mesh.core.facts import MAX_VALUE_BYTES, Entry, Incarnation, Version, make_entry
-from mrbt_mesh.core.records import parse_record
-from mrbt_mesh.core.wire import (
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.records import parse_record
+from mrbt_mesh.core.facts.store import MAX_VALUE_BYTES, Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.membership import wire
+from mrbt_mesh.core.membership.wire import (
     Accusation,
     Beat,
     Granted,

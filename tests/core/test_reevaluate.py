@@ -11,12 +11,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core import records
-from mrbt_mesh.core.evaluate import Evaluation, Evaluator, parse_scope
-from mrbt_mesh.core.mission import FailurePolicy, GlobalTask, InDoubt
-from mrbt_mesh.core.records import Token
-from mrbt_mesh.core.reevaluate import Reevaluator
-from mrbt_mesh.core.tree import ATTEMPT_KINDS, CONTROLS, Kind, Memory, NodeSpec, Status
+from mrbt_mesh.core.bt.activation import parse_scope
+from mrbt_mesh.core.bt.evaluation import Evaluation
+from mrbt_mesh.core.bt.evaluator import Evaluator
+from mrbt_mesh.core.bt.tree import ATTEMPT_KINDS, CONTROLS, Kind, Memory, NodeSpec, Status
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.records import Token
+from mrbt_mesh.core.incremental.evaluation.compiled_evaluator import CompiledEvaluator
+from mrbt_mesh.core.incremental.evaluation.evaluator import IncrementalEvaluator
+from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, InDoubt
 from tests.core.build import (
     World,
     action,
@@ -30,7 +33,6 @@ from tests.core.build import (
     task,
     timeout,
 )
-from tests.core.plain_evaluation import PlainEvaluator
 from tests.core.strategies import UNARY, tree_specs
 
 ROBOTS = ("R1", "R2", "R3")
@@ -187,11 +189,11 @@ def tell(spec: NodeSpec, source: Random, steps: int) -> Iterator[tuple[Facts, Ev
     """A story, evaluated step by step; each step is held against both definitions."""
     story = Facts(spec, source)
     world = story.world
-    again = Reevaluator(world.mission.tree, world.facts)
-    plain = PlainEvaluator(world.mission.tree)
+    again = IncrementalEvaluator(world.mission.tree, world.facts)
+    plain = Evaluator(world.mission.tree)
     if source.random() < 0.3:
         world.evaluator = again  # then it prunes as well
-    scratch = Evaluator(world.mission.tree)
+    scratch = CompiledEvaluator(world.mission.tree)
     for _ in range(steps):
         for _ in range(source.choice((1, 1, 1, 2, 5))):
             story.happen()
@@ -229,7 +231,7 @@ def test_pruning_drops_all_that_is_out_of_reach_and_nothing_else(
 ) -> None:
     story = Facts(spec, source)
     world = story.world
-    again = Reevaluator(world.mission.tree, world.facts)
+    again = IncrementalEvaluator(world.mission.tree, world.facts)
     for _ in range(12):
         for _ in range(source.randint(1, 3)):
             story.happen()
@@ -288,7 +290,7 @@ def test_an_outcome_among_thousands_of_nodes_leads_to_few_reads(
 ) -> None:
     robots = {"R1": {"a0": 1.0}}
     world = World(make_mission(spec, robots, true_at_first=("on",)))
-    again = Reevaluator(world.mission.tree, world.facts)
+    again = IncrementalEvaluator(world.mission.tree, world.facts)
     found = again.evaluate(world.facts)
     counted = Reads(world, monkeypatch)
     for _ in range(3):
@@ -301,7 +303,7 @@ def test_an_outcome_among_thousands_of_nodes_leads_to_few_reads(
 
 def test_what_the_tree_does_not_read_changes_nothing() -> None:
     world = World(sequence(condition("c"), action("a")), true_at_first=("c",))
-    again = Reevaluator(world.mission.tree, world.facts)
+    again = IncrementalEvaluator(world.mission.tree, world.facts)
     before = again.evaluate(world.facts)
     world.claim("R1", world.activation("a"))
     world.order("pause", 1)
@@ -311,7 +313,7 @@ def test_what_the_tree_does_not_read_changes_nothing() -> None:
 def test_a_guard_that_turns_renews_only_what_it_guards() -> None:
     guarded = sequence(condition("c"), action("a"))
     world = World(parallel(2, guarded, action("b")), true_at_first=("c",))
-    again = Reevaluator(world.mission.tree, world.facts)
+    again = IncrementalEvaluator(world.mission.tree, world.facts)
     _, kept = again.evaluate(world.facts).requests
     world.set("c", False)
     world.set("c", True)
@@ -323,7 +325,7 @@ def test_a_guard_that_turns_renews_only_what_it_guards() -> None:
 def test_facts_of_another_team_are_evaluated_from_scratch() -> None:
     spec = parallel(2, action("a"), action("b"))
     world, other = World(spec), World(spec)
-    again = Reevaluator(world.mission.tree, world.facts)
+    again = IncrementalEvaluator(world.mission.tree, world.facts)
     again.evaluate(world.facts)
     other.succeed("a")
     assert [r.subject for r in again.evaluate(other.facts).requests] == ["b"]
@@ -334,7 +336,7 @@ def test_after_facts_that_could_not_be_read_it_starts_from_scratch(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     world = World(parallel(2, action("a"), action("b")))
-    again = Reevaluator(world.mission.tree, world.facts)
+    again = IncrementalEvaluator(world.mission.tree, world.facts)
     first, second = again.evaluate(world.facts).requests
     world.outcome(first.activation, True)
     with monkeypatch.context() as patch:
@@ -348,7 +350,7 @@ def test_after_facts_that_could_not_be_read_it_starts_from_scratch(
 def test_who_joins_or_learns_matters_where_somebody_has_failed() -> None:
     spec = action("a")
     world = World(make_mission(spec, {"R1": {"a": 1}, "R2": {"b": 1}}))
-    again = Reevaluator(world.mission.tree, world.facts)
+    again = IncrementalEvaluator(world.mission.tree, world.facts)
     world.outcome(again.evaluate(world.facts).requests[0].activation, False)
     assert again.evaluate(world.facts).status is Status.FAILURE
     world.join("R2", {"a": 1_000_000})
@@ -360,7 +362,7 @@ def test_who_joins_or_learns_matters_where_somebody_has_failed() -> None:
 def test_by_the_papers_policy_a_claim_counts() -> None:
     paper = task("a", ("a", 1, 2), failure=FailurePolicy.PAPER)
     world = World(make_mission(action("a"), {"R1": {"a": 1}, "R2": {"a": 1}}, [paper]))
-    again = Reevaluator(world.mission.tree, world.facts)
+    again = IncrementalEvaluator(world.mission.tree, world.facts)
     activation = again.evaluate(world.facts).requests[0].activation
     world.outcome(activation, False)
     assert again.evaluate(world.facts).status is Status.FAILURE
@@ -372,7 +374,7 @@ def test_by_the_papers_policy_a_claim_counts() -> None:
 
 def test_a_straggler_of_an_attempt_that_nobody_has_written_down_as_used_up() -> None:
     world = World(retry(3, action("a")))
-    again = Reevaluator(world.mission.tree, world.facts)
+    again = IncrementalEvaluator(world.mission.tree, world.facts)
     (first,) = again.evaluate(world.facts).requests
     world.outcome(first.activation, False)
     assert again.evaluate(world.facts).attempts
@@ -384,7 +386,7 @@ def test_a_straggler_of_an_attempt_that_nobody_has_written_down_as_used_up() -> 
 def test_two_conditions_that_change_places_at_once_change_nothing() -> None:
     guard = fallback(condition("c0"), condition("c1"))
     world = World(sequence(guard, action("a")), true_at_first=("c1",))
-    again = Reevaluator(world.mission.tree, world.facts)
+    again = IncrementalEvaluator(world.mission.tree, world.facts)
     (asked,) = again.evaluate(world.facts).requests
     world.set("c0", True)
     world.set("c1", False)
@@ -395,7 +397,7 @@ def test_two_conditions_that_change_places_at_once_change_nothing() -> None:
 
 def test_what_an_inner_loop_has_used_up_is_said_once() -> None:
     world = World(retry(3, retry(2, action("a"))))
-    again = Reevaluator(world.mission.tree, world.facts)
+    again = IncrementalEvaluator(world.mission.tree, world.facts)
     again.evaluate(world.facts)
     for attempts in ("0.0", "0.1"):
         world.outcome(f"r1:2:a:{attempts}:0", False)
@@ -408,7 +410,7 @@ def test_what_an_inner_loop_has_used_up_is_said_once() -> None:
 def test_a_guard_that_turns_takes_back_what_actions_behind_it_have_decided() -> None:
     spec = retry(2, sequence(condition("c"), action("a"), action("b")))
     world = World(spec, true_at_first=("c",))
-    again = Reevaluator(world.mission.tree, world.facts)
+    again = IncrementalEvaluator(world.mission.tree, world.facts)
     world.outcome(again.evaluate(world.facts).requests[0].activation, True)
     again.evaluate(world.facts)
     world.set("c", False)
@@ -419,7 +421,7 @@ def test_a_guard_that_turns_takes_back_what_actions_behind_it_have_decided() -> 
 def test_of_two_guards_that_turn_at_once_the_left_one_renews_more() -> None:
     spec = sequence(condition("c0"), action("a"), condition("c1"), action("b"))
     world = World(spec, true_at_first=("c0", "c1"))
-    again = Reevaluator(world.mission.tree, world.facts)
+    again = IncrementalEvaluator(world.mission.tree, world.facts)
     world.outcome(again.evaluate(world.facts).requests[0].activation, True)
     assert [r.subject for r in again.evaluate(world.facts).requests] == ["b"]
     for name in ("c0", "c1"):
@@ -430,7 +432,7 @@ def test_of_two_guards_that_turn_at_once_the_left_one_renews_more() -> None:
 
 def test_a_timeout_that_expires_uses_up_an_attempt() -> None:
     world = World(retry(2, timeout(1, action("a"))))
-    again = Reevaluator(world.mission.tree, world.facts)
+    again = IncrementalEvaluator(world.mission.tree, world.facts)
     (running,) = again.evaluate(world.facts).timeouts
     world.write("R1", (f"{records.EXPIRED}/{running.scope}", True))
     assert [number for _, number in again.evaluate(world.facts).attempts] == [1]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from mrbt_mesh.core.facts import Incarnation, Version
-from mrbt_mesh.core.replica import Replica
-from mrbt_mesh.core.team import TeamFacts
-from mrbt_mesh.core.timing import NEVER_US
-from mrbt_mesh.core.wire import MAX_MESSAGE_BYTES, Header, WireError
+from mrbt_mesh.core.facts.store import Incarnation, Version
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.membership.anti_entropy import Replica
+from mrbt_mesh.core.membership.timing import NEVER_US
+from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES, Header, WireError
 from tests.core.build import RUN, action, condition, make_mission, sequence
 from tests.core.harness import MS, TIMING
 

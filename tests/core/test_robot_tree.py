@@ -6,8 +6,8 @@ import itertools
 
 import pytest
 
-from mrbt_mesh.core.robot_tree import RobotTree, assignment_tree, local_tree
-from mrbt_mesh.core.tree import Kind, Status, parallel_status
+from mrbt_mesh.core.bt.robot_tree import RobotTree, assignment_tree, local_tree
+from mrbt_mesh.core.bt.tree import Kind, Status, parallel_status
 
 RUNNING, SUCCESS, FAILURE = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 

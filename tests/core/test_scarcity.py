@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.assignment import AssignmentProblem, Solver
-from mrbt_mesh.core.mission import Assignment, Mission, mission_from_json
-from mrbt_mesh.core.plan import Plan
-from mrbt_mesh.core.planning import make_plan
-from mrbt_mesh.core.solvers import min_cost_flow
+from mrbt_mesh.core.assignment.problem import AssignmentProblem, Solver
+from mrbt_mesh.core.assignment.solvers import min_cost_flow
+from mrbt_mesh.core.mission.mission import Assignment, Mission, mission_from_json
+from mrbt_mesh.core.planning.make_plan import make_plan
+from mrbt_mesh.core.planning.plan import Plan
 from tests.core.build import (
     World,
     action,
@@ -168,7 +168,9 @@ def test_the_plan_is_the_same_whichever_optimum_a_solver_finds(
         lines = careful.plan().lines
         if robot in lines and data.draw(st.booleans()):
             careful.claim(robot, lines[robot].activation, lines[robot].local_task)
-    other = make_plan(careful.evaluator, careful.facts, careful.alive, turned(min_cost_flow))
+    other = make_plan(
+        careful.mission, careful.facts, careful.alive, careful.steps(turned(min_cost_flow))
+    )
     assert careful.plan().packed == other.packed
 
 

@@ -8,24 +8,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core import scratch
-from mrbt_mesh.core.assignment import AssignmentProblem, Integers, SolverError
-from mrbt_mesh.core.canonical import solve
-from mrbt_mesh.core.mission import MAX_PERFORMANCE
-from mrbt_mesh.core.offers import Offered, Team
-from mrbt_mesh.core.solvers import default_solver, min_cost_flow
+from mrbt_mesh.core.assignment import solve as scratch
+from mrbt_mesh.core.assignment.canonical import solve
+from mrbt_mesh.core.assignment.named import NamedDemand, NamedProblem
+from mrbt_mesh.core.assignment.problem import AssignmentProblem, Integers, SolverError
+from mrbt_mesh.core.assignment.solvers import default_solver, min_cost_flow
+from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE
 from tests.core.problems import random_problem
 from tests.core.test_assignment import optima
 from tests.core.test_golden_assignments import SIZES, case
 
 
-def team_of(problem: AssignmentProblem) -> Team:
+def team_of(problem: AssignmentProblem) -> NamedProblem:
     """The same by names, with candidates that are not in the team."""
     rows = list(zip(problem.robots, problem.performance, strict=True))
-    return Team(
+    return NamedProblem(
         problem.robots,
         tuple(
-            Offered(
+            NamedDemand(
                 demand.id,
                 demand.lower,
                 demand.upper,
@@ -54,8 +54,8 @@ def test_few_are_assigned_as_many_are(seed: int, robots: int, demands: int, most
     for number in range(demands):
         able = {name: draw.randint(-most, most) for name in names if draw.random() < 0.6}
         lower = draw.randint(0, max(1, robots // demands))
-        offered.append(Offered(f"d{number}", lower, lower + draw.randrange(4), able))
-    team = Team(names, tuple(offered))
+        offered.append(NamedDemand(f"d{number}", lower, lower + draw.randrange(4), able))
+    team = NamedProblem(names, tuple(offered))
     assert scratch.of_few(team) == scratch.named(team, solve(team.problem(), min_cost_flow))
 
 
@@ -69,10 +69,10 @@ def test_few_are_assigned_as_in_the_golden_file(number: int) -> None:
 
 def test_no_performance_is_too_large() -> None:
     names = ("a", "b", "c")
-    one = Offered("one", 1, 1, dict.fromkeys(names, -MAX_PERFORMANCE))
-    other = Offered("other", 0, 1, dict.fromkeys(names, MAX_PERFORMANCE))
-    assert scratch.of_few(Team(names, (one, other))) == {"a": "one", "b": "other"}
-    assert scratch.of_few(Team(names, (other, one))) == {"a": "other", "b": "one"}
+    one = NamedDemand("one", 1, 1, dict.fromkeys(names, -MAX_PERFORMANCE))
+    other = NamedDemand("other", 0, 1, dict.fromkeys(names, MAX_PERFORMANCE))
+    assert scratch.of_few(NamedProblem(names, (one, other))) == {"a": "one", "b": "other"}
+    assert scratch.of_few(NamedProblem(names, (other, one))) == {"a": "other", "b": "one"}
 
 
 @given(
@@ -86,7 +86,7 @@ def test_one_demand_gets_its_best_robots(
 ) -> None:
     robots = tuple(f"R{number}" for number in range(len(values)))
     candidates = {robot: p for robot, p, can in zip(robots, values, able, strict=False) if can}
-    team = Team(robots, (Offered("d", lower, lower + more, candidates),))
+    team = NamedProblem(robots, (NamedDemand("d", lower, lower + more, candidates),))
     assert scratch.of_one(team) == scratch.named(team, solve(team.problem(), min_cost_flow))
 
 
@@ -96,7 +96,9 @@ def test_a_solver_of_the_users_is_asked_whatever_the_size() -> None:
     def refuses(problem: AssignmentProblem) -> Integers | None:
         raise SolverError("never")
 
-    team = Team(("a", "b"), (Offered("x", 1, 1, {"a": 1}), Offered("y", 1, 1, {"a": 1, "b": 1})))
+    team = NamedProblem(
+        ("a", "b"), (NamedDemand("x", 1, 1, {"a": 1}), NamedDemand("y", 1, 1, {"a": 1, "b": 1}))
+    )
     with pytest.raises(SolverError, match="never"):
         scratch.optimum(team, refuses)
     assert scratch.optimum(team, default_solver) == {"a": "x", "b": "y"}
@@ -104,8 +106,8 @@ def test_a_solver_of_the_users_is_asked_whatever_the_size() -> None:
 
 def test_arrays_are_for_many(monkeypatch: pytest.MonkeyPatch) -> None:
     """By the size alone, and whichever it is: the same answer."""
-    demands = tuple(Offered(f"d{n}", 1, 2, {"a": n, "b": 3 - n, "c": 1}) for n in range(2))
-    team = Team(("a", "b", "c"), demands)
+    demands = tuple(NamedDemand(f"d{n}", 1, 2, {"a": n, "b": 3 - n, "c": 1}) for n in range(2))
+    team = NamedProblem(("a", "b", "c"), demands)
     few = scratch.optimum(team, default_solver)
     asked: list[AssignmentProblem] = []
 

@@ -9,9 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mrbt_mesh.core.assignment import UNASSIGNED, AssignmentProblem, Bounds, Solver, SolverError
-from mrbt_mesh.core.canonical import canonical, solve
-from mrbt_mesh.core.solvers import (
+from mrbt_mesh.core.assignment.canonical import canonical, solve
+from mrbt_mesh.core.assignment.problem import (
+    UNASSIGNED,
+    AssignmentProblem,
+    Bounds,
+    Solver,
+    SolverError,
+)
+from mrbt_mesh.core.assignment.solvers import (
     MAX_CHOICES,
     SOLVERS,
     brute_force,

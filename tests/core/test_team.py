@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.facts import Incarnation, Version, make_entry
-from mrbt_mesh.core.mission import FailurePolicy
-from mrbt_mesh.core.records import OrderKind
-from mrbt_mesh.core.team import TeamFacts, capability
-from mrbt_mesh.core.tree import Status
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts.records import OrderKind
+from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
+from mrbt_mesh.core.mission.mission import FailurePolicy
 from tests.core.build import (
     World,
     action,

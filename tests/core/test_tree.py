@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.tree import (
+from mrbt_mesh.core.bt.tree import (
     MAX_DEPTH,
     MAX_NODES,
     Kind,

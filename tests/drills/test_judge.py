@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.core.facts import Incarnation, Version, make_entry
-from mrbt_mesh.core.membership import State
-from mrbt_mesh.core.records import OUTCOME
+from mrbt_mesh.core.facts.records import OUTCOME
+from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.membership.membership import State
 from mrbt_mesh.drills.inject import Deed, Deeds, Snapshot
 from mrbt_mesh.drills.journals import Done, read
 from mrbt_mesh.drills.judge import Evidence, Verdict, judge, unjournaled

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.core.assignment import Limit, Shared
-from mrbt_mesh.core.constraints import AtMost, NeverTogether, NotAtOnce
-from mrbt_mesh.core.mission import Mission, Need, SameRobotAs
+from mrbt_mesh.core.assignment.problem import Limit, Shared
+from mrbt_mesh.core.mission.constraints import AtMost, NeverTogether, NotAtOnce
+from mrbt_mesh.core.mission.mission import Mission, Need, SameRobotAs
 from mrbt_mesh.formats.assignment_file import problem_from_file
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.compiled import mission_from_compiled

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.mission import (
+from mrbt_mesh.core.bt.tree import Kind, Memory
+from mrbt_mesh.core.mission.mission import (
     MICRO,
     Assignment,
     FailurePolicy,
@@ -20,7 +21,6 @@ from mrbt_mesh.core.mission import (
     mission_from_json,
     performance,
 )
-from mrbt_mesh.core.tree import Kind, Memory
 from mrbt_mesh.formats.build import mission_from_yaml, resolve_program
 from mrbt_mesh.formats.compiled import mission_from_compiled
 from mrbt_mesh.formats.mission_file import (

@@ -3,7 +3,7 @@
 import json
 from typing import Any
 
-from mrbt_mesh.core.tree import Kind
+from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.formats.mission_model import SCHEMA_FILE, MissionModel, schema_text
 
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import pytest
 
-from mrbt_mesh.core.mission import Need
+from mrbt_mesh.core.mission.mission import Need
 from paper.account import ROOT, load
 from paper.document import DOCUMENT, PICTURES, files
 from paper.tables import bounds, performances, tree_lines

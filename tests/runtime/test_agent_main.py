@@ -9,7 +9,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from mrbt_mesh.core.timing import Timing
+from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.agent_main import (
     AgentInputError,

@@ -10,9 +10,10 @@ import anyio
 import pytest
 
 from mrbt_mesh import ProgramError, RobotProgram, TaskContext
-from mrbt_mesh.core.effects import BidMade, BidsMade, Input, RequestBid
-from mrbt_mesh.core.facts import Incarnation
-from mrbt_mesh.core.mission import MICRO
+from mrbt_mesh.core.agent.effects import RequestBid
+from mrbt_mesh.core.agent.inputs import BidMade, BidsMade, Input
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.mission.mission import MICRO
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime import actions
 from mrbt_mesh.runtime.actions import ActionRunner, Identity

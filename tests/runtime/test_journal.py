@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.facts import Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
 from mrbt_mesh.runtime.journal import Journal
 
 MISSION, RUN = "d" * 64, "run1"

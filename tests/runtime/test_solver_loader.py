@@ -9,12 +9,15 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.core.assignment import SolverError
-from mrbt_mesh.core.solvers import SOLVERS, default_solver
+from mrbt_mesh.core.assignment.problem import SolverError
+from mrbt_mesh.core.assignment.solvers import SOLVERS, default_solver
 from mrbt_mesh.runtime.solver_loader import GROUP, load_solver
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "solvers.md"
-GOOD = "from mrbt_mesh.core.solvers import min_cost_flow\ndef good(p): return min_cost_flow(p)\n"
+GOOD = (
+    "from mrbt_mesh.core.assignment.solvers import min_cost_flow\n"
+    "def good(p): return min_cost_flow(p)\n"
+)
 
 _number = itertools.count()
 

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 import psutil
 import pytest
 
-from mrbt_mesh.core.assignment import AssignmentProblem, Bounds, SolverError
-from mrbt_mesh.core.canonical import solve
-from mrbt_mesh.core.solvers import min_cost_flow
+from mrbt_mesh.core.assignment.canonical import solve
+from mrbt_mesh.core.assignment.problem import AssignmentProblem, Bounds, SolverError
+from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.runtime.solver_process import SolverProcess
 
 pytestmark = pytest.mark.processes

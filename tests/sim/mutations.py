@@ -12,25 +12,20 @@ from dataclasses import replace
 from typing import Any
 from unittest import mock
 
-from mrbt_mesh.core import (
-    assignment,
-    bidding,
-    canonical,
-    capable,
-    coalition,
-    commands,
-    demand,
-    grants,
-    reporting,
-)
-from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.effects import Persist
-from mrbt_mesh.core.facts import Entry, FactMap, Incarnation
-from mrbt_mesh.core.grants import Grants
-from mrbt_mesh.core.membership import Membership
-from mrbt_mesh.core.records import GRANT, ConditionValue, OrderKind, Outcome
-from mrbt_mesh.core.replica import Replica
-from mrbt_mesh.core.team import TeamFacts
+from mrbt_mesh.core.agent import commands, reports
+from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.agent.effects import Persist
+from mrbt_mesh.core.assignment import canonical, problem
+from mrbt_mesh.core.facts import coalitions
+from mrbt_mesh.core.facts.records import GRANT, ConditionValue, OrderKind, Outcome
+from mrbt_mesh.core.facts.store import Entry, FactMap, Incarnation
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.incremental.planning import capabilities as followed_capabilities
+from mrbt_mesh.core.membership import leases
+from mrbt_mesh.core.membership.anti_entropy import Replica
+from mrbt_mesh.core.membership.leases import Leases
+from mrbt_mesh.core.membership.membership import Membership
+from mrbt_mesh.core.planning import bids, capabilities, demands
 
 Mutation = Callable[[], contextlib.AbstractContextManager[Any]]
 MUTATIONS: dict[str, Mutation] = {}
@@ -48,7 +43,7 @@ def join_keeps_older() -> Iterator[None]:
     def join(mine: Entry | None, other: Entry) -> Entry:
         return mine or other
 
-    with mock.patch("mrbt_mesh.core.facts.join", join):
+    with mock.patch("mrbt_mesh.core.facts.store.join", join):
         yield
 
 
@@ -57,13 +52,16 @@ def unsorted_workers() -> Iterator[None]:
     """Robots are taken in the order in which a set has them, which differs between robots."""
 
     def workers(
-        facts: TeamFacts, alive: Mapping[str, Incarnation], *before: Any
-    ) -> dict[str, capable.Worker]:
-        found = original(facts, alive, *before)
+        facts: TeamFacts, alive: Mapping[str, Incarnation]
+    ) -> dict[str, capabilities.Worker]:
+        found = original(facts, alive)
         return {robot: found[robot] for robot in alive if robot in found}
 
-    original = capable.workers
-    with mock.patch.object(capable, "workers", workers):
+    original = capabilities.workers
+    with (
+        mock.patch.object(capabilities, "workers", workers),
+        mock.patch.object(followed_capabilities, "workers", workers),
+    ):
         yield
 
 
@@ -71,11 +69,11 @@ def unsorted_workers() -> Iterator[None]:
 def no_pins() -> Iterator[None]:
     """Whoever runs something may be given something else."""
 
-    def unpinned(*args: Any) -> demand.Demand:
+    def unpinned(*args: Any) -> demands.Demand:
         return replace(original(*args), pinned=())
 
-    original = demand._demand
-    with mock.patch.object(demand, "_demand", unpinned):
+    original = demands._demand
+    with mock.patch.object(demands, "_demand", unpinned):
         yield
 
 
@@ -90,8 +88,8 @@ def revision_not_bumped() -> Iterator[None]:
             for name, (value, revision, stamp) in writes
         ]
 
-    original = reporting._condition_writes
-    with mock.patch.object(reporting, "_condition_writes", same_revision):
+    original = reports._condition_writes
+    with mock.patch.object(reports, "_condition_writes", same_revision):
         yield
 
 
@@ -156,11 +154,11 @@ def stale_claims_stay_valid() -> Iterator[None]:
             alive = {robot: lives.get(robot, life) for robot, life in alive.items()}
         return original(facts, task, activation, token, alive)
 
-    original = coalition._has_enough
+    original = coalitions._has_enough
     with (
-        mock.patch.object(coalition, "_has_enough", has_enough),
-        mock.patch.object(coalition, "is_in", return_value=True),
-        mock.patch.object(demand, "is_in", return_value=True),
+        mock.patch.object(coalitions, "_has_enough", has_enough),
+        mock.patch.object(coalitions, "is_in", return_value=True),
+        mock.patch.object(demands, "is_in", return_value=True),
     ):
         yield
 
@@ -189,7 +187,7 @@ def starts_without_agreement() -> Iterator[None]:
 def any_optimum() -> Iterator[None]:
     """Whatever optimum the solver finds is taken, not the canonical one."""
 
-    def last(problem: assignment.AssignmentProblem, optimum: Sequence[int]) -> tuple[int, ...]:
+    def last(problem: problem.AssignmentProblem, optimum: Sequence[int]) -> tuple[int, ...]:
         return tuple(optimum)
 
     with mock.patch.object(canonical, "canonical", last):
@@ -200,11 +198,11 @@ def any_optimum() -> Iterator[None]:
 def bids_not_awaited() -> Iterator[None]:
     """The plan takes the bids that are there, and who has not spoken as a last resort."""
 
-    def never_open(*args: Any) -> bidding.Bidding:
+    def never_open(*args: Any) -> bids.Bidding:
         return replace(original(*args), is_open=False)
 
-    original = bidding._bidding
-    with mock.patch.object(bidding, "_bidding", never_open):
+    original = bids._bidding
+    with mock.patch.object(bids, "_bidding", never_open):
         yield
 
 
@@ -228,7 +226,7 @@ def prunes_what_is_current() -> Iterator[None]:
     def drops(self: Any, name: Any, facts: Any) -> bool:
         return original(self, name, facts) or bool(facts.outcome_changes % 7 == 6)
 
-    from mrbt_mesh.core.evaluate import Evaluator
+    from mrbt_mesh.core.bt.evaluator import Evaluator
 
     original = Evaluator.is_obsolete
 
@@ -245,9 +243,9 @@ def prunes_what_is_current() -> Iterator[None]:
 def exclusive_without_majority() -> Iterator[None]:
     """One grant is enough for an exclusive task."""
     with (
-        mock.patch.object(coalition, "majority", return_value=1),
-        mock.patch.object(grants, "majority", return_value=1),
-        mock.patch.object(demand, "majority", return_value=1),
+        mock.patch.object(coalitions, "majority", return_value=1),
+        mock.patch.object(leases, "majority", return_value=1),
+        mock.patch.object(demands, "majority", return_value=1),
     ):
         yield
 
@@ -259,14 +257,14 @@ def grants_not_synced() -> Iterator[None]:
     def restore(self: Replica, entries: Sequence[Entry]) -> None:
         original(self, [e for e in entries if not e.name.startswith(f"{GRANT}/")])
 
-    def init(self: Grants, *args: Any) -> None:
+    def init(self: Leases, *args: Any) -> None:
         init_originally(self, *args)
         self._silent_until_us = 0
 
-    original, init_originally = Replica.restore, Grants.__init__
+    original, init_originally = Replica.restore, Leases.__init__
     with (
         mock.patch.object(Replica, "restore", restore),
-        mock.patch.object(Grants, "__init__", init),
+        mock.patch.object(Leases, "__init__", init),
     ):
         yield
 
@@ -275,14 +273,14 @@ def grants_not_synced() -> Iterator[None]:
 def rounds_are_mixed() -> Iterator[None]:
     """Successes of different coalitions count together."""
 
-    def has_succeeded(self: coalition.Coalitions, task: Any) -> bool:
+    def has_succeeded(self: coalitions.Coalitions, task: Any) -> bool:
         return all(
             sum(sum(found.get(n.local_task, {}).values()) for found in self.outcomes.values())
             >= n.min_robots
             for n in task.needs
         )
 
-    with mock.patch.object(coalition.Coalitions, "has_succeeded", has_succeeded):
+    with mock.patch.object(coalitions.Coalitions, "has_succeeded", has_succeeded):
         yield
 
 
@@ -297,5 +295,5 @@ def garbled_commands_pause() -> Iterator[None]:
         return good, text
 
     original = commands.carry_out
-    with mock.patch("mrbt_mesh.core.agent.carry_out", carry_out):
+    with mock.patch("mrbt_mesh.core.agent.agent.carry_out", carry_out):
         yield

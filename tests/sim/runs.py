@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Protocol
 
-from mrbt_mesh.core.mission import Mission
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.drills.physical import Span, spans
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program import RobotProgram

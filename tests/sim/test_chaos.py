@@ -14,9 +14,9 @@ from dataclasses import replace
 import pytest
 from runs import EXAMPLES
 
-from mrbt_mesh.core.mission import Assignment
+from mrbt_mesh.core.mission.mission import Assignment
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.sim.campaign import Source, Verdict, judge, run_seed
+from mrbt_mesh.sim.chaos.campaign import Source, Verdict, judge, run_seed
 
 SEEDS = int(os.environ.get("MRBT_CHAOS_SEEDS", "200"))
 BLOCK = 20

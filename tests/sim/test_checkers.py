@@ -11,35 +11,30 @@ import pytest
 from mutations import MUTATIONS
 from runs import Run, example
 
-from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.assignment import AssignmentProblem, Bounds, SolverError
-from mrbt_mesh.core.canonical import solve
-from mrbt_mesh.core.effects import (
+from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.agent.effects import CancelAction, Forget, Log, Persist, Publish, StartAction
+from mrbt_mesh.core.agent.inputs import (
     ActionFinished,
     ActionStopped,
-    CancelAction,
     CapabilityChanged,
-    Forget,
     Input,
-    Log,
-    Persist,
-    Publish,
-    StartAction,
     TimerFired,
 )
-from mrbt_mesh.core.facts import Incarnation, Version, make_entry
-from mrbt_mesh.core.joining import Joining
-from mrbt_mesh.core.mission import InDoubt
-from mrbt_mesh.core.records import BROKEN, GRANT, OUTCOME, Claim, OrderKind, Phase
-from mrbt_mesh.core.solvers import brute_force, min_cost_flow
-from mrbt_mesh.core.timing import Timing
-from mrbt_mesh.core.wire import MessageKind
-from mrbt_mesh.core.work import Ticket
+from mrbt_mesh.core.agent.work import Ticket
+from mrbt_mesh.core.assignment.canonical import solve
+from mrbt_mesh.core.assignment.problem import AssignmentProblem, Bounds, SolverError
+from mrbt_mesh.core.assignment.solvers import brute_force, min_cost_flow
+from mrbt_mesh.core.facts.records import BROKEN, GRANT, OUTCOME, Claim, OrderKind, Phase
+from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.membership.joining import Joining
+from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.membership.wire import MessageKind
+from mrbt_mesh.core.mission.mission import InDoubt
 from mrbt_mesh.sim import Kill, NetworkKnobs, simulate
 from mrbt_mesh.sim.checkers import Checkers
 from mrbt_mesh.sim.checkers.findings import is_connected
-from mrbt_mesh.sim.clock import VirtualClock
-from mrbt_mesh.sim.network import Network
+from mrbt_mesh.sim.engine.clock import VirtualClock
+from mrbt_mesh.sim.engine.network import Network
 
 SECOND_US = 1_000_000
 
@@ -208,7 +203,7 @@ def test_i4_bounds_that_are_not_met(run: Run, monkeypatch: pytest.MonkeyPatch) -
     mission, program = example("explore")
     result = simulate(mission, program, seed=1, timeout_us=2 * SECOND_US)
     team = Team(agent for _, agent in sorted(result.agents.items()))
-    monkeypatch.setattr("mrbt_mesh.core.planning.optimum", lambda team, solver: None)
+    monkeypatch.setattr("mrbt_mesh.core.planning.steps.optimum", lambda team, solver: None)
     for agent in team.agents:
         agent.facts.claims.clear()
         agent.facts.changes += 1

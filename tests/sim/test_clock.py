@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable
 import anyio
 import pytest
 
-from mrbt_mesh.sim.clock import (
+from mrbt_mesh.sim.engine.clock import (
     DeadlockError,
     Gate,
     LocalClock,

@@ -23,10 +23,10 @@ import anyio
 import pytest
 
 from mrbt_mesh import RobotProgram, TaskContext
-from mrbt_mesh.core.mission import MICRO, GlobalTask, LocalTask, Mission, Need, Robot
-from mrbt_mesh.core.tree import Kind, NodeSpec, build_tree
+from mrbt_mesh.core.bt.tree import Kind, NodeSpec, build_tree
+from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, LocalTask, Mission, Need, Robot
 from mrbt_mesh.sim import simulate
-from mrbt_mesh.sim.failures import FailureModel
+from mrbt_mesh.sim.engine.failures import FailureModel
 
 RUNS = 400
 # What a run needs beside its actions: rounding, one message of the robot to itself.

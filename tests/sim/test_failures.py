@@ -8,7 +8,7 @@ import pytest
 from runs import example
 
 from mrbt_mesh.sim import SimulationResult, simulate
-from mrbt_mesh.sim.failures import EVERYBODY, FailureModel, Rate, losable, rate_of
+from mrbt_mesh.sim.engine.failures import EVERYBODY, FailureModel, Rate, losable, rate_of
 
 SECOND_US = 1_000_000
 

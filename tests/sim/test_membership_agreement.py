@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import pytest
 
-from mrbt_mesh.core.effects import ActionFinished, CapabilityChanged
-from mrbt_mesh.core.timing import Timing
-from mrbt_mesh.sim.mesh import Mesh
-from mrbt_mesh.sim.network import Link, LinkKnobs, NetworkKnobs
+from benchmarks.membership.mesh import Mesh
+from mrbt_mesh.core.agent.inputs import ActionFinished, CapabilityChanged
+from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.sim.engine.network import Link, LinkKnobs, NetworkKnobs
 from tests.core import build
 
 SECOND_US = 1_000_000

@@ -10,10 +10,10 @@ from collections.abc import Iterable
 
 import pytest
 
-from mrbt_mesh.core.membership import State
-from mrbt_mesh.core.timing import Timing
-from mrbt_mesh.sim.mesh import Mesh, Node
-from mrbt_mesh.sim.network import Link, LinkKnobs, NetworkKnobs
+from benchmarks.membership.mesh import Mesh, Node
+from mrbt_mesh.core.membership.membership import State
+from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.sim.engine.network import Link, LinkKnobs, NetworkKnobs
 from tests.core import build
 
 SECOND_US = 1_000_000

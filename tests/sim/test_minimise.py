@@ -6,10 +6,20 @@ import math
 
 import pytest
 
-from mrbt_mesh.sim.faults import Block, Disturb, Fault, Freeze, Garbage, Heal, Kill, Lose, Thaw
-from mrbt_mesh.sim.minimise import minimise
-from mrbt_mesh.sim.network import LinkKnobs
-from mrbt_mesh.sim.scenario import USUAL, Scenario
+from mrbt_mesh.sim.chaos.minimise import minimise
+from mrbt_mesh.sim.engine.faults import (
+    Block,
+    Disturb,
+    Fault,
+    Freeze,
+    Garbage,
+    Heal,
+    Kill,
+    Lose,
+    Thaw,
+)
+from mrbt_mesh.sim.engine.network import LinkKnobs
+from mrbt_mesh.sim.engine.scenario import USUAL, Scenario
 
 SECOND_US = 1_000_000
 NOISE: list[tuple[int, Fault]] = [(1_234_567 * i, Lose(f"R{i}", "all")) for i in range(1, 9)]

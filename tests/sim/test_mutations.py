@@ -8,7 +8,7 @@ from __future__ import annotations
 import pytest
 from mutations import MUTATIONS
 
-from mrbt_mesh.sim.campaign import Source, run_seed
+from mrbt_mesh.sim.chaos.campaign import Source, run_seed
 
 CAUGHT = {
     "join_keeps_older": ("I9", (0, 1)),

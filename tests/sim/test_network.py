@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.sim.network import LinkKnobs, Network, NetworkKnobs
+from mrbt_mesh.sim.engine.network import LinkKnobs, Network, NetworkKnobs
 
 QUIET = LinkKnobs(delay_us=1_000, jitter_us=0)
 

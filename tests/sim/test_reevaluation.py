@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from test_chaos import source
 
-from mrbt_mesh.core.evaluate import Evaluation, Evaluator
-from mrbt_mesh.core.evaluation import EvaluationFacts
-from mrbt_mesh.core.reevaluate import Reevaluator
-from mrbt_mesh.sim.campaign import run_seed
+from mrbt_mesh.core.bt.evaluation import Evaluation, EvaluationFacts
+from mrbt_mesh.core.bt.evaluator import Evaluator
+from mrbt_mesh.core.incremental.evaluation.evaluator import IncrementalEvaluator
+from mrbt_mesh.sim.chaos.campaign import run_seed
 
 SEEDS, BLOCK = 24, 4
 
@@ -17,17 +17,17 @@ SEEDS, BLOCK = 24, 4
 def compared(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Evaluations that are held against one from scratch: 1 for each that was another one."""
     results: list[int] = []
-    last: dict[Reevaluator, Evaluation] = {}
-    evaluate = Reevaluator.evaluate
+    last: dict[IncrementalEvaluator, Evaluation] = {}
+    evaluate = IncrementalEvaluator.evaluate
 
-    def checked(self: Reevaluator, facts: EvaluationFacts) -> Evaluation:
+    def checked(self: IncrementalEvaluator, facts: EvaluationFacts) -> Evaluation:
         found = evaluate(self, facts)
         assert found == Evaluator(self.tree).evaluate(facts)
         results.append(found != last.get(self))
         last[self] = found
         return found
 
-    monkeypatch.setattr(Reevaluator, "evaluate", checked)
+    monkeypatch.setattr(IncrementalEvaluator, "evaluate", checked)
     return results
 
 

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from runs import Run, undisturbed
 
-from mrbt_mesh.core.facts import Incarnation, Version, make_entry
-from mrbt_mesh.core.records import OUTCOME
+from mrbt_mesh.core.facts.records import OUTCOME
+from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.drills.physical import of, spans
 from mrbt_mesh.sim import (
     ClockJump,
@@ -28,8 +28,8 @@ from mrbt_mesh.sim import (
     Thaw,
     partition,
 )
-from mrbt_mesh.sim.journal import SimJournal
-from mrbt_mesh.sim.network import LinkKnobs
+from mrbt_mesh.sim.engine.journal import SimJournal
+from mrbt_mesh.sim.engine.network import LinkKnobs
 
 SECOND_US = 1_000_000
 ROBOTS = ["A1", "A2", "B1", "B2", "C1", "C2"]

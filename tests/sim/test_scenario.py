@@ -9,17 +9,11 @@ from typing import Any
 import pytest
 from runs import example
 
-from mrbt_mesh.sim.chaos import ChaosKnobs, chaos, draw_knobs
+from mrbt_mesh.sim.chaos.draw import ChaosKnobs, chaos, draw_knobs
+from mrbt_mesh.sim.chaos.generate import generate_mission
 from mrbt_mesh.sim.checkers.work import is_endless
-from mrbt_mesh.sim.faults import Block, Disturb, Heal, Kill, LinkKnobs, Replay
-from mrbt_mesh.sim.generate import generate_mission
-from mrbt_mesh.sim.scenario import (
-    KINDS,
-    Scenario,
-    ScenarioError,
-    dump,
-    scenario_from_json,
-)
+from mrbt_mesh.sim.engine.faults import Block, Disturb, Heal, Kill, LinkKnobs, Replay
+from mrbt_mesh.sim.engine.scenario import KINDS, Scenario, ScenarioError, dump, scenario_from_json
 
 SECOND_US = 1_000_000
 

@@ -7,12 +7,12 @@ from typing import Any
 import pytest
 from runs import example
 
-from mrbt_mesh.core import functions
-from mrbt_mesh.core.planning import PlanMaker
-from mrbt_mesh.core.wire import Header, WireError
-from mrbt_mesh.sim import NetworkKnobs, SimulationResult, sharing, simulate
-from mrbt_mesh.sim import faults as f
-from mrbt_mesh.sim.network import LinkKnobs
+from mrbt_mesh.core.engine import INCREMENTAL, Engine
+from mrbt_mesh.core.membership.wire import Header, WireError
+from mrbt_mesh.sim import NetworkKnobs, SimulationResult, simulate
+from mrbt_mesh.sim.engine import faults as f
+from mrbt_mesh.sim.engine import sharing
+from mrbt_mesh.sim.engine.network import LinkKnobs
 
 SECOND_US = 1_000_000
 SCHEDULE = (
@@ -60,18 +60,19 @@ def test_nor_with_faults_and_a_bad_network(seed: int) -> None:
 def test_a_message_is_read_and_a_plan_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
     counts = {"plan": 0, "read_beat": 0, "read_batch": 0}
 
-    def counted(place: Any, name: str) -> Any:
-        function = getattr(place, name)
-
+    def counted(name: str, function: Any) -> Any:
         def call(*arguments: Any) -> Any:
             counts[name] += 1
             return function(*arguments)
 
         return call
 
-    for name in ("read_beat", "read_batch"):
-        monkeypatch.setattr(sharing, name, counted(functions, name))
-    monkeypatch.setattr(PlanMaker, "plan", counted(PlanMaker, "plan"))
+    engine = Engine(
+        read_beat=counted("read_beat", INCREMENTAL.read_beat),
+        read_batch=counted("read_batch", INCREMENTAL.read_batch),
+        plan_making=lambda *chosen: counted("plan", INCREMENTAL.plan_making(*chosen)),
+    )
+    monkeypatch.setattr("mrbt_mesh.sim.engine.world.chosen_engine", lambda: engine)
     mission, program = example("vehicle_repair")
     result = simulate(mission, program, seed=1, inspect=False)
     told = sum(agent.facts.changes for agent in result.agents.values())
@@ -82,7 +83,7 @@ def test_a_message_is_read_and_a_plan_made_once(monkeypatch: pytest.MonkeyPatch)
 
 def test_what_is_malformed_is_refused_by_everybody() -> None:
     header = Header("0" * 16, "m", "r", "")
-    shared = sharing.shared_functions(header)
+    shared = sharing.shared_engine(header, INCREMENTAL)
     for _ in range(2):
         with pytest.raises(WireError, match="not msgpack"):
             shared.read_batch("A1", b"\xc1", header)

@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 from runs import example
 
-from mrbt_mesh.core.assignment import AssignmentProblem, Solver, SolverError
-from mrbt_mesh.core.mission import Mission
-from mrbt_mesh.core.solvers import brute_force, cp_sat, min_cost_flow
+from mrbt_mesh.core.assignment.problem import AssignmentProblem, Solver, SolverError
+from mrbt_mesh.core.assignment.solvers import brute_force, cp_sat, min_cost_flow
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.drills.physical import Span, spans
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext
 from mrbt_mesh.sim import SimulationResult, simulate
-from mrbt_mesh.sim import faults as f
+from mrbt_mesh.sim.engine import faults as f
 
 SECOND_US = 1_000_000
 SCHEDULE = ((5 * SECOND_US, f.Kill("C2")), (9 * SECOND_US, f.Restart("C2")))

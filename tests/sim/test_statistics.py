@@ -9,12 +9,12 @@ from collections.abc import Iterator
 import pytest
 from runs import EXAMPLES
 
-from mrbt_mesh.core.mission import Mission, performance
+from mrbt_mesh.core.mission.mission import Mission, performance
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.sim import simulate
-from mrbt_mesh.sim.failures import EVERYBODY, FailureModel, Rate
+from mrbt_mesh.sim.engine.failures import EVERYBODY, FailureModel, Rate
 from mrbt_mesh.sim.parallel import spread
-from mrbt_mesh.sim.statistics import (
+from mrbt_mesh.sim.statistics.estimate import (
     NETWORK,
     Experiment,
     Outcome,
@@ -25,8 +25,8 @@ from mrbt_mesh.sim.statistics import (
     summarise,
     wilson,
 )
-from mrbt_mesh.sim.sweeps import SweepError, parse_rates, parse_sweep, points_of
-from mrbt_mesh.sim.team_sizes import resized
+from mrbt_mesh.sim.statistics.sweeps import SweepError, parse_rates, parse_sweep, points_of
+from mrbt_mesh.sim.statistics.team_sizes import resized
 
 REPAIR = str(EXAMPLES / "vehicle_repair" / "mission.yaml")
 EXPLORE = str(EXAMPLES / "explore" / "mission.yaml")

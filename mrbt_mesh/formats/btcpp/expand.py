@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from mrbt_mesh.core.tree import MAX_NODES
+from mrbt_mesh.core.bt.tree import MAX_NODES
 from mrbt_mesh.formats.btcpp.builtin_nodes import category_of
 from mrbt_mesh.formats.btcpp.check_nodes import child_path
 from mrbt_mesh.formats.btcpp.document import (

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable
 
-from mrbt_mesh.core.mission import type_name
-from mrbt_mesh.core.tree import LEAVES as CORE_LEAVES
-from mrbt_mesh.core.tree import Kind, Memory, NodeSpec
+from mrbt_mesh.core.bt.tree import LEAVES as CORE_LEAVES
+from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec
+from mrbt_mesh.core.mission.mission import type_name
 from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN, category_of
 from mrbt_mesh.formats.btcpp.document import (
     EXPLICIT_TAGS,

@@ -12,17 +12,18 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.effects import CancelAction, Effect, Input, Log, StartAction
-from mrbt_mesh.core.facts import Incarnation
-from mrbt_mesh.core.records import Claim
+from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.agent.effects import CancelAction, Effect, Log, StartAction
+from mrbt_mesh.core.agent.inputs import Input
+from mrbt_mesh.core.facts.records import Claim
+from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.sim.checkers.exclusive import Exclusive
 from mrbt_mesh.sim.checkers.facts import Convergence, GarbageChangesNothing, NothingUndone
 from mrbt_mesh.sim.checkers.findings import Findings, View, components, joined
 from mrbt_mesh.sim.checkers.plans import BidsFirst, OptimalAssignment, SamePlan
 from mrbt_mesh.sim.checkers.restarts import Resumption
 from mrbt_mesh.sim.checkers.work import Bounds, Progress
-from mrbt_mesh.sim.process import SimProcess
+from mrbt_mesh.sim.engine.process import SimProcess
 
 __all__ = ["Checkers", "Findings", "View"]
 

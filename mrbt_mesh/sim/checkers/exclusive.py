@@ -10,19 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.effects import (
-    ActionFinished,
-    ActionStopped,
-    Effect,
-    Input,
-    Persist,
-    StartAction,
-)
-from mrbt_mesh.core.mission import GlobalTask, InDoubt
-from mrbt_mesh.core.records import GRANT, split_name
+from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.agent.effects import Effect, Persist, StartAction
+from mrbt_mesh.core.agent.inputs import ActionFinished, ActionStopped, Input
+from mrbt_mesh.core.facts.records import GRANT, split_name
+from mrbt_mesh.core.mission.mission import GlobalTask, InDoubt
 from mrbt_mesh.sim.checkers.findings import Findings
-from mrbt_mesh.sim.process import SimProcess
+from mrbt_mesh.sim.engine.process import SimProcess
 
 
 @dataclass

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.effects import Input, StartAction, TimerFired
-from mrbt_mesh.core.evaluate import parse_scope
-from mrbt_mesh.core.facts import Entry, FactMap, join
-from mrbt_mesh.core.records import (
+from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.agent.effects import StartAction
+from mrbt_mesh.core.agent.inputs import Input, TimerFired
+from mrbt_mesh.core.bt.activation import parse_scope
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts.records import (
     ATTEMPT,
     BID_KINDS,
     COALITION_KINDS,
@@ -21,9 +22,9 @@ from mrbt_mesh.core.records import (
     Outcome,
     split_name,
 )
-from mrbt_mesh.core.tree import Status
+from mrbt_mesh.core.facts.store import Entry, FactMap, join
 from mrbt_mesh.sim.checkers.findings import Findings, alive_set, is_connected, joined
-from mrbt_mesh.sim.process import SimProcess
+from mrbt_mesh.sim.engine.process import SimProcess
 
 _SCOPED = COALITION_KINDS | BID_KINDS | {OUTCOME, VERDICT, ATTEMPT, EXPIRED, PASSED, DONE}
 

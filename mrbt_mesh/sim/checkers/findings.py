@@ -6,16 +6,17 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Protocol
 
-from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.assignment import Solver
-from mrbt_mesh.core.facts import Incarnation
-from mrbt_mesh.core.mission import Mission
-from mrbt_mesh.core.plan import Plan
-from mrbt_mesh.core.planning import make_plan
-from mrbt_mesh.core.timing import Timing
-from mrbt_mesh.sim.clock import VirtualClock
-from mrbt_mesh.sim.network import Link, Network
-from mrbt_mesh.sim.process import SimProcess
+from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.assignment.problem import Solver
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.planning.make_plan import make_plan
+from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.core.planning.steps import PlanningSteps
+from mrbt_mesh.sim.engine.clock import VirtualClock
+from mrbt_mesh.sim.engine.network import Link, Network
+from mrbt_mesh.sim.engine.process import SimProcess
 
 MAX_VIOLATIONS = 50
 
@@ -107,7 +108,12 @@ def current_plan(agent: Agent, solver: Solver) -> Plan:
     """The plan that follows from the agent's facts and alive set as they are now."""
     if agent.plan is not None and agent.planner.is_current(agent.membership.changes):
         return agent.plan
-    return make_plan(agent.planner.evaluator, agent.facts, alive_set(agent), solver)
+    return make_plan(
+        agent.mission,
+        agent.facts,
+        alive_set(agent),
+        PlanningSteps(agent.planner.evaluator, solver),
+    )
 
 
 def joined(world: View) -> list[Agent]:

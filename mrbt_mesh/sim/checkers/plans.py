@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
-from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.assignment import AssignmentProblem, Integers
-from mrbt_mesh.core.canonical import solve
-from mrbt_mesh.core.evaluate import Evaluator
-from mrbt_mesh.core.planning import make_plan
-from mrbt_mesh.core.records import Claim, Phase
-from mrbt_mesh.core.solvers import brute_force
-from mrbt_mesh.core.team import capability
+from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.assignment.canonical import solve
+from mrbt_mesh.core.assignment.problem import AssignmentProblem, Integers
+from mrbt_mesh.core.assignment.solvers import brute_force
+from mrbt_mesh.core.bt.evaluator import Evaluator
+from mrbt_mesh.core.facts.records import Claim, Phase
+from mrbt_mesh.core.facts.team_facts import capability
+from mrbt_mesh.core.planning.make_plan import make_plan
+from mrbt_mesh.core.planning.steps import PlanningSteps
 from mrbt_mesh.sim.checkers.findings import Findings, alive_set, current_plan
 
 MAX_CHOICES = 2_000
@@ -63,7 +64,9 @@ class OptimalAssignment:
             return self._findings.world.solver(problem)
 
         noting.supports_constraints = True  # type: ignore[attr-defined]
-        plan = make_plan(self._evaluator, agent.facts, alive_set(agent), noting)
+        plan = make_plan(
+            agent.mission, agent.facts, alive_set(agent), PlanningSteps(self._evaluator, noting)
+        )
         if current_plan(agent, self._findings.world.solver).packed != plan.packed:
             self._findings.say("I7", f"the plan of {agent.me} is not that of its facts")
         for problem in problems:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.effects import Effect, Forget, Persist, Publish, StartAction
-from mrbt_mesh.core.facts import Entry, Version
-from mrbt_mesh.core.records import OUTCOME
-from mrbt_mesh.core.wire import MessageKind, decode, parse_entries
+from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.agent.effects import Effect, Forget, Persist, Publish, StartAction
+from mrbt_mesh.core.facts.records import OUTCOME
+from mrbt_mesh.core.facts.store import Entry, Version
+from mrbt_mesh.core.membership.wire import MessageKind, decode, parse_entries
 from mrbt_mesh.sim.checkers.facts import is_obsolete, stands
 from mrbt_mesh.sim.checkers.findings import Findings
-from mrbt_mesh.sim.process import SimProcess
+from mrbt_mesh.sim.engine.process import SimProcess
 
 
 class Resumption:

@@ -6,16 +6,12 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from mrbt_mesh.core.agent import Agent
-from mrbt_mesh.core.capable import Capable, workers
-from mrbt_mesh.core.demand import demands_of
-from mrbt_mesh.core.effects import ActionFinished, Effect, Input, Persist, StartAction
-from mrbt_mesh.core.evaluate import Request
-from mrbt_mesh.core.facts import Entry, Incarnation
-from mrbt_mesh.core.limits import keeping
-from mrbt_mesh.core.mission import MICRO, InDoubt, Mission, performance, type_name
-from mrbt_mesh.core.plan import Plan
-from mrbt_mesh.core.records import (
+from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.agent.effects import Effect, Persist, StartAction
+from mrbt_mesh.core.agent.inputs import ActionFinished, Input
+from mrbt_mesh.core.bt.evaluation import Request
+from mrbt_mesh.core.bt.tree import Kind, Status
+from mrbt_mesh.core.facts.records import (
     COALITION_KINDS,
     Attempt,
     Claim,
@@ -26,10 +22,15 @@ from mrbt_mesh.core.records import (
     Phase,
     split_name,
 )
-from mrbt_mesh.core.team import TeamFacts, capability
-from mrbt_mesh.core.tree import Kind, Status
+from mrbt_mesh.core.facts.store import Entry, Incarnation
+from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
+from mrbt_mesh.core.mission.mission import MICRO, InDoubt, Mission, performance, type_name
+from mrbt_mesh.core.planning.capabilities import capabilities_of, workers
+from mrbt_mesh.core.planning.demands import demands_of
+from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.core.planning.side_constraints import feasibility
 from mrbt_mesh.sim.checkers.findings import Findings, alive_set, current_plan, is_connected, joined
-from mrbt_mesh.sim.process import SimProcess
+from mrbt_mesh.sim.engine.process import SimProcess
 
 _OVER = (Status.SUCCESS, Status.FAILURE)
 
@@ -118,8 +119,10 @@ class Bounds:
             return
         waiting = {w.activation for w in plan.waiting}
         on = Counter((line.activation, line.local_task) for line in plan.lines.values())
-        capable = Capable.of(agent.facts, alive)
-        for group in demands_of(agent.facts, plan.evaluation.requests, capable):
+        capable = capabilities_of(agent.facts, alive)
+        for group in demands_of(
+            agent.facts, plan.evaluation.requests, capable, agent.planner.evaluator
+        ):
             for demand in group:
                 place = (demand.request.activation, demand.local_task)
                 low = 0 if place[0] in waiting else demand.lower
@@ -139,8 +142,11 @@ def keeps_pin(agent: Agent, plan: Plan, claim: Claim) -> bool:
     Otherwise pins may yield, also this one.
     """
     facts = agent.facts
-    capable = Capable.of(facts, alive_set(agent))
-    groups = [list(group) for group in demands_of(facts, plan.evaluation.requests, capable)]
+    capable = capabilities_of(facts, alive_set(agent))
+    groups = [
+        list(group)
+        for group in demands_of(facts, plan.evaluation.requests, capable, agent.planner.evaluator)
+    ]
     obstacles = {waiting.activation for waiting in plan.waiting if waiting.obstacle}
     for index, group in enumerate(groups):
         for number, demand in enumerate(group):
@@ -148,7 +154,7 @@ def keeps_pin(agent: Agent, plan: Plan, claim: Claim) -> bool:
                 others = [robot for robot in demand.pinned if robot != agent.me]
                 groups[index][number] = replace(demand, pinned=(*others, agent.me))
     pinned = {r: i for i, group in enumerate(groups) for d in group for r in d.pinned}
-    check = keeping(facts.mission.constraints, list(capable.team), groups)
+    check = feasibility(facts.mission.constraints, list(capable.team), groups)
     return any(
         check.keep(index, group, pinned) and group[0].request.activation == claim.activation
         for index, group in enumerate(groups)
@@ -239,7 +245,7 @@ class Progress:
         if still_us <= patience_us:
             return
         for agent in agents:
-            waits = agent.planner.watches.next_deadline_us() is not None
+            waits = agent.planner.deadlines.next_deadline_us() is not None
             request = servable(agent, alive_set(agent))
             if request is not None:
                 text = f"for {agent.me}, {request} could be served, but nothing was finished "
@@ -351,10 +357,10 @@ def can_finish(agent: Agent, alive: Mapping[str, Incarnation]) -> bool:
         return False
     if agent.plan is not None and any(waiting.obstacle for waiting in agent.plan.waiting):
         return False  # an exclusive task in doubt, or without a majority that lives
-    capable = Capable.of(agent.facts, alive)
+    capable = capabilities_of(agent.facts, alive)
     for node in mission.tree.actions():
         request = Request(node.index, node.subject, "")
-        (group,) = demands_of(agent.facts, [request], capable)
-        if not keeping(mission.constraints, list(capable.team), [group]).keep(0, group, {}):
+        (group,) = demands_of(agent.facts, [request], capable, agent.planner.evaluator)
+        if not feasibility(mission.constraints, list(capable.team), [group]).keep(0, group, {}):
             return False
     return True

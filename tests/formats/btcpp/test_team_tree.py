@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 
-from mrbt_mesh.core.tree import Kind, Memory, NodeSpec
+from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec
 from mrbt_mesh.formats.btcpp import team_tree
 from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
 from mrbt_mesh.formats.btcpp.check import check_library

@@ -1,0 +1,38 @@
+"""Who a robot is, and how it is to behave: fixed for the life of its agent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from mrbt_mesh.core.assignment.problem import Solver
+from mrbt_mesh.core.engine import INCREMENTAL, Engine
+from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.membership.timing import Timing
+
+
+@dataclass(frozen=True)
+class AgentConfig:
+    """One robot's configuration; performances in `capabilities` are micro-units.
+
+    `expected` are the robots of the team that should be heard at the start. `takeover`
+    replaces a live robot of the same id. `exit_when_done` stops the agent once the whole team
+    has the mission's result; otherwise it stays to serve latecomers. `restored` is what the
+    robot's journal kept. `plans_apart`: plans are made outside of `Agent.handle` (`meanwhile`).
+    """
+
+    robot: str
+    type: str
+    capabilities: dict[str, int]
+    run: str
+    nonce: str
+    solver: Solver
+    timing: Timing = field(default_factory=Timing)
+    expected: frozenset[str] = frozenset()
+    takeover: bool = False
+    exit_when_done: bool = False
+    software: str = ""
+    host: str = ""
+    pid: int = 0
+    restored: tuple[Entry, ...] = ()
+    engine: Engine = INCREMENTAL
+    plans_apart: bool = False

@@ -1,0 +1,134 @@
+"""What goes into an agent and what comes out of it: plain data, no behaviour."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+from mrbt_mesh.core.facts.store import Entry, Incarnation
+from mrbt_mesh.core.membership.wire import MessageKind
+
+
+@dataclass(frozen=True, slots=True)
+class Publish:
+    """Send to everybody, under this robot's key."""
+
+    kind: MessageKind
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Persist:
+    """Keep these entries in the journal; `synced`: on disk before any later effect."""
+
+    entries: tuple[Entry, ...]
+    synced: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Forget:
+    """These entries, by author and name, can no longer be reached: the journal may drop them."""
+
+    keys: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Ask:
+    """Send a PULL to one peer; its answer comes back as AnswerReceived."""
+
+    peer: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """Answer a query, with one message or, for a PULL of many facts, several pages."""
+
+    query: int
+    pages: tuple[bytes, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StartAction:
+    """Run a local task; ends with ActionFinished or, after CancelAction, ActionStopped.
+
+    `coalition` is the token of the coalition that it starts with, empty without one.
+    """
+
+    ticket: int
+    activation: str
+    global_task: str
+    local_task: str
+    partners: tuple[str, ...]
+    performance: int
+    incarnation: Incarnation
+    coalition: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class MakePlan:
+    """Call `Planner.compute`, in another thread if there is one; answered by PlanMade."""
+
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class CancelAction:
+    """Stop the action; answered by ActionStopped, or ActionFinished if it was quicker."""
+
+    ticket: int
+
+
+@dataclass(frozen=True, slots=True)
+class RequestBid:
+    """Have the robot's program bid for a local task; it is answered by BidsMade.
+
+    `performance`: the declared one.
+    """
+
+    activation: str
+    global_task: str
+    local_task: str
+    performance: int
+    incarnation: Incarnation
+
+
+@dataclass(frozen=True, slots=True)
+class DeclareToken:
+    """Show the liveliness token of this incarnation, in place of an earlier one."""
+
+    incarnation: Incarnation
+
+
+@dataclass(frozen=True, slots=True)
+class Log:
+    """One line for the robot's log."""
+
+    level: str
+    event: str
+    fields: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """The agent is done: 0 mission succeeded or left on purpose, 1 failed, 2 refused."""
+
+    code: int
+    reason: str
+
+
+Effect: TypeAlias = (
+    Publish
+    | Persist
+    | Forget
+    | Ask
+    | Reply
+    | StartAction
+    | MakePlan
+    | CancelAction
+    | RequestBid
+    | DeclareToken
+    | Log
+    | Stop
+)

@@ -1,0 +1,145 @@
+"""What goes into an agent: plain data, no behaviour."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.wire import MessageKind
+from mrbt_mesh.core.planning.plan import Plan
+
+
+@dataclass(frozen=True, slots=True)
+class MessageReceived:
+    """A beat or a batch of facts, published under the key of `source`."""
+
+    kind: MessageKind
+    source: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class TokenChanged:
+    """A robot's liveliness token appeared (`held`) or disappeared."""
+
+    robot: str
+    incarnation: Incarnation
+    held: bool
+
+
+@dataclass(frozen=True, slots=True)
+class QueryReceived:
+    """A question (PULL or COMMAND); answer it with `Reply(query, ...)`."""
+
+    query: int
+    kind: MessageKind
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerReceived:
+    """A peer's answer to `Ask`, or None where it did not answer in time."""
+
+    peer: str
+    data: bytes | None
+
+
+@dataclass(frozen=True, slots=True)
+class ActionFinished:
+    """The action under `ticket` ended by itself.
+
+    `conditions` are those that it set, to be told together with the outcome.
+    """
+
+    ticket: int
+    success: bool
+    data: Any = None
+    conditions: tuple[tuple[str, bool], ...] = ()
+    error: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ActionStopped:
+    """The action under `ticket` has been cancelled, and nothing of it runs any more."""
+
+    ticket: int
+
+
+@dataclass(frozen=True, slots=True)
+class ProgressReported:
+    """How far the action is, in percent."""
+
+    ticket: int
+    percent: int
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionSet:
+    """The robot's own code has set a condition, outside any outcome."""
+
+    name: str
+    value: bool
+
+
+@dataclass(frozen=True, slots=True)
+class CapabilityChanged:
+    """A minor fault (`lost`) or its end; `local_task` is a type, a ground name, or `all`."""
+
+    local_task: str
+    lost: bool
+
+
+@dataclass(frozen=True, slots=True)
+class BidMade:
+    """What this robot would do a local task with, in micro-units.
+
+    None: it has no bid, because of `error` if that says anything.
+    """
+
+    activation: str
+    local_task: str
+    performance: int | None
+    error: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class BidsMade:
+    """Answers to RequestBid: as many as there are at once, to be told together."""
+
+    bids: tuple[BidMade, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LeaveRequested:
+    """Leave on purpose: hand the work over and stop."""
+
+
+@dataclass(frozen=True, slots=True)
+class TimerFired:
+    """`next_deadline_us` has come."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlanMade:
+    """The plan that MakePlan of this number asked for."""
+
+    number: int
+    plan: Plan
+
+
+FromOutside: TypeAlias = MessageReceived | TokenChanged | QueryReceived | AnswerReceived
+
+
+Input: TypeAlias = (
+    FromOutside
+    | ActionFinished
+    | ActionStopped
+    | ProgressReported
+    | ConditionSet
+    | CapabilityChanged
+    | BidsMade
+    | LeaveRequested
+    | TimerFired
+    | PlanMade
+)

@@ -1,0 +1,136 @@
+"""The project's own solvers of the assignment problem.
+
+A solver is a function from AssignmentProblem to any optimum; the canonical pass does the rest. How
+users add theirs is in docs/solvers.md; `runtime.solver_loader` finds all of them by name.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from ortools.graph.python.min_cost_flow import SimpleMinCostFlow
+
+from mrbt_mesh.core.assignment.problem import (
+    UNASSIGNED,
+    AssignmentProblem,
+    Integers,
+    Solver,
+    SolverError,
+)
+
+MAX_CHOICES = 200_000
+
+
+def min_cost_flow(problem: AssignmentProblem) -> Integers | None:
+    """Solve as a transportation problem with OR-tools' min-cost flow; polynomial and exact.
+
+    Every robot sends one unit to a demand or to the pool. A demand keeps its lower bound and
+    passes up to (upper - lower) on to the pool, so that feasibility needs no penalty cost.
+    Raises SolverError for a problem with side constraints: they have no such form.
+    """
+    if problem.constraints:
+        raise SolverError("min_cost_flow knows no side constraints: use cp_sat")
+    robots, demands, pairs = len(problem.robots), len(problem.demands), len(problem.pair_robot)
+    pool = robots + demands
+    spare = robots - int(problem.lower.sum())
+    if spare < 0:
+        return None
+    # The node after the last demand is the pool.
+    tails, heads, performances = problem.options
+    nodes = np.arange(pool + 1)
+    capacities = np.ones(len(tails) + demands, np.int64)
+    np.subtract(problem.upper[:-1], problem.lower[:-1], out=capacities[len(tails) :])
+    supplies = np.ones(pool + 1, np.int64)
+    np.negative(problem.lower[:-1], out=supplies[robots:pool])
+    supplies[pool] = -spare
+    # Cost scaling takes a round for each digit: micro-units are often far finer than the values.
+    unit = np.gcd.reduce(performances)
+    gains = performances // unit if unit > 1 else performances
+    flow = SimpleMinCostFlow()
+    arcs = flow.add_arcs_with_capacity_and_unit_cost(
+        np.concatenate((tails, nodes[robots:pool])),
+        np.concatenate((heads + robots, np.full(demands, pool))),
+        capacities,
+        np.concatenate((-gains, np.zeros(demands, np.int64))),
+    )
+    flow.set_nodes_supplies(nodes, supplies)
+    status = flow.solve()
+    if status == flow.INFEASIBLE:
+        return None
+    if status != flow.OPTIMAL:
+        raise SolverError(f"min-cost flow ended with status {status.name}")
+    choice = np.full(robots, UNASSIGNED)
+    used = np.flatnonzero(flow.flows(arcs[:pairs]))
+    choice[problem.pair_robot[used]] = problem.pair_demand[used]
+    return choice
+
+
+def cp_sat(problem: AssignmentProblem) -> list[int] | None:
+    """Solve with OR-tools' CP-SAT, one worker; minds side constraints. Exact, or SolverError."""
+    # For those who use it alone: the library is large, and takes a second to load.
+    from mrbt_mesh.core.assignment import cp_sat as model
+
+    return model.optimum(problem)
+
+
+cp_sat.supports_constraints = True  # type: ignore[attr-defined]
+
+
+def brute_force(problem: AssignmentProblem) -> tuple[int, ...] | None:
+    """The canonical optimum by trying out everything, in the order that the rule names.
+
+    For tests and small problems: raises SolverError above `MAX_CHOICES` combinations.
+    """
+    choices = math.prod(len(options) + 1 for options in problem.performance)
+    if choices > MAX_CHOICES:
+        shown = f"{choices:,}" if choices < 10**15 else "more than 10^15"
+        raise SolverError(
+            f"brute_force tries out everything, at most {MAX_CHOICES:,} combinations; "
+            f"these {len(problem.robots)} robots have {shown}"
+        )
+    demands, count = problem.demands, len(problem.robots)
+    counts = [0] * len(demands)
+    options = [
+        [*((d, p[d]) for d in sorted(p)), (UNASSIGNED, 0)] for p in map(dict, problem.performance)
+    ]
+    best: tuple[int, tuple[int, ...]] | None = None
+    choice = [UNASSIGNED] * count
+
+    def go(robot: int, total: int) -> None:
+        nonlocal best
+        if robot == count:
+            fits = all(n >= demand.lower for n, demand in zip(counts, demands, strict=True))
+            better = fits and (best is None or total > best[0])
+            if better and problem.violated(choice) is None:
+                best = total, tuple(choice)
+            return
+        for demand, value in options[robot]:
+            if demand == UNASSIGNED:
+                choice[robot] = UNASSIGNED
+                go(robot + 1, total)
+            elif counts[demand] < demands[demand].upper:
+                counts[demand] += 1
+                choice[robot] = demand
+                go(robot + 1, total + value)
+                counts[demand] -= 1
+
+    go(0, 0)
+    return None if best is None else best[1]
+
+
+brute_force.supports_constraints = True  # type: ignore[attr-defined]
+
+
+def default_solver(problem: AssignmentProblem) -> Integers | list[int] | None:
+    """What is used where no solver is named: min_cost_flow, or cp_sat for side constraints."""
+    return cp_sat(problem) if problem.constraints else min_cost_flow(problem)
+
+
+default_solver.supports_constraints = True  # type: ignore[attr-defined]
+
+SOLVERS: dict[str, Solver] = {
+    "min_cost_flow": min_cost_flow,
+    "cp_sat": cp_sat,
+    "brute_force": brute_force,
+}

@@ -1,0 +1,438 @@
+"""What an entry means: member, claim, outcome, bid, coalition, condition, order; their limits.
+
+Values come from the network: every parser raises ValueError for anything that is not exactly
+its kind, and nothing else.
+"""
+
+from __future__ import annotations
+
+import enum
+import reprlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, ClassVar
+
+from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MAX_ROBOTS
+
+MAX_NAME = 2_048
+MAX_TEXT = 640
+MAX_CAPABILITIES = 1_000
+MAX_STAMP = (1 << 53) - 1
+MAX_DATA_DEPTH = 16
+
+
+def _shown(value: Any) -> str:
+    """A short text of a value that may be huge, or nested too deeply for `repr`."""
+    return reprlib.repr(value)[:60]
+
+
+def _text(value: Any, limit: int = MAX_TEXT) -> str:
+    if not isinstance(value, str) or len(value) > limit:
+        raise ValueError(f"text of at most {limit} characters expected, found {_shown(value)}")
+    return value
+
+
+def _integer(value: Any, low: int = 0, high: int = MAX_STAMP) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
+        raise ValueError(f"integer from {low} to {high} expected, found {_shown(value)}")
+    return value
+
+
+def _boolean(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError(f"boolean expected, found {_shown(value)}")
+    return value
+
+
+def _fields(value: Any, count: int) -> list[Any]:
+    if not isinstance(value, list) or len(value) != count:
+        raise ValueError(f"list of {count} expected, found {_shown(value)}")
+    return value
+
+
+def _check_depth(data: Any) -> None:
+    level = [data]
+    for _ in range(MAX_DATA_DEPTH + 1):
+        level = [
+            part
+            for each in level
+            if isinstance(each, (list, tuple, dict))
+            for part in (each.values() if isinstance(each, dict) else each)
+        ]
+        if not level:
+            return
+    raise ValueError(f"data nested more than {MAX_DATA_DEPTH} levels deep")
+
+
+class Record:
+    """Base of all records. `rank` and `first_stands` are the exceptions to newest-wins."""
+
+    first_stands: ClassVar[bool] = False
+
+    def rank(self) -> int:
+        return 0
+
+
+@dataclass(frozen=True, slots=True)
+class Member(Record):
+    """A robot's own description. `lost` are capabilities it has declared lost (minor faults)."""
+
+    type: str
+    capabilities: Mapping[str, int]
+    lost: tuple[str, ...]
+    leaving: bool
+    software: str
+    host: str
+    pid: int
+
+    def to_value(self) -> list[Any]:
+        """As on the wire."""
+        return [
+            self.type,
+            dict(self.capabilities),
+            list(self.lost),
+            self.leaving,
+            self.software,
+            self.host,
+            self.pid,
+        ]
+
+    @staticmethod
+    def parse(value: Any) -> Member:
+        kind, capabilities, lost, leaving, software, host, pid = _fields(value, 7)
+        if not isinstance(capabilities, dict) or len(capabilities) > MAX_CAPABILITIES:
+            raise ValueError("capabilities: a map expected")
+        if not isinstance(lost, list) or len(lost) > MAX_CAPABILITIES:
+            raise ValueError("lost capabilities: a list expected")
+        table = {_text(k): _integer(v, 1, MAX_PERFORMANCE) for k, v in capabilities.items()}
+        return Member(
+            _text(kind),
+            table,
+            tuple(_text(name) for name in lost),
+            _boolean(leaving),
+            _text(software),
+            _text(host),
+            _integer(pid),
+        )
+
+
+class Phase(enum.IntEnum):
+    """How far a claim is. `READY`: may start as soon as its coalition does."""
+
+    CLAIMED = 1
+    READY = 2
+    RUNNING = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Claim(Record):
+    """The one activation that a robot works on; `since` is a Lamport stamp.
+
+    `coalition` is the token of the coalition with which it runs, if its task has any.
+    """
+
+    activation: str
+    global_task: str
+    local_task: str
+    phase: Phase
+    since: int
+    coalition: str = ""
+
+    def to_value(self) -> list[Any]:
+        return [
+            self.activation,
+            self.global_task,
+            self.local_task,
+            int(self.phase),
+            self.since,
+            self.coalition,
+        ]
+
+
+@dataclass(frozen=True, slots=True)
+class NoClaim(Record):
+    """The author works on nothing."""
+
+
+def parse_claim(value: Any) -> Claim | NoClaim:
+    """A claim, or NoClaim for None."""
+    if value is None:
+        return NoClaim()
+    activation, global_task, local_task, phase, since, coalition = _fields(value, 6)
+    return Claim(
+        _text(activation, MAX_NAME),
+        _text(global_task),
+        _text(local_task),
+        Phase(_integer(phase, 1, 3)),
+        _integer(since),
+        _text(coalition),
+    )
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Token:
+    """Names one coalition: its leader, in the life and with the claim that brought it together.
+
+    `since` is the stamp of the leader's claim. The order is the canonical one of claims.
+    """
+
+    since: int
+    leader: str
+    counter: int
+    nonce: str
+
+    def __str__(self) -> str:
+        return f"{self.leader}.{self.counter}.{self.nonce}.{self.since}"
+
+    @staticmethod
+    def parse(text: str) -> Token:
+        leader, counter, nonce, since = _text(text).split(".")
+        token = Token(_integer(int(since)), leader, _integer(int(counter)), nonce)
+        if str(token) != text:
+            raise ValueError(f"no coalition has the name {_shown(text)}")
+        return token
+
+
+@dataclass(frozen=True, slots=True)
+class CoalitionMember:
+    """A robot that starts with a coalition, and the claim with which it was ready.
+
+    (`counter`, `nonce`, `sequence`) is the version of the claim's entry.
+    """
+
+    robot: str
+    local_task: str
+    counter: int
+    nonce: str
+    sequence: int
+    since: int
+
+
+@dataclass(frozen=True, slots=True)
+class Coalition(Record):
+    """The robots that start one activation together, as their leader wrote them down."""
+
+    members: tuple[CoalitionMember, ...]
+    first_stands: ClassVar[bool] = True
+
+    def to_value(self) -> list[Any]:
+        return [
+            [m.robot, m.local_task, m.counter, m.nonce, m.sequence, m.since] for m in self.members
+        ]
+
+    @staticmethod
+    def parse(value: Any) -> Coalition:
+        if not isinstance(value, list) or not 0 < len(value) <= MAX_ROBOTS:
+            raise ValueError(f"a list of members expected, found {_shown(value)}")
+        rows = [_fields(row, 6) for row in value]
+        return Coalition(
+            tuple(
+                CoalitionMember(
+                    _text(robot),
+                    _text(local_task),
+                    _integer(counter),
+                    _text(nonce),
+                    _integer(sequence),
+                    _integer(since),
+                )
+                for robot, local_task, counter, nonce, sequence, since in rows
+            )
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome(Record):
+    """Success or failure of the author for one activation and local task. Success wins."""
+
+    success: bool
+    data: Any
+    first_stands: ClassVar[bool] = True
+
+    def rank(self) -> int:
+        return int(self.success)
+
+    def to_value(self) -> list[Any]:
+        return [self.success, self.data]
+
+    @staticmethod
+    def parse(value: Any) -> Outcome:
+        success, data = _fields(value, 2)
+        _check_depth(data)
+        return Outcome(_boolean(success), data)
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionValue(Record):
+    """A condition as its author last saw or set it; `revision` grows by one at each change."""
+
+    value: bool
+    revision: int
+    stamp: int
+
+    def to_value(self) -> list[Any]:
+        return [self.value, self.revision, self.stamp]
+
+    @staticmethod
+    def parse(value: Any) -> ConditionValue:
+        holds, revision, stamp = _fields(value, 3)
+        return ConditionValue(_boolean(holds), _integer(revision, 1), _integer(stamp))
+
+
+class OrderKind(enum.StrEnum):
+    """What the operator may say. `ABORT` is absorbing."""
+
+    RESUME = "resume"
+    PAUSE = "pause"
+    ABORT = "abort"
+
+
+@dataclass(frozen=True, slots=True)
+class Order(Record):
+    """The operator's last word, as the author heard it."""
+
+    kind: OrderKind
+    stamp: int
+
+    def rank(self) -> int:
+        return int(self.kind is OrderKind.ABORT)
+
+    def to_value(self) -> list[Any]:
+        return [str(self.kind), self.stamp]
+
+    @staticmethod
+    def parse(value: Any) -> Order:
+        kind, stamp = _fields(value, 2)
+        return Order(OrderKind(_text(kind)), _integer(stamp))
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt(Record):
+    """How many attempts of a Retry or Repeat are used up; joins by maximum."""
+
+    number: int
+    first_stands: ClassVar[bool] = True
+
+    def rank(self) -> int:
+        return self.number
+
+    @staticmethod
+    def parse(value: Any) -> Attempt:
+        return Attempt(_integer(value))
+
+
+@dataclass(frozen=True, slots=True)
+class Passed(Record):
+    """How a child of a node with memory ended; success wins."""
+
+    success: bool
+    first_stands: ClassVar[bool] = True
+
+    def rank(self) -> int:
+        return int(self.success)
+
+    def to_value(self) -> bool:
+        return self.success
+
+    @staticmethod
+    def parse(value: Any) -> Passed:
+        return Passed(_boolean(value))
+
+
+@dataclass(frozen=True, slots=True)
+class Bid(Record):
+    """What the author's performance would be, in micro-units; None: it has none to tell.
+
+    The first one stands: a robot that starts again does not outbid itself.
+    """
+
+    performance: int | None
+    first_stands: ClassVar[bool] = True
+
+    @staticmethod
+    def parse(value: Any) -> Bid:
+        return Bid(None if value is None else _integer(value, -MAX_PERFORMANCE, MAX_PERFORMANCE))
+
+
+@dataclass(frozen=True, slots=True)
+class Latch(Record):
+    """Something that stays true once said: a verdict of failure, a grant, a broken coalition."""
+
+    first_stands: ClassVar[bool] = True
+
+    @staticmethod
+    def parse(value: Any) -> Latch:
+        if value is not True:
+            raise ValueError("a latch can only be true")
+        return Latch()
+
+
+MEMBER, CLAIM, ORDER = "member", "claim", "order"
+OUTCOME, CONDITION, ATTEMPT, VERDICT, EXPIRED = (
+    "outcome",
+    "condition",
+    "attempt",
+    "verdict",
+    "expired",
+)
+# Of one coalition of one activation, named by its token. BROKEN: too few members are left.
+# GRANT: the author has granted it an exclusive task. DOUBT: that grant has ended, and nobody
+# knows how far the work got. CLEARED: it never began, or the operator lets it be tried again.
+COALITION, BROKEN, GRANT, DOUBT, CLEARED = "coalition", "broken", "grant", "doubt", "cleared"
+# A child of a node with memory has ended: scope of the node, position of the child.
+PASSED = "passed"
+# The operator's word that an activation in doubt was done.
+DONE = "done"
+# For one local task of an activation: the author's bid; nobody's bid is waited for any more.
+BID, CLOSED = "bid", "closed"
+
+_PARSERS: Mapping[str, Callable[[Any], Record]] = {
+    MEMBER: Member.parse,
+    CLAIM: parse_claim,
+    ORDER: Order.parse,
+    OUTCOME: Outcome.parse,
+    CONDITION: ConditionValue.parse,
+    ATTEMPT: Attempt.parse,
+    VERDICT: Latch.parse,
+    EXPIRED: Latch.parse,
+    PASSED: Passed.parse,
+    COALITION: Coalition.parse,
+    BROKEN: Latch.parse,
+    GRANT: Latch.parse,
+    DOUBT: Latch.parse,
+    CLEARED: Latch.parse,
+    DONE: Latch.parse,
+    BID: Bid.parse,
+    CLOSED: Latch.parse,
+}
+COALITION_KINDS = frozenset({COALITION, BROKEN, GRANT, DOUBT, CLEARED})
+EXCLUSIVE_KINDS = frozenset({GRANT, DOUBT, CLEARED, DONE})
+BID_KINDS = frozenset({BID, CLOSED})
+# kind / condition, scope or activation / local task, token or position / token of an outcome
+_PARTS: Mapping[str, tuple[int, ...]] = {
+    MEMBER: (1,),
+    CLAIM: (1,),
+    ORDER: (1,),
+    OUTCOME: (3, 4),
+    PASSED: (3,),
+    **dict.fromkeys(sorted(COALITION_KINDS | BID_KINDS), (3,)),
+}
+
+
+def split_name(name: str) -> tuple[str, ...]:
+    """The parts of an entry's name: kind first; raises ValueError if it is none."""
+    return _split(_text(name, MAX_NAME))
+
+
+# Each name is read several times, by every robot that is simulated in one process.
+@lru_cache(maxsize=4_096)
+def _split(name: str) -> tuple[str, ...]:
+    parts = tuple(name.split("/"))
+    if parts[0] not in _PARSERS or len(parts) not in _PARTS.get(parts[0], (2,)):
+        raise ValueError(f"no kind of fact has the name {_shown(name)}")
+    return parts
+
+
+def parse_record(name: str, value: Any) -> Record:
+    """The record of an entry; raises ValueError if name or value are malformed."""
+    return _PARSERS[split_name(name)[0]](value)

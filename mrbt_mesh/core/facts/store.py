@@ -1,0 +1,156 @@
+"""Replicated facts: a map of single-writer entries that joins like a state-based CRDT.
+
+Joining is commutative, associative and idempotent, so loss, duplication and reordering only
+delay agreement. This module knows keys, versions, joining and digests; what the entries mean
+is in `records`, and how the team reads them in `team`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import msgpack
+
+from mrbt_mesh.core.facts.records import Record, parse_record
+
+MAX_VALUE_BYTES = 1 << 18
+_DIGEST_MODULUS = 1 << 128
+
+
+class Incarnation(NamedTuple):
+    """One life of a robot's process: a counter above all seen, and a nonce of the process.
+
+    Counter 0 is a newcomer that has not joined yet.
+    """
+
+    counter: int
+    nonce: str
+
+    def __str__(self) -> str:
+        return f"{self.counter}.{self.nonce}"
+
+
+class Version(NamedTuple):
+    """Orders the entries of one author; all entries of one batch share it."""
+
+    incarnation: Incarnation
+    sequence: int
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One fact: `value` is plain data as on the wire, `record` what it means.
+
+    `hash`: 128 bits over author, name, version and value.
+    """
+
+    author: str
+    name: str
+    version: Version
+    value: Any
+    record: Record
+    packed: bytes
+    hash: int
+
+
+def make_entry(author: str, name: str, version: Version, value: Any) -> Entry:
+    """Parse and pack one entry; raises ValueError if the value is none of its kind."""
+    record = parse_record(name, value)
+    try:
+        packed = msgpack.packb(value)
+    except (TypeError, OverflowError) as error:
+        raise ValueError(f"not plain data: {error}") from error
+    if len(packed) > MAX_VALUE_BYTES:
+        raise ValueError(f"value of {len(packed)} bytes, at most {MAX_VALUE_BYTES} are taken")
+    (counter, nonce), sequence = version
+    head = msgpack.packb([author, name, counter, nonce, sequence])
+    digest = hashlib.blake2b(head + packed, digest_size=16).digest()
+    return Entry(author, name, version, value, record, packed, int.from_bytes(digest, "big"))
+
+
+def join(mine: Entry | None, other: Entry) -> Entry:
+    """The entry that stands, of two with the same key; the order of arguments does not matter.
+
+    The greatest version wins, equal ones (which should not occur) by their bytes. Records
+    that grow by other rules (a success beats a failure) say so in `Record.rank`.
+    """
+    if mine is None:
+        return other
+    mine_rank, other_rank = mine.record.rank(), other.record.rank()
+    if mine_rank != other_rank:
+        return other if other_rank > mine_rank else mine
+    mine_key, other_key = (mine.version, mine.packed), (other.version, other.packed)
+    newest = other if other_key > mine_key else mine
+    oldest = mine if newest is other else other
+    return oldest if mine.record.first_stands else newest
+
+
+class FactMap:
+    """All entries, with a digest per author that is kept up to date entry by entry.
+
+    `on_change(old, new)` is called for every change, with None for absent.
+    """
+
+    def __init__(self, on_change: Callable[[Entry | None, Entry | None], None]) -> None:
+        self._entries: dict[tuple[str, str], Entry] = {}
+        self._digests: dict[str, int] = {}
+        self._digest: bytes | None = None
+        self._on_change = on_change
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    def __iter__(self) -> Iterator[Entry]:
+        """Entries sorted by author and name."""
+        return (self._entries[key] for key in sorted(self._entries))
+
+    def get(self, author: str, name: str) -> Entry | None:
+        return self._entries.get((author, name))
+
+    def merge(self, entries: Iterable[Entry]) -> list[Entry]:
+        """Join entries in; returns those that changed the map."""
+        changed = []
+        for entry in entries:
+            key = (entry.author, entry.name)
+            old = self._entries.get(key)
+            new = join(old, entry)
+            if old is not None and (new.version, new.packed) == (old.version, old.packed):
+                continue
+            self._entries[key] = new
+            self._count(new.author, new.hash - (old.hash if old else 0))
+            self._on_change(old, new)
+            changed.append(new)
+        return changed
+
+    def drop(self, author: str, name: str) -> None:
+        """Forget an entry that no evaluation can reach any more."""
+        entry = self._entries.pop((author, name), None)
+        if entry is not None:
+            self._count(author, -entry.hash)
+            self._on_change(entry, None)
+
+    def _count(self, author: str, change: int) -> None:
+        self._digest = None
+        total = (self._digests.get(author, 0) + change) % _DIGEST_MODULUS
+        if total:
+            self._digests[author] = total
+        else:
+            self._digests.pop(author, None)
+
+    def author_digests(self) -> dict[str, bytes]:
+        """A 16-byte digest of each author's entries, sorted by author: a version summary."""
+        return {a: self._digests[a].to_bytes(16, "big") for a in sorted(self._digests)}
+
+    def digest(self) -> bytes:
+        """An 8-byte digest of the whole map."""
+        if self._digest is None:
+            parts = [a.encode() + b"\0" + digest for a, digest in self.author_digests().items()]
+            self._digest = hashlib.blake2b(b"".join(parts), digest_size=8).digest()
+        return self._digest
+
+    def of_author(self, author: str) -> list[Entry]:
+        """The author's entries, sorted by name."""
+        return [self._entries[key] for key in sorted(self._entries) if key[0] == author]

@@ -1,0 +1,1 @@
+"""The canonical optimum brought up to date along shortest augmenting paths (`assignment.solve`)."""

@@ -1,0 +1,1 @@
+"""*Check Consistency* brought up to date: a matching and Hall witnesses."""

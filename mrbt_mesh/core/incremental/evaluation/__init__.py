@@ -1,0 +1,1 @@
+"""Evaluating a tree again: only what changed facts can influence (`bt.evaluator`)."""

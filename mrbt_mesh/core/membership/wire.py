@@ -1,0 +1,349 @@
+"""Messages on the wire: msgpack with a schema version, the mission's digest and size limits.
+
+Whatever arrives is decoded here or refused with a WireError; nothing else escapes.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import msgpack
+
+from mrbt_mesh.core.facts.records import MAX_NAME
+from mrbt_mesh.core.facts.store import MAX_VALUE_BYTES, Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.mission.mission import is_robot_id
+
+SCHEMA = 2
+MAX_MESSAGE_BYTES = 4 << 20
+MAX_ITEMS = 100_000
+MAX_NONCE = 32
+DIGEST_BYTES = 8
+
+
+class WireError(ValueError):
+    """A message that is refused; the text says why."""
+
+
+class IncompatibleError(WireError):
+    """A well-formed message of another mission, run or schema version."""
+
+
+class MessageKind(enum.StrEnum):
+    """BEAT and FACT are published; PULL and COMMAND are queries, STATE and ANSWER their replies."""
+
+    BEAT = "beat"
+    FACT = "fact"
+    PULL = "pull"
+    STATE = "state"
+    COMMAND = "command"
+    ANSWER = "answer"
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """What every message starts with. `mission` is the digest's first 16 hexadecimal digits."""
+
+    mission: str
+    mission_name: str
+    run: str
+    sender: str
+
+
+@dataclass(frozen=True, slots=True)
+class Accusation:
+    """The sender suspects this incarnation; `token_lost`: its liveliness token is gone here.
+
+    `dead`: the sender has given its verdict. `sought`: it has had no news for too long, and asks
+    everybody for some.
+    """
+
+    robot: str
+    incarnation: Incarnation
+    token_lost: bool
+    dead: bool
+    sought: bool
+
+    @property
+    def flags(self) -> int:
+        return int(self.token_lost) + 2 * int(self.dead) + 4 * int(self.sought)
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """What a robot says of itself in every beat, and what others relay of it.
+
+    `result` is the mission's status as it sees it.
+    """
+
+    incarnation: Incarnation
+    number: int
+    plan_digest: bytes
+    joined: bool
+    result: int
+
+
+@dataclass(frozen=True, slots=True)
+class Granted:
+    """The sender lets the coalition `token` work: its answer to beat `number` of `member`."""
+
+    token: str
+    member: str
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class Beat:
+    """One heartbeat. `statuses` are those of T_i, T_A, T_G and T_Li; `progress` in percent.
+
+    `heard` are the relays: robot -> its newest word that the sender knows of. `seeks` are the
+    activation and the coalition's token for which the sender needs grants.
+    """
+
+    word: Word
+    leaving: bool
+    fact_digest: bytes
+    statuses: tuple[int, ...]
+    progress: int
+    accusations: tuple[Accusation, ...]
+    heard: Mapping[str, Word]
+    seeks: tuple[str, str] | None = None
+    grants: tuple[Granted, ...] = ()
+
+
+def encode(header: Header, kind: MessageKind, body: Any) -> bytes:
+    """One message as bytes."""
+    head = [SCHEMA, str(kind), header.mission, header.mission_name, header.run, header.sender]
+    return bytes(msgpack.packb([*head, body]))
+
+
+def decode(data: bytes, mine: Header, kind: MessageKind) -> tuple[str, Any]:
+    """(sender, body) of a message of the expected kind.
+
+    Raises IncompatibleError where schema version, mission or run differ, WireError for
+    anything malformed or too large.
+    """
+    if len(data) > MAX_MESSAGE_BYTES:
+        raise WireError(f"message of {len(data)} bytes, at most {MAX_MESSAGE_BYTES} are read")
+    try:
+        message = msgpack.unpackb(
+            data,
+            max_str_len=MAX_VALUE_BYTES,
+            max_bin_len=MAX_VALUE_BYTES,
+            max_array_len=MAX_ITEMS,
+            max_map_len=MAX_ITEMS,
+            max_ext_len=0,
+        )
+    except (ValueError, TypeError, msgpack.UnpackException, RecursionError) as error:
+        raise WireError(f"not msgpack: {error}") from error
+    if not isinstance(message, list) or not message or message[0] != SCHEMA:
+        version = message[0] if isinstance(message, list) and message else None
+        if isinstance(version, int) and len(message) > 5:
+            raise IncompatibleError(f"wire schema {version} (ours is {SCHEMA})")
+        raise WireError("not a message of this protocol")
+    if len(message) != 7 or not all(isinstance(part, str) for part in message[1:6]):
+        raise WireError("header is malformed")
+    _, found, mission, name, run, sender, body = message
+    if not is_robot_id(sender) and sender != "":
+        raise WireError("sender is no robot id")
+    if mission != mine.mission:
+        raise IncompatibleError(
+            f"mission {name[:64]!r} with digest {mission[:16]} (ours is {mine.mission_name!r}, "
+            f"{mine.mission}): all robots of a team need the same mission file"
+        )
+    if run != mine.run:
+        raise IncompatibleError(f"run {run[:64]!r} (ours is {mine.run!r})")
+    if found != kind:
+        raise WireError(f"kind {found[:16]!r} where {kind} is expected")
+    return sender, body
+
+
+def _incarnation(counter: Any, nonce: Any) -> Incarnation:
+    if type(counter) is not int or not 0 <= counter < 1 << 53:
+        raise WireError("incarnation counter is malformed")
+    if not isinstance(nonce, str) or len(nonce) > MAX_NONCE:
+        raise WireError("incarnation nonce is malformed")
+    return Incarnation(counter, nonce)
+
+
+def _robot(value: Any) -> str:
+    if not isinstance(value, str) or not is_robot_id(value):
+        raise WireError("robot id is malformed")
+    return value
+
+
+def _count(value: Any, high: int = (1 << 53) - 1) -> int:
+    if type(value) is not int or not 0 <= value <= high:
+        raise WireError("number out of range")
+    return value
+
+
+def _digest(value: Any, size: int = DIGEST_BYTES) -> bytes:
+    if not isinstance(value, bytes) or len(value) != size:
+        raise WireError("digest is malformed")
+    return value
+
+
+def _rows(value: Any, width: int) -> list[list[Any]]:
+    if not isinstance(value, list):
+        raise WireError("table is malformed")
+    for row in value:
+        if not isinstance(row, list) or len(row) != width:
+            raise WireError("table is malformed")
+    return value
+
+
+def beat_body(beat: Beat) -> list[Any]:
+    """A beat as plain data."""
+    word = beat.word
+    return [
+        *word.incarnation,
+        word.number,
+        int(word.joined) + 2 * int(beat.leaving),
+        word.plan_digest,
+        beat.fact_digest,
+        list(beat.statuses),
+        word.result,
+        beat.progress,
+        [[a.robot, *a.incarnation, a.flags] for a in beat.accusations],
+        [
+            [robot, *w.incarnation, w.number, w.plan_digest, int(w.joined), w.result]
+            for robot, w in beat.heard.items()
+        ],
+        list(beat.seeks) if beat.seeks is not None else None,
+        [[g.token, g.member, g.number] for g in beat.grants],
+    ]
+
+
+def _all_is_news(row: list[Any]) -> bool:
+    return True
+
+
+def parse_beat(body: Any, is_news: Callable[[list[Any]], bool] = _all_is_news) -> Beat:
+    """The inverse of `beat_body`; raises WireError.
+
+    Relays, most of a beat in a large team, are only taken where `is_news(row)` of
+    [robot, counter, nonce, number, ...], as yet unchecked.
+    """
+    if not isinstance(body, list) or len(body) != 13:
+        raise WireError("beat is malformed")
+    counter, nonce, number, flags, plan, facts, statuses, result, progress, *tables = body
+    accused, heard, seeks, grants = tables
+    flags = _count(flags, 3)
+    if not isinstance(statuses, list) or len(statuses) != 4:
+        raise WireError("beat statuses are malformed")
+    return Beat(
+        Word(
+            _incarnation(counter, nonce),
+            _count(number),
+            _digest(plan),
+            bool(flags & 1),
+            _count(result, 3),
+        ),
+        bool(flags & 2),
+        _digest(facts),
+        tuple(_count(status, 3) for status in statuses),
+        _count(progress, 100),
+        tuple(
+            Accusation(
+                _robot(r), _incarnation(c, n), bool(_count(f, 7) & 1), bool(f & 2), bool(f & 4)
+            )
+            for r, c, n, f in _rows(accused, 4)
+        ),
+        dict([_relay(row) for row in filter(is_news, _rows(heard, 7))]),
+        _seeks(seeks),
+        tuple(Granted(_name(t), _robot(r), _count(n)) for t, r, n in _rows(grants, 3)),
+    )
+
+
+def _relay(row: list[Any]) -> tuple[str, Word]:
+    robot, counter, nonce, number, digest, joined, result = row
+    return _robot(robot), Word(
+        _incarnation(counter, nonce),
+        _count(number),
+        _digest(digest),
+        bool(_count(joined, 1)),
+        _count(result, 3),
+    )
+
+
+def _name(value: Any) -> str:
+    if not isinstance(value, str) or len(value) > MAX_NAME:
+        raise WireError("name is malformed")
+    return value
+
+
+def _seeks(value: Any) -> tuple[str, str] | None:
+    if value is None:
+        return None
+    if not isinstance(value, list) or len(value) != 2:
+        raise WireError("request for grants is malformed")
+    return _name(value[0]), _name(value[1])
+
+
+def entries_body(entries: Iterable[Entry]) -> list[Any]:
+    """Entries as plain data, grouped by author and version, so that a batch travels whole."""
+    groups: dict[tuple[str, Version], list[list[Any]]] = {}
+    for entry in entries:
+        groups.setdefault((entry.author, entry.version), []).append([entry.name, entry.value])
+    return [[a, *v.incarnation, v.sequence, rows] for (a, v), rows in groups.items()]
+
+
+def parse_entries(body: Any) -> tuple[list[Entry], int]:
+    """(well-formed entries, number of malformed ones left out); raises WireError if no table."""
+    entries: list[Entry] = []
+    malformed = 0
+    for author, counter, nonce, sequence, rows in _rows(body, 5):
+        version = Version(_incarnation(counter, nonce), _count(sequence))
+        robot = _robot(author)
+        for name, value in _rows(rows, 2):
+            try:
+                entries.append(make_entry(robot, name, version, value))
+            except (ValueError, TypeError):
+                malformed += 1
+    return entries, malformed
+
+
+def parse_summary(body: Any) -> Mapping[str, bytes]:
+    """A pull's version summary: author -> 16-byte digest; raises WireError."""
+    if not isinstance(body, dict):
+        raise WireError("version summary is malformed")
+    return {_robot(author): _digest(digest, 16) for author, digest in body.items()}
+
+
+WriteBeat: TypeAlias = Callable[[Beat, Header], bytes]
+
+
+# (robot under whose key it was published, message, own header, which relays may be news)
+ReadBeat: TypeAlias = Callable[[str, bytes, Header, Callable[[list[Any]], bool]], Beat]
+
+
+# (robot under whose key it was published, message, own header)
+ReadBatch: TypeAlias = Callable[[str, bytes, Header], tuple[list[Entry], int]]
+
+
+def write_beat(beat: Beat, mine: Header) -> bytes:
+    """A beat as a message."""
+    return encode(mine, MessageKind.BEAT, beat_body(beat))
+
+
+def read_beat(source: str, data: bytes, mine: Header, is_news: Callable[[list[Any]], bool]) -> Beat:
+    """A published beat; relays that are no news may be left out. Raises WireError."""
+    return parse_beat(_body(source, data, mine, MessageKind.BEAT), is_news)
+
+
+def read_batch(source: str, data: bytes, mine: Header) -> tuple[list[Entry], int]:
+    """(entries of a published batch, number of malformed ones left out). Raises WireError."""
+    entries, malformed = parse_entries(_body(source, data, mine, MessageKind.FACT))
+    if any(entry.author != source for entry in entries):
+        raise WireError(f"{source} published entries of another author")
+    return entries, malformed
+
+
+def _body(source: str, data: bytes, mine: Header, kind: MessageKind) -> Any:
+    sender, body = decode(data, mine, kind)
+    if sender != source:
+        raise WireError(f"sender {sender} published under the key of {source}")
+    return body

@@ -1,0 +1,385 @@
+"""The mission: robots, local tasks, global tasks and the team's tree T_G, all ground.
+
+Files with parameters and for-each loops are expanded by `mrbt_mesh.formats`; what arrives
+here has none left. Every robot of a team holds the same mission, and `Mission.digest`
+is how they tell. Source: paper, section IV; symbols in ARCHITECTURE.md's glossary.
+"""
+
+from __future__ import annotations
+
+import enum
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, TypeAlias
+
+from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec, Tree, build_tree
+from mrbt_mesh.core.mission.constraints import Constraint, constraint_from_json, constraint_to_json
+
+MICRO = 1_000_000
+MAX_PERFORMANCE = 1_000_000 * MICRO
+MAX_ROBOTS = 1_000
+MAX_GLOBAL_TASKS = 10_000
+MAX_ARGUMENTS = 8
+MAX_COST = 1_000_000
+MAX_BID_WITHIN_US = 10 * MICRO
+COMPILED_VERSION = 2
+# Of missions with bids: software that knows no bids refuses them, and all others keep their digest.
+BIDS_VERSION = 3
+
+NAME_PATTERN = r"[A-Za-z_][A-Za-z0-9_]{0,63}"
+ARGUMENT_PATTERN = r"[A-Za-z0-9_.+-]{1,64}"
+ROBOT_PATTERN = r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}"
+_CALL = re.compile(rf"({NAME_PATTERN})(?:\(({ARGUMENT_PATTERN}(?:,{ARGUMENT_PATTERN})*)\))?")
+_ROBOT = re.compile(ROBOT_PATTERN)
+
+RobotId: TypeAlias = str
+LocalTaskId: TypeAlias = str
+GlobalTaskId: TypeAlias = str
+
+
+class FailurePolicy(enum.StrEnum):
+    """When a global task fails: by the paper's count, or only once nobody is left to try."""
+
+    PAPER = "paper"
+    RESILIENT = "resilient"
+
+
+class Assignment(enum.StrEnum):
+    """Which robots a request may have: all that are capable, or those that are needed least."""
+
+    ANY = "any"
+    SPARE_SCARCE = "spare_scarce"
+
+
+class InDoubt(enum.StrEnum):
+    """What becomes of an exclusive task that was begun and ended without an outcome.
+
+    It is held for the operator, counts as failed, or is tried again.
+    """
+
+    HOLD = "hold"
+    FAIL = "fail"
+    RETRY = "retry"
+
+
+@dataclass(frozen=True, slots=True)
+class SameRobotAs:
+    """A local task of another global task, both ground."""
+
+    global_task: GlobalTaskId
+    local_task: LocalTaskId
+
+
+@dataclass(frozen=True, slots=True)
+class Need:
+    """One local task of psi(g) with its bounds nu (`min_robots`) and mu (`max_robots`).
+
+    `same_robot_as`: only robots that have succeeded with that before are put on it.
+    `by_bid`: a robot's performance is what it bids for the activation, and the plan waits
+    `bid_within_us` for it (None: `Timing.bid_us`).
+    """
+
+    local_task: LocalTaskId
+    min_robots: int
+    max_robots: int
+    same_robot_as: SameRobotAs | None = None
+    by_bid: bool = False
+    bid_within_us: int | None = None
+
+    @property
+    def after(self) -> str:
+        """` that did pick(1) of fetch(1)`; empty if any robot will do."""
+        before = self.same_robot_as
+        return f" that did {before.local_task} of {before.global_task}" if before else ""
+
+    def to_json(self) -> list[Any]:
+        """The bounds; what `same_robot_as` names, if anything; and what is said of bids."""
+        before = self.same_robot_as
+        named = [before.global_task, before.local_task] if before else None
+        row = [self.local_task, self.min_robots, self.max_robots]
+        if self.by_bid:
+            return [*row, named, True, self.bid_within_us]
+        return [*row, named] if named else row
+
+    @classmethod
+    def from_json(cls, data: list[Any]) -> Need:
+        """The other way round; raises TypeError or ValueError for anything else."""
+        local_task, least, most, *more = data
+        usual: list[Any] = [None, False, None]
+        named, by_bid, within_us = more + usual[len(more) :]
+        same = None if named is None else SameRobotAs(*named)
+        return cls(local_task, least, most, same, by_bid, within_us)
+
+
+@dataclass(frozen=True, slots=True)
+class GlobalTask:
+    """A ground global task g: psi(g) and its policies.
+
+    `blocked_fail_after_us`: None waits for robots to return; otherwise the task fails
+    after it has been blocked that long. `simultaneous`: its robots start together, and only
+    the successes of one such coalition count. `exclusive`: it is never done by two coalitions
+    at the same time, nor again after it was done or left `in_doubt`.
+    """
+
+    id: GlobalTaskId
+    needs: tuple[Need, ...]
+    failure: FailurePolicy = FailurePolicy.RESILIENT
+    blocked_fail_after_us: int | None = None
+    preemptive: bool = False
+    simultaneous: bool = False
+    exclusive: bool = False
+    in_doubt: InDoubt = InDoubt.HOLD
+
+    @property
+    def by_coalition(self) -> bool:
+        """Whether it is carried out by coalitions: all their robots start together."""
+        return self.simultaneous or self.exclusive
+
+    def need(self, local_task: LocalTaskId) -> Need | None:
+        """What it needs of a local task, None if nothing."""
+        return next((need for need in self.needs if need.local_task == local_task), None)
+
+
+@dataclass(frozen=True, slots=True)
+class LocalTask:
+    """A local-task type: its parameters, and its nominal work in micro-units.
+
+    A robot with performance p needs work / p seconds for it.
+    """
+
+    name: str
+    parameters: tuple[str, ...] = ()
+    work: int = MICRO
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionType:
+    """A declared condition; a ground condition that nobody has set reads as `default`."""
+
+    name: str
+    parameters: tuple[str, ...] = ()
+    default: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """A robot of the mission file: capabilities L_i with performance p(i, l) in micro-units."""
+
+    id: RobotId
+    type: str
+    capabilities: Mapping[str, int]
+
+
+def split_call(text: str) -> tuple[str, tuple[str, ...]]:
+    """`replace_hw(2)` -> ("replace_hw", ("2",)); raises ValueError if it is not ground."""
+    match = _CALL.fullmatch(text)
+    if match is None:
+        raise ValueError(f"{text!r} is not a name like fix_hw or fix_hw(2)")
+    arguments = tuple(match[2].split(",")) if match[2] else ()
+    if len(arguments) > MAX_ARGUMENTS:
+        raise ValueError(f"{text!r} has more than {MAX_ARGUMENTS} arguments")
+    return match[1], arguments
+
+
+def type_name(ground: str) -> str:
+    """The type of a ground name: `replace_hw(2)` -> `replace_hw`."""
+    return ground.partition("(")[0]
+
+
+def is_robot_id(text: str) -> bool:
+    """Whether `text` may name a robot: 1 to 32 letters, digits, `_`, `-`."""
+    return _ROBOT.fullmatch(text) is not None
+
+
+def performance(capabilities: Mapping[str, int], local_task: LocalTaskId) -> int | None:
+    """p(i, l) in micro-units, None where l is not in L_i (the paper's minus infinity).
+
+    A capability for the ground local task goes before one for its type.
+    """
+    exact = capabilities.get(local_task)
+    return exact if exact is not None else capabilities.get(type_name(local_task))
+
+
+@dataclass(frozen=True, slots=True)
+class Costs:
+    """What one more robot of a type costs, and one more robot that is capable of a local task.
+
+    What is not listed costs 1. Only `mrbt analyze` reads it.
+    """
+
+    robots: Mapping[str, int] = field(default_factory=dict)
+    capabilities: Mapping[str, int] = field(default_factory=dict)
+
+    def robot(self, robot_type: str) -> int:
+        """The cost of one more robot."""
+        return self.robots.get(robot_type, 1)
+
+    def capability(self, local_task: str) -> int:
+        """The cost of making one robot capable."""
+        return self.capabilities.get(local_task, 1)
+
+
+@dataclass(frozen=True)
+class Mission:
+    """Everything that all robots of a team must agree on before they start.
+
+    `parameters` are the file's values, for robots' programs to read; `program` names the
+    default robot program, relative to the mission file. It, `costs` and `solver` are no part of
+    the digest: robots with different solvers make the same plans.
+    """
+
+    name: str
+    robots: Mapping[RobotId, Robot]
+    robot_types: Mapping[str, Mapping[str, int]]
+    local_tasks: Mapping[str, LocalTask]
+    conditions: Mapping[str, ConditionType]
+    global_tasks: Mapping[GlobalTaskId, GlobalTask]
+    tree: Tree
+    assignment: Assignment = Assignment.ANY
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    program: str | None = None
+    costs: Costs = field(default_factory=Costs)
+    solver: str | None = None
+    constraints: tuple[Constraint, ...] = ()
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the canonical form, 64 hexadecimal digits."""
+        data = self.to_json() | {"program": None}
+        del data["costs"]
+        data.pop("solver", None)
+        text = json.dumps(data, sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    @cached_property
+    def has_bids(self) -> bool:
+        """Whether any performance is known only to the robots."""
+        return any(need.by_bid for task in self.global_tasks.values() for need in task.needs)
+
+    @cached_property
+    def has_preemptive(self) -> bool:
+        """Whether any task may take running robots from tasks further right."""
+        return any(task.preemptive for task in self.global_tasks.values())
+
+    def condition_default(self, ground: str) -> bool:
+        """What `ground` reads as while nobody has set it; False if it is not declared."""
+        declared = self.conditions.get(type_name(ground))
+        return declared.default if declared else False
+
+    def knows_condition(self, ground: str) -> bool:
+        """Whether `ground` is a declared condition with the right number of arguments."""
+        try:
+            name, arguments = split_call(ground)
+        except ValueError:
+            return False
+        declared = self.conditions.get(name)
+        return declared is not None and len(declared.parameters) == len(arguments)
+
+    def to_json(self) -> dict[str, Any]:
+        """The compiled mission as plain data; `mission_from_json` takes it back.
+
+        The usual assignment is left out, as are constraints where there are none: missions
+        without them keep their digests.
+        """
+        usual = self.assignment is Assignment.ANY
+        limited = [constraint_to_json(constraint) for constraint in self.constraints]
+        return {
+            **({"constraints": limited} if limited else {}),
+            **({} if usual else {"assignment": str(self.assignment)}),
+            **({} if self.solver is None else {"solver": self.solver}),
+            "compiled": BIDS_VERSION if self.has_bids else COMPILED_VERSION,
+            "name": self.name,
+            "robots": {r.id: [r.type, dict(r.capabilities)] for r in self.robots.values()},
+            "robot_types": {name: dict(c) for name, c in self.robot_types.items()},
+            "local_tasks": {
+                t.name: [list(t.parameters), t.work] for t in self.local_tasks.values()
+            },
+            "conditions": {
+                c.name: [list(c.parameters), c.default] for c in self.conditions.values()
+            },
+            "global_tasks": [
+                [
+                    t.id,
+                    [need.to_json() for need in t.needs],
+                    str(t.failure),
+                    t.blocked_fail_after_us,
+                    t.preemptive,
+                    t.simultaneous,
+                    t.exclusive,
+                    str(t.in_doubt),
+                ]
+                for t in self.global_tasks.values()
+            ],
+            "tree": _spec_to_json(self.tree.spec()),
+            "parameters": dict(self.parameters),
+            "program": self.program,
+            "costs": [dict(self.costs.robots), dict(self.costs.capabilities)],
+        }
+
+
+def _spec_to_json(spec: NodeSpec) -> list[Any]:
+    children = [_spec_to_json(child) for child in spec.children]
+    numbers = [spec.limit, spec.timeout_us, str(spec.memory), spec.failures]
+    return [str(spec.kind), spec.name, spec.subject, *numbers, children]
+
+
+def _spec_from_json(data: list[Any]) -> NodeSpec:
+    kind, name, subject, limit, timeout_us, memory, failures, children = data
+    nested = tuple(_spec_from_json(child) for child in children)
+    return NodeSpec(Kind(kind), nested, name, subject, limit, timeout_us, Memory(memory), failures)
+
+
+def mission_from_json(data: Mapping[str, Any]) -> Mission:
+    """Load a compiled mission, as `mrbt validate --compile` and `mrbt up` write it.
+
+    Raises ValueError if it was not compiled by this version.
+    """
+    found = data.get("compiled")
+    if found not in (COMPILED_VERSION, BIDS_VERSION):
+        known = f"{COMPILED_VERSION} or {BIDS_VERSION}"
+        raise ValueError(f"compiled mission version {known} expected, found {found!r}")
+    try:
+        return Mission(
+            name=data["name"],
+            robots={i: Robot(i, kind, caps) for i, (kind, caps) in sorted(data["robots"].items())},
+            robot_types=data["robot_types"],
+            local_tasks={n: LocalTask(n, tuple(p), w) for n, (p, w) in data["local_tasks"].items()},
+            conditions={
+                n: ConditionType(n, tuple(p), d) for n, (p, d) in data["conditions"].items()
+            },
+            global_tasks={
+                i: GlobalTask(
+                    i,
+                    tuple(Need.from_json(need) for need in needs),
+                    FailurePolicy(failure),
+                    blocked,
+                    preemptive,
+                    simultaneous,
+                    exclusive,
+                    InDoubt(in_doubt),
+                )
+                for (
+                    i,
+                    needs,
+                    failure,
+                    blocked,
+                    preemptive,
+                    simultaneous,
+                    exclusive,
+                    in_doubt,
+                ) in data["global_tasks"]
+            },
+            tree=build_tree(_spec_from_json(data["tree"])),
+            assignment=Assignment(data.get("assignment", Assignment.ANY)),
+            parameters=data["parameters"],
+            program=data["program"],
+            costs=Costs(*data.get("costs", ())),  # missions compiled before there were costs
+            solver=data.get("solver"),
+            constraints=tuple(map(constraint_from_json, data.get("constraints", ()))),
+        )
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"compiled mission is damaged: {error!r}") from error

@@ -1,0 +1,207 @@
+"""A passive replica: sees what the team sees, says nothing, and keeps the run's record.
+
+`mrbt up`, `mrbt status` and the simulator feed the same class, so they tell the same story.
+It sends no beats, so no robot ever waits for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from mrbt_mesh.core.assignment.problem import Solver
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.engine import INCREMENTAL, Engine
+from mrbt_mesh.core.facts.records import Claim
+from mrbt_mesh.core.facts.store import Entry, Incarnation
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.membership.anti_entropy import Replica
+from mrbt_mesh.core.membership.membership import Membership, State
+from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.membership.wire import Beat, Header, IncompatibleError, MessageKind, WireError
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.observer.run_record import RunRecord
+from mrbt_mesh.core.planning.plan import Plan
+
+
+class Observer:
+    """Feed it messages and tokens with the time of their arrival, then read it.
+
+    `update` brings plan and record up to date; call it after a burst of messages and at least
+    once per beat period.
+    """
+
+    def __init__(
+        self,
+        mission: Mission,
+        run: str,
+        timing: Timing,
+        solver: Solver,
+        engine: Engine = INCREMENTAL,
+    ) -> None:
+        self.mission = mission
+        self.facts = TeamFacts(mission, run)
+        header = Header(mission.digest[:16], mission.name, run, "")
+        self.replica = Replica(self.facts, header, timing, "", engine.read_batch)
+        self.membership = Membership("", timing)
+        self.evaluator = engine.evaluator(self.facts)
+        self.record = RunRecord(mission)
+        self.plan: Plan | None = None
+        self.refused: dict[str, str] = {}
+        self._make_plan = engine.plan_making(self.evaluator, solver)
+        self._engine = engine
+        self._planned: tuple[int, int] = (-1, -1)
+        self._updated: tuple[int, int, int] = (-1, -1, -1)
+        self._recorded: tuple[Plan | None, bool] = (None, False)
+        self._has_caught_up = False
+
+    def message(self, kind: MessageKind, source: str, data: bytes, now_us: int) -> None:
+        """A published beat or batch; malformed or foreign ones are noted in `refused`."""
+        try:
+            if kind is MessageKind.BEAT:
+                read, header = self._engine.read_beat, self.replica.header
+                beat = read(source, data, header, self.membership.is_news)
+                self._beat(source, beat, now_us)
+            else:
+                self._facts_changed(self.replica.receive(source, data, now_us).changed, now_us)
+        except WireError as error:
+            self._refuse(source, error, now_us)
+
+    def state(self, source: str, data: bytes, now_us: int) -> None:
+        """A robot's answer to `replica.pull()`."""
+        try:
+            received = self.replica.receive_state(data, now_us)
+            self._facts_changed(received.changed, now_us)
+            if not received.more:
+                self.replica.answered(source)
+        except WireError as error:
+            self._refuse(source, error, now_us)
+
+    def read(self, entries: Iterable[Entry], now_us: int) -> None:
+        """Take in what robots have left behind that are no longer there to report the result."""
+        by_age = sorted(entries, key=lambda entry: (entry.version.sequence, entry.author))
+        changed = self.replica.restore(by_age)
+        if self.record.started_us is None:
+            self.record.started_us = now_us
+        self._facts_changed(changed, now_us)
+        self.update(now_us)
+        if self.plan is not None and self.plan.result in (Status.SUCCESS, Status.FAILURE):
+            self.record.over(self.plan.result, now_us)
+
+    def _refuse(self, source: str, error: WireError, now_us: int) -> None:
+        """Whoever watches the wrong run, or with another mission file, is told so once."""
+        if isinstance(error, IncompatibleError) and source not in self.refused:
+            self.record.say(now_us, f"{source} is not of this run: {error}")
+        self.refused[source] = str(error)
+
+    def token(self, robot: str, incarnation: Incarnation, held: bool) -> None:
+        """A liveliness token came or went."""
+        self.membership.token(robot, incarnation, held)
+
+    def _beat(self, source: str, beat: Beat, now_us: int) -> None:
+        if not self.membership.beat(source, beat, now_us):
+            return
+        self.replica.compare(source, beat.fact_digest, now_us)
+        if beat.word.joined:
+            self.record.robot_seen(source, beat.word.incarnation, now_us)
+            for accusation in beat.accusations:
+                if accusation.dead:
+                    self.record.verdict(accusation.robot, accusation.incarnation, now_us)
+
+    def _facts_changed(self, changed: list[Entry], now_us: int) -> None:
+        for entry in changed:
+            self.record.fact(entry, now_us)
+
+    def update(self, now_us: int) -> None:
+        """Judge who is alive, plan if anything changed, and record what follows."""
+        for robot, _, after in self.membership.judge(now_us):
+            evidence_us = self.membership.peers[robot].evidence_us
+            self.record.state(robot, after, evidence_us, now_us)
+        facts, membership = self.facts, self.membership
+        state = (facts.changes, membership.changes, membership.reports)
+        if state == self._updated and self._has_caught_up:
+            return  # nothing has changed that follows below
+        facts.prune(self.evaluator)
+        self._updated = (facts.changes, membership.changes, membership.reports)
+        changes = (facts.changes, membership.changes)
+        if changes != self._planned:
+            self._planned = changes
+            alive = self.membership.alive()
+            self.plan = self._make_plan(self.facts, alive)
+        if self.plan is not None:
+            settled = self._is_settled(self.plan)
+            if self._recorded[0] is not self.plan or self._recorded[1] is not settled:
+                self._recorded = (self.plan, settled)
+                self.record.plan(self.plan, now_us, settled)
+        result = self.team_result
+        if result is not None:
+            self.record.over(result, now_us)
+
+    def _is_settled(self, plan: Plan) -> bool:
+        """Whether this plan is the team's: nobody is joining, and a robot reports the same.
+
+        One that comes late, and has not caught up yet, sees a team that is not there.
+        """
+        self._has_caught_up = self._has_caught_up or self.caught_up
+        if not self._has_caught_up:
+            return False
+        good = [p for p in self.membership.peers.values() if p.state.is_alive]
+        return all(p.word.joined for p in good) and any(
+            p.word.plan_digest == plan.digest for p in good
+        )
+
+    @property
+    def team_result(self) -> Status | None:
+        """SUCCESS or FAILURE once every robot of the alive set reports it, else None."""
+        alive = self.membership.alive()
+        for result in (Status.SUCCESS, Status.FAILURE):
+            if alive and self.membership.all_report(int(result)):
+                return result
+        return None
+
+    @property
+    def result(self) -> str:
+        """The run's result as reports name it: success, failure, blocked, else timeout."""
+        if self.record.result is not None:
+            return self.record.result.name.lower()
+        waiting = self.plan.waiting if self.plan else ()
+        blocked = any(w.is_blocked for w in waiting) or not self.membership.alive()
+        return "blocked" if blocked else "timeout"
+
+    @property
+    def caught_up(self) -> bool:
+        """Whether it hears whoever the robots hear, and holds the same facts as they."""
+        peers = self.membership.peers.values()
+        beats = [p.beat for p in peers if p.word.joined and p.state.is_alive]
+        digest = self.facts.map.digest()
+        return bool(beats) and all(b is not None and b.fact_digest == digest for b in beats)
+
+    @property
+    def agreement(self) -> bool:
+        """Whether all robots in good standing report the same plan digest."""
+        digests = {
+            peer.word.plan_digest
+            for peer in self.membership.peers.values()
+            if peer.word.joined and peer.state.is_alive
+        }
+        return len(digests) <= 1
+
+    def claim(self, robot: str) -> Claim | None:
+        """What a living robot works on."""
+        peer = self.membership.peers.get(robot)
+        held = self.facts.claims.get(robot)
+        if peer is None or held is None or held[1] != peer.incarnation:
+            return None
+        return held[0] if peer.state.is_present else None
+
+    def robot_state(self, robot: str) -> State:
+        """ALIVE, SUSPECT, DEAD or LEFT; a robot known only from facts is dead or has left."""
+        peer = self.membership.peers.get(robot)
+        member = self.facts.members.get(robot)
+        left = member is not None and member[0].leaving
+        if left and member and (peer is None or peer.incarnation == member[1]):
+            return State.LEFT
+        return peer.state if peer is not None else State.DEAD
+
+    def robots(self) -> list[str]:
+        """All robots that are known, sorted."""
+        return sorted(set(self.facts.members) | set(self.membership.peers))

@@ -1,0 +1,396 @@
+"""The record of one run: what happened when, and the summary that `up` and `sim` print."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from mrbt_mesh.core.bt.activation import parse_scope
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.records import Bid, Claim, ConditionValue, Member, NoClaim, Outcome, Phase
+from mrbt_mesh.core.facts.store import Entry, Incarnation
+from mrbt_mesh.core.membership.membership import State
+from mrbt_mesh.core.mission.mission import MICRO, Mission
+from mrbt_mesh.core.planning.plan import Plan
+
+
+@dataclass(slots=True)
+class MajorFault:
+    """A robot's death: when, what it held, when others knew and when somebody took over."""
+
+    robot: str
+    incarnation: Incarnation
+    at_us: int
+    held: Claim | None
+    detected_us: int | None = None
+    reassigned_us: int | None = None
+    replacement: str | None = None
+    until_us: int | None = None
+    exact: bool = False
+
+
+@dataclass(slots=True)
+class MinorFault:
+    """Capabilities that a robot has lost."""
+
+    robot: str
+    local_tasks: tuple[str, ...]
+    at_us: int
+    until_us: int | None = None
+
+
+@dataclass(slots=True)
+class BlockedEpisode:
+    """A time during which a request could not be served by any living robots."""
+
+    request: str
+    reason: str
+    from_us: int
+    to_us: int | None = None
+
+
+@dataclass(slots=True)
+class BiddingRecord:
+    """What robots bid for a local task of one activation, in units, and who ran it.
+
+    None: a robot said that it has no bid.
+    """
+
+    global_task: str
+    local_task: str
+    at_us: int
+    bids: dict[str, float | None] = field(default_factory=dict)
+    robots: set[str] = field(default_factory=set)
+
+
+@dataclass(slots=True)
+class TaskRecord:
+    """A global task: its status and who took part (ran one of its local tasks)."""
+
+    status: Status = Status.IDLE
+    robots: set[str] = field(default_factory=set)
+
+
+class RunRecord:
+    """Collects the run. Times are on the observer's clock, reported from `started_us` on.
+
+    `claims` and `conditions` are all that robots made and said, in order and with their times;
+    `biddings` are by activation and local task; `joined_us` is when each robot joined first.
+    """
+
+    def __init__(self, mission: Mission) -> None:
+        self.mission = mission
+        self.started_us: int | None = None
+        self.ended_us: int | None = None
+        self.result: Status | None = None
+        self.robots: dict[str, dict[str, Any]] = {}
+        self.tasks = {task: TaskRecord() for task in mission.global_tasks}
+        self.major: list[MajorFault] = []
+        self.minor: list[MinorFault] = []
+        self.blocked: list[BlockedEpisode] = []
+        self.timeline: list[tuple[int, str]] = []
+        self.claims: list[tuple[int, str, Claim]] = []
+        self.conditions: list[tuple[int, str, bool]] = []
+        self.biddings: dict[tuple[str, str], BiddingRecord] = {}
+        self.joined_us: dict[str, int] = {}
+        self._claims: dict[str, tuple[Claim, Incarnation]] = {}
+        self._exits: dict[str, int] = {}
+
+    def say(self, now_us: int, text: str) -> None:
+        """Add a line to the timeline."""
+        self.timeline.append((now_us, text))
+
+    # -- what is observed -----------------------------------------------------------------
+
+    def robot_seen(self, robot: str, incarnation: Incarnation, now_us: int) -> None:
+        """A joined robot beats."""
+        known = self.robots.setdefault(robot, {})
+        if known.get("incarnation") == incarnation:
+            return
+        if self.started_us is None:
+            self.started_us = now_us
+        self.joined_us.setdefault(robot, now_us)
+        previous = known.get("incarnation")
+        if previous is not None and known.get("state") not in (State.DEAD, State.LEFT):
+            # It is back before anybody missed it; its old life ended all the same.
+            self._died(robot, previous, now_us).detected_us = now_us
+        # The end of a life that was not missed, as when it left, says nothing of the next one.
+        self._exits.pop(robot, None)
+        for fault in self.major:
+            if fault.robot == robot and fault.until_us is None:
+                fault.until_us = now_us
+        known.update(incarnation=incarnation, state=State.ALIVE)
+        self.say(now_us, f"{robot} joined" if previous is None else f"{robot} is back")
+        self._claimed(robot, now_us)
+
+    def exited(self, robot: str, at_us: int) -> None:
+        """The robot's process was killed, or seen to end: a better time than the last beat.
+
+        Whoever watches a process hears of its end a little late: the earliest time stands.
+        """
+        if self.result is not None:
+            return
+        fault = next((f for f in self.major if f.robot == robot and f.until_us is None), None)
+        if fault is not None:
+            fault.at_us = min(at_us, fault.at_us) if fault.exact else at_us
+            fault.exact = True
+        else:
+            self._exits[robot] = min(at_us, self._exits.get(robot, at_us))
+
+    def verdict(self, robot: str, incarnation: Incarnation, now_us: int) -> None:
+        """A robot of the team has declared another one dead."""
+        known = self.robots.get(robot, {})
+        if known.get("incarnation") != incarnation or self.result is not None:
+            return  # after the end robots stop one after the other, which is no fault
+        fault = self._open_fault(robot, incarnation)
+        if fault is None and known.get("state") is not State.LEFT:
+            fault = self._died(robot, incarnation, now_us)
+        if fault is not None and fault.detected_us is None:
+            fault.detected_us = now_us
+            self.say(now_us, f"{robot} is dead")
+
+    def state(self, robot: str, state: State, evidence_us: int, now_us: int) -> None:
+        """This observer's own view of a robot has changed."""
+        known = self.robots.get(robot)
+        if known is None or "incarnation" not in known or self.result is not None:
+            return  # one that never joined is missed by nobody
+        if state is State.DEAD:
+            fault = self._open_fault(robot, known["incarnation"])
+            if fault is None:
+                self._died(robot, known["incarnation"], evidence_us)
+            elif not fault.exact:
+                fault.at_us = min(fault.at_us, evidence_us)
+        elif state is State.ALIVE:
+            fault = self._open_fault(robot, known["incarnation"])
+            if fault is not None:
+                fault.until_us = now_us
+                self.say(now_us, f"{robot} is back")
+        elif state is State.LEFT:
+            self.say(now_us, f"{robot} left")
+        known["state"] = state
+
+    def fact(self, entry: Entry, now_us: int) -> None:
+        """An entry of the fact map has changed."""
+        robot = entry.author
+        match entry.record:
+            case Member() as member:
+                known = self.robots.setdefault(robot, {})
+                self._lost(robot, tuple(known.get("lost", ())), member.lost, now_us)
+                known.update(type=member.type, lost=member.lost, pid=member.pid, host=member.host)
+                if member.leaving and known.get("state") is not State.DEAD:
+                    known["state"] = State.LEFT
+            case Claim() as claim:
+                self._claims[robot] = (claim, entry.version.incarnation)
+                self.claims.append((now_us, robot, claim))
+                self._claimed(robot, now_us)
+            case NoClaim():
+                self._claims.pop(robot, None)
+            case Outcome() as outcome:
+                _, activation, local_task, *_ = records.split_name(entry.name)
+                self._took_part(robot, activation)
+                how = "done" if outcome.success else "failed"
+                self.say(now_us, f"{robot}: {local_task} {how}")
+            case ConditionValue() as condition:
+                name = records.split_name(entry.name)[1]
+                self.conditions.append((now_us, name, condition.value))
+                self.say(now_us, f"{robot}: {name} is {str(condition.value).lower()}")
+            case Bid(number):
+                _, activation, local_task = records.split_name(entry.name)
+                self._bid(robot, activation, local_task, number, now_us)
+            case records.Order() as order:
+                self.say(now_us, f"operator: {order.kind}")
+
+    def plan(self, plan: Plan, now_us: int, settled: bool = True) -> None:
+        """A new plan: statuses of global tasks, and what is blocked.
+
+        While robots are joining (not `settled`), nothing that lacks them counts as blocked.
+        """
+        statuses: dict[str, list[Status]] = {}
+        for node in self.mission.tree.actions():
+            statuses.setdefault(node.subject, []).append(plan.evaluation.status_of(node.index))
+        order = (Status.RUNNING, Status.FAILURE, Status.SUCCESS)
+        for task, found in statuses.items():
+            status = next((s for s in order if s in found), Status.IDLE)
+            if status is not Status.IDLE:
+                self.tasks[task].status = status
+        now_blocked = {w.global_task: w.reason for w in plan.waiting if w.is_blocked}
+        for episode in self.blocked:
+            if episode.to_us is None and now_blocked.get(episode.request) != episode.reason:
+                episode.to_us = now_us
+                self.say(now_us, f"{episode.request} is no longer blocked")
+        running = {episode.request for episode in self.blocked if episode.to_us is None}
+        for request, reason in now_blocked.items():
+            if settled and request not in running:
+                self.blocked.append(BlockedEpisode(request, reason, now_us))
+                self.say(now_us, f"{request} {reason}")
+
+    def over(self, result: Status, now_us: int) -> None:
+        """The team has come to the mission's result."""
+        if self.result is None:
+            self.result = result
+            self.ended_us = now_us
+            self.say(now_us, f"mission: {result.name.lower()}")
+
+    # -- what follows ---------------------------------------------------------------------
+
+    def _open_fault(self, robot: str, incarnation: Incarnation) -> MajorFault | None:
+        for fault in reversed(self.major):
+            if (fault.robot, fault.incarnation) == (robot, incarnation) and fault.until_us is None:
+                return fault
+        return None
+
+    def _died(self, robot: str, incarnation: Incarnation, at_us: int) -> MajorFault:
+        held = self._claims.get(robot)
+        claim = held[0] if held is not None and held[1] == incarnation else None
+        exact = robot in self._exits
+        at_us = self._exits.pop(robot, at_us)
+        fault = MajorFault(robot, incarnation, at_us, claim, exact=exact)
+        self.major.append(fault)
+        self.robots[robot]["state"] = State.DEAD
+        # The robots knew first: word of the replacement may have come before word of the death.
+        for since_us, other, taken in self.claims:
+            if since_us >= at_us and other != robot and taken.phase is Phase.RUNNING:
+                self._takes_over(fault, other, taken, since_us)
+        return fault
+
+    def _lost(
+        self, robot: str, before: tuple[str, ...], after: tuple[str, ...], now_us: int
+    ) -> None:
+        for fault in self.minor:
+            lost = set(fault.local_tasks) & set(after)
+            if fault.robot == robot and fault.until_us is None and not lost:
+                fault.until_us = now_us
+        fresh = tuple(name for name in after if name not in before)
+        if fresh:
+            self.minor.append(MinorFault(robot, fresh, now_us))
+            self.say(now_us, f"{robot} lost {', '.join(fresh)}")
+
+    def _claimed(self, robot: str, now_us: int) -> None:
+        """A claim counts once its incarnation is known to live: it may be of an earlier life."""
+        claim, incarnation = self._claims.get(robot, (None, None))
+        lives = self.robots.get(robot, {}).get("incarnation") == incarnation
+        if claim is not None and claim.phase is Phase.RUNNING and lives:
+            self._running(robot, claim, now_us)
+
+    def _running(self, robot: str, claim: Claim, now_us: int) -> None:
+        self._took_part(robot, claim.activation)
+        bidding = self.biddings.get((claim.activation, claim.local_task))
+        if bidding is not None:
+            bidding.robots.add(robot)
+        self.say(now_us, f"{robot}: {claim.local_task} for {claim.global_task}")
+        for fault in self.major:
+            if fault.robot != robot:
+                self._takes_over(fault, robot, claim, now_us)
+
+    def _takes_over(self, fault: MajorFault, robot: str, claim: Claim, now_us: int) -> None:
+        """The robot runs `claim`: if that is what the dead one held, it is its replacement."""
+        held = fault.held
+        if held is None or fault.reassigned_us is not None:
+            return
+        if (held.activation, held.local_task) == (claim.activation, claim.local_task):
+            fault.reassigned_us, fault.replacement = now_us, robot
+
+    def _bid(
+        self, robot: str, activation: str, local_task: str, number: int | None, now_us: int
+    ) -> None:
+        bidding = self.biddings.get((activation, local_task))
+        if bidding is None:
+            bidding = BiddingRecord(parse_scope(activation).subject, local_task, now_us)
+            self.biddings[activation, local_task] = bidding
+        bidding.bids[robot] = None if number is None else number / MICRO
+        words = "has no bid" if number is None else f"bids {number / MICRO:g}"
+        self.say(now_us, f"{robot}: {words} for {local_task}")
+
+    def _took_part(self, robot: str, activation: str) -> None:
+        task = self.tasks.get(parse_scope(activation).subject)
+        if task is not None:
+            task.robots.add(robot)
+
+    # -- the summary ----------------------------------------------------------------------
+
+    def seconds(self, at_us: int | None) -> float | None:
+        """A time of this record as seconds from the start; None if nobody has joined yet."""
+        if at_us is None or self.started_us is None:
+            return None
+        return round((at_us - self.started_us) / 1e6, 6)
+
+    def summary(self, result: str, now_us: int) -> dict[str, Any]:
+        """The summary of the run as plain data; `result` is success, failure, timeout, blocked.
+
+        `takeovers`: `detected_s` and `reassigned_s` count from the fault; null: never.
+        """
+
+        def since(fault: MajorFault, at_us: int | None) -> float | None:
+            return None if at_us is None else round(max(0, at_us - fault.at_us) / 1e6, 6)
+
+        faults: list[dict[str, Any]] = [
+            {
+                "kind": "major",
+                "robot": fault.robot,
+                "at_s": self.seconds(fault.at_us),
+                "until_s": self.seconds(fault.until_us),
+            }
+            for fault in self.major
+        ] + [
+            {
+                "kind": "minor",
+                "robot": fault.robot,
+                "local_tasks": list(fault.local_tasks),
+                "at_s": self.seconds(fault.at_us),
+                "until_s": self.seconds(fault.until_us),
+            }
+            for fault in self.minor
+        ]
+        return {
+            "mission": self.mission.name,
+            "result": result,
+            "duration_s": self.seconds(self.ended_us if self.ended_us is not None else now_us),
+            "robots": {name: _robot(self.robots[name]) for name in sorted(self.robots)},
+            "global_tasks": {
+                name: {"status": task.status.name.lower(), "robots": sorted(task.robots)}
+                for name, task in self.tasks.items()
+            },
+            "faults": sorted(faults, key=lambda fault: (fault["at_s"] or 0, fault["robot"])),
+            "blocked": [
+                {
+                    "request": episode.request,
+                    "reason": episode.reason,
+                    "from": self.seconds(episode.from_us),
+                    "to": self.seconds(episode.to_us),
+                }
+                for episode in self.blocked
+            ],
+            "bids": [
+                {
+                    "global_task": bidding.global_task,
+                    "local_task": bidding.local_task,
+                    "at_s": self.seconds(bidding.at_us),
+                    "bids": {robot: bidding.bids[robot] for robot in sorted(bidding.bids)},
+                    "robots": sorted(bidding.robots),
+                }
+                for bidding in self.biddings.values()
+            ],
+            "takeovers": [
+                {
+                    "robot": fault.robot,
+                    "at_s": self.seconds(fault.at_us),
+                    "detected_s": since(fault, fault.detected_us),
+                    "reassigned_s": since(fault, fault.reassigned_us),
+                    "held": fault.held.local_task if fault.held else None,
+                    "replacement": fault.replacement,
+                }
+                for fault in self.major
+            ],
+        }
+
+
+def _robot(known: Mapping[str, Any]) -> dict[str, Any]:
+    state = known.get("state")
+    return {
+        "type": known.get("type"),
+        "state": str(state) if state else None,
+        "lost": list(known.get("lost", ())),
+        "pid": known.get("pid"),
+    }

@@ -1,0 +1,230 @@
+"""Demands: what the requests of T_G ask of the team.
+
+Source: paper, section IV, T_A: the bounds a_j and b_j.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from operator import itemgetter
+from typing import TypeAlias
+
+from mrbt_mesh.core.bt.activation import ActivationNames
+from mrbt_mesh.core.bt.evaluation import Request
+from mrbt_mesh.core.bt.tree import Kind
+from mrbt_mesh.core.facts.coalitions import Coalitions, is_in, majority, standing_coalition
+from mrbt_mesh.core.facts.records import Phase, Token
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.mission.mission import GlobalTask, InDoubt, Need, SameRobotAs
+from mrbt_mesh.core.planning.capabilities import Capabilities, Worker
+
+
+@dataclass(frozen=True, slots=True)
+class Demand:
+    """One local task of one request.
+
+    `lower` and `upper` are a_j and b_j, shrunk by the outcomes so far. `pinned` robots are
+    already running it (or about to start, with the standing coalition) and count towards both.
+    `candidates` map robot to performance for all workers that could be put on it: capable and
+    without an outcome for it. `after`: only those that have done something before, and what.
+    """
+
+    request: Request
+    local_task: str
+    needed: int
+    lower: int
+    upper: int
+    pinned: tuple[str, ...]
+    candidates: Mapping[str, int]
+    after: str = ""
+
+
+Group: TypeAlias = tuple[Demand, ...]
+
+
+def demands_of(
+    facts: TeamFacts,
+    requests: Sequence[Request],
+    capabilities: Capabilities,
+    names: ActivationNames,
+) -> list[Group]:
+    """The demands of each request, in tree order and the task's order of needs.
+
+    lower = nu - successes, upper = mu - successes - failures (never below lower). Once successes
+    reach nu, nobody new is assigned. At most mu running claims are pinned, in the canonical order
+    of claims: (since, robot).
+    """
+    running = running_claims(facts, capabilities.team)
+    return [
+        request_demands(
+            facts,
+            request,
+            capabilities,
+            done_before(facts, request, names),
+            running.get(request.activation, {}),
+        )
+        for request in requests
+    ]
+
+
+def running_claims(
+    facts: TeamFacts, team: Mapping[str, Worker]
+) -> dict[str, dict[str, tuple[str, ...]]]:
+    """Activation -> local task -> robots at work on it, in the canonical order of claims."""
+    found: dict[str, dict[str, tuple[str, ...]]] = {}
+    claims = [(robot, facts.valid_claim(robot)) for robot in team]
+    running = [(c.since, robot, c) for robot, c in claims if c and c.phase is Phase.RUNNING]
+    for _, robot, claim in sorted(running, key=itemgetter(0, 1)):
+        robots = found.setdefault(claim.activation, {})
+        robots[claim.local_task] = (*robots.get(claim.local_task, ()), robot)
+    return found
+
+
+def done_before(
+    facts: TeamFacts, request: Request, names: ActivationNames
+) -> tuple[tuple[str, ...] | None, ...]:
+    """For each need, robots with the success that `same_robot_as` asks for; None if it does not.
+
+    It counts in the present activation of the nearest action before the request, in tree order,
+    of which any success is known.
+    """
+    needs = facts.mission.global_tasks[request.subject].needs
+    return tuple(
+        None if need.same_robot_as is None else _did(facts, request, need.same_robot_as, names)
+        for need in needs
+    )
+
+
+def _did(
+    facts: TeamFacts, request: Request, before: SameRobotAs, names: ActivationNames
+) -> tuple[str, ...]:
+    nodes = facts.mission.tree.nodes
+    for node in range(request.node - 1, -1, -1):
+        if nodes[node].kind is Kind.ACTION and nodes[node].subject == before.global_task:
+            activation = str(names.current_scope(node, facts))
+            results = facts.results(activation, before.local_task)
+            robots = sorted(robot for robot, success in results.items() if success)
+            if robots:
+                return tuple(robots)
+    return ()
+
+
+def request_demands(
+    facts: TeamFacts,
+    request: Request,
+    capabilities: Capabilities,
+    did: Sequence[tuple[str, ...] | None],
+    running: Mapping[str, tuple[str, ...]],
+) -> Group:
+    """The demands of one request; `running`: its local tasks -> robots at work on them."""
+    task = facts.mission.global_tasks[request.subject]
+    if task.by_coalition:
+        return _coalition_demands(facts, request, task, capabilities, did)
+    ends = facts.outcomes.get(request.activation, {})
+    able = [capabilities.able(need.local_task) for need in task.needs]
+    return tuple(
+        _demand(request, *each, ends, running) for each in zip(task.needs, able, did, strict=True)
+    )
+
+
+def _demand(
+    request: Request,
+    need: Need,
+    able: Mapping[str, int],
+    did: tuple[str, ...] | None,
+    ends: Mapping[str, Mapping[str, bool]],
+    running: Mapping[str, tuple[str, ...]],
+) -> Demand:
+    results = ends.get(need.local_task, {})
+    if did is not None:
+        able = {robot: able[robot] for robot in did if robot in able}
+    successes = sum(results.values())
+    lower = max(0, need.min_robots - successes)
+    upper = max(lower, need.max_robots - len(results), 0)
+    candidates = able
+    if results:
+        candidates = {robot: value for robot, value in able.items() if robot not in results}
+    runners = running.get(need.local_task, ())
+    pinned = tuple(robot for robot in runners if robot in candidates)[:upper]
+    if not lower:
+        upper = len(pinned)
+    bounds = need.min_robots, lower, upper
+    return Demand(request, need.local_task, *bounds, pinned, candidates, need.after)
+
+
+def _coalition_demands(
+    facts: TeamFacts,
+    request: Request,
+    task: GlobalTask,
+    capabilities: Capabilities,
+    did: Sequence[tuple[str, ...] | None],
+) -> tuple[Demand, ...]:
+    """Who has started goes on, and nobody joins; without a coalition the bounds are nu and mu."""
+    team, found = capabilities.team, facts.coalitions(request.activation)
+    token = standing_coalition(facts, task, request.activation, incarnations(team))
+    at_work = _at_work(facts, request, found, token, team) if token is not None else {}
+    result = []
+    for need, those in zip(task.needs, did, strict=True):
+        failed = found.failed(need.local_task)
+        able = capabilities.able(need.local_task)
+        candidates = {
+            robot: value
+            for robot, value in able.items()
+            if robot not in failed and (those is None or robot in those)
+        }
+        lower, upper = need.min_robots, need.max_robots
+        pinned: tuple[str, ...] = ()
+        if token is not None:
+            pinned = tuple(r for r in candidates if at_work.get(r) == need.local_task)
+            lower = upper = len(pinned)
+        bounds = need.min_robots, lower, upper
+        demand = Demand(request, need.local_task, *bounds, pinned, candidates, need.after)
+        result.append(demand)
+    return tuple(result)
+
+
+def _at_work(
+    facts: TeamFacts, request: Request, found: Coalitions, token: Token, team: Mapping[str, Worker]
+) -> dict[str, str]:
+    """Robot -> local task, for the members of a coalition that have not finished."""
+    return {
+        member.robot: member.local_task
+        for member in found.members[token]
+        if member.robot in team
+        and team[member.robot].incarnation == (member.counter, member.nonce)
+        and found.outcome(token, member) is None
+        and is_in(facts, token, member, request.activation)
+    }
+
+
+def incarnations(team: Mapping[str, Worker]) -> dict[str, Incarnation]:
+    """Robot -> incarnation."""
+    return {robot: worker.incarnation for robot, worker in team.items()}
+
+
+def obstacle(
+    facts: TeamFacts, request: Request, group: Sequence[Demand], team: Mapping[str, Worker]
+) -> str:
+    """Why an exclusive request cannot be served whoever is free; empty if nothing is in the way."""
+    task = facts.mission.global_tasks[request.subject]
+    if not task.exclusive:
+        return ""
+    found = facts.coalitions(request.activation)
+    doubted = found.doubted(facts.givers)
+    if doubted and task.in_doubt is not InDoubt.RETRY:
+        names = ", ".join(sorted({token.leader for token in doubted}))
+        return f"in doubt: nobody knows how far {names} got; `mrbt decide` says how it goes on"
+    token = standing_coalition(facts, task, request.activation, incarnations(team))
+    if token is not None:
+        if any(demand.pinned for demand in group):
+            return ""
+        return f"{token.leader} is out of reach and may still be at it"
+    present = sum(robot in facts.givers for robot in team)
+    needed = majority(facts.givers)
+    if present < needed:
+        return (
+            f"exclusive: needs grants from {needed} of {len(facts.givers)} robots, {present} here"
+        )
+    return ""

@@ -1,0 +1,217 @@
+"""Making a plan: evaluate T_G, check consistency, assign robots.
+
+A plan follows from the facts and the alive set alone, to the same bytes on every robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+
+from mrbt_mesh.core.assignment.named import NamedDemand, NamedProblem
+from mrbt_mesh.core.assignment.solve import within
+from mrbt_mesh.core.bt.evaluation import Request
+from mrbt_mesh.core.facts.coalitions import standing_coalition
+from mrbt_mesh.core.facts.records import OrderKind
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.mission.mission import Assignment, Mission
+from mrbt_mesh.core.planning.capabilities import Worker
+from mrbt_mesh.core.planning.demands import Demand, Group, incarnations, obstacle
+from mrbt_mesh.core.planning.plan import Line, Plan, Waiting
+from mrbt_mesh.core.planning.scarcity import spare_scarce
+from mrbt_mesh.core.planning.side_constraints import (
+    SideConstraintCheck,
+    running_on,
+    side_constraints,
+)
+from mrbt_mesh.core.planning.steps import PlanningSteps
+
+
+def make_plan(
+    mission: Mission, facts: TeamFacts, alive: Mapping[str, Incarnation], steps: PlanningSteps
+) -> Plan:
+    """The plan of the mission's team for these facts, with these robots alive.
+
+    `steps`: how each step is done; any way to do it gives the same plan.
+    """
+    # T_G says what is to be done, the alive set who may do it.
+    evaluation, order = steps.evaluate(facts), facts.order()
+    capabilities = steps.capabilities(facts, alive)
+    team = capabilities.team
+    leaving = {robot: "leaving" for robot in sorted(alive) if robot not in team}
+    if order is not OrderKind.RESUME:
+        idle = dict.fromkeys(team, f"the operator's order is {order}")
+        return Plan(evaluation, order, {}, idle | leaving, (), True)
+
+    # What that asks of the team.
+    requests = evaluation.requests
+    bids = steps.bids(facts, steps.demands(facts, requests, capabilities), team)
+    demands = bids.groups
+    obstacles = _obstacles(facts, requests, demands, team)
+    offered: Sequence[Group] = demands
+    if mission.assignment is Assignment.SPARE_SCARCE:
+        offered = spare_scarce(facts, evaluation, demands, team)
+
+    # *Check Consistency*, then *Assign Agents*: robots at work go on, the others are assigned.
+    kept, pinned = steps.keep(facts, offered, team, obstacles)
+    at_work = running_on(offered, pinned)
+    lines = {robot: steps.line(robot, demand, True) for robot, demand in at_work.items()}
+    assigned = _assign(mission, [offered[index] for index in kept], team, at_work, steps)
+    lines |= assigned or {}
+
+    # Who waits, and why.
+    held = bids.held_back(kept, lines)
+    later = {requests[index].activation for index in held}
+    lines = {robot: lines[robot] for robot in sorted(lines) if lines[robot].activation not in later}
+    served = frozenset(kept)
+    rest = [index for index in range(len(requests)) if index not in served or index in held]
+    waiting = {
+        i: steps.waiting(facts, demands[i], capabilities, obstacles.get(i, ""), held.get(i, ()))
+        for i in rest
+    }
+    if mission.constraints:
+        check = SideConstraintCheck(mission.constraints, list(team), offered)
+        waiting = {
+            index: _limited(each, check, demands[index], kept, index, pinned)
+            for index, each in waiting.items()
+        }
+    unassigned = [robot for robot in team if robot not in lines]
+    idle = _why_idle(unassigned, demands, offered, served, held)
+    return Plan(
+        evaluation,
+        order,
+        _with_leaders(facts, lines, team),
+        idle | leaving,
+        tuple(waiting.values()),
+        assigned is not None,
+        bids.biddings,
+    )
+
+
+def _obstacles(
+    facts: TeamFacts,
+    requests: Sequence[Request],
+    demands: Sequence[Group],
+    team: Mapping[str, Worker],
+) -> dict[int, str]:
+    """What is in the way of requests, whoever is free."""
+    tasks = facts.mission.global_tasks
+    found = {
+        index: obstacle(facts, request, demands[index], team)
+        for index, request in enumerate(requests)
+        if tasks[request.subject].exclusive
+    }
+    return {index: text for index, text in found.items() if text}
+
+
+def _assign(
+    mission: Mission,
+    groups: Sequence[Group],
+    team: Mapping[str, Worker],
+    at_work: Mapping[str, Demand],
+    steps: PlanningSteps,
+) -> dict[str, Line] | None:
+    """Put robots that are not at work on what the kept demands still ask for; None: infeasible."""
+    wanted: dict[str, Demand] = {}
+    named: list[NamedDemand] = []
+    for group in groups:
+        for demand in group:
+            activation = demand.request.activation
+            held = sum(
+                r in at_work and at_work[r].request.activation == activation for r in demand.pinned
+            )
+            if demand.upper > held:
+                named.append(steps.open_demand(demand, held))
+                wanted[named[-1].id] = demand
+    if not wanted:
+        return {}
+    free = tuple(robot for robot in team if robot not in at_work)
+    problem = NamedProblem(free, tuple(named))
+    limits = side_constraints(mission.constraints, free, list(wanted.values()), at_work)
+    assigned = within(problem, limits, steps.solver) if limits else steps.assign(problem)
+    if assigned is None:
+        return None
+    return {robot: steps.line(robot, wanted[name], False) for robot, name in assigned.items()}
+
+
+def _limited(
+    waiting: Waiting,
+    check: SideConstraintCheck,
+    group: Group,
+    kept: Sequence[int],
+    index: int,
+    pinned: Mapping[str, int],
+) -> Waiting:
+    """Name the side constraints that a request waits for, or that it cannot be served within."""
+    if waiting.is_blocked or waiting.awaited:
+        return waiting
+    never = check.obstacle(group)
+    if never:
+        return replace(waiting, obstacle=never)
+    return replace(waiting, held_by=check.in_the_way(kept, index, pinned))
+
+
+def _with_leaders(
+    facts: TeamFacts, lines: Mapping[str, Line], team: Mapping[str, Worker]
+) -> dict[str, Line]:
+    """Name the leader where a task is carried out by a coalition: that of the standing one,
+    else the first robot that the plan has on the activation.
+    """
+    leaders: dict[str, tuple[str, int]] = {}
+    result = {}
+    for robot, line in lines.items():
+        task = facts.mission.global_tasks[line.global_task]
+        if task.by_coalition:
+            if line.activation not in leaders:
+                token = standing_coalition(facts, task, line.activation, incarnations(team))
+                number = facts.coalitions(line.activation).round(facts.givers, token)
+                leaders[line.activation] = (token.leader if token is not None else robot, number)
+            leader, number = leaders[line.activation]
+            line = replace(line, leader=leader, round=number)
+        result[robot] = line
+    return result
+
+
+def _why_idle(
+    robots: Sequence[str],
+    demands: Sequence[Group],
+    offered: Sequence[Group],
+    kept: Collection[int],
+    held: Collection[int],
+) -> dict[str, str]:
+    """For robots without a line: why."""
+    if not demands:
+        return dict.fromkeys(robots, "nothing is requested")
+    able, spared = _able_requests(robots, demands), set(robots)
+    if offered is demands:
+        spared.clear()
+    else:
+        spared -= {robot for robot, found in _able_requests(robots, offered).items() if found}
+    reasons = {}
+    for robot, found in able.items():
+        served = [index for index in found if index in kept]
+        names = sorted({demands[index][0].request.subject for index in served or found})
+        if not found:
+            reasons[robot] = "no request needs what it can do"
+        elif robot in spared:
+            names = sorted({demands[index][0].request.subject for index in found})
+            reasons[robot] = f"{', '.join(names)}: spared for what fewer robots can do"
+        elif waiting := [index for index in served if index in held]:
+            names = sorted({demands[index][0].request.subject for index in waiting})
+            reasons[robot] = f"{', '.join(names)}: waits for bids"
+        elif served:
+            reasons[robot] = f"{', '.join(names)}: as many robots as are allowed or useful"
+        else:
+            reasons[robot] = f"{', '.join(names)}: waits for robots"
+    return reasons
+
+
+def _able_requests(robots: Sequence[str], demands: Sequence[Group]) -> dict[str, list[int]]:
+    """Robot -> the requests that it could help with, in tree order."""
+    found: dict[str, list[int]] = {robot: [] for robot in robots}
+    for index, group in enumerate(demands):
+        for demand in group:
+            for robot in found.keys() & demand.candidates.keys():
+                found[robot].append(index)
+    return found

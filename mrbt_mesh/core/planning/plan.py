@@ -1,0 +1,215 @@
+"""The plan: who does what and why, for the whole team.
+
+Same facts and same alive set give the same bytes on every robot (`planning`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import msgpack
+
+from mrbt_mesh.core.bt.evaluation import Evaluation
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.records import OrderKind
+from mrbt_mesh.core.mission.mission import MICRO
+
+# How many robots are listed by name.
+_SHOWN = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Shortage:
+    """A local task that lacks robots: nu, living capable robots, outcomes so far.
+
+    `after`: what they have to have done before.
+    """
+
+    local_task: str
+    needed: int
+    alive: int
+    done: int
+    failed: int
+    after: str = ""
+
+    def __str__(self) -> str:
+        text = f"{self.local_task} needs {self.needed}{self.after}, {self.alive} alive"
+        counts = ((self.done, "done"), (self.failed, "failed"))
+        return text + "".join(f", {count} {what}" for count, what in counts if count)
+
+
+@dataclass(frozen=True, slots=True)
+class Bidding:
+    """The bids for one local task of one request.
+
+    `bids`: robot -> performance in micro-units, None where it has no bid, of all living robots
+    that could be put on it and have spoken. `silent`: those that have not, while one more robot
+    could be of use; they may still bid. `is_open`: the request waits for them, for `within_us`
+    (None: `Timing.bid_us`).
+    """
+
+    activation: str
+    global_task: str
+    local_task: str
+    bids: Mapping[str, int | None]
+    silent: tuple[str, ...]
+    is_open: bool
+    within_us: int | None
+
+    @property
+    def closed_name(self) -> str:
+        """The fact that nobody is waited for any more."""
+        return f"{records.CLOSED}/{self.activation}/{self.local_task}"
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data; bids in units."""
+        bids = {r: None if bid is None else bid / MICRO for r, bid in self.bids.items()}
+        return {
+            "activation": self.activation,
+            "global_task": self.global_task,
+            "local_task": self.local_task,
+            "bids": bids,
+            "silent": list(self.silent),
+            "open": self.is_open,
+        }
+
+
+def shortened(robots: Sequence[str]) -> str:
+    """For people: all of a few robots, else some of them and how many more."""
+    if len(robots) <= _SHOWN + 1:
+        return ", ".join(robots)
+    return f"{', '.join(robots[:_SHOWN])} and {len(robots) - _SHOWN} more"
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One robot's line of the plan. `pinned`: it was running this already and goes on.
+
+    `performance` is the declared one, or what the robot bid.
+    `leader` brings the coalition together, where the task is carried out by one; `round`
+    counts the coalitions that have ended without success.
+    """
+
+    robot: str
+    activation: str
+    global_task: str
+    local_task: str
+    performance: int
+    pinned: bool
+    leader: str = ""
+    round: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Waiting:
+    """A request that is not served. With `shortages` it is blocked: no living robots could.
+
+    `obstacle` is what else keeps it from being served, whoever is free. `held_by`: the side
+    constraints without which it would not have to wait now. `awaited`: the robots without whose
+    bids it is not decided who serves it.
+    """
+
+    activation: str
+    global_task: str
+    shortages: tuple[Shortage, ...]
+    obstacle: str = ""
+    held_by: str = ""
+    awaited: tuple[str, ...] = ()
+
+    @property
+    def is_blocked(self) -> bool:
+        """Whether it waits for more than for busy robots."""
+        return bool(self.shortages or self.obstacle)
+
+    @property
+    def reason(self) -> str:
+        """For people: `blocked: move_frame needs 2, 1 alive`."""
+        if self.obstacle:
+            return f"blocked: {self.obstacle}"
+        if self.held_by:
+            return f"waiting: {self.held_by}"
+        if self.awaited:
+            return f"waiting for bids of {shortened(self.awaited)}"
+        if not self.shortages:
+            return "waiting: the robots it needs are busy with earlier requests"
+        return "blocked: " + "; ".join(map(str, self.shortages))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """`lines` by robot; `idle` says why a robot has none; `waiting`, `biddings` in tree order.
+
+    `feasible` is what *Assign Agents* returns: whether the assignment problem had a solution.
+    """
+
+    evaluation: Evaluation
+    order: OrderKind
+    lines: Mapping[str, Line]
+    idle: Mapping[str, str]
+    waiting: tuple[Waiting, ...]
+    feasible: bool
+    biddings: tuple[Bidding, ...] = ()
+
+    @cached_property
+    def result(self) -> Status:
+        """The mission's status: T_G's, or FAILURE once the operator has aborted."""
+        return Status.FAILURE if self.order is OrderKind.ABORT else self.evaluation.status
+
+    @cached_property
+    def digest(self) -> bytes:
+        """8 bytes over activation -> robots alone: no phases, no pins, not the alive set."""
+        lines = sorted((x.activation, x.local_task, x.robot, x.round) for x in self.lines.values())
+        return hashlib.blake2b(msgpack.packb(lines), digest_size=8).digest()
+
+    @cached_property
+    def packed(self) -> bytes:
+        """The whole plan as bytes; equal on all robots with the same facts and alive set."""
+        return bytes(msgpack.packb(self.to_json()))
+
+    def partners(self, robot: str) -> tuple[str, ...]:
+        """The other robots on the same local task of the same activation."""
+        line = self.lines[robot]
+        key = (line.activation, line.local_task)
+        return tuple(
+            x.robot
+            for x in self.lines.values()
+            if (x.activation, x.local_task) == key and x.robot != robot
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data, in a fixed order."""
+        return {
+            "result": self.result.name.lower(),
+            "order": str(self.order),
+            "feasible": self.feasible,
+            "statuses": list(self.evaluation.statuses),
+            "requests": [[r.subject, r.activation] for r in self.evaluation.requests],
+            "lines": {
+                x.robot: {
+                    "activation": x.activation,
+                    "global_task": x.global_task,
+                    "local_task": x.local_task,
+                    "performance": x.performance / 1e6,
+                    "pinned": x.pinned,
+                    "leader": x.leader or None,
+                    "round": x.round,
+                }
+                for x in self.lines.values()
+            },
+            "idle": dict(self.idle),
+            "waiting": [
+                {
+                    "activation": w.activation,
+                    "global_task": w.global_task,
+                    "blocked": w.is_blocked,
+                    "reason": w.reason,
+                }
+                for w in self.waiting
+            ],
+            "bids": [bidding.to_json() for bidding in self.biddings],
+        }

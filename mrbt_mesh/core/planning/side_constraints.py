@@ -1,0 +1,187 @@
+"""*Check Consistency* and *Assign Agents* in a mission with side constraints.
+
+A request is kept if all kept so far stay feasible together *with* the constraints. That is no
+matching any more: what a matching cannot decide is put to CP-SAT. Robots that work already count,
+and are not stopped: a constraint binds only whom the plan puts to work beside them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TypeAlias
+
+from mrbt_mesh.core.assignment.problem import (
+    AssignmentProblem,
+    Bounds,
+    Limit,
+    Shared,
+    SideConstraint,
+)
+from mrbt_mesh.core.assignment.solvers import min_cost_flow
+from mrbt_mesh.core.mission.constraints import AtMost, Constraint, NotAtOnce
+from mrbt_mesh.core.mission.mission import type_name
+from mrbt_mesh.core.planning.consistency import Consistency, Feasibility
+from mrbt_mesh.core.planning.demands import Demand
+
+Group: TypeAlias = Sequence[Demand]
+
+
+def side_constraints(
+    constraints: Sequence[Constraint],
+    free: Sequence[str],
+    wanted: Sequence[Demand],
+    running: Mapping[str, Demand],
+) -> tuple[SideConstraint, ...]:
+    """What the constraints leave to `free` robots on the `wanted` demands, both by index.
+
+    `running` maps robots to the demands that they work on. What cannot bind is left out.
+    """
+    able = [
+        {index for index, robot in enumerate(free) if robot in demand.candidates}
+        for demand in wanted
+    ]
+    found: list[SideConstraint] = []
+    for constraint in constraints:
+        if isinstance(constraint, NotAtOnce):
+            found += _shared(constraint, wanted, running)
+            continue
+        members = {index for index, robot in enumerate(free) if robot in constraint.robots}
+        if isinstance(constraint, AtMost):
+            held = sum(robot in constraint.robots for robot in running)
+            who = members & set[int]().union(*able)
+            found += _limit(who, range(len(wanted)), constraint.count - held)
+            continue
+        for number, demand in enumerate(wanted):
+            if _names(constraint.local_tasks or (demand.local_task,), demand.local_task):
+                same = [running[robot] for robot in constraint.robots if robot in running]
+                held = sum(
+                    other.request == demand.request and other.local_task == demand.local_task
+                    for other in same
+                )
+                found += _limit(members & able[number], (number,), 1 - held)
+    return tuple(found)
+
+
+def _limit(who: set[int], demands: Sequence[int], count: int) -> list[SideConstraint]:
+    count = max(0, count)
+    return [Limit(tuple(sorted(who)), tuple(demands), count)] if len(who) > count else []
+
+
+def _shared(
+    constraint: NotAtOnce, wanted: Sequence[Demand], running: Mapping[str, Demand]
+) -> list[SideConstraint]:
+    served = {
+        demand.request.activation
+        for demand in running.values()
+        if _names(constraint.global_tasks, demand.request.subject)
+    }
+    groups: dict[str, list[int]] = {}
+    for index, demand in enumerate(wanted):
+        activation = demand.request.activation
+        if activation not in served and _names(constraint.global_tasks, demand.request.subject):
+            groups.setdefault(activation, []).append(index)
+    count = max(0, constraint.count - len(served))
+    if len(groups) <= count:
+        return []
+    return [Shared(tuple(tuple(group) for group in groups.values()), count)]
+
+
+def _names(names: Sequence[str], ground: str) -> bool:
+    return ground in names or type_name(ground) in names
+
+
+def running_on(demands: Sequence[Group], pinned: Mapping[str, int]) -> dict[str, Demand]:
+    """Robot -> the demand that it works on; `pinned` maps robots to requests."""
+    return {
+        robot: demand
+        for index, group in enumerate(demands)
+        for demand in group
+        for robot in demand.pinned
+        if pinned.get(robot) == index
+    }
+
+
+def feasibility(
+    constraints: Sequence[Constraint], robots: Sequence[str], demands: Sequence[Group]
+) -> Feasibility:
+    """What decides which of the requests with these demands can be kept."""
+    return SideConstraintCheck(constraints, robots, demands) if constraints else Consistency(robots)
+
+
+class SideConstraintCheck:
+    """Keeps requests one after the other while all stay feasible within the constraints.
+
+    `demands` are those of all requests, by which robots that run are found.
+    """
+
+    def __init__(
+        self, constraints: Sequence[Constraint], robots: Sequence[str], demands: Sequence[Group]
+    ) -> None:
+        self._constraints = constraints
+        self._robots = sorted(robots)
+        self._demands = demands
+        self._kept: list[int] = []
+
+    def keep(self, key: int, demands: Group, pinned: Mapping[str, int]) -> bool:
+        """Try to add request `key`; `pinned` maps robots to the request that they run."""
+        fits = self.fits(key, demands, pinned)
+        if fits:
+            self._kept.append(key)
+        return fits
+
+    def fits(self, key: int, demands: Group, pinned: Mapping[str, int]) -> bool:
+        """Whether `keep` would succeed."""
+        return self._is_feasible([*self._kept, key], pinned, self._constraints)
+
+    def obstacle(self, demands: Group) -> str:
+        """Which constraints keep any living robots from serving a request; empty if none do."""
+        alone = SideConstraintCheck(self._constraints, self._robots, [demands])
+        return alone.in_the_way([], 0, {})
+
+    def in_the_way(self, kept: Sequence[int], key: int, pinned: Mapping[str, int]) -> str:
+        """Which constraints keep request `key` from being kept with others; empty if none do.
+
+        Each one that alone would do so; if none would, all that bind anybody.
+        """
+        keys = sorted({*kept, key})
+        if not self._is_feasible(keys, pinned, ()):
+            return ""
+        if self._is_feasible(keys, pinned, self._constraints):
+            return ""
+        binding = [c for c in self._constraints if self._problem(keys, pinned, [c]).constraints]
+        alone = [c for c in binding if not self._is_feasible(keys, pinned, [c])]
+        return "; ".join(str(constraint) for constraint in alone or binding)
+
+    def _problem(
+        self, keys: Sequence[int], pinned: Mapping[str, int], constraints: Sequence[Constraint]
+    ) -> AssignmentProblem:
+        """The lower bounds still to be met: with more robots than that nothing gets feasible."""
+        wanted, bounds = [], []
+        for key in keys:
+            for demand in self._demands[key]:
+                needed = demand.lower - sum(pinned.get(robot) == key for robot in demand.pinned)
+                if needed > 0:
+                    wanted.append(demand)
+                    bounds.append(Bounds(demand.local_task, needed, needed))
+        free = [robot for robot in self._robots if robot not in pinned]
+        rows = [{i: 0 for i, d in enumerate(wanted) if robot in d.candidates} for robot in free]
+        running = running_on(self._demands, pinned)
+        limits = side_constraints(constraints, free, wanted, running)
+        return AssignmentProblem.of(free, bounds, rows, limits)
+
+    def _is_feasible(
+        self, keys: Sequence[int], pinned: Mapping[str, int], constraints: Sequence[Constraint]
+    ) -> bool:
+        problem = self._problem(keys, pinned, constraints)
+        if not problem.demands:
+            return True
+        found = min_cost_flow(replace(problem, constraints=()))
+        if found is None:
+            return False
+        if problem.violated(found.tolist()) is None:
+            return True
+        # Loaded when the robot started: the library is large.
+        from mrbt_mesh.core.assignment.cp_sat import is_feasible
+
+        return is_feasible(problem)

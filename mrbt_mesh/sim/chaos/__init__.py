@@ -1,0 +1,1 @@
+"""Random faults and missions, many seeds, and failures cut down to what is needed for them."""

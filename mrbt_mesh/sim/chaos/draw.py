@@ -1,0 +1,359 @@
+"""Random faults for a team: one seed decides how much of what befalls whom, and when.
+
+Every seed turns a random half of the kinds of fault off, so that each has runs in which it is
+not hidden behind the others (swarm testing). All faults end at one moment; from then on the
+team has to converge and to finish what it can: liveness is only demanded of a world that lets
+it live, as in TigerBeetle's simulator. Some worlds keep one broken link.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import random
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from itertools import permutations
+from typing import Any
+
+from mrbt_mesh.core.agent.commands import ORDER
+from mrbt_mesh.core.mission.mission import Mission, type_name
+from mrbt_mesh.sim.engine import faults
+from mrbt_mesh.sim.engine.network import Link, LinkKnobs
+from mrbt_mesh.sim.engine.scenario import Scenario, Step
+
+MS = 1_000
+SECOND_US = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class ChaosKnobs:
+    """How much chaos: the mean number of faults of each kind in a run, 0 for none.
+
+    `chaos_us` is how long it lasts, `longest_us` how long a single fault, `max_down` how many
+    robots may be dead, frozen or gone at once (but for `team_crashes`, which take all), and
+    `quiet_us` how long at most the team has afterwards. Chances are from 0 to 1: `returns` that
+    a killed robot is started again before the end of the chaos, `revived` otherwise after it.
+    """
+
+    chaos_us: int = 6 * SECOND_US
+    quiet_us: int = 60 * SECOND_US
+    longest_us: int = 6 * SECOND_US
+    max_down: int = 2
+    returns: float = 0.7
+    revived: float = 0.7
+    stays: float = 0.7
+    kills: float = 2.0
+    team_crashes: float = 0.3
+    lost_disks: float = 0.2
+    freezes: float = 0.7
+    suspends: float = 0.5
+    slow: float = 0.7
+    skewed_clocks: float = 1.0
+    clock_jumps: float = 0.3
+    partitions: float = 0.7
+    one_way: float = 0.7
+    broken_links: float = 0.7
+    disturbances: float = 1.0
+    lost_tokens: float = 0.7
+    leaves: float = 0.5
+    minor_faults: float = 0.7
+    late_joins: float = 0.5
+    pauses: float = 0.3
+    replays: float = 0.7
+    garbage: float = 0.7
+
+
+_NO_RATES = (
+    "chaos_us",
+    "quiet_us",
+    "longest_us",
+    "max_down",
+    "returns",
+    "revived",
+    "stays",
+)
+_RATES = tuple(f.name for f in dataclasses.fields(ChaosKnobs) if f.name not in _NO_RATES)
+
+
+def draw_knobs(seed: int, robots: int, base: ChaosKnobs | None = None) -> ChaosKnobs:
+    """The knobs of one seed: some kinds off, the others more or less than usual."""
+    knobs, pick = base or ChaosKnobs(), random.Random(f"{seed}/knobs")
+    rates: dict[str, Any] = {
+        name: 0.0 if pick.random() < 0.5 else getattr(knobs, name) * 4 ** pick.uniform(-0.5, 1)
+        for name in _RATES
+    }
+    return dataclasses.replace(
+        knobs,
+        **rates,
+        chaos_us=round(knobs.chaos_us * 4 ** pick.uniform(-1, 0.5)),
+        longest_us=round(knobs.longest_us * 4 ** pick.uniform(-1.5, 0.5)),
+        max_down=pick.randint(1, max(1, robots)),
+        returns=pick.choice([0.0, knobs.returns, 1.0]),
+        revived=pick.choice([0.0, knobs.revived, 1.0]),
+        stays=float(pick.random() < knobs.stays),
+    )
+
+
+def chaos(mission: Mission, seed: int, knobs: ChaosKnobs, speed: float = 1.0) -> Scenario:
+    """The chaos of one seed for a mission's robots."""
+    return _Chaos(mission, seed, knobs).draw(speed)
+
+
+def _plan_delay_us(seed: int) -> int | None:
+    """Some teams make their plans outside of their agents, and some of these slowly."""
+    pick = random.Random(f"{seed}/plans")
+    return pick.choice([0, 2 * MS, 10 * MS, 50 * MS]) if pick.random() < 0.25 else None
+
+
+class _Chaos:
+    def __init__(self, mission: Mission, seed: int, knobs: ChaosKnobs) -> None:
+        self.seed = seed
+        self.knobs = knobs
+        self.leases = any(task.exclusive for task in mission.global_tasks.values())
+        self.robots = sorted(mission.robots)
+        self.links: list[Link] = list(permutations(self.robots, 2))
+        self.local_tasks = {
+            robot: sorted({*capabilities, *map(type_name, capabilities), "all"})
+            for robot, capabilities in (
+                (robot, mission.robots[robot].capabilities) for robot in self.robots
+            )
+        }
+        self.pick = random.Random(f"{seed}/chaos")
+        self.steps: list[Step] = []
+        self.down: list[tuple[int, int]] = []
+        self.dead: set[str] = set()
+        self.broken: frozenset[Link] = frozenset()
+        # Faults of one burst overlap; without bursts they are spread evenly.
+        count = self.pick.choice([0, 0, 1, 2, 3])
+        self.bursts = [self.pick.randrange(knobs.chaos_us) for _ in range(count)]
+
+    def draw(self, speed: float) -> Scenario:
+        knobs = self.knobs
+        late = self._latecomers()
+        makers: tuple[tuple[float, Callable[[], None]], ...] = (
+            (knobs.kills, partial(self._kill, keeps_journal=True)),
+            (knobs.lost_disks, partial(self._kill, keeps_journal=False)),
+            (knobs.team_crashes, self._crash_team),
+            (knobs.freezes, partial(self._stop, faults.Freeze)),
+            (knobs.suspends, partial(self._stop, faults.Suspend)),
+            (knobs.slow, self._slow_down),
+            (knobs.skewed_clocks, self._skew_clock),
+            (knobs.clock_jumps, self._jump_clock),
+            (knobs.partitions, self._partition),
+            (knobs.one_way, self._block_one_way),
+            (knobs.broken_links, self._break_link),
+            (knobs.disturbances, self._disturb),
+            (knobs.lost_tokens, self._lose_token),
+            (knobs.leaves, self._leave),
+            (knobs.minor_faults, self._lose_capability),
+            (knobs.pauses, self._pause),
+            (knobs.replays, self._replay),
+            (knobs.garbage, self._send_garbage),
+        )
+        for mean, make in makers:
+            for _ in range(self._count(mean)):
+                make()
+        lost = {robot for robot in sorted(self.dead) if self.pick.random() >= knobs.revived}
+        heal = faults.Heal(tuple(r for r in self.robots if r not in lost), self.broken)
+        # Whatever has not ended by then ends with the healing.
+        steps = [step for step in self.steps if step[0] < knobs.chaos_us]
+        steps.append((knobs.chaos_us, heal))
+        return Scenario(
+            seed=self.seed,
+            robots=tuple(robot for robot in self.robots if robot not in late),
+            steps=tuple(sorted(steps, key=lambda step: step[0])),
+            heal_us=knobs.chaos_us,
+            timeout_us=knobs.chaos_us + knobs.quiet_us,
+            link=self._usual(),
+            token_delay_us=self.pick.choice([1 * MS, 5 * MS, 5 * MS, 50 * MS, None]),
+            speed=speed,
+            stays=bool(knobs.stays),
+            plan_delay_us=_plan_delay_us(self.seed),
+        )
+
+    # -- times and victims --------------------------------------------------------------------
+
+    def _count(self, mean: float) -> int:
+        """A number with this mean: geometric, so that now and then there are many."""
+        count = 0
+        while count < 20 and self.pick.random() < mean / (1 + mean):
+            count += 1
+        return count
+
+    def _time(self) -> int:
+        if self.bursts and self.pick.random() < 0.7:
+            at_us = self.pick.choice(self.bursts) + self._length(10 * MS, SECOND_US)
+            return min(at_us, self.knobs.chaos_us - 1)
+        return self.pick.randrange(self.knobs.chaos_us)
+
+    def _length(self, least_us: int, most_us: int) -> int:
+        """Between the two; each order of magnitude is as likely as any other."""
+        ratio = max(most_us, least_us) / least_us
+        return round(least_us * math.exp(math.log(ratio) * self.pick.random()))
+
+    def _span(self) -> tuple[int, int]:
+        """When something begins and ends."""
+        start_us = self._time()
+        return start_us, start_us + self._length(100 * MS, self.knobs.longest_us)
+
+    def _robot(self) -> str:
+        return self.pick.choice(self.robots)
+
+    def _takes_down(self, start_us: int, end_us: int) -> bool:
+        """Whether one more robot may be down then; if so, it is noted."""
+        others = sum(start < end_us and start_us < end for start, end in self.down)
+        if others >= self.knobs.max_down:
+            return False
+        self.down.append((start_us, end_us))
+        return True
+
+    def _during(self, start: faults.Fault, end: faults.Fault) -> None:
+        start_us, end_us = self._span()
+        self.steps.append((start_us, start))
+        if self.pick.random() < 0.75:  # else it lasts until the healing
+            self.steps.append((end_us, end))
+
+    def _some_links(self) -> frozenset[Link]:
+        count = self.pick.randint(1, max(1, len(self.links) // 2))
+        return frozenset(self.pick.sample(self.links, min(count, len(self.links))))
+
+    # -- the kinds of fault -------------------------------------------------------------------
+
+    def _latecomers(self) -> list[str]:
+        """Robots that come in the middle of the mission for the first time; never all."""
+        count = min(self._count(self.knobs.late_joins), len(self.robots) - 1)
+        late = sorted(self.pick.sample(self.robots, count))
+        self.steps += [(self._time(), faults.Restart(robot)) for robot in late]
+        return late
+
+    def _kill(self, keeps_journal: bool) -> None:
+        robot, (start_us, end_us) = self._robot(), self._span()
+        returns = self.pick.random() < self.knobs.returns
+        if not self._takes_down(start_us, end_us if returns else self.knobs.chaos_us):
+            return
+        self.steps.append((start_us, faults.Kill(robot)))
+        if returns:
+            self.steps.append((end_us, faults.Restart(robot, keeps_journal)))
+        else:
+            self.dead.add(robot)
+
+    def _crash_team(self) -> None:
+        start_us, end_us = self._span()
+        spread_us = self.pick.choice([0, 0, 5 * MS, 300 * MS])
+        for robot in self.robots:
+            self.steps.append((start_us + self.pick.randint(0, spread_us), faults.Kill(robot)))
+            back_us = end_us + self._length(MS, SECOND_US)
+            self.steps.append((max(back_us, start_us + spread_us + 1), faults.Restart(robot)))
+
+    def _stop(self, make: Callable[[str], faults.Fault]) -> None:
+        robot, (start_us, end_us) = self._robot(), self._span()
+        if self._takes_down(start_us, end_us):
+            self.steps += [(start_us, make(robot)), (end_us, faults.Thaw(robot))]
+
+    def _slow_down(self) -> None:
+        robot = self._robot()
+        self._during(faults.Slow(robot, self._length(10 * MS, 700 * MS)), faults.Slow(robot, 0))
+
+    def _skew_clock(self) -> None:
+        robot = self._robot()
+        self.steps.append((0, faults.ClockJump(robot, self._length(MS, 10**6 * SECOND_US))))
+        self.steps.append(
+            (self._time(), faults.ClockRate(robot, self.pick.randint(-50_000, 50_000)))
+        )
+
+    def _jump_clock(self) -> None:
+        if self.leases:
+            return  # grants run by these clocks, which no real one does of itself
+        jump = faults.ClockJump(self._robot(), self._length(100 * MS, 60 * SECOND_US))
+        self.steps.append((self._time(), jump))
+
+    def _partition(self) -> None:
+        if len(self.robots) < 2:
+            return
+        mixed = self.pick.sample(self.robots, len(self.robots))
+        cuts = sorted(
+            self.pick.sample(
+                range(1, len(mixed)), min(self.pick.choice([1, 1, 1, 2]), len(mixed) - 1)
+            )
+        )
+        groups = [mixed[a:b] for a, b in zip([0, *cuts], [*cuts, len(mixed)], strict=True)]
+        block = faults.partition(*groups)
+        if self.pick.random() < 0.3:  # overlapping: one robot still hears both sides
+            bridge = self._robot()
+            links = frozenset(link for link in block.links if bridge not in link)
+            block = faults.Block(links)
+        self._during(block, faults.Unblock(block.links))
+
+    def _block_one_way(self) -> None:
+        links = self._some_links()
+        if self.pick.random() < 0.5:  # a robot that speaks, but does not hear, or hears only
+            robot, side = self._robot(), self.pick.choice([0, 1])
+            links = frozenset(link for link in self.links if link[side] == robot)
+        self._during(faults.Block(links), faults.Unblock(links))
+
+    def _break_link(self) -> None:
+        """One link of the mesh: nobody may die of it, as long as a third robot hears both."""
+        if len(self.robots) > 2:
+            one, other = self.pick.sample(self.robots, 2)
+            both = self.pick.random() < 0.7
+            links = frozenset({(one, other), (other, one)} if both else {(one, other)})
+            self._during(faults.Block(links), faults.Unblock(links))
+            if self.pick.random() < 0.5:
+                self.broken = links
+
+    def _disturb(self) -> None:
+        pick = self.pick
+        link = LinkKnobs(
+            delay_us=self._length(100, 100 * MS),
+            jitter_us=self._length(100, 300 * MS),
+            loss_permille=pick.choice([0, pick.randint(1, 300), pick.randint(1, 800)]),
+            duplicate_permille=pick.choice([0, pick.randint(1, 500)]),
+            reorder_permille=pick.choice([0, pick.randint(1, 500)]),
+            reorder_us=self._length(MS, 500 * MS),
+        )
+        links = None if pick.random() < 0.5 else self._some_links()
+        self._during(faults.Disturb(link, links), faults.Settle(links))
+
+    def _lose_token(self) -> None:
+        if len(self.robots) > 1:
+            robot = self._robot()
+            others = [other for other in self.robots if other != robot]
+            seen_by = self.pick.sample(others, self.pick.randint(1, len(others)))
+            at_us = self._time()
+            self.steps += [(at_us, faults.LoseToken(robot, each)) for each in seen_by]
+
+    def _leave(self) -> None:
+        robot, (start_us, end_us) = self._robot(), self._span()
+        if self._takes_down(start_us, end_us):
+            self.steps += [(start_us, faults.Leave(robot)), (end_us, faults.Restart(robot))]
+
+    def _lose_capability(self) -> None:
+        robot = self._robot()
+        local_task = self.pick.choice(self.local_tasks[robot])
+        lose, restore = faults.Lose(robot, local_task), faults.Restore(robot, local_task)
+        self._during(lose, restore)
+
+    def _pause(self) -> None:
+        one, other = self._robot(), self._robot()
+        pause, resume = (
+            faults.Command(r, ORDER, w) for r, w in ((one, "pause"), (other, "resume"))
+        )
+        self._during(pause, resume)
+
+    def _replay(self) -> None:
+        if len(self.robots) > 1:
+            robot, source = self.pick.sample(self.robots, 2)
+            at_us = self._time()
+            until_us = self.pick.randint(0, at_us)
+            count = self._length(1, 30)
+            self.steps.append((at_us, faults.Replay(robot, source, until_us, count)))
+
+    def _send_garbage(self) -> None:
+        self.steps.append((self._time(), faults.Garbage(self._robot(), self._length(1, 20))))
+
+    def _usual(self) -> LinkKnobs:
+        """How the network behaves when nothing is wrong with it."""
+        delay_us = self._length(100, 20 * MS)
+        return LinkKnobs(delay_us=delay_us, jitter_us=self._length(100, 2 * delay_us + 1_000))

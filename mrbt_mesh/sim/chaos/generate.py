@@ -1,0 +1,232 @@
+"""Random missions: trees of all kinds of nodes, robots, capabilities, policies. One seed, one file.
+
+They are written as mission files and read like any other, so that whatever fails can be kept,
+looked at and cut down by hand.
+"""
+
+from __future__ import annotations
+
+import io
+import random
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+
+from mrbt_mesh.core.bt.tree import Kind
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.formats.build import mission_from_yaml
+from mrbt_mesh.runtime.program import RobotProgram
+from mrbt_mesh.sim.chaos import random_robot
+
+PROGRAM_FILE = Path(random_robot.__file__)
+PROGRAM: RobotProgram = random_robot.robot
+MAX_DEPTH = 5
+# Node kinds by how often they are chosen.
+_COMPOSITES = (Kind.SEQUENCE,) * 4 + (Kind.PARALLEL,) * 4 + (Kind.FALLBACK,) * 3
+_DECORATORS = (
+    *(Kind.RETRY,) * 3,
+    *(Kind.REPEAT,) * 2,
+    *(Kind.TIMEOUT,) * 2,
+    *(Kind.INVERTER,) * 2,
+    *(Kind.FORCE_SUCCESS,) * 2,
+    Kind.FORCE_FAILURE,
+    Kind.KEEP_RUNNING_UNTIL_FAILURE,
+)
+# In larger teams nothing is repeated for ever. Every robot plans at every event, so a run costs
+# the square of the robots times the events, of which an endless mission has as many as it can.
+MAX_ENDLESS_ROBOTS = 8
+
+
+@dataclass(frozen=True)
+class Generated:
+    """A mission and the text of its file."""
+
+    text: str
+    mission: Mission
+
+
+def generate_mission(seed: int) -> Generated:
+    """The mission of one seed; `program` is the file next to it when it is kept."""
+    data = _Generator(seed).mission()
+    stream = io.StringIO()
+    yaml = YAML()
+    yaml.default_flow_style = None
+    yaml.dump(data, stream)
+    text = f"# Generated: mrbt sim --generated --seed {seed}\n{stream.getvalue()}"
+    return Generated(
+        text, mission_from_yaml(text, f"generated mission {seed}", PROGRAM_FILE.parent)
+    )
+
+
+class _Generator:
+    def __init__(self, seed: int) -> None:
+        self.seed = seed
+        self.pick = random.Random(f"{seed}/mission")
+        # Drawn apart: which nodes remember changes nothing else of a mission.
+        self.memory = random.Random(f"{seed}/memory")
+        self.remembers = self.memory.random() < 0.35
+        # Likewise what robots bid for, in one mission of four.
+        self.bids = random.Random(f"{seed}/bids")
+        self.bidding = self.bids.random() < 0.25
+        self.conditions = [f"c{i}" for i in range(self.pick.randint(1, 4))]
+        self.local_tasks = [f"t{i}" for i in range(self.pick.randint(1, 6))]
+        self.global_tasks: dict[str, Any] = {}
+        self.leaves = 0
+        # Coalitions and grants are in one mission of three, not to hide the rest.
+        self.special = self.chance(0.35)
+        count = self.pick.randint(9, 16) if self.chance(0.02) else self.pick.randint(2, 8)
+        self.robots = [f"R{i}" for i in range(1, count + 1)]
+        self.types = {f"T{i}": self.capabilities() for i in range(self.pick.randint(1, 3))}
+        self.type_of = {robot: self.pick.choice(sorted(self.types)) for robot in self.robots}
+        # Every local task is somebody's.
+        for task in self.local_tasks:
+            if not any(task in self.types[kind] for kind in self.type_of.values()):
+                self.types[self.type_of[self.pick.choice(self.robots)]][task] = 1.0
+
+    def chance(self, chance: float) -> bool:
+        return self.pick.random() < chance
+
+    def mission(self) -> dict[str, Any]:
+        tree = self.root()
+        return {
+            "mission": f"generated_{self.seed}",
+            "program": PROGRAM_FILE.name,
+            "parameters": {
+                "salt": self.seed,
+                "tasks": {task: self.behaviour() for task in self.local_tasks},
+                "sensors": self.sensors(),
+            },
+            "local_tasks": {
+                task: {"work": self.pick.choice([0.3, 1.0, 1.0, 2.0, 3.0])}
+                for task in self.local_tasks
+            },
+            "conditions": {name: {"default": self.chance(0.3)} for name in self.conditions},
+            "robot_types": {name: {"capabilities": able} for name, able in self.types.items()},
+            "robots": dict(self.type_of),
+            "global_tasks": self.global_tasks,
+            "tree": tree,
+        }
+
+    def capabilities(self) -> dict[str, float]:
+        """Few different performances, so that many assignments are equally good."""
+        able = [task for task in self.local_tasks if self.chance(0.6)]
+        able = able or [self.pick.choice(self.local_tasks)]
+        return {task: self.pick.choice([0.5, 1.0, 1.0, 2.0]) for task in able}
+
+    def behaviour(self) -> dict[str, Any]:
+        behaviour: dict[str, Any] = {}
+        if self.chance(0.35):
+            behaviour["fails_permille"] = self.pick.choice([50, 200, 500])
+            behaviour["raises"] = self.chance(0.3)
+        if self.chance(0.1):
+            behaviour["loses_permille"] = 100
+        if self.chance(0.3):
+            behaviour["sets"] = {self.pick.choice(self.conditions): self.chance(0.7)}
+        if self.bidding and self.bids.random() < 0.5:
+            kinds = ("no_permille", "fails_permille", "late_permille")
+            behaviour["bid"] = {kind: self.bids.choice([0, 100, 300]) for kind in kinds}
+        return behaviour
+
+    def sensors(self) -> dict[str, list[list[Any]]]:
+        """Conditions that change by themselves, in the first seconds of a robot's life."""
+        sensors = {}
+        for robot in self.robots:
+            if self.chance(0.2):
+                times = sorted(self.pick.randrange(80) / 10 for _ in range(self.pick.randint(1, 3)))
+                sensors[robot] = [
+                    [at_s, self.pick.choice(self.conditions), self.chance(0.5)] for at_s in times
+                ]
+        return sensors
+
+    # -- the tree -----------------------------------------------------------------------------
+
+    def root(self) -> Any:
+        """Several stages, most of which cannot fail, so that the mission takes its time."""
+        stages = []
+        for _ in range(self.pick.randint(2, 4)):
+            stage = self.composite(2)
+            stages.append(stage if self.chance(0.3) else {str(Kind.FORCE_SUCCESS): stage})
+        if self.chance(0.75):
+            return {str(Kind.SEQUENCE): stages}
+        return {str(Kind.PARALLEL): {"success": "all", "children": stages}}
+
+    def node(self, depth: int) -> Any:
+        if depth >= MAX_DEPTH or self.chance(0.35):
+            return self.leaf()
+        return self.decorator(depth) if self.chance(0.35) else self.composite(depth)
+
+    def leaf(self) -> Any:
+        if self.chance(0.15):
+            return {str(Kind.CONDITION): self.pick.choice(self.conditions)}
+        if self.global_tasks and (self.leaves >= 12 or self.chance(0.15)):
+            return self.pick.choice(sorted(self.global_tasks))  # one task at two places
+        self.leaves += 1
+        name = f"g{self.leaves}"
+        self.global_tasks[name] = self.global_task()
+        return name
+
+    def composite(self, depth: int) -> Any:
+        kind = self.pick.choice(_COMPOSITES)
+        children = [self.node(depth + 1) for _ in range(self.pick.choice([1, 2, 2, 3]))]
+        body: dict[str, Any] = {"children": children}
+        if kind is Kind.PARALLEL:
+            choices = ["all", "all", "any", self.pick.randint(1, len(children))]
+            body["success"] = self.pick.choice(choices)
+        return self.with_memory(kind, body)
+
+    def with_memory(self, kind: Kind, body: dict[str, Any]) -> Any:
+        """In some missions controls remember, some Sequences choose, some Parallels fail early."""
+        count = len(body["children"])
+        if self.remembers:
+            if kind is Kind.SEQUENCE and count in (2, 3) and self.memory.random() < 0.25:
+                kind = Kind.IF_THEN_ELSE
+            if kind is Kind.PARALLEL and self.memory.random() < 0.25:
+                body["failures"] = self.memory.randint(1, count)
+            choices = ["none", "while_running", "while_running"]
+            if kind is Kind.SEQUENCE:
+                choices.append("until_success")
+            body["memory"] = self.memory.choice(choices)
+        return {str(kind): body}
+
+    def decorator(self, depth: int) -> Any:
+        kind = self.pick.choice(_DECORATORS)
+        child = self.node(depth + 1)
+        limit = -1 if self.chance(0.1) else self.pick.randint(1, 3)
+        if len(self.robots) > MAX_ENDLESS_ROBOTS:
+            limit = abs(limit)
+            kind = Kind.REPEAT if kind is Kind.KEEP_RUNNING_UNTIL_FAILURE else kind
+        match kind:
+            case Kind.RETRY:
+                return {str(kind): {"attempts": limit, "do": child}}
+            case Kind.REPEAT:
+                return {str(kind): {"cycles": limit, "do": child}}
+            case Kind.TIMEOUT:
+                return {str(kind): {"seconds": self.pick.choice([0.5, 2.0, 10.0]), "do": child}}
+        return {str(kind): child}
+
+    def global_task(self) -> dict[str, Any]:
+        count = min(self.pick.choice([1, 1, 1, 2]), len(self.local_tasks))
+        chosen = self.pick.sample(self.local_tasks, count)
+        task: dict[str, Any] = {"needs": {name: self.need(name) for name in chosen}}
+        if self.chance(0.3):
+            task["failure"] = "paper"
+        if self.chance(0.15):
+            task["blocked"] = {"fail_after_s": self.pick.choice([1.0, 4.0])}
+        if self.chance(0.15):
+            task["preemptive"] = True
+        if self.special and self.chance(0.4):
+            task["simultaneous"] = True
+        if self.special and self.chance(0.3):
+            task["exclusive"] = True
+            task["in_doubt"] = self.pick.choice(["hold", "fail", "retry"])
+        return task
+
+    def need(self, local_task: str) -> dict[str, Any]:
+        able = sum(local_task in self.types[kind] for kind in self.type_of.values())
+        least = min(self.pick.choice([1, 1, 1, 2, 2, 3]), able + self.chance(0.03))
+        need: dict[str, Any] = {"min": least, "max": least + self.pick.choice([0, 0, 0, 1, 2])}
+        if self.bidding and self.bids.random() < 0.6:
+            need["performance"] = self.bids.choice(["bid", "bid", {"bid_within_s": 1.5}])
+        return need

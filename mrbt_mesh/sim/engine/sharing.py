@@ -1,0 +1,88 @@
+"""Robots that are simulated in one process read each batch of facts, and make each plan, once.
+Their beats they hand each other as they are.
+
+Not for runs that check whether robots come to the same plan independently.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any, TypeVar
+
+from mrbt_mesh.core.assignment.problem import Solver
+from mrbt_mesh.core.bt.evaluator import Evaluator
+from mrbt_mesh.core.engine import Engine, MakePlan
+from mrbt_mesh.core.facts.store import Entry, Incarnation
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.membership.wire import Beat, Header
+from mrbt_mesh.core.planning.plan import Plan
+
+# Batches and plans are shared among robots at about the same time.
+RECENT = 1_024
+
+
+_Key = TypeVar("_Key")
+_Value = TypeVar("_Value")
+
+
+class Recent(dict[_Key, _Value]):
+    """A dictionary that is emptied when it has grown too large."""
+
+    def __setitem__(self, key: _Key, value: _Value) -> None:
+        if len(self) >= RECENT:
+            self.clear()
+        super().__setitem__(key, value)
+
+
+class HandedOver(bytes):
+    """A beat on its way between robots of one process: it needs neither writing nor reading."""
+
+    sender: str
+    beat: Beat
+
+
+def shared_engine(mine: Header, engine: Engine) -> Engine:
+    """For all robots of one run: it remembers what it has answered lately."""
+
+    def hand_over(beat: Beat, mine: Header) -> bytes:
+        message = HandedOver()
+        message.sender, message.beat = mine.sender, beat
+        return message
+
+    def take_over(
+        source: str, data: bytes, mine: Header, is_news: Callable[[list[Any]], bool]
+    ) -> Beat:
+        if isinstance(data, HandedOver) and data.sender == source:
+            return data.beat
+        return engine.read_beat(source, data, mine, is_news)
+
+    @lru_cache(maxsize=RECENT)
+    def batch_of(source: str, data: bytes) -> tuple[list[Entry], int]:
+        return engine.read_batch(source, data, mine)
+
+    def shared_batch(source: str, data: bytes, mine: Header) -> tuple[list[Entry], int]:
+        return batch_of(source, data)
+
+    plans: Recent[tuple[bytes, frozenset[tuple[str, Incarnation]]], Plan] = Recent()
+
+    def shared_planning(evaluator: Evaluator, solver: Solver) -> MakePlan:
+        make_plan = engine.plan_making(evaluator, solver)
+
+        def shared_plan(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
+            key = (facts.map.digest(), frozenset(alive.items()))
+            plan = plans.get(key)
+            if plan is None:
+                plan = plans[key] = make_plan(facts, alive)
+            return plan
+
+        return shared_plan
+
+    return replace(
+        engine,
+        plan_making=shared_planning,
+        write_beat=hand_over,
+        read_beat=take_over,
+        read_batch=shared_batch,
+    )
