@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-slow test-docker lint check-lock lock drills soak clean \
-	bench bench-failover bench-resume bench-membership bench-simulate bench-robustness paper
+	bench bench-failover bench-resume bench-membership bench-simulate bench-robustness walk paper
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
@@ -22,6 +22,7 @@ help:
 	@echo "make bench-membership false deaths, detection and agreement on bad networks"
 	@echo "make bench-simulate  how many runs mrbt simulate makes in a minute"
 	@echo "make bench-robustness robots that die of their work, against published figures"
+	@echo "make walk            through how many files an event goes, and how often from one to another"
 	@echo "make paper           the paper's example, run again: docs/paper.md and its pictures"
 	@echo "make soak            chaos in the simulator on seeds of its own, MINUTES=30"
 	@echo "make lock            write requirements.lock again from pyproject.toml"
@@ -77,6 +78,9 @@ bench-simulate: $(READY)
 
 bench-robustness: $(READY)
 	$(BIN)/python -m benchmarks.robustness --json robustness.json
+
+walk: $(READY)
+	$(BIN)/python -m benchmarks.walk
 
 paper: $(READY)
 	$(BIN)/python -m paper
