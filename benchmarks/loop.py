@@ -147,13 +147,13 @@ class Robot:
         for _ in range(3):
             self._now_us += Timing().detection_us // 2
             await self.take(*map(self.others.beat, rest))
-        if self.agent.joining is not None or self.agent.plan is None:
+        if self.agent.view.is_joining or self.agent.view.plan is None:
             raise AssertionError("the robot has not joined")
 
     @property
     def plan(self) -> Plan:
-        assert self.agent.plan is not None
-        return self.agent.plan
+        assert self.agent.view.plan is not None
+        return self.agent.view.plan
 
     async def take(self, *events: inputs.Input) -> None:
         """Take in what has come, and plan until nothing follows."""
@@ -162,16 +162,16 @@ class Robot:
             await anyio.lowlevel.checkpoint()
         agent = self.agent
         while self._is_behind():
-            if not agent.planner.is_busy:
+            if agent.view.awaited_plan is None:
                 self._step(inputs.TimerFired())
             await anyio.sleep(STEP_S)
 
     def _is_behind(self) -> bool:
         """Whether its last plan is not that of all it knows; not so before it has joined."""
-        agent = self.agent
-        if agent.joining is not None or agent.planner.is_busy or agent.meanwhile.waits:
-            return agent.planner.is_busy or agent.meanwhile.waits
-        return not agent.planner.is_current(agent.membership.changes)
+        agent, now_us = self.agent, self._now_us
+        if agent.view.awaited_plan is not None or agent.next_deadline_us(now_us) <= now_us:
+            return True
+        return not (agent.view.is_joining or agent.view.is_plan_current)
 
     async def event(self, *inputs: inputs.Input) -> None:
         """The same, as an event to be measured."""
@@ -187,13 +187,13 @@ class Robot:
         self.lags.steps_ms.append((time.perf_counter() - started_s) * 1e3)
         for effect in effects:
             if isinstance(effect, fx.MakePlan):
-                self._group.start_soon(self._make_plan, effect.number)
+                self._group.start_soon(self._make_plan, effect)
 
-    async def _make_plan(self, number: int) -> None:
-        plan = await anyio.to_thread.run_sync(self.agent.planner.compute)
-        if number == 1:
+    async def _make_plan(self, effect: fx.MakePlan) -> None:
+        plan = await anyio.to_thread.run_sync(effect.make)
+        if effect.number == 1:
             gc.freeze()
-        self._step(inputs.PlanMade(number, plan))
+        self._step(inputs.PlanMade(effect.number, plan))
 
     async def _be_late(self) -> None:
         while True:

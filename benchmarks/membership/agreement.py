@@ -53,24 +53,24 @@ class Drill:
 
     def _befall(self, kind: str) -> bool:
         """Let it happen; False if it changes nothing, since nobody has to do anything else."""
-        working = [node for node in self.mesh.living() if node.agent.work.action is not None]
+        working = [node for node in self.mesh.living() if node.agent.view.action is not None]
         chosen = self._random.choice(working)
         match kind:
             case "outcome":
-                assert chosen.agent.work.action is not None
-                ticket = chosen.agent.work.action.number
+                assert chosen.agent.view.action is not None
+                ticket = chosen.agent.view.action.number
                 self.mesh.give(chosen, ActionFinished(ticket, True))
             case "minor fault":
                 self._faulty = chosen
                 self.mesh.give(chosen, CapabilityChanged("explore", lost=True))
             case "recovery":
                 assert self._faulty is not None
-                before = self._faulty.agent.plan
+                before = self._faulty.agent.view.plan
                 self.mesh.give(self._faulty, CapabilityChanged("explore", lost=False))
-                after = self._faulty.agent.plan
+                after = self._faulty.agent.view.plan
                 return before is not None and after is not None and before.digest != after.digest
             case "death":
-                self._dead, self._since_us = chosen.agent.me, None
+                self._dead, self._since_us = chosen.agent.view.robot, None
                 self.mesh.kill(self._dead)
             case _:
                 self.mesh.launch(self._dead, sorted(self.mesh.mission.robots))
@@ -90,18 +90,17 @@ class Drill:
             self._agreed_us = now_us - self._since_us
 
     def _is_buried(self, node: Node) -> bool:
-        return node.agent.membership.peers[self._dead].state is State.DEAD
+        return node.agent.view.peers[self._dead].state is State.DEAD
 
     def _is_settled(self) -> bool:
         nodes = self.mesh.living()
-        plans = [node.agent.plan for node in nodes if node.agent.joining is None]
+        plans = [node.agent.view.plan for node in nodes if not node.agent.view.is_joining]
         digests = {plan.digest for plan in plans if plan is not None}
         if len(plans) < len(nodes) or len(digests) != 1:
             return False
         if self._dead and not all(map(self._is_buried, nodes)):
             return False
-        (digest,) = digests
-        return all(node.agent.membership.agrees(digest) for node in nodes)
+        return all(node.agent.view.agrees() for node in nodes)
 
 
 def agreement(robots: int, net: Net, events: int, seed: int) -> dict[str, list[int]]:
@@ -116,9 +115,9 @@ def traffic(robots: int, net: Net, seed: int) -> dict[str, float]:
     found = {}
     for label, window_us in (("rest", 2 * SECOND_US), ("event", SECOND_US)):
         if label == "event":
-            node = next(n for n in mesh.living() if n.agent.work.action is not None)
-            assert node.agent.work.action is not None
-            mesh.give(node, ActionFinished(node.agent.work.action.number, True))
+            node = next(n for n in mesh.living() if n.agent.view.action is not None)
+            assert node.agent.view.action is not None
+            mesh.give(node, ActionFinished(node.agent.view.action.number, True))
         before = (sum(mesh.messages.values()), sum(mesh.bytes.values()))
         mesh.run_until(mesh.now_us + window_us)
         scale = robots * window_us / SECOND_US

@@ -178,7 +178,7 @@ class Mesh:
             self.give(node, TimerFired())
 
     def _carry_out(self, node: Node, effect: Effect) -> None:
-        robot = node.agent.me
+        robot = node.agent.view.robot
         match effect:
             case Publish(kind, data):
                 event = MessageReceived(kind, robot, data)
@@ -228,8 +228,8 @@ class Mesh:
 
     def _withdraw(self, node: Node) -> None:
         if node.token is not None and self.network.knobs.token_delay_us is not None:
-            for target in self._others(node.agent.me):
-                self._tell_token(node.agent.me, node.token, False, target)
+            for target in self._others(node.agent.view.robot):
+                self._tell_token(node.agent.view.robot, node.token, False, target)
         node.token = None
 
     def _tell_token(self, robot: str, incarnation: Incarnation, held: bool, target: str) -> None:

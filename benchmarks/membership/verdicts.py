@@ -42,8 +42,8 @@ class Watch:
         mesh.on_beat = self._beat
 
     def _step(self, node: Node, now_us: int) -> None:
-        for robot, peer in node.agent.membership.peers.items():
-            pair = (robot, node.agent.me)
+        for robot, peer in node.agent.view.peers.items():
+            pair = (robot, node.agent.view.robot)
             if peer.state is not State.DEAD:
                 self._dead.discard(pair)
             elif pair not in self._dead:

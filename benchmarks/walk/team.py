@@ -83,7 +83,7 @@ class Walk:
 
     def kill(self) -> Trace:
         """From the death of B1 at its diagnosis until another robot takes over."""
-        return self._until_somebody_starts(lambda: self._mesh.kill(self.sender.agent.me))
+        return self._until_somebody_starts(lambda: self._mesh.kill(self.sender.agent.view.robot))
 
     def _until_somebody_starts(self, event: Callable[[], None]) -> Trace:
         give_up_us = self._mesh.now_us + GIVE_UP_US
@@ -108,4 +108,4 @@ class Walk:
         if self._is_waiting and node is not self.sender and node.action is not None:
             end()
             self._is_waiting = False
-            self.started = node.agent.me
+            self.started = node.agent.view.robot

@@ -33,9 +33,9 @@ from mrbt_mesh.core.planning.steps import PlanningSteps
 
 # What evaluates T_G over these facts, which may change from one evaluation to the next.
 MakeEvaluator: TypeAlias = Callable[[TeamFacts], Evaluator]
-MakePlan: TypeAlias = Callable[[TeamFacts, Mapping[str, Incarnation]], Plan]
+PlanFunction: TypeAlias = Callable[[TeamFacts, Mapping[str, Incarnation]], Plan]
 # What makes one robot's plans.
-PlanMaking: TypeAlias = Callable[[Evaluator, Solver], MakePlan]
+PlanMaking: TypeAlias = Callable[[Evaluator, Solver], PlanFunction]
 
 
 def plain_evaluator(facts: TeamFacts) -> Evaluator:
@@ -48,17 +48,17 @@ def incremental_evaluator(facts: TeamFacts) -> Evaluator:
     return IncrementalEvaluator(facts.mission.tree, facts)
 
 
-def plain_plans(evaluator: Evaluator, solver: Solver) -> MakePlan:
+def plain_plans(evaluator: Evaluator, solver: Solver) -> PlanFunction:
     """Each plan from scratch, by the definitions."""
     return _plans(PlanningSteps(evaluator, solver))
 
 
-def incremental_plans(evaluator: Evaluator, solver: Solver) -> MakePlan:
+def incremental_plans(evaluator: Evaluator, solver: Solver) -> PlanFunction:
     """Plans that follow one another: each uses what has not changed since the one before."""
     return _plans(IncrementalSteps(evaluator, solver))
 
 
-def _plans(steps: PlanningSteps) -> MakePlan:
+def _plans(steps: PlanningSteps) -> PlanFunction:
     def plan(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
         return make_plan(facts.mission, facts, alive, steps)
 

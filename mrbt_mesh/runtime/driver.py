@@ -183,7 +183,7 @@ class Driver:
             linked = self._transport.linked()
             links = {
                 robot: Sighting(self._transport.heard_us(robot), peer.evidence_us, robot in linked)
-                for robot, peer in self._agent.membership.peers.items()
+                for robot, peer in self._agent.view.peers.items()
                 if peer.state is not State.LEFT
             }
             for event in watch.look(links, now_us):
@@ -236,22 +236,21 @@ class Driver:
 
     def _work(self, effect: StartAction | CancelAction | RequestBid | MakePlan) -> None:
         if isinstance(effect, MakePlan):
-            self._group.start_soon(self._make_plan, effect.number)
+            self._group.start_soon(self._make_plan, effect)
         else:
             self._runner.carry_out(effect)
 
-    async def _make_plan(self, number: int) -> None:
-        planner = self._agent.planner
+    async def _make_plan(self, effect: MakePlan) -> None:
         try:
-            plan = await anyio.to_thread.run_sync(planner.compute, abandon_on_cancel=True)
+            plan = await anyio.to_thread.run_sync(effect.make, abandon_on_cancel=True)
         except Exception:
             # A robot that was fenced off meanwhile wants no plan, and has changed its facts.
-            if planner.is_busy and planner.number == number:
+            if self._agent.view.awaited_plan == effect.number:
                 raise
         else:
-            if number == 1:
+            if effect.number == 1:
                 gc.freeze()  # as at the start: now the facts of the team are there too
-            self.submit(PlanMade(number, plan))
+            self.submit(PlanMade(effect.number, plan))
 
     def _persist(self, entries: tuple[Entry, ...], synced: bool) -> None:
         if self._journal is None:
@@ -279,7 +278,7 @@ class Driver:
     # -- actions.Host ---------------------------------------------------------------------
 
     def read_condition(self, name: str) -> bool:
-        return self._agent.facts.condition(name)
+        return self._agent.view.facts.condition(name)
 
     def record_event(self, event: Mapping[str, Any]) -> None:
         if self._events is None:

@@ -41,7 +41,7 @@ class SimulationResult:
     one was checked. `done_twice` counts local tasks that succeeded more often than their `max`,
     `exclusive_done_twice` exclusive tasks that did. `stops` says why each agent stopped: (exit
     code, reason). `befallen` counts the faults of each kind. `agents` are those of the last
-    processes, for a closer look.
+    processes, to be looked at.
     """
 
     seed: int

@@ -47,7 +47,7 @@ class Process:
 
     @property
     def robot(self) -> str:
-        return self.agent.me
+        return self.agent.view.robot
 
 
 class Team:
@@ -114,7 +114,7 @@ class Team:
     def command(self, name: str, command: str, argument: str = "") -> None:
         """The operator asks one robot for something."""
         process = self.processes[name]
-        header = process.agent.replica.header
+        header = process.agent.view.header
         mine = Header(header.mission, header.mission_name, header.run, "")
         body = encode(mine, MessageKind.COMMAND, command_body(command, argument))
         self.give(process, inputs.QueryReceived(0, MessageKind.COMMAND, body))
@@ -209,7 +209,7 @@ class Team:
             for page in pages:
                 self._post(asker, inputs.AnswerReceived(process.robot, page))
         else:
-            header = process.agent.replica.header
+            header = process.agent.view.header
             _, (good, text) = decode(pages[0], header, MessageKind.ANSWER)
             self._tell(process, f"answers {'yes' if good else 'no'}: {text}")
 
@@ -227,7 +227,7 @@ class Team:
 
 def batch_text(process: Process, data: bytes) -> str:
     """The entries of one published batch, in short."""
-    _, groups = decode(data, process.agent.replica.header, MessageKind.FACT)
+    _, groups = decode(data, process.agent.view.header, MessageKind.FACT)
     assert len(groups) == 1, "a batch is written in one step"
     return ", ".join(entry_text(name, value) for name, value in groups[0][4])
 
@@ -443,13 +443,13 @@ class Script:
         """What every robot thinks: its mission's status, who is alive, who does what."""
         for process in self.team.processes.values():
             agent = process.agent
-            if agent.plan is None:
+            if agent.view.plan is None:
                 self.team.story.append(f"{process.name}: joining")
                 continue
-            alive = ",".join(agent.membership.alive())
-            lines = " ".join(f"{r}:{x.local_task}" for r, x in agent.plan.lines.items())
-            waiting = "".join(f"; {w.global_task} {w.reason}" for w in agent.plan.waiting)
-            status = agent.plan.result.name.lower()
+            alive = ",".join(robot for robot in agent.view.alive() if robot != agent.view.robot)
+            lines = " ".join(f"{r}:{x.local_task}" for r, x in agent.view.plan.lines.items())
+            waiting = "".join(f"; {w.global_task} {w.reason}" for w in agent.view.plan.waiting)
+            status = agent.view.plan.result.name.lower()
             hears = f"hears {alive or 'nobody'}"
             self.team.story.append(
                 f"{process.name}: {status}; {hears}; {lines or 'no work'}{waiting}"

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from mrbt_mesh.core.agent import effects as fx
 from mrbt_mesh.core.agent import inputs
 from mrbt_mesh.core.agent.agent import Agent
-from mrbt_mesh.core.agent.commands import carry_out
 from mrbt_mesh.core.facts.store import MAX_VALUE_BYTES, Incarnation
 from mrbt_mesh.core.membership.wire import (
     Accusation,
@@ -24,8 +23,10 @@ from mrbt_mesh.core.membership.wire import (
     beat_body,
     encode,
 )
+from tests.core import harness
 from tests.core.harness import MS, Script
 from tests.core.test_records_wire import mutations, plain
+from tests.support import inside
 
 TEAM = """
 robot A weld
@@ -46,7 +47,7 @@ def story(script: Script, *commands: str) -> str:
 
 
 def header(script: Script, sender: str = "B") -> Header:
-    mine = script.team.processes["A"].agent.replica.header
+    mine = script.team.processes["A"].agent.view.header
     return Header(mine.mission, mine.mission_name, mine.run, sender)
 
 
@@ -99,11 +100,11 @@ def test_nothing_that_arrives_stops_an_agent_or_reaches_another_robots_facts(
 ) -> None:
     script = team()
     robot = script.team.processes["A"]
-    before = {(e.name, e.version) for e in robot.agent.facts.map.of_author("A")}
+    before = {(e.name, e.version) for e in robot.agent.view.facts.map.of_author("A")}
     for event in data.draw(st.lists(any_input(header(script)), max_size=5)):
         # An answer to a command is no story here, and a real command may well stop the robot.
         robot.agent.handle(event, script.team.now_us)
-    after = {(e.name, e.version) for e in robot.agent.facts.map.of_author("A")}
+    after = {(e.name, e.version) for e in robot.agent.view.facts.map.of_author("A")}
     assert {name for name, _ in before} <= {name for name, _ in after}
     robot.agent.handle(inputs.TimerFired(), script.team.now_us + 50 * MS)
 
@@ -114,7 +115,7 @@ def test_a_robot_cannot_publish_for_another_one() -> None:
     data = encode(header(script), MessageKind.FACT, forged)
     give(script, inputs.MessageReceived(MessageKind.FACT, "B", data))
     assert "B published entries of another author" in script.team.story[-1]
-    assert script.team.processes["A"].agent.facts.valid_claim("A") is not None
+    assert script.team.processes["A"].agent.view.facts.valid_claim("A") is not None
 
 
 def test_a_message_under_the_key_of_another_robot_is_refused() -> None:
@@ -122,7 +123,7 @@ def test_a_message_under_the_key_of_another_robot_is_refused() -> None:
     for kind in (MessageKind.BEAT, MessageKind.FACT):
         data = encode(header(script, "C"), kind, [])
         give(script, inputs.MessageReceived(kind, "B", data))
-    refusals = script.team.processes["A"].agent.refusals.counts
+    refusals = script.team.processes["A"].agent.view.refused
     assert refusals == {"B: sender C published under the key of B": 2}
 
 
@@ -133,7 +134,7 @@ def test_what_is_refused_is_counted_and_logged_once() -> None:
         give(script, inputs.MessageReceived(MessageKind.BEAT, "B", b"noise"))
     told = [line for line in script.team.story if "input_refused" in line]
     assert len(told) == 1
-    assert sum(agent.refusals.counts.values()) == 5
+    assert sum(agent.view.refused.values()) == 5
 
 
 def test_refusals_do_not_fill_the_memory() -> None:
@@ -142,7 +143,7 @@ def test_refusals_do_not_fill_the_memory() -> None:
     for number in range(2_000):
         data = encode(header(script, f"Z{number}"), MessageKind.BEAT, [])
         agent.handle(inputs.MessageReceived(MessageKind.BEAT, "B", data), script.team.now_us)
-    assert len(agent.refusals.counts) <= 1_000
+    assert len(agent.view.refused) <= 1_000
 
 
 @pytest.mark.parametrize("body", [None, [], ["leave"], ["leave", 1], ["leave", "x" * 2_000], {}])
@@ -190,7 +191,7 @@ def test_result_data_travels_with_the_outcome() -> None:
 )
 def test_reports_about_unknown_actions_and_conditions_change_nothing(event: inputs.Input) -> None:
     script = team()
-    facts = script.team.processes["A"].agent.facts
+    facts = script.team.processes["A"].agent.view.facts
     before = facts.map.digest()
     give(script, event)
     assert facts.map.digest() == before
@@ -201,7 +202,7 @@ def test_progress_is_shown_in_percent(reported: int, shown: int) -> None:
     script = team()
     robot = script.team.processes["A"]
     give(script, inputs.ProgressReported(robot.tickets[-1], reported))
-    assert robot.agent.work.progress == shown
+    assert inside.context(robot.agent).work.progress == shown
 
 
 # -- time and ends ----------------------------------------------------------------------------
@@ -244,9 +245,9 @@ def test_a_quiet_team_only_beats() -> None:
     script = team()
     script.team.pass_time(200)
     agents = [process.agent for process in script.team.processes.values()]
-    before = [len(agent.facts.map) for agent in agents], agents[0].facts.changes
+    before = [len(agent.view.facts.map) for agent in agents], agents[0].view.facts.changes
     assert story(script, "pass 5000") == "ok"
-    assert ([len(agent.facts.map) for agent in agents], agents[0].facts.changes) == before
+    assert ([len(agent.view.facts.map) for agent in agents], agents[0].view.facts.changes) == before
 
 
 def test_both_robots_hold_the_same_bytes_after_a_conversation() -> None:
@@ -254,10 +255,10 @@ def test_both_robots_hold_the_same_bytes_after_a_conversation() -> None:
     story(script, "cut A B", "succeed A sound=false", "set B sound=true", "pass 400", "mend A B")
     story(script, "pass 1500")
     first, second = (process.agent for process in script.team.processes.values())
-    assert first.facts.map.digest() == second.facts.map.digest()
-    assert first.plan is not None
-    assert second.plan is not None
-    assert first.plan.packed == second.plan.packed
+    assert first.view.facts.map.digest() == second.view.facts.map.digest()
+    assert first.view.plan is not None
+    assert second.view.plan is not None
+    assert first.view.plan.packed == second.view.plan.packed
 
 
 @pytest.mark.parametrize("size", [0, 3, 1 << 16])
@@ -278,18 +279,20 @@ def test_what_a_robot_says_while_it_joins_is_written_once_it_has(knows_its_past:
     before = script.team.processes["A"].agent
     now_us = 300 * MS
     before.handle(inputs.ConditionSet("sound", True), now_us)
-    kept = tuple(before.facts.map) if knows_its_past else ()
-    config = replace(before.config, nonce="later", restored=kept, expected=frozenset({"B"}))
-    agent = Agent(before.mission, config, now_us)
+    kept = tuple(before.view.facts.map) if knows_its_past else ()
+    config = replace(
+        inside.context(before).config, nonce="later", restored=kept, expected=frozenset({"B"})
+    )
+    agent = Agent(before.view.mission, config, now_us)
     for value in (knows_its_past, not knows_its_past):
         agent.handle(inputs.ConditionSet("sound", value), now_us)
-    assert carry_out(agent, ["order", "pause"], now_us)[0] is False
-    assert all(entry.version.incarnation.counter for entry in agent.facts.map.of_author("A"))
+    assert inside.carry_out(agent, ["order", "pause"], now_us)[0] is False
+    assert all(entry.version.incarnation.counter for entry in agent.view.facts.map.of_author("A"))
     agent.handle(inputs.TimerFired(), now_us + 60_000 * MS)
-    assert agent.joining is None
-    assert agent.facts.condition("sound") is not knows_its_past
-    mine = {entry.name: entry.version for entry in agent.facts.map.of_author("A")}
-    assert mine["condition/sound"].incarnation == agent.incarnation
+    assert not agent.view.is_joining
+    assert agent.view.facts.condition("sound") is not knows_its_past
+    mine = {entry.name: entry.version for entry in agent.view.facts.map.of_author("A")}
+    assert mine["condition/sound"].incarnation == agent.view.incarnation
 
 
 # -- earlier lives ----------------------------------------------------------------------------
@@ -300,11 +303,11 @@ def test_a_life_that_begins_by_self_fencing_is_on_disk_before_anybody_hears_of_i
     script = team()
     story(script, "pass 200")
     agent = script.team.processes["A"].agent
-    before = agent.incarnation
+    before = agent.view.incarnation
     effects = agent.handle(inputs.TimerFired(), 60_000 * MS)
-    assert agent.incarnation > before
+    assert agent.view.incarnation > before
     synced = [effect for effect in effects if isinstance(effect, fx.Persist) and effect.synced]
-    assert any(e.version.incarnation == agent.incarnation for p in synced for e in p.entries)
+    assert any(e.version.incarnation == agent.view.incarnation for p in synced for e in p.entries)
     told = next(
         effect
         for effect in effects
@@ -318,12 +321,12 @@ def test_a_robot_whose_later_life_others_bury_joins_above_it() -> None:
     script = team()
     story(script, "pass 200")
     agent = script.team.processes["A"].agent
-    later = Incarnation(agent.incarnation.counter, "zzz")
-    assert later > agent.incarnation
+    later = Incarnation(agent.view.incarnation.counter, "zzz")
+    assert later > agent.view.incarnation
     beat = Beat(
-        Word(script.team.processes["B"].agent.incarnation, 1_000, bytes(8), True, 1),
+        Word(script.team.processes["B"].agent.view.incarnation, 1_000, bytes(8), True, 1),
         False,
-        agent.facts.map.digest(),
+        agent.view.facts.map.digest(),
         (1, 2, 1, 1),
         0,
         (Accusation("A", later, token_lost=False, dead=True, sought=False),),
@@ -331,36 +334,27 @@ def test_a_robot_whose_later_life_others_bury_joins_above_it() -> None:
     )
     data = encode(header(script), MessageKind.BEAT, beat_body(beat))
     agent.handle(inputs.MessageReceived(MessageKind.BEAT, "B", data), 250 * MS)
-    assert agent.joining is not None
+    assert agent.view.is_joining
     agent.handle(inputs.TimerFired(), 60_000 * MS)
-    assert agent.joining is None
-    assert agent.incarnation.counter > later.counter
+    assert not agent.view.is_joining
+    assert agent.view.incarnation.counter > later.counter
 
 
 # -- what costs little ------------------------------------------------------------------------
 
 
-def settled(script: Script, ms: int, monkeypatch: pytest.MonkeyPatch) -> tuple[int, int]:
+def settled(script: Script, ms: int) -> tuple[int, int]:
     """(how often the agents settled, how often they beat) while so much time passes."""
-    counts = {"_settle": 0, "_beat_now": 0}
-    for name in counts:
-        original = getattr(Agent, name)
-
-        def counted(self: Agent, now_us: int, name: str = name, original: Any = original) -> None:
-            counts[name] += 1
-            original(self, now_us)
-
-        monkeypatch.setattr(Agent, name, counted)
-    story(script, f"pass {ms}")
-    monkeypatch.undo()
-    return counts["_settle"], counts["_beat_now"]
+    with inside.counted() as counts:
+        story(script, f"pass {ms}")
+    return counts["followed up"], counts["beats"]
 
 
-def test_a_team_at_work_beats_and_has_nothing_to_think_of(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_team_at_work_beats_and_has_nothing_to_think_of() -> None:
     script = team()
     story(script, "pass 2000")
-    steps, beats = settled(script, 4_000, monkeypatch)
-    beat_us = script.team.processes["A"].agent.config.timing.beat_us
+    steps, beats = settled(script, 4_000)
+    beat_us = harness.TIMING.beat_us
     assert beats == 2 * 4_000 * MS // beat_us
     assert steps == 0
 
@@ -369,8 +363,10 @@ def test_a_deadline_that_passes_before_the_timer_is_set_is_not_forgotten() -> No
     """Carrying out effects takes a while: a disk may be slow."""
     script = team(TEAM.replace("start A B", "start A"))
     agent = script.team.processes["A"].agent
-    assert agent.joining is not None
-    due_us = agent.joining.deadline_us
+    assert agent.view.is_joining
+    joining = inside.context(agent).joining
+    assert joining is not None
+    due_us = joining.deadline_us
     assert agent.next_deadline_us(due_us + 1) <= due_us
 
 
@@ -378,7 +374,7 @@ def test_a_beat_that_is_due_before_the_timer_is_set_is_not_put_off() -> None:
     script = team()
     story(script, "pass 2000")
     agent = script.team.processes["A"].agent
-    due_us = agent.gossip.next_beat_us
+    due_us = inside.schedule(agent).next_beat_us
     assert agent.next_deadline_us(due_us + 1) <= due_us
 
 
@@ -387,13 +383,13 @@ def test_an_earlier_life_that_others_bury_is_noticed_at_once() -> None:
     script = team()
     story(script, "pass 1000")
     agent = script.team.processes["A"].agent
-    before = agent.incarnation
+    before = agent.view.incarnation
     later = Incarnation(before.counter + 3, "zz")
-    peer = agent.membership.peers["B"]
+    peer = agent.view.peers["B"]
     beat = Beat(
         Word(peer.incarnation, peer.word.number + 1, peer.word.plan_digest, True, 0),
         False,
-        agent.facts.map.digest(),
+        agent.view.facts.map.digest(),
         (0, 0, 0, 0),
         0,
         (Accusation("A", later, False, True, False),),

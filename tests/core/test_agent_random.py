@@ -76,9 +76,9 @@ def heal(script: Script) -> None:
     script.block(lines)
     for process in script.team.processes.values():
         process.stops_at_once = True
-        ticket = process.agent.work.action
+        ticket = process.agent.view.action
         for number in list(process.tickets):
-            if ticket is None or ticket.number != number or process.agent.work.claim is None:
+            if ticket is None or ticket.number != number or process.agent.view.claim is None:
                 script.block([f"stopped {process.name}"])
     script.block(["pass 3000", "tell A order resume"])
     script.block([f"tell {robot} restore all" for robot in ROBOTS])
@@ -114,7 +114,7 @@ def test_a_healed_team_agrees_and_finishes(history: list[str]) -> None:
                 script.block([f"succeed {process.name}"])
         script.block(["pass 400"])
         assert_agreement(script)
-    results = [agent.plan.result for agent in agents(script) if agent.plan is not None]
+    results = [agent.view.plan.result for agent in agents(script) if agent.view.plan is not None]
     # A task may have failed for good: then everybody says so. Nobody waits for ever.
     assert results in ([Status.SUCCESS] * 3, [Status.FAILURE] * 3)
     assert not any(process.tickets for process in script.team.processes.values())

@@ -458,10 +458,10 @@ def test_a_bid_for_what_is_no_longer_wanted_is_not_told() -> None:
     (asked,) = process.asked
     script.block(["tell A order abort"])
     script.team.give(process, BidsMade((BidMade(asked.activation, asked.local_task, 5),)))
-    assert not script.team.processes["A"].agent.facts.bids(asked.activation, asked.local_task)
+    assert not script.team.processes["A"].agent.view.facts.bids(asked.activation, asked.local_task)
     other = BidMade(asked.activation, "swim", 5)
     script.team.give(process, BidsMade((other,)))
-    assert not script.team.processes["A"].agent.facts.bids(asked.activation, "swim")
+    assert not script.team.processes["A"].agent.view.facts.bids(asked.activation, "swim")
 
 
 def test_a_bid_beyond_all_limits_is_no_bid_and_counted() -> None:
@@ -471,8 +471,8 @@ def test_a_bid_beyond_all_limits_is_no_bid_and_counted() -> None:
     (asked,) = process.asked
     bid = BidMade(asked.activation, asked.local_task, 10 * MAX_PERFORMANCE)
     script.team.give(process, BidsMade((bid,)))
-    assert process.agent.facts.bids(asked.activation, asked.local_task) == {"A": None}
-    (reason,) = process.agent.refusals.counts
+    assert process.agent.view.facts.bids(asked.activation, asked.local_task) == {"A": None}
+    (reason,) = process.agent.view.refused
     assert reason.startswith("bid for drive: integer from")
 
 
@@ -483,11 +483,11 @@ def test_what_was_asked_before_a_new_life_is_asked_again() -> None:
     (asked,) = process.asked
     agent, now_us = process.agent, script.team.now_us + 1_500_000
     agent.handle(BidsMade(()), now_us)  # silent for so long: it takes a new life
-    assert agent.joining is not None
+    assert agent.view.is_joining
     late = BidsMade((BidMade(asked.activation, asked.local_task, 5),))
     assert not [e for e in agent.handle(late, now_us) if isinstance(e, RequestBid)]
     effects = []
-    while agent.joining is not None:
+    while agent.view.is_joining:
         now_us = agent.next_deadline_us(now_us)
         effects = agent.handle(BidsMade(()), now_us)
     assert [e.local_task for e in effects if isinstance(e, RequestBid)] == ["drive"]

@@ -40,7 +40,7 @@ def summary(script: Script, observer: Observer) -> dict[str, Any]:
 
 def test_an_observer_comes_to_the_same_plan_as_the_robots() -> None:
     script, observer = watched("succeed A", "pass 500")
-    plan = script.team.processes["A"].agent.plan
+    plan = script.team.processes["A"].agent.view.plan
     assert plan is not None
     assert observer.plan is not None
     assert observer.plan.packed == plan.packed
@@ -166,7 +166,7 @@ def test_what_a_team_left_behind_tells_the_result_of_a_run_that_nobody_saw(
     steps: tuple[str, ...], result: str
 ) -> None:
     script, seen = watched(*steps, "pass 1000")
-    left_behind = list(script.team.processes["A"].agent.facts.map)
+    left_behind = list(script.team.processes["A"].agent.view.facts.map)
     observer = Observer(seen.mission, seen.facts.run, seen.replica.timing, min_cost_flow)
     observer.read(left_behind, 5)
     assert observer.result == result

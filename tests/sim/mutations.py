@@ -12,9 +12,10 @@ from dataclasses import replace
 from typing import Any
 from unittest import mock
 
-from mrbt_mesh.core.agent import commands, reports
 from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.agent.commands import Commands
 from mrbt_mesh.core.agent.effects import Persist
+from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.assignment import canonical, problem
 from mrbt_mesh.core.facts import coalitions
 from mrbt_mesh.core.facts.records import GRANT, ConditionValue, OrderKind, Outcome
@@ -81,15 +82,15 @@ def no_pins() -> Iterator[None]:
 def revision_not_bumped() -> Iterator[None]:
     """A condition that changes keeps its revision, and the first writer wins."""
 
-    def same_revision(self: Agent, conditions: Any) -> list[tuple[str, list[Any]]]:
+    def same_revision(self: Reports, conditions: Any) -> list[tuple[str, list[Any]]]:
         writes = original(self, conditions)
         return [
             (name, [value, max(1, revision - 1), stamp])
             for name, (value, revision, stamp) in writes
         ]
 
-    original = reports._condition_writes
-    with mock.patch.object(reports, "_condition_writes", same_revision):
+    original = Reports._condition_writes
+    with mock.patch.object(Reports, "_condition_writes", same_revision):
         yield
 
 
@@ -288,12 +289,12 @@ def rounds_are_mixed() -> Iterator[None]:
 def garbled_commands_pause() -> Iterator[None]:
     """A command that no robot understands lets the team rest, to be on the safe side."""
 
-    def carry_out(agent: Agent, body: Any, now_us: int) -> tuple[bool, str]:
-        good, text = original(agent, body, now_us)
+    def carry_out(mine: Commands, body: Any, now_us: int) -> tuple[bool, str]:
+        good, text = original(mine, body, now_us)
         if not good:
-            agent.order(OrderKind.PAUSE, now_us)
+            mine._reports.order(OrderKind.PAUSE, now_us)
         return good, text
 
-    original = commands.carry_out
-    with mock.patch("mrbt_mesh.core.agent.agent.carry_out", carry_out):
+    original = Commands.carry_out
+    with mock.patch.object(Commands, "carry_out", carry_out):
         yield

@@ -35,6 +35,7 @@ from mrbt_mesh.sim.checkers import Checkers
 from mrbt_mesh.sim.checkers.findings import is_connected
 from mrbt_mesh.sim.engine.clock import VirtualClock
 from mrbt_mesh.sim.engine.network import Network
+from tests.support import inside
 
 SECOND_US = 1_000_000
 
@@ -46,7 +47,7 @@ class Process:
     runs = True
 
     def __init__(self, agent: Agent, clock: VirtualClock) -> None:
-        self.robot = agent.me
+        self.robot = agent.view.robot
         self.agent = agent
         self._clock = clock
 
@@ -70,7 +71,8 @@ class Team:
         self.solver: Any = min_cost_flow
         self.processes = [Process(agent, self.clock) for agent in agents]
         self.agents = [process.agent for process in self.processes]
-        self.mission = self.agents[0].mission
+        self.views = [agent.view for agent in self.agents]
+        self.mission = self.agents[0].view.mission
         self.checkers = Checkers(self)  # type: ignore[arg-type]
 
     def living(self) -> list[Any]:
@@ -97,15 +99,15 @@ def test_a_team_at_rest_breaks_nothing(team: Team) -> None:
 
 
 def test_i1_plans_that_differ_on_the_same_facts(team: Team) -> None:
-    facts = team.agents[0].facts
+    facts = team.agents[0].view.facts
     facts.run = "another"
     facts.changes += 1
-    team.agents[0].planner.evaluator.forget()
+    inside.planner(team.agents[0])._evaluator.forget()
     assert "I1" in team.sample()
 
 
 def test_i2_facts_that_stay_different(team: Team) -> None:
-    facts = team.agents[0].facts.map
+    facts = team.agents[0].view.facts.map
     entry = next(entry for entry in facts if entry.name.startswith(OUTCOME))
     facts.drop(entry.author, entry.name)
     assert "I2" in team.sample()
@@ -113,7 +115,7 @@ def test_i2_facts_that_stay_different(team: Team) -> None:
 
 
 def test_i2_waits_until_the_network_is_quiet(team: Team) -> None:
-    facts = team.agents[0].facts.map
+    facts = team.agents[0].view.facts.map
     entry = next(entry for entry in facts if entry.name.startswith(OUTCOME))
     facts.drop(entry.author, entry.name)
     team.checkers.findings.changed_us = team.clock.now_us - SECOND_US
@@ -121,7 +123,7 @@ def test_i2_waits_until_the_network_is_quiet(team: Team) -> None:
 
 
 def test_i2_views_of_the_living_that_stay_different(team: Team) -> None:
-    del team.agents[0].membership.peers["B1"]
+    del team.agents[0].view.peers["B1"]
     assert "I2" in team.sample()
     assert "alive" in team.checkers.violations[0]
 
@@ -152,7 +154,7 @@ def test_i2_nobody_is_held_for_dead_who_is_heard(team: Team) -> None:
 
 def test_i3_an_outcome_that_is_lost_and_a_task_that_is_undone(team: Team) -> None:
     assert team.sample() == []
-    facts = team.agents[0].facts.map
+    facts = team.agents[0].view.facts.map
     for entry in [entry for entry in facts if entry.name.startswith(OUTCOME)]:
         facts.drop(entry.author, entry.name)
     assert "I3" in team.sample()
@@ -164,8 +166,10 @@ def test_i3_an_outcome_that_is_lost_and_a_task_that_is_undone(team: Team) -> Non
 def start(team: Team, robot: str, global_task: str, local_task: str) -> list[str]:
     process = next(process for process in team.processes if process.robot == robot)
     node = next(node for node in team.mission.tree.actions() if node.subject == global_task)
-    activation = str(process.agent.planner.evaluator.current_scope(node.index, process.agent.facts))
-    incarnation = process.agent.incarnation
+    activation = str(
+        process.agent.view.mission.evaluator.current_scope(node.index, process.agent.view.facts)
+    )
+    incarnation = process.agent.view.incarnation
     effect = StartAction(9, activation, global_task, local_task, (), 1, incarnation)
     team.checkers.handled(process, TimerFired(), [effect])  # type: ignore[arg-type]
     return [text.partition(" at ")[0] for text in team.checkers.violations]
@@ -180,9 +184,9 @@ def test_i4_work_that_a_robot_cannot_do(team: Team) -> None:
 
 
 def test_i4_more_robots_at_once_than_are_allowed(team: Team) -> None:
-    activation = f"{team.agents[0].facts.run}:4:remove_cover::0"
+    activation = f"{team.agents[0].view.facts.run}:4:remove_cover::0"
     for agent in team.agents[:3]:
-        agent.work.action = Ticket(1, activation, "remove_cover", "move_frame")
+        inside.context(agent).work.action = Ticket(1, activation, "remove_cover", "move_frame")
     assert start(team, "C2", "remove_cover", "move_frame") == ["I4"]
     assert "A1, A2, B1 are on move_frame" in team.checkers.violations[0]
     team.cut_off = True
@@ -191,10 +195,10 @@ def test_i4_more_robots_at_once_than_are_allowed(team: Team) -> None:
 
 
 def test_i4_work_that_is_not_in_the_plan(team: Team) -> None:
-    activation = f"{team.agents[0].facts.run}:4:remove_cover::0"
+    activation = f"{team.agents[0].view.facts.run}:4:remove_cover::0"
     claim = Claim(activation, "remove_cover", "move_frame", Phase.RUNNING, 1)
-    team.agents[-1].work.claim = claim
-    assert team.agents[-1].me == "C2"
+    inside.context(team.agents[-1]).work.claim = claim
+    assert team.agents[-1].view.robot == "C2"
     assert team.sample() == ["I4"]
 
 
@@ -205,9 +209,9 @@ def test_i4_bounds_that_are_not_met(run: Run, monkeypatch: pytest.MonkeyPatch) -
     team = Team(agent for _, agent in sorted(result.agents.items()))
     monkeypatch.setattr("mrbt_mesh.core.planning.steps.optimum", lambda team, solver: None)
     for agent in team.agents:
-        agent.facts.claims.clear()
-        agent.facts.changes += 1
-        agent.work.claim = None
+        agent.view.facts.claims.clear()
+        agent.view.facts.changes += 1
+        inside.context(agent).work.claim = None
     assert "I4" in team.sample()
     assert any(
         "0 robots on explore" in text and text.endswith(": 1..1")
@@ -230,7 +234,7 @@ def test_i6_robots_that_do_not_stop(team: Team) -> None:
 def test_i6_a_robot_that_does_not_join(team: Team) -> None:
     team.healed_us = 0
     agent = team.agents[0]
-    agent.joining = Joining(team.timing, frozenset(), team.clock.now_us)
+    inside.context(agent).joining = Joining(team.timing, frozenset(), team.clock.now_us)
     team.checkers.findings.befell()
     team.checkers.i6.sample()
     assert team.checkers.violations == []
@@ -241,12 +245,12 @@ def test_i6_a_robot_that_does_not_join(team: Team) -> None:
 
 def test_liveness_is_demanded_of_a_team_with_a_broken_link_but_not_of_parts(team: Team) -> None:
     both = {("A1", "C2"), ("C2", "A1")}
-    assert is_connected(team.agents, set())
-    assert is_connected(team.agents, {("A1", "C2")})
-    assert is_connected(team.agents, both)
-    deaf = {(agent.me, "C2") for agent in team.agents if agent.me != "C2"}
-    assert not is_connected(team.agents, deaf)
-    assert not is_connected(team.agents, deaf | {(target, source) for source, target in deaf})
+    assert is_connected(team.views, set())
+    assert is_connected(team.views, {("A1", "C2")})
+    assert is_connected(team.views, both)
+    deaf = {(agent.view.robot, "C2") for agent in team.agents if agent.view.robot != "C2"}
+    assert not is_connected(team.views, deaf)
+    assert not is_connected(team.views, deaf | {(target, source) for source, target in deaf})
 
 
 def test_i8_input_that_leaves_a_trace(team: Team) -> None:
@@ -260,7 +264,7 @@ def test_i8_input_that_leaves_a_trace(team: Team) -> None:
 
 def test_i2_what_somebody_held_long_ago_and_another_still_lacks(team: Team) -> None:
     """Also where new facts keep coming, so that the digests never have to be equal."""
-    facts = team.agents[0].facts.map
+    facts = team.agents[0].view.facts.map
     entry = next(entry for entry in facts if entry.name.startswith(OUTCOME))
     facts.drop(entry.author, entry.name)
     for _ in range(40):
@@ -276,16 +280,16 @@ def test_i4_a_robot_that_is_taken_off_what_it_runs(run: Run) -> None:
     mission, program = example("explore")
     result = simulate(mission, program, seed=1, timeout_us=2 * SECOND_US)
     team = Team(agent for _, agent in sorted(result.agents.items()))
-    process, ticket = team.processes[0], team.agents[0].work.action
+    process, ticket = team.processes[0], team.agents[0].view.action
     assert ticket is not None
-    assert team.agents[0].plan is not None
+    assert team.agents[0].view.plan is not None
     team.checkers.handling(process, TimerFired())  # type: ignore[arg-type]
     cancel = [CancelAction(ticket.number)]
     team.checkers.handled(process, TimerFired(), cancel)  # type: ignore[arg-type]
     assert "R1 is taken off explore(A)" in team.checkers.violations[0]
     # Not so if the operator says that everybody rests.
     team.checkers.violations.clear()
-    team.agents[0].order(OrderKind.PAUSE, 3 * SECOND_US)
+    inside.order(team.agents[0], OrderKind.PAUSE, 3 * SECOND_US)
     team.agents[0].handle(TimerFired(), 3 * SECOND_US)
     team.checkers.handled(process, TimerFired(), cancel)  # type: ignore[arg-type]
     assert team.checkers.violations == []
@@ -295,14 +299,14 @@ def test_i4_a_robot_that_is_taken_off_what_it_runs(run: Run) -> None:
 def test_i4_successes_of_different_coalitions(team: Team, other: str, found: list[str]) -> None:
     """Two robots lift the cover together; one of each of two coalitions does not."""
     agent = team.agents[0]
-    assert agent.plan is not None
-    (request,) = agent.plan.evaluation.requests
+    assert agent.view.plan is not None
+    (request,) = agent.view.plan.evaluation.requests
     for robot, token in (("C1", "C1.1.n.1"), ("C2", other)):
         name = f"{OUTCOME}/{request.activation}/move_frame/{token}"
-        version = Version(agent.facts.members[robot][1], 10_000)
-        agent.facts.map.merge([make_entry(robot, name, version, [True, None])])
+        version = Version(agent.view.facts.members[robot][1], 10_000)
+        agent.view.facts.map.merge([make_entry(robot, name, version, [True, None])])
     with MUTATIONS["rounds_are_mixed"]():
-        team.checkers.i3.check(team.processes[0], agent)  # type: ignore[arg-type]
+        team.checkers.i3.check(team.processes[0], agent.view)  # type: ignore[arg-type]
     assert [text.partition(" at ")[0] for text in team.checkers.violations] == found
 
 
@@ -320,9 +324,9 @@ def test_i6_a_request_that_could_be_served_but_is_not(team: Team) -> None:
     assert team.checkers.i6.is_settled
     team.checkers.i6.is_settled = False
     for agent in team.agents:
-        member, incarnation = agent.facts.members["A1"]
+        member, incarnation = agent.view.facts.members["A1"]
         able = dict(member.capabilities) | {"move_frame": 1_000_000}
-        agent.facts.members["A1"] = dataclasses.replace(member, capabilities=able), incarnation
+        agent.view.facts.members["A1"] = dataclasses.replace(member, capabilities=able), incarnation
     samples(60)
     assert team.checkers.checks["I6"] == 1
     assert "I6" in {text[:2] for text in team.checkers.violations}
@@ -334,11 +338,11 @@ def test_i6_a_mission_that_may_go_on_for_ever_has_to_go_on(team: Team, goes_on: 
     team.healed_us = team.clock.now_us
     checker, process = team.checkers.i6, team.processes[0]
     checker.is_endless = True
-    entry = next(e for e in team.agents[0].facts.map if e.name.startswith(OUTCOME))
+    entry = next(e for e in team.agents[0].view.facts.map if e.name.startswith(OUTCOME))
     for agent in team.agents:
-        member, incarnation = agent.facts.members["A1"]
+        member, incarnation = agent.view.facts.members["A1"]
         able = dict(member.capabilities) | {"move_frame": 1_000_000}
-        agent.facts.members["A1"] = dataclasses.replace(member, capabilities=able), incarnation
+        agent.view.facts.members["A1"] = dataclasses.replace(member, capabilities=able), incarnation
     while not checker.is_settled and team.clock.now_us < 200 * SECOND_US:
         team.clock.now_us += SECOND_US
         if goes_on:
@@ -355,9 +359,9 @@ def test_i6_coalitions_that_form_and_break_are_no_progress(team: Team) -> None:
     team.healed_us = team.clock.now_us
     checker, process = team.checkers.i6, team.processes[0]
     for agent in team.agents:
-        member, incarnation = agent.facts.members["A1"]
+        member, incarnation = agent.view.facts.members["A1"]
         able = dict(member.capabilities) | {"move_frame": 1_000_000}
-        agent.facts.members["A1"] = dataclasses.replace(member, capabilities=able), incarnation
+        agent.view.facts.members["A1"] = dataclasses.replace(member, capabilities=able), incarnation
     version = Version(Incarnation(1, "n"), 1)
     while not checker.is_settled and team.clock.now_us < 200 * SECOND_US:
         team.clock.now_us += SECOND_US
@@ -401,7 +405,7 @@ def test_i7_an_assignment_that_is_not_the_canonical_one() -> None:
     team = Team([agent])
     team.solver = lambda problem: [-1] * len(problem.robots)
     with pytest.raises(SolverError):
-        team.checkers.i7.sample([agent])
+        team.checkers.i7.sample([agent.view])
 
 
 def _waiting_for_work() -> Agent:
@@ -409,53 +413,53 @@ def _waiting_for_work() -> Agent:
     mission, program = example("explore")
     result = simulate(mission, program, seed=1, timeout_us=2 * SECOND_US)
     agent = result.agents["R1"]
-    agent.facts.claims.clear()
-    agent.facts.changes += 1
+    agent.view.facts.claims.clear()
+    agent.view.facts.changes += 1
     return agent
 
 
 def test_i7_a_plan_that_is_not_that_of_its_facts() -> None:
     agent = _waiting_for_work()
     team = Team([agent])
-    team.checkers.i7.sample([agent])
+    team.checkers.i7.sample([agent.view])
     assert team.checkers.violations == []
     assert team.checkers.checks["I7"] == 1
-    assert agent.plan is not None
-    agent.facts.changes -= 1
-    agent.planner.plan = dataclasses.replace(agent.plan, lines={})
-    team.checkers.i7.sample([agent])
+    assert agent.view.plan is not None
+    agent.view.facts.changes -= 1
+    inside.planner(agent).plan = dataclasses.replace(agent.view.plan, lines={})
+    team.checkers.i7.sample([agent.view])
     assert "the plan of R1 is not that of its facts" in team.checkers.violations[0]
 
 
 def test_i9_what_was_synced_is_known_after_a_restart(team: Team) -> None:
     process: Any = team.processes[0]
-    facts, checker = process.agent.facts.map, team.checkers.i9
+    facts, checker = process.agent.view.facts.map, team.checkers.i9
     entry = next(entry for entry in facts if entry.name.startswith(OUTCOME))
     checker.handled(process, [Persist((entry,), synced=True)])
-    checker.booted(process, process.agent)
+    checker.booted(process, process.agent.view)
     assert team.checkers.violations == []
     facts.drop(entry.author, entry.name)
-    checker.booted(process, process.agent)
+    checker.booted(process, process.agent.view)
     assert "A1 had synced outcome/" in team.checkers.violations[0]
     # A robot whose disk is gone has synced nothing.
     team.checkers.violations.clear()
     checker.lost_journal("A1")
-    checker.booted(process, process.agent)
+    checker.booted(process, process.agent.view)
     assert team.checkers.violations == []
 
 
 def test_i9_only_what_nothing_can_reach_is_forgotten(team: Team) -> None:
     process: Any = team.processes[0]
     agent, checker = process.agent, team.checkers.i9
-    entry = next(entry for entry in agent.facts.map if entry.name.startswith(OUTCOME))
+    entry = next(entry for entry in agent.view.facts.map if entry.name.startswith(OUTCOME))
     forget = Forget(((entry.author, entry.name),))
     checker.handled(process, [Persist((entry,), synced=True), forget])
     assert "A1 forgets outcome/" in team.checkers.violations[0]
     team.checkers.violations.clear()
-    agent.facts.run = "another"  # to which the entry does not belong
+    agent.view.facts.run = "another"  # to which the entry does not belong
     checker.handled(process, [Persist((entry,), synced=True), forget])
-    agent.facts.map.drop(entry.author, entry.name)
-    checker.booted(process, agent)
+    agent.view.facts.map.drop(entry.author, entry.name)
+    checker.booted(process, agent.view)
     assert team.checkers.violations == []
 
 
@@ -471,7 +475,7 @@ def test_i9_no_version_has_two_contents(team: Team) -> None:
 def test_i9_what_a_robot_writes_stands(team: Team) -> None:
     """Unless an entry of an earlier life, with a higher incarnation, goes before it."""
     process: Any = team.processes[0]
-    _, entries = process.agent.replica.write([("order", ["pause", 9])], 0)
+    _, entries = inside.context(process.agent).replica.write([("order", ["pause", 9])], 0)
     team.checkers.i9.handled(process, [Persist(entries, synced=True)])
     assert team.checkers.violations == []
     late = make_entry("A1", "order", Version(Incarnation(0, "n"), 1), ["resume", 10])
@@ -481,11 +485,11 @@ def test_i9_what_a_robot_writes_stands(team: Team) -> None:
 
 def test_i9_nothing_is_told_before_it_is_synced(team: Team) -> None:
     process: Any = team.processes[0]
-    data, entries = process.agent.replica.write([("order", ["pause", 9])], 0)
+    data, entries = inside.context(process.agent).replica.write([("order", ["pause", 9])], 0)
     publish = Publish(MessageKind.FACT, data)
     team.checkers.i9.handled(process, [Persist(entries, synced=True), publish])
     assert team.checkers.violations == []
-    data, entries = process.agent.replica.write([("order", ["pause", 10])], 0)
+    data, entries = inside.context(process.agent).replica.write([("order", ["pause", 10])], 0)
     publish = Publish(MessageKind.FACT, data)
     team.checkers.i9.handled(process, [publish, Persist(entries, synced=True)])
     assert "A1 tells order" in team.checkers.violations[0]
@@ -493,7 +497,7 @@ def test_i9_nothing_is_told_before_it_is_synced(team: Team) -> None:
 
 def test_i9_a_finished_local_task_that_is_begun_again(team: Team) -> None:
     process: Any = team.processes[-1]
-    facts = process.agent.facts.map
+    facts = process.agent.view.facts.map
     entry = next(e for e in facts if e.name.startswith(OUTCOME) and e.author == process.robot)
     _, activation, local_task = entry.name.split("/")
     team.checkers.i9.handled(process, [Persist((entry,), synced=True)])
@@ -518,17 +522,19 @@ class Dosing:
     def begin(self, robot: str, token: str, givers: int = 4) -> list[str]:
         process = self.processes[robot]
         for giver in list(self.processes.values())[:givers]:
-            version = Version(giver.agent.incarnation, 1)
+            version = Version(giver.agent.view.incarnation, 1)
             grant = make_entry(giver.robot, f"{GRANT}/a:1/{token}", version, True)
             self.team.checkers.i5.handled(giver, [Persist((grant,), synced=True)])
-        start = StartAction(7, "a:1", "dose(a)", "dose(a)", (), 1, process.agent.incarnation, token)
+        start = StartAction(
+            7, "a:1", "dose(a)", "dose(a)", (), 1, process.agent.view.incarnation, token
+        )
         self.team.checkers.i5.handled(process, [start])
-        process.agent.work.action = Ticket(7, "a:1", "dose(a)", "dose(a)", token)
+        inside.context(process.agent).work.action = Ticket(7, "a:1", "dose(a)", "dose(a)", token)
         return [text.partition("which ")[2] or text for text in self.team.checkers.violations]
 
     def end(self, robot: str, event: Input) -> None:
         process = self.processes[robot]
-        self.team.checkers.i5.handling(process, process.agent, event)
+        self.team.checkers.i5.handling(process, process.agent.view, event)
 
 
 def test_i5_two_coalitions_at_once(run: Run) -> None:

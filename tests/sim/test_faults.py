@@ -173,8 +173,8 @@ def test_after_losses_all_come_to_the_same_facts_and_rest(run: Run) -> None:
         timeout_us=20_000_000,
     )
     living = [agent for robot, agent in result.agents.items() if robot != "C1"]
-    assert len({agent.facts.map.digest() for agent in living}) == 1
-    assert len({agent.plan.packed for agent in living if agent.plan}) == 1
+    assert len({agent.view.facts.map.digest() for agent in living}) == 1
+    assert len({agent.view.plan.packed for agent in living if agent.view.plan}) == 1
     assert {"I1", "I2", "I3", "I4"} <= result.checks.keys()
 
 

@@ -36,12 +36,10 @@ def mesh(link: LinkKnobs, seed: int, blocked: list[Link] | None = None) -> Mesh:
 def all_may_start(team: Mesh) -> bool:
     """Whether all have one plan, and each has heard it of all others."""
     agents = [node.agent for node in team.living()]
-    if any(agent.joining is not None or agent.plan is None for agent in agents):
+    if any(agent.view.is_joining or agent.view.plan is None for agent in agents):
         return False
-    digests = {agent.plan.digest for agent in agents if agent.plan is not None}
-    return len(digests) == 1 and all(
-        agent.membership.agrees(digest) for digest in digests for agent in agents
-    )
+    digests = {agent.view.plan.digest for agent in agents if agent.view.plan is not None}
+    return len(digests) == 1 and all(agent.view.agrees() for digest in digests for agent in agents)
 
 
 def agreed_after_us(team: Mesh, at_most_us: int) -> int:
@@ -58,14 +56,14 @@ def test_on_a_bad_network_a_team_agrees_within_a_second_as_a_rule() -> None:
     for seed in range(5):
         team = mesh(BAD, seed)
         for _ in range(3):
-            working = [node for node in team.living() if node.agent.work.action is not None]
+            working = [node for node in team.living() if node.agent.view.action is not None]
             chosen = working[seed % len(working)]
-            assert chosen.agent.work.action is not None
-            before = chosen.agent.plan
-            team.give(chosen, ActionFinished(chosen.agent.work.action.number, True))
-            assert chosen.agent.plan is not None
+            assert chosen.agent.view.action is not None
+            before = chosen.agent.view.plan
+            team.give(chosen, ActionFinished(chosen.agent.view.action.number, True))
+            assert chosen.agent.view.plan is not None
             assert before is not None
-            assert chosen.agent.plan.digest != before.digest
+            assert chosen.agent.view.plan.digest != before.digest
             times_us.append(agreed_after_us(team, 3 * SECOND_US))
             team.run_until(team.now_us + SECOND_US)
             team.give(chosen, CapabilityChanged("work", lost=True))
@@ -79,9 +77,9 @@ def test_on_a_bad_network_a_team_agrees_within_a_second_as_a_rule() -> None:
 
 def test_on_a_good_network_a_team_agrees_in_two_message_delays() -> None:
     team = mesh(GOOD, 1)
-    chosen = next(node for node in team.living() if node.agent.work.action is not None)
-    assert chosen.agent.work.action is not None
-    team.give(chosen, ActionFinished(chosen.agent.work.action.number, True))
+    chosen = next(node for node in team.living() if node.agent.view.action is not None)
+    assert chosen.agent.view.action is not None
+    team.give(chosen, ActionFinished(chosen.agent.view.action.number, True))
     agreed_after_us(team, 10_000)
 
 
@@ -100,9 +98,11 @@ def test_one_way_links_keep_no_newcomer_out_and_repair_goes_over_others() -> Non
     links = [("R00", "R01"), ("R01", "R02")]
     for seed in range(3):
         team = mesh(BAD, seed, links)
-        assert all(node.agent.joining is None for node in team.living()), f"seed {seed}"
+        assert not any(node.agent.view.is_joining for node in team.living()), f"seed {seed}"
         team.run_until(team.now_us + 5 * SECOND_US)
-        assert len({node.agent.facts.map.digest() for node in team.living()}) == 1, f"seed {seed}"
+        assert len({node.agent.view.facts.map.digest() for node in team.living()}) == 1, (
+            f"seed {seed}"
+        )
 
 
 def test_a_newcomer_that_one_robot_cannot_hear_waits_for_it_no_longer_than_it_must() -> None:
@@ -120,11 +120,11 @@ def test_the_same_seed_gives_the_same_run() -> None:
         return [
             team.messages,
             team.bytes,
-            [node.agent.facts.map.digest() for node in team.living()],
+            [node.agent.view.facts.map.digest() for node in team.living()],
             [
                 (peer.word.number, peer.evidence_us, peer.limit_us)
                 for node in team.living()
-                for peer in node.agent.membership.peers.values()
+                for peer in node.agent.view.peers.values()
             ],
         ]
 

@@ -51,8 +51,8 @@ class Verdicts:
         watched.on_step = self._step
 
     def _step(self, node: Node, now_us: int) -> None:
-        for robot, peer in node.agent.membership.peers.items():
-            pair = (node.agent.me, robot)
+        for robot, peer in node.agent.view.peers.items():
+            pair = (node.agent.view.robot, robot)
             if peer.state is not State.DEAD:
                 self.since_us.pop(pair, None)
             elif pair not in self.since_us:
@@ -96,7 +96,7 @@ def test_no_living_robot_is_thought_dead(
         team.network.block(pairs(*blocked))
         team.run_until(60 * SECOND_US)
         assert not verdicts.of_living, f"seed {seed}: {verdicts.of_living}"
-        assert all(node.agent.joining is None for node in team.living()), f"seed {seed}"
+        assert not any(node.agent.view.is_joining for node in team.living()), f"seed {seed}"
 
 
 def test_the_more_is_lost_the_more_patient_robots_become() -> None:

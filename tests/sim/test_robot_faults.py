@@ -59,7 +59,7 @@ def outcomes_in_the_journal(run: Run, killed_us: int) -> int:
     schedule.append((killed_us + SECOND_US, Restart("B1")))
     timeout_us = killed_us + 3 * SECOND_US
     result = run("vehicle_repair", 3, schedule=schedule, expect=None, timeout_us=timeout_us)
-    facts = result.agents["B1"].facts
+    facts = result.agents["B1"].view.facts
     return sum(len(robots) for tasks in facts.outcomes.values() for robots in tasks.values())
 
 
@@ -83,7 +83,7 @@ def test_a_robot_that_dies_of_its_work_has_told_how_its_last_action_ended(
     assert len(ended) == actions
     assert [fault["robot"] for fault in result.summary["faults"]] == ["B1"]
     assert result.summary["faults"][0]["at_s"] == pytest.approx(died_s, abs=0.1)
-    facts = result.agents["A1"].facts
+    facts = result.agents["A1"].view.facts
     told = [outcomes for of_task in facts.outcomes.values() for outcomes in of_task.values()]
     assert sum("B1" in outcomes for outcomes in told) == actions
     assert result.done_twice == 0

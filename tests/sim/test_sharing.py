@@ -28,7 +28,9 @@ LOSSY = NetworkKnobs(LinkKnobs(loss_permille=100, duplicate_permille=50, reorder
 
 def story(result: SimulationResult) -> tuple[Any, ...]:
     """All that a run without inspection still tells."""
-    plans = {robot: agent.plan.packed for robot, agent in result.agents.items() if agent.plan}
+    plans = {
+        robot: agent.view.plan.packed for robot, agent in result.agents.items() if agent.view.plan
+    }
     return result.result, result.duration_us, result.summary, result.events, result.stops, plans
 
 
@@ -75,7 +77,7 @@ def test_a_message_is_read_and_a_plan_made_once(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr("mrbt_mesh.sim.engine.world.chosen_engine", lambda: engine)
     mission, program = example("vehicle_repair")
     result = simulate(mission, program, seed=1, inspect=False)
-    told = sum(agent.facts.changes for agent in result.agents.values())
+    told = sum(agent.view.facts.changes for agent in result.agents.values())
     assert counts["read_beat"] == 0, "nobody needs to read what a robot here wrote"
     assert 0 < counts["read_batch"] < told / len(result.agents)
     assert 0 < counts["plan"] < told / 2

@@ -34,7 +34,9 @@ def backwards(problem: AssignmentProblem) -> Any:
 
 def story(result: SimulationResult) -> tuple[Any, ...]:
     """What was done and when, and the last plans."""
-    plans = {robot: agent.plan.packed for robot, agent in result.agents.items() if agent.plan}
+    plans = {
+        robot: agent.view.plan.packed for robot, agent in result.agents.items() if agent.view.plan
+    }
     return result.result, result.duration_us, result.events, plans
 
 
@@ -86,9 +88,9 @@ def test_a_robot_with_a_broken_solver_plans_as_the_others_and_says_so_once(kind:
     (line,) = [line for line in result.effect_log if "solver_failed" in line]
     assert " B1 " in line
     assert reason in line
-    count = result.agents["B1"].refusals.counts["solver: broke its contract"]
+    count = result.agents["B1"].view.refused["solver: broke its contract"]
     assert count > 5
-    assert "solver: broke its contract" not in result.agents["A1"].refusals.counts
+    assert "solver: broke its contract" not in result.agents["A1"].view.refused
 
 
 def test_nor_does_it_matter_where_robots_plan_together() -> None:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import enum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from mrbt_mesh.core.agent.reports import change_capability, leave
+from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.planner import Planner
+from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.bt.activation import parse_scope
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import OrderKind
-
-if TYPE_CHECKING:
-    from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.facts.records import OrderKind, Token
 
 FAULT, RESTORE, LEAVE, ORDER, DECIDE = "fault", "restore", "leave", "order", "decide"
 MAX_ARGUMENT = 1_024
@@ -35,62 +34,87 @@ def answer_body(good: bool, text: str) -> list[Any]:
     return [good, text]
 
 
-def carry_out(agent: Agent, body: Any, now_us: int) -> tuple[bool, str]:
-    """Do what a command says; (False, why) for anything malformed or unknown."""
-    if (
-        not isinstance(body, list)
-        or len(body) != 2
-        or not all(isinstance(part, str) and len(part) <= MAX_ARGUMENT for part in body)
-    ):
-        return False, "a command is a list of two texts"
-    command, argument = body
-    match command:
-        case "fault" | "restore":
-            problem = change_capability(agent, argument, command == FAULT, now_us)
-            if problem is not None:
-                return False, problem
-            lost = ", ".join(agent.description.lost) or "nothing"
-            return True, f"{agent.me} has lost {lost}"
-        case "leave":
-            leave(agent, now_us)
-            return True, f"{agent.me} leaves"
-        case "order":
-            try:
-                kind = OrderKind(argument)
-            except ValueError:
-                return False, f"no order {argument!r}; there is pause, resume, abort"
-            if agent.is_new:
-                return False, f"{agent.me} is still joining the team: ask again, or another robot"
-            agent.order(kind, now_us)
-            return True, f"{kind} is the team's order"
-        case "decide":
-            return _decide(agent, argument, now_us)
-    return False, f"no command {command!r}"
+class Commands:
+    """Carries out what an operator asks of one robot."""
 
+    def __init__(self, context: Context, planner: Planner, reports: Reports) -> None:
+        self._context = context
+        self._planner = planner
+        self._reports = reports
 
-def _decide(agent: Agent, argument: str, now_us: int) -> tuple[bool, str]:
-    """`argument` is a global task and the operator's word on it: `dose(2) done`."""
-    subject, _, word = argument.rpartition(" ")
-    try:
-        decision = Decision(word)
-    except ValueError:
-        return False, f"no decision {word!r}; there is {', '.join(Decision)}"
-    doubts = agent.in_doubt()
-    found = [activation for activation, _ in doubts if parse_scope(activation).subject == subject]
-    if not found:
-        listed = ", ".join(sorted({parse_scope(name).subject for name, _ in doubts})) or "none"
-        return False, f"{subject!r} is not in doubt (in doubt: {listed})"
-    writes: list[tuple[str, Any]] = []
-    for activation, tokens in doubts:
-        if activation not in found:
-            continue
-        match decision:
-            case Decision.DONE:
-                writes.append((f"{records.DONE}/{activation}", True))
-            case Decision.FAILED:
-                writes.append((f"{records.VERDICT}/{activation}", True))
-            case Decision.RETRY:
-                writes += [(f"{records.CLEARED}/{activation}/{t}", True) for t in tokens]
-    agent.log("warning", "decision", global_task=subject, decision=word)
-    agent.write(writes, now_us)
-    return True, f"{subject} counts as {word}" if word != "retry" else f"{subject} is tried again"
+    def carry_out(self, body: Any, now_us: int) -> tuple[bool, str]:
+        """Do what a command says; (False, why) for anything malformed or unknown."""
+        if (
+            not isinstance(body, list)
+            or len(body) != 2
+            or not all(isinstance(part, str) and len(part) <= MAX_ARGUMENT for part in body)
+        ):
+            return False, "a command is a list of two texts"
+        command, argument = body
+        me = self._context.me
+        match command:
+            case "fault" | "restore":
+                lost = command == FAULT
+                problem = self._reports.change_capability(argument, lost, now_us)
+                if problem is not None:
+                    return False, problem
+                names = ", ".join(self._context.description.lost) or "nothing"
+                return True, f"{me} has lost {names}"
+            case "leave":
+                self._reports.leave(now_us)
+                return True, f"{me} leaves"
+            case "order":
+                return self._order(argument, now_us)
+            case "decide":
+                return self._decide(argument, now_us)
+        return False, f"no command {command!r}"
+
+    def _order(self, argument: str, now_us: int) -> tuple[bool, str]:
+        me = self._context.me
+        try:
+            kind = OrderKind(argument)
+        except ValueError:
+            return False, f"no order {argument!r}; there is pause, resume, abort"
+        if self._context.is_new:
+            return False, f"{me} is still joining the team: ask again, or another robot"
+        self._reports.order(kind, now_us)
+        return True, f"{kind} is the team's order"
+
+    def _in_doubt(self) -> list[tuple[str, list[Token]]]:
+        """Requested exclusive activations that are in doubt, and the coalitions that left them."""
+        facts, plan = self._context.facts, self._planner.plan
+        requests = plan.evaluation.requests if plan is not None else ()
+        doubts = [
+            (r.activation, facts.coalitions(r.activation).doubted(facts.givers)) for r in requests
+        ]
+        return [(activation, tokens) for activation, tokens in doubts if tokens]
+
+    def _decide(self, argument: str, now_us: int) -> tuple[bool, str]:
+        """`argument` is a global task and the operator's word on it: `dose(2) done`."""
+        subject, _, word = argument.rpartition(" ")
+        try:
+            decision = Decision(word)
+        except ValueError:
+            return False, f"no decision {word!r}; there is {', '.join(Decision)}"
+        doubts = self._in_doubt()
+        found = [name for name, _ in doubts if parse_scope(name).subject == subject]
+        if not found:
+            listed = ", ".join(sorted({parse_scope(name).subject for name, _ in doubts})) or "none"
+            return False, f"{subject!r} is not in doubt (in doubt: {listed})"
+        writes: list[tuple[str, Any]] = []
+        for activation, tokens in doubts:
+            if activation not in found:
+                continue
+            match decision:
+                case Decision.DONE:
+                    writes.append((f"{records.DONE}/{activation}", True))
+                case Decision.FAILED:
+                    writes.append((f"{records.VERDICT}/{activation}", True))
+                case Decision.RETRY:
+                    writes += [(f"{records.CLEARED}/{activation}/{t}", True) for t in tokens]
+        self._context.log("warning", "decision", global_task=subject, decision=word)
+        self._context.write(writes, now_us)
+        return (
+            True,
+            f"{subject} counts as {word}" if word != "retry" else f"{subject} is tried again",
+        )

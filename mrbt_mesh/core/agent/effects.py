@@ -1,13 +1,14 @@
-"""What goes into an agent and what comes out of it: plain data, no behaviour."""
+"""What comes out of an agent: plain data, no behaviour."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.membership.wire import MessageKind
+from mrbt_mesh.core.planning.plan import Plan
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,9 +69,10 @@ class StartAction:
 
 @dataclass(frozen=True, slots=True)
 class MakePlan:
-    """Call `Planner.compute`, in another thread if there is one; answered by PlanMade."""
+    """Call `make`, in another thread if there is one; answered by PlanMade of the same number."""
 
     number: int
+    make: Callable[[], Plan] = field(repr=False, compare=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,195 +7,229 @@ written them down. For an exclusive task each of them also needs the grants of a
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.effects import StartAction
+from mrbt_mesh.core.agent.planner import Planner
+from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import is_enough, ready_members, standing_coalition
 from mrbt_mesh.core.facts.records import Claim, Coalition, Phase, Token
 from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.leases import Leases
+from mrbt_mesh.core.membership.wire import Beat
 from mrbt_mesh.core.mission.mission import GlobalTask, performance, type_name
-
-if TYPE_CHECKING:
-    from mrbt_mesh.core.agent.agent import Agent
-    from mrbt_mesh.core.agent.effects import StartAction
+from mrbt_mesh.core.planning.plan import Plan
 
 
-def perform(agent: Agent, now_us: int) -> None:
-    """Follow the plan; cancel, claim, get ready and start what it says."""
-    plan, work = agent.plan, agent.work
-    assert plan is not None
-    before = work.claim
-    line = None if agent.leaving else plan.lines.get(agent.me)
-    changed, effects = work.follow(line, agent.replica.stamp(), now_us)
-    agent.emit(effects)
-    writes = given_up(agent, before) if changed else []
-    token: Token | None = None
-    is_cleared = work.claim is not None and not work.is_waiting
-    if work.is_waiting and _may_start(agent, now_us):
-        task = _task(agent)
-        if task.by_coalition:
-            if work.claim is not None and work.claim.phase is Phase.CLAIMED:
-                work.get_ready()
-                # The coalition's leader refers to this entry, also if it is this robot.
-                agent.write([*writes, _claim_write(agent)], now_us)
-                writes, changed = [], False
-            token, more = _coalition(agent, task, now_us)
-            writes += more
-        is_cleared = token is not None or not task.by_coalition
-    assigned = type_name(work.claim.local_task) if work.claim is not None else None
-    wanted = agent.tree.tick(plan.result, assigned if is_cleared else None)
-    if wanted is not None and work.is_waiting and work.claim is not None:
-        partners = plan.partners(agent.me)
-        coalition = str(token) if token is not None else ""
-        declared = performance(agent.config.capabilities, work.claim.local_task)
+class Executor:
+    """Claims, gets ready and starts what the plan has for this robot; stops what it has not."""
+
+    def __init__(self, context: Context, planner: Planner, tree: RobotTree, leases: Leases) -> None:
+        self._context = context
+        self._planner = planner
+        self.tree = tree
+        self.leases = leases
+
+    def perform(self, now_us: int) -> None:
+        """Follow the plan; cancel, claim, get ready and start what it says."""
+        context, plan, work = self._context, self._plan, self._context.work
+        before = work.claim
+        line = None if context.is_leaving else plan.lines.get(context.me)
+        changed, effects = work.follow(line, context.replica.stamp(), now_us)
+        context.emit(*effects)
+        writes = self.given_up(before) if changed else []
+        token: Token | None = None
+        is_cleared = work.claim is not None and not work.is_waiting
+        if work.is_waiting and self._may_start(now_us):
+            task = self._task()
+            if task.by_coalition:
+                if work.claim is not None and work.claim.phase is Phase.CLAIMED:
+                    work.get_ready()
+                    # The coalition's leader refers to this entry, also if it is this robot.
+                    context.write([*writes, self._claim_write()], now_us)
+                    writes, changed = [], False
+                token, more = self._coalition(task, now_us)
+                writes += more
+            is_cleared = token is not None or not task.by_coalition
+        assigned = type_name(work.claim.local_task) if work.claim is not None else None
+        wanted = self.tree.tick(plan.result, assigned if is_cleared else None)
+        if wanted is not None and work.is_waiting:
+            start = self._start(plan, token)
+            # The claim is on disk before the action begins.
+            context.write([*writes, self._claim_write()], now_us)
+            self._announce(start)
+        elif changed and work.claim != before:
+            context.write([*writes, self._claim_write()], now_us)
+        self._seek_lease()
+
+    @property
+    def _plan(self) -> Plan:
+        plan = self._planner.plan
+        assert plan is not None
+        return plan
+
+    def _start(self, plan: Plan, token: Token | None) -> StartAction:
+        context, claim = self._context, self._context.work.claim
+        assert claim is not None
+        declared = performance(context.config.capabilities, claim.local_task)
         assert declared is not None
-        start = work.start(partners, declared, agent.replica.incarnation, coalition)
-        # The claim is on disk before the action begins.
-        agent.write([*writes, _claim_write(agent)], now_us)
-        _log_start(agent, start)
-    elif changed and work.claim != before:
-        agent.write([*writes, _claim_write(agent)], now_us)
+        coalition = str(token) if token is not None else ""
+        partners = plan.partners(context.me)
+        return context.work.start(partners, declared, context.replica.incarnation, coalition)
 
+    def _announce(self, start: StartAction) -> None:
+        self._context.emit(start)
+        self._context.log(
+            "info",
+            "local_task_started",
+            global_task=start.global_task,
+            local_task=start.local_task,
+            activation=start.activation,
+        )
 
-def _log_start(agent: Agent, start: StartAction) -> None:
-    agent.emit([start])
-    agent.log(
-        "info",
-        "local_task_started",
-        global_task=start.global_task,
-        local_task=start.local_task,
-        activation=start.activation,
-    )
+    def _claim_write(self) -> tuple[str, Any]:
+        claim = self._context.work.claim
+        return records.CLAIM, claim.to_value() if claim is not None else None
 
+    def _task(self) -> GlobalTask:
+        claim = self._context.work.claim
+        assert claim is not None
+        return self._context.mission.global_tasks[claim.global_task]
 
-def _claim_write(agent: Agent) -> tuple[str, Any]:
-    claim = agent.work.claim
-    return records.CLAIM, claim.to_value() if claim is not None else None
+    def _may_start(self, now_us: int) -> bool:
+        """Whether all robots in good standing have the same plan, or the grace time has passed."""
+        return self._context.membership.agrees(self._plan.digest) or now_us >= self.grace_ends_us
 
+    @property
+    def grace_ends_us(self) -> int:
+        """From when on this robot starts its line of the plan without agreement."""
+        return self._context.work.line_since_us + self._context.config.timing.grace_us
 
-def _task(agent: Agent) -> GlobalTask:
-    assert agent.work.claim is not None
-    return agent.mission.global_tasks[agent.work.claim.global_task]
+    # -- coalitions ---------------------------------------------------------------------------
 
+    def _token_sought(self) -> Token | None:
+        """The coalition that this robot is ready for, or runs with; None without any."""
+        context, facts, work = self._context, self._context.facts, self._context.work
+        line, claim = work.line, work.claim
+        if line is None or claim is None or not line.leader or claim.phase is Phase.CLAIMED:
+            return None
+        if claim.coalition:
+            return Token.parse(claim.coalition)
+        if line.leader == context.me:
+            return Token(claim.since, context.me, *context.replica.incarnation)
+        leaders = facts.valid_claim(line.leader)
+        if (
+            leaders is None
+            or leaders.activation != line.activation
+            or leaders.phase is Phase.CLAIMED
+        ):
+            return None
+        return Token(leaders.since, line.leader, *facts.members[line.leader][1])
 
-def _may_start(agent: Agent, now_us: int) -> bool:
-    """Whether all robots in good standing have the same plan, or the grace time has passed."""
-    assert agent.plan is not None
-    return agent.membership.agrees(agent.plan.digest) or now_us >= agent.grace_ends_us()
+    def _coalition(
+        self, task: GlobalTask, now_us: int
+    ) -> tuple[Token | None, list[tuple[str, Any]]]:
+        """The coalition with which this robot may start now, and what to write with it."""
+        context, facts, plan = self._context, self._context.facts, self._plan
+        line, claim = context.work.line, context.work.claim
+        assert line is not None
+        assert claim is not None
+        if line.leader != context.me:
+            return self._written_down(task, line.activation, claim, now_us), []
+        token = self._token_sought()
+        assert token is not None
+        if task.exclusive and not self.leases.holds(line.activation, token, now_us):
+            return None, []
+        lines = plan.lines.values()
+        planned = {x.robot: x.local_task for x in lines if x.activation == line.activation}
+        members = ready_members(facts, line.activation, planned)
+        if not is_enough(task, members):
+            return None, []
+        if len(members) < len(planned) and now_us < self.grace_ends_us:
+            return None, []  # the others may be ready in a moment
+        name = f"{records.COALITION}/{line.activation}/{token}"
+        return token, [(name, Coalition(tuple(members)).to_value())]
 
-
-def token_sought(agent: Agent) -> Token | None:
-    """The coalition that this robot is ready for, or runs with; None without any."""
-    line, claim = agent.work.line, agent.work.claim
-    if line is None or claim is None or not line.leader or claim.phase is Phase.CLAIMED:
+    def _written_down(
+        self, task: GlobalTask, activation: str, claim: Claim, now_us: int
+    ) -> Token | None:
+        """The standing coalition, if its leader has written down this robot's present claim."""
+        context, facts = self._context, self._context.facts
+        found = facts.coalitions(activation)
+        token = standing_coalition(facts, task, activation, context.alive())
+        if token is None or (task.exclusive and not self.leases.holds(activation, token, now_us)):
+            return None
+        mine = (claim.since, context.me, context.replica.incarnation)
+        for member in found.members[token]:
+            if (member.since, member.robot, Incarnation(member.counter, member.nonce)) == mine:
+                return token
         return None
-    if claim.coalition:
-        return Token.parse(claim.coalition)
-    if line.leader == agent.me:
-        return Token(claim.since, agent.me, *agent.replica.incarnation)
-    leaders = agent.facts.valid_claim(line.leader)
-    if leaders is None or leaders.activation != line.activation or leaders.phase is Phase.CLAIMED:
-        return None
-    return Token(leaders.since, line.leader, *agent.facts.members[line.leader][1])
 
+    def given_up(self, claim: Claim | None) -> list[tuple[str, Any]]:
+        """What to say of a claim on an exclusive task that is dropped without an outcome.
 
-def _coalition(
-    agent: Agent, task: GlobalTask, now_us: int
-) -> tuple[Token | None, list[tuple[str, Any]]]:
-    """The coalition with which this robot may start now, and what to write with it."""
-    line, claim = agent.work.line, agent.work.claim
-    assert line is not None
-    assert claim is not None
-    if line.leader != agent.me:
-        return _written_down(agent, task, line.activation, claim, now_us), []
-    token = token_sought(agent)
-    assert token is not None
-    assert agent.plan is not None
-    if task.exclusive and not agent.grants.holds(line.activation, token, now_us):
-        return None, []
-    lines = agent.plan.lines.values()
-    planned = {x.robot: x.local_task for x in lines if x.activation == line.activation}
-    members = ready_members(agent.facts, line.activation, planned)
-    if not is_enough(task, members):
-        return None, []
-    if len(members) < len(planned) and now_us < agent.grace_ends_us():
-        return None, []  # the others may be ready in a moment
-    name = f"{records.COALITION}/{line.activation}/{token}"
-    return token, [(name, Coalition(tuple(members)).to_value())]
-
-
-def _written_down(
-    agent: Agent, task: GlobalTask, activation: str, claim: Claim, now_us: int
-) -> Token | None:
-    """The standing coalition, if its leader has written down this robot's present claim."""
-    found = agent.facts.coalitions(activation)
-    token = standing_coalition(agent.facts, task, activation, agent.alive())
-    if token is None or (task.exclusive and not agent.grants.holds(activation, token, now_us)):
-        return None
-    mine = (claim.since, agent.me, agent.replica.incarnation)
-    for member in found.members[token]:
-        if (member.since, member.robot, Incarnation(member.counter, member.nonce)) == mine:
-            return token
-    return None
-
-
-def given_up(agent: Agent, claim: Claim | None) -> list[tuple[str, Any]]:
-    """What to say of a claim on an exclusive task that is dropped without an outcome.
-
-    Begun, it leaves the activation in doubt; a leader that never began sets its grants free.
-    """
-    if claim is None or not agent.mission.global_tasks[claim.global_task].exclusive:
-        return []
-    activation = claim.activation
-    if claim.phase is Phase.RUNNING:
-        doubts = agent.facts.coalitions(activation).doubts
-        if agent.me in doubts.get(Token.parse(claim.coalition), ()):
+        Begun, it leaves the activation in doubt; a leader that never began sets its grants free.
+        """
+        context, facts = self._context, self._context.facts
+        if claim is None or not context.mission.global_tasks[claim.global_task].exclusive:
             return []
-        return [(f"{records.DOUBT}/{activation}/{claim.coalition}", True)]
-    token = Token(claim.since, agent.me, *agent.replica.incarnation)
-    if agent.grants.seeks == (activation, str(token)):
-        return [(f"{records.CLEARED}/{activation}/{token}", True)]
-    return []
+        activation = claim.activation
+        if claim.phase is Phase.RUNNING:
+            doubts = facts.coalitions(activation).doubts
+            if context.me in doubts.get(Token.parse(claim.coalition), ()):
+                return []
+            return [(f"{records.DOUBT}/{activation}/{claim.coalition}", True)]
+        token = Token(claim.since, context.me, *context.replica.incarnation)
+        if self.leases.seeks == (activation, str(token)):
+            return [(f"{records.CLEARED}/{activation}/{token}", True)]
+        return []
 
+    # -- leases -------------------------------------------------------------------------------
 
-def seek_grants(agent: Agent) -> None:
-    """Ask for the grants that this robot's claim needs."""
-    claim = agent.work.claim
-    if claim is not None and agent.mission.global_tasks[claim.global_task].exclusive:
-        agent.grants.seek(claim.activation, token_sought(agent))
-    else:
-        agent.grants.seek("", None)
+    def _seek_lease(self) -> None:
+        """Ask for the grants that this robot's claim needs."""
+        context, claim = self._context, self._context.work.claim
+        if claim is not None and context.mission.global_tasks[claim.global_task].exclusive:
+            self.leases.seek(claim.activation, self._token_sought())
+        else:
+            self.leases.seek("", None)
 
+    def check_leases(self, now_us: int) -> None:
+        """Follow the grants that this robot has given; stop where its own have run out."""
+        context, claim = self._context, self._context.work.claim
+        context.write(self.leases.step(now_us), now_us)
+        if claim is None or claim.phase is not Phase.RUNNING:
+            return
+        if not context.mission.global_tasks[claim.global_task].exclusive:
+            return
+        token = Token.parse(claim.coalition)
+        found = context.facts.coalitions(claim.activation)
+        ended = token in found.broken or context.me in found.doubts.get(token, ())
+        if not ended and not self.leases.holds(claim.activation, token, now_us):
+            context.log("warning", "grants_ran_out", global_task=claim.global_task)
+            names = (records.DOUBT, records.BROKEN)
+            context.write([(f"{name}/{claim.activation}/{token}", True) for name in names], now_us)
 
-def check_grants(agent: Agent, now_us: int) -> None:
-    """Follow the grants that this robot has given; stop where its own have run out."""
-    agent.write(agent.grants.step(now_us), now_us)
-    claim = agent.work.claim
-    if claim is None or claim.phase is not Phase.RUNNING:
-        return
-    if not agent.mission.global_tasks[claim.global_task].exclusive:
-        return
-    token = Token.parse(claim.coalition)
-    found = agent.facts.coalitions(claim.activation)
-    ended = token in found.broken or agent.me in found.doubts.get(token, ())
-    if not ended and not agent.grants.holds(claim.activation, token, now_us):
-        agent.log("warning", "grants_ran_out", global_task=claim.global_task)
-        names = (records.DOUBT, records.BROKEN)
-        agent.write([(f"{name}/{claim.activation}/{token}", True) for name in names], now_us)
+    def lease_asked(self, robot: str, beat: Beat, now_us: int) -> None:
+        """A beat asks for a lease, or answers this robot's own request."""
+        writes = self.leases.heard(robot, beat, now_us, self.may_grant)
+        self._context.write(writes, now_us)
 
-
-def may_grant(agent: Agent, activation: str, token: Token) -> bool:
-    """Whether this robot's own view speaks for giving `activation` to this coalition."""
-    if agent.joining is not None or agent.leaving or agent.plan is None:
-        return False
-    if agent.facts.coalitions(activation).unended(agent.facts.givers)[:1] == [token]:
-        return True
-    line = agent.plan.lines.get(token.leader)
-    life = (token.counter, token.nonce)
-    known = agent.facts.members.get(token.leader)
-    return (
-        line is not None
-        and (line.activation, line.leader) == (activation, token.leader)
-        and known is not None
-        and known[1] == life
-    )
+    def may_grant(self, activation: str, token: Token) -> bool:
+        """Whether this robot's own view speaks for giving `activation` to this coalition."""
+        context, facts, plan = self._context, self._context.facts, self._planner.plan
+        if context.joining is not None or context.is_leaving or plan is None:
+            return False
+        if facts.coalitions(activation).unended(facts.givers)[:1] == [token]:
+            return True
+        line = plan.lines.get(token.leader)
+        life = (token.counter, token.nonce)
+        known = facts.members.get(token.leader)
+        return (
+            line is not None
+            and (line.activation, line.leader) == (activation, token.leader)
+            and known is not None
+            and known[1] == life
+        )

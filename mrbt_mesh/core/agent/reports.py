@@ -3,138 +3,177 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import RequestBid
-from mrbt_mesh.core.agent.executor import given_up
+from mrbt_mesh.core.agent.executor import Executor
+from mrbt_mesh.core.agent.inputs import ActionFinished, BidsMade
+from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.records import OrderKind
+from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
 from mrbt_mesh.core.mission.mission import performance, type_name
-
-if TYPE_CHECKING:
-    from mrbt_mesh.core.agent.agent import Agent
-    from mrbt_mesh.core.agent.inputs import ActionFinished, BidsMade
 
 CONDITIONS_PER_OUTCOME = 1_000
 
 
-def finished(agent: Agent, event: ActionFinished, now_us: int) -> None:
-    """Write the outcome and the conditions in one batch, with the claim that ends."""
-    claimed = agent.work.claim
-    action = agent.work.finish(event.ticket)
-    if action is None:
-        return
-    name = f"{records.OUTCOME}/{action.activation}/{action.local_task}"
-    if action.coalition:
-        name += f"/{action.coalition}"
-    writes: list[tuple[str, Any]] = [(name, [event.success, event.data])]
-    problem = agent.replica.problem(*writes[0])
-    if problem is not None:
-        local_task = action.local_task
-        agent.log("error", "result_data_refused", local_task=local_task, reason=problem)
-        writes = [(name, [event.success, None])]
-    writes += _condition_writes(agent, event.conditions)
-    if agent.work.claim is None and claimed is not None:
-        writes.append((records.CLAIM, None))
-    agent.write(writes, now_us)
-    agent.log(
-        "info" if event.success else "warning",
-        "local_task_finished",
-        global_task=action.global_task,
-        local_task=action.local_task,
-        outcome="success" if event.success else "failure",
-        error=event.error,
-    )
+class Reports:
+    """Writes what a robot has to say.
 
+    `asked_bids`: the (activation, local task) pairs for which its program was asked to bid.
+    `unsaid`: conditions that a new life keeps until its incarnation is above all earlier ones.
+    """
 
-def _condition_writes(
-    agent: Agent, conditions: Iterable[tuple[str, bool]]
-) -> list[tuple[str, list[Any]]]:
-    """The entries that make conditions true or false; none where they are so already."""
-    writes: dict[str, list[Any]] = {}
-    stamp = agent.replica.stamp()
-    for name, value in list(conditions)[:CONDITIONS_PER_OUTCOME]:
-        if not agent.mission.knows_condition(name):
-            agent.log("error", "condition_not_declared", condition=name)
-        elif agent.facts.condition(name) != value:
-            revision = agent.facts.revision(name) + 1
-            writes[f"{records.CONDITION}/{name}"] = [value, revision, stamp]
-        else:
-            writes.pop(f"{records.CONDITION}/{name}", None)
-    return list(writes.items())
+    def __init__(
+        self, context: Context, planner: Planner, executor: Executor, schedule: HeartbeatSchedule
+    ) -> None:
+        self._context = context
+        self._planner = planner
+        self._executor = executor
+        self._schedule = schedule
+        self._asked_bids: set[tuple[str, str]] = set()
+        self._unsaid: dict[str, bool] = {}
 
+    def finished(self, event: ActionFinished, now_us: int) -> None:
+        """Write the outcome and the conditions in one batch, with the claim that ends."""
+        context, work = self._context, self._context.work
+        claimed = work.claim
+        action = work.finish(event.ticket)
+        if action is None:
+            return
+        name = f"{records.OUTCOME}/{action.activation}/{action.local_task}"
+        if action.coalition:
+            name += f"/{action.coalition}"
+        writes: list[tuple[str, Any]] = [(name, [event.success, event.data])]
+        problem = context.replica.problem(*writes[0])
+        if problem is not None:
+            local_task = action.local_task
+            context.log("error", "result_data_refused", local_task=local_task, reason=problem)
+            writes = [(name, [event.success, None])]
+        writes += self._condition_writes(event.conditions)
+        if work.claim is None and claimed is not None:
+            writes.append((records.CLAIM, None))
+        context.write(writes, now_us)
+        context.log(
+            "info" if event.success else "warning",
+            "local_task_finished",
+            global_task=action.global_task,
+            local_task=action.local_task,
+            outcome="success" if event.success else "failure",
+            error=event.error,
+        )
 
-def set_conditions(agent: Agent, values: Mapping[str, bool], now_us: int) -> None:
-    """Tell them; a new life keeps them until it has an incarnation above all earlier ones."""
-    if agent.is_new:
-        known = {n: v for n, v in values.items() if agent.mission.knows_condition(n)}
-        agent.unsaid |= known
-        values = {n: v for n, v in values.items() if n not in known}
-    agent.write(_condition_writes(agent, values.items()), now_us)
+    # -- conditions ---------------------------------------------------------------------------
 
+    def set_conditions(self, values: Mapping[str, bool], now_us: int) -> None:
+        """Tell them; a new life keeps them until it has an incarnation above all earlier ones."""
+        if self._context.is_new:
+            mission = self._context.mission
+            known = {n: v for n, v in values.items() if mission.knows_condition(n)}
+            self._unsaid |= known
+            values = {n: v for n, v in values.items() if n not in known}
+        self._context.write(self._condition_writes(values.items()), now_us)
 
-def ask_for_bids(agent: Agent) -> None:
-    """Have this robot's program bid for what the plan lacks its bids for, once each."""
-    assert agent.plan is not None
-    if not agent.plan.biddings:
-        agent.asked_bids.clear()
-        return
-    wanted = {
-        (bidding.activation, bidding.local_task): bidding.global_task
-        for bidding in agent.plan.biddings
-        if agent.me in bidding.silent
-    }
-    fresh = sorted(wanted.keys() - agent.asked_bids)
-    agent.asked_bids = set(wanted)
-    capabilities, incarnation = agent.config.capabilities, agent.replica.incarnation
-    agent.emit(
-        RequestBid(activation, wanted[activation, local_task], local_task, declared, incarnation)
-        for activation, local_task in fresh
-        if (declared := performance(capabilities, local_task)) is not None
-    )
+    def say_what_was_kept(self, now_us: int) -> None:
+        """The robot has joined: tell the conditions that were set before."""
+        unsaid, self._unsaid = self._unsaid, {}
+        self.set_conditions(unsaid, now_us)
 
+    def _condition_writes(
+        self, conditions: Iterable[tuple[str, bool]]
+    ) -> list[tuple[str, list[Any]]]:
+        """The entries that make conditions true or false; none where they are so already."""
+        context, facts = self._context, self._context.facts
+        writes: dict[str, list[Any]] = {}
+        stamp = context.replica.stamp()
+        for name, value in list(conditions)[:CONDITIONS_PER_OUTCOME]:
+            if not context.mission.knows_condition(name):
+                context.log("error", "condition_not_declared", condition=name)
+            elif facts.condition(name) != value:
+                revision = facts.revision(name) + 1
+                writes[f"{records.CONDITION}/{name}"] = [value, revision, stamp]
+            else:
+                writes.pop(f"{records.CONDITION}/{name}", None)
+        return list(writes.items())
 
-def bids_made(agent: Agent, event: BidsMade, now_us: int) -> None:
-    """Tell the team, all in one batch. What was asked for before a new life is asked for again."""
-    if agent.joining is not None:
-        agent.asked_bids.clear()
-        return
-    writes: dict[str, int | None] = {}
-    for bid in event.bids:
-        if (bid.activation, bid.local_task) not in agent.asked_bids:
-            continue  # nobody needs it any more
-        name = f"{records.BID}/{bid.activation}/{bid.local_task}"
-        value, error = bid.performance, bid.error or agent.replica.problem(name, bid.performance)
-        if error:
-            value = None
-            lines = error.strip().splitlines()
-            if agent.refusals.count(f"bid for {type_name(bid.local_task)}", lines[-1]):
-                agent.log("error", "bid_failed", local_task=bid.local_task, error=error)
-        writes[name] = value
-    agent.write(sorted(writes.items()), now_us)
+    # -- bids ---------------------------------------------------------------------------------
 
+    def ask_for_bids(self) -> None:
+        """Have this robot's program bid for what the plan lacks its bids for, once each."""
+        context, plan = self._context, self._planner.plan
+        assert plan is not None
+        if not plan.biddings:
+            self._asked_bids.clear()
+            return
+        wanted = {
+            (bidding.activation, bidding.local_task): bidding.global_task
+            for bidding in plan.biddings
+            if context.me in bidding.silent
+        }
+        fresh = sorted(wanted.keys() - self._asked_bids)
+        self._asked_bids = set(wanted)
+        capabilities, incarnation = context.config.capabilities, context.replica.incarnation
+        for place in fresh:
+            declared = performance(capabilities, place[1])
+            if declared is not None:
+                activation, local_task = place
+                context.emit(
+                    RequestBid(activation, wanted[place], local_task, declared, incarnation)
+                )
 
-def change_capability(agent: Agent, local_task: str, lost: bool, now_us: int) -> str | None:
-    """Declare a minor fault or its end; returns what is wrong with it, or None."""
-    change = agent.description.lose if lost else agent.description.restore
-    problem = change(local_task)
-    if problem is not None:
-        agent.log("error", "capability_unknown", reason=problem)
-        return problem
-    agent.log("warning", "capabilities_changed", lost=list(agent.description.lost))
-    if agent.joining is None:
-        agent.write([(records.MEMBER, agent.description.to_value())], now_us)
-    return None
+    def bids_made(self, event: BidsMade, now_us: int) -> None:
+        """Tell the team, all in one batch. What was asked for before a new life is asked again."""
+        context = self._context
+        if context.joining is not None:
+            self._asked_bids.clear()
+            return
+        writes: dict[str, int | None] = {}
+        for bid in event.bids:
+            if (bid.activation, bid.local_task) not in self._asked_bids:
+                continue  # nobody needs it any more
+            name = f"{records.BID}/{bid.activation}/{bid.local_task}"
+            value = bid.performance
+            error = bid.error or context.replica.problem(name, value)
+            if error:
+                value = None
+                lines = error.strip().splitlines()
+                if context.is_first(f"bid for {type_name(bid.local_task)}", lines[-1]):
+                    context.log("error", "bid_failed", local_task=bid.local_task, error=error)
+            writes[name] = value
+        context.write(sorted(writes.items()), now_us)
 
+    # -- itself -------------------------------------------------------------------------------
 
-def leave(agent: Agent, now_us: int) -> None:
-    """Hand the work over and stop once nothing runs here any more."""
-    if agent.leaving:
-        return
-    agent.description.leaving = True
-    agent.log("info", "leaving")
-    writes = given_up(agent, agent.work.claim)
-    agent.emit(agent.work.drop())
-    if agent.joining is None:
-        member = (records.MEMBER, agent.description.to_value())
-        agent.write([*writes, member, (records.CLAIM, None)], now_us)
-    agent.gossip.urge(now_us)
+    def change_capability(self, local_task: str, lost: bool, now_us: int) -> str | None:
+        """Declare a minor fault or its end; returns what is wrong with it, or None."""
+        context = self._context
+        change = context.description.lose if lost else context.description.restore
+        problem = change(local_task)
+        if problem is not None:
+            context.log("error", "capability_unknown", reason=problem)
+            return problem
+        context.log("warning", "capabilities_changed", lost=list(context.description.lost))
+        if context.joining is None:
+            context.write([(records.MEMBER, context.description.to_value())], now_us)
+        return None
+
+    def leave(self, now_us: int) -> None:
+        """Hand the work over, and tell everybody at once."""
+        context = self._context
+        if context.is_leaving:
+            return
+        context.description.leaving = True
+        context.log("info", "leaving")
+        writes = self._executor.given_up(context.work.claim)
+        context.emit(*context.work.drop())
+        if context.joining is None:
+            member = (records.MEMBER, context.description.to_value())
+            context.write([*writes, member, (records.CLAIM, None)], now_us)
+        self._schedule.urge(now_us)
+
+    def order(self, kind: OrderKind, now_us: int) -> None:
+        """Take in the operator's word and tell the team."""
+        context = self._context
+        context.log("warning", "order", order=str(kind))
+        context.write([(records.ORDER, [str(kind), context.replica.stamp()])], now_us)

@@ -101,6 +101,11 @@ class Work:
             coalition,
         )
 
+    def progressed(self, number: int, percent: int) -> None:
+        """How far the action is."""
+        if self.action is not None and self.action.number == number:
+            self.progress = max(0, min(100, percent))
+
     def finish(self, number: int) -> Ticket | None:
         """An action ended by itself; returns it, or None if it is not known."""
         action = self.action

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, TypeAlias
 
+from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec, Tree, build_tree
 from mrbt_mesh.core.mission.constraints import Constraint, constraint_from_json, constraint_to_json
 
@@ -245,6 +246,11 @@ class Mission:
     costs: Costs = field(default_factory=Costs)
     solver: str | None = None
     constraints: tuple[Constraint, ...] = ()
+
+    @cached_property
+    def evaluator(self) -> Evaluator:
+        """Evaluates the mission's tree, by the definition."""
+        return Evaluator(self.tree)
 
     @cached_property
     def digest(self) -> str:

@@ -12,9 +12,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.effects import CancelAction, Effect, Log, StartAction
 from mrbt_mesh.core.agent.inputs import Input
+from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.sim.checkers.exclusive import Exclusive
@@ -60,21 +60,21 @@ class Checkers:
     def booted(self, process: SimProcess) -> None:
         """A process has read its journal and has an agent."""
         assert process.agent is not None
-        self.i9.booted(process, process.agent)
+        self.i9.booted(process, process.agent.view)
 
     def handling(self, process: SimProcess, event: Input) -> None:
         """Before a step of an agent."""
-        agent = process.agent
+        agent = process.agent.view if process.agent is not None else None
         assert agent is not None
         self.i5.handling(process, agent, event)
         self.i6.finishing(agent, event)
-        self._claim = agent.work.claim
-        self._running = agent.work.claim if agent.work.action is not None else None
+        self._claim = agent.claim
+        self._running = agent.claim if agent.action is not None else None
         self._life = agent.incarnation
 
     def handled(self, process: SimProcess, event: Input, effects: Sequence[Effect]) -> None:
         """After every step of an agent."""
-        agent = process.agent
+        agent = process.agent.view if process.agent is not None else None
         assert agent is not None
         for effect in effects:
             fenced = agent.incarnation != self._life
@@ -85,7 +85,7 @@ class Checkers:
             elif isinstance(effect, StartAction):
                 self.i3.started(agent, effect)
                 self.i4.started(agent, effect)
-        claim = agent.work.claim
+        claim = agent.claim
         if claim is not None and (
             self._claim is None or claim.activation != self._claim.activation
         ):
@@ -99,21 +99,21 @@ class Checkers:
     def sample(self) -> None:
         """Now and then: what can only be seen of the team as a whole."""
         agents = joined(self.world)
-        versions = [(a.me, a.facts.changes, a.membership.changes) for a in agents]
+        versions = [(a.robot, *a.version) for a in agents]
         if versions != self._sampled:
             self._sampled = versions
             self.i1.sample(agents)
             self.i7.sample(agents)
         for process in self.world.living():
             if process.agent is not None:
-                self.i3.check(process, process.agent)
+                self.i3.check(process, process.agent.view)
         self.i2.sample(agents)
         self.i6.sample()
         if self.findings.is_tolerable:
             for component in components(agents, self.world.network.blocked):
                 self._check_component(component, len(component) < len(self.world.living()))
 
-    def _check_component(self, agents: list[Agent], is_part: bool) -> None:
+    def _check_component(self, agents: list[AgentView], is_part: bool) -> None:
         """What must hold where all hear one another, once enough time has passed."""
         findings, network, now_us = self.findings, self.world.network, self.world.clock.now_us
         # Facts may have to be handed on by a robot in between.

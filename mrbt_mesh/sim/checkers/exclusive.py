@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.effects import Effect, Persist, StartAction
 from mrbt_mesh.core.agent.inputs import ActionFinished, ActionStopped, Input
+from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.facts.records import GRANT, split_name
 from mrbt_mesh.core.mission.mission import GlobalTask, InDoubt
 from mrbt_mesh.sim.checkers.findings import Findings
@@ -56,9 +56,9 @@ class Exclusive:
         self._coalitions: dict[tuple[str, str], dict[str, _Coalition]] = {}
         self._givers: dict[tuple[str, str], set[str]] = {}
 
-    def handling(self, process: SimProcess, agent: Agent, event: Input) -> None:
+    def handling(self, process: SimProcess, agent: AgentView, event: Input) -> None:
         """Before a step: an action may be about to end."""
-        action = agent.work.action
+        action = agent.action
         if not isinstance(event, ActionFinished | ActionStopped) or action is None:
             return
         if action.global_task in self._tasks and action.number == event.ticket:

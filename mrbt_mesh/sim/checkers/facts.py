@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.inputs import Input, TimerFired
+from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.activation import parse_scope
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import (
@@ -23,7 +23,7 @@ from mrbt_mesh.core.facts.records import (
     split_name,
 )
 from mrbt_mesh.core.facts.store import Entry, FactMap, join
-from mrbt_mesh.sim.checkers.findings import Findings, alive_set, is_connected, joined
+from mrbt_mesh.sim.checkers.findings import Findings, is_connected, joined
 from mrbt_mesh.sim.engine.process import SimProcess
 
 _SCOPED = COALITION_KINDS | BID_KINDS | {OUTCOME, VERDICT, ATTEMPT, EXPIRED, PASSED, DONE}
@@ -40,27 +40,27 @@ class Convergence:
         self._findings = findings
         self._noted_us = 0
         self._noted: FactMap | None = None
-        self._holders: list[Agent] = []
+        self._holders: list[AgentView] = []
 
-    def at_rest(self, agents: Sequence[Agent]) -> None:
+    def at_rest(self, agents: Sequence[AgentView]) -> None:
         """Nothing was written or befell for long."""
         self._findings.checks["I2"] += 1
         digests = {agent.facts.map.digest() for agent in agents}
         if len(digests) > 1:
-            names = ", ".join(f"{a.me}={a.facts.map.digest().hex()[:8]}" for a in agents)
+            names = ", ".join(f"{a.robot}={a.facts.map.digest().hex()[:8]}" for a in agents)
             self._findings.say("I2", f"facts still differ: {names}")
 
-    def check_views(self, agents: Sequence[Agent]) -> bool:
+    def check_views(self, agents: Sequence[AgentView]) -> bool:
         """Nothing befell for long: whether all agree that they are alive, and nobody else."""
-        alive = {agent.me: agent.incarnation for agent in agents}
-        if any(alive_set(agent) != alive for agent in agents):
-            views = "; ".join(f"{a.me}: {' '.join(sorted(alive_set(a)))}" for a in agents)
+        alive = {agent.robot: agent.incarnation for agent in agents}
+        if any(agent.alive() != alive for agent in agents):
+            views = "; ".join(f"{a.robot}: {' '.join(sorted(a.alive()))}" for a in agents)
             known = " ".join(alive)
             self._findings.say("I2", f"views of who is alive still differ from {known}: {views}")
             return False
         return True
 
-    def buried(self, agent: Agent, robot: str) -> None:
+    def buried(self, agent: AgentView, robot: str) -> None:
         """The agent declares `robot` dead: not while somebody in between hears it well."""
         findings, world = self._findings, self._findings.world
         since_us = world.clock.now_us - findings.verdict_us - findings.repair_us
@@ -72,17 +72,21 @@ class Convergence:
             changed_us = findings.cut_us.get(link, since_us)
             return link not in world.network.blocked and changed_us <= since_us
 
-        present = [each.me for each in joined(world)]
+        present = [each.robot for each in joined(world)]
         if robot not in present:
             return
         findings.checks["I2"] += 1
-        if steady(robot, agent.me):
-            findings.say("I2", f"{agent.me} holds {robot} for dead, which it hears")
+        if steady(robot, agent.robot):
+            findings.say("I2", f"{agent.robot} holds {robot} for dead, which it hears")
         for other in present:
-            if other not in (agent.me, robot) and steady(robot, other) and steady(other, agent.me):
-                findings.say("I2", f"{agent.me} holds {robot} for dead, which {other} hears")
+            if (
+                other not in (agent.robot, robot)
+                and steady(robot, other)
+                and steady(other, agent.robot)
+            ):
+                findings.say("I2", f"{agent.robot} holds {robot} for dead, which {other} hears")
 
-    def sample(self, agents: list[Agent]) -> None:
+    def sample(self, agents: list[AgentView]) -> None:
         """While facts keep coming: what anybody held a while ago has reached everybody."""
         findings, now_us = self._findings, self._findings.world.clock.now_us
         connected = is_connected(agents, findings.world.network.blocked)
@@ -98,21 +102,21 @@ class Convergence:
                     self._check(agent, self._noted)
             self._note(agents, now_us)
 
-    def _note(self, agents: Sequence[Agent], now_us: int) -> None:
+    def _note(self, agents: Sequence[AgentView], now_us: int) -> None:
         self._noted_us, self._holders = now_us, list(agents)
         self._noted = FactMap(lambda old, new: None)
         for agent in agents:
             self._noted.merge(agent.facts.map)
 
-    def _check(self, agent: Agent, noted: FactMap) -> None:
+    def _check(self, agent: AgentView, noted: FactMap) -> None:
         self._findings.checks["I2"] += 1
         for entry in noted:
             if not stands(agent, entry) and not is_obsolete(agent, entry):
-                text = f"{agent.me} still lacks {entry.name} {entry.version} of {entry.author}"
+                text = f"{agent.robot} still lacks {entry.name} {entry.version} of {entry.author}"
                 self._findings.say("I2", text)
 
 
-def stands(agent: Agent, entry: Entry) -> bool:
+def stands(agent: AgentView, entry: Entry) -> bool:
     """Whether the agent holds this entry, or one that goes before it."""
     mine = agent.facts.map.get(entry.author, entry.name)
     if mine is None:
@@ -121,12 +125,12 @@ def stands(agent: Agent, entry: Entry) -> bool:
     return (newest.version, newest.packed) == (mine.version, mine.packed)
 
 
-def is_obsolete(agent: Agent, entry: Entry) -> bool:
+def is_obsolete(agent: AgentView, entry: Entry) -> bool:
     """Whether the agent may have dropped this entry, because nothing can reach it any more."""
     parts = split_name(entry.name)
     if parts[0] not in _SCOPED:
         return False
-    return agent.planner.evaluator.is_obsolete(parse_scope(parts[1]), agent.facts)
+    return agent.mission.evaluator.is_obsolete(parse_scope(parts[1]), agent.facts)
 
 
 class NothingUndone:
@@ -138,14 +142,14 @@ class NothingUndone:
         self._finished: dict[SimProcess, set[str]] = {}
         self._seen: dict[SimProcess, tuple[int, int]] = {}
 
-    def started(self, agent: Agent, start: StartAction) -> None:
+    def started(self, agent: AgentView, start: StartAction) -> None:
         if agent.facts.task_status(start.global_task, start.activation) is not Status.RUNNING:
-            text = f"{agent.me} starts {start.activation}, which it knows to be over"
+            text = f"{agent.robot} starts {start.activation}, which it knows to be over"
             self._findings.say("I3", text)
 
-    def check(self, process: SimProcess, agent: Agent) -> None:
+    def check(self, process: SimProcess, agent: AgentView) -> None:
         """After a step, or at a sample: cheap while nothing has changed."""
-        facts, evaluator = agent.facts, agent.planner.evaluator
+        facts, evaluator = agent.facts, agent.mission.evaluator
         seen = (facts.outcome_changes, len(facts.map))
         if self._seen.get(process) == seen:
             return
@@ -159,7 +163,7 @@ class NothingUndone:
             if now.get(key, False) < success or key not in now:
                 robot, name = key
                 if not evaluator.is_obsolete(parse_scope(split_name(name)[1]), facts):
-                    self._findings.say("I3", f"{agent.me} has lost {name} of {robot}")
+                    self._findings.say("I3", f"{agent.robot} has lost {name} of {robot}")
         self._outcomes[process] = now
         self._findings.checks["I3"] += len(now)
         finished = self._finished.setdefault(process, set())
@@ -172,11 +176,15 @@ class NothingUndone:
             elif activation in finished:
                 finished.discard(activation)
                 if not evaluator.is_obsolete(scope, facts):
-                    text = f"for {agent.me} {activation} is not finished any more"
+                    text = f"for {agent.robot} {activation} is not finished any more"
                     self._findings.say("I3", text)
 
     def _check_round(
-        self, agent: Agent, task_id: str, activation: str, outcomes: Mapping[tuple[str, str], bool]
+        self,
+        agent: AgentView,
+        task_id: str,
+        activation: str,
+        outcomes: Mapping[tuple[str, str], bool],
     ) -> None:
         """I4 for what coalitions do: nu successes of one coalition, or the operator's word."""
         task = agent.mission.global_tasks[task_id]
@@ -190,7 +198,9 @@ class NothingUndone:
         enough = (all(r[n.local_task] >= n.min_robots for n in task.needs) for r in rounds.values())
         done = any(entry.name == f"{DONE}/{activation}" for entry in agent.facts.map)
         if not done and not any(enough):
-            text = f"for {agent.me} {activation} is finished, but no coalition has done all of it"
+            text = (
+                f"for {agent.robot} {activation} is finished, but no coalition has done all of it"
+            )
             self._findings.say("I4", text)
 
 
@@ -212,14 +222,14 @@ class GarbageChangesNothing:
 
 
 def _state(process: SimProcess) -> tuple[object, ...]:
-    agent = process.agent
+    agent = process.agent.view if process.agent is not None else None
     if agent is None:
         return (process.is_over,)
     return (
         process.is_over,
         agent.facts.map.digest(),
-        dict(agent.membership.states()),
-        agent.membership.changes,
-        agent.work.claim,
-        agent.description.lost,
+        {robot: peer.state for robot, peer in agent.peers.items()},
+        agent.version,
+        agent.claim,
+        agent.lost,
     )

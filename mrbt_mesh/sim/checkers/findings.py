@@ -6,9 +6,8 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Protocol
 
-from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.assignment.problem import Solver
-from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.make_plan import make_plan
@@ -99,34 +98,31 @@ class Findings:
         return reliable and not any(process.is_slow for process in world.living())
 
 
-def alive_set(agent: Agent) -> dict[str, Incarnation]:
-    """The (robot, incarnation) pairs that this agent's plan counts on."""
-    return agent.membership.alive() | {agent.me: agent.incarnation}
-
-
-def current_plan(agent: Agent, solver: Solver) -> Plan:
+def current_plan(agent: AgentView, solver: Solver) -> Plan:
     """The plan that follows from the agent's facts and alive set as they are now."""
-    if agent.plan is not None and agent.planner.is_current(agent.membership.changes):
+    if agent.plan is not None and agent.is_plan_current:
         return agent.plan
     return make_plan(
         agent.mission,
         agent.facts,
-        alive_set(agent),
-        PlanningSteps(agent.planner.evaluator, solver),
+        agent.alive(),
+        PlanningSteps(agent.mission.evaluator, solver),
     )
 
 
-def joined(world: View) -> list[Agent]:
+def joined(world: View) -> list[AgentView]:
     """The agents of living processes that have taken their place in the team."""
-    return [p.agent for p in world.living() if p.agent and p.agent.joining is None]
+    return [
+        p.agent.view for p in world.living() if p.agent is not None and not p.agent.view.is_joining
+    ]
 
 
-def is_connected(agents: list[Agent], blocked: set[Link]) -> bool:
+def is_connected(agents: list[AgentView], blocked: set[Link]) -> bool:
     """Whether all hear one another both ways, directly or over others."""
     return not blocked or len(components(agents, blocked)) == 1
 
 
-def components(agents: list[Agent], blocked: set[Link]) -> list[list[Agent]]:
+def components(agents: list[AgentView], blocked: set[Link]) -> list[list[AgentView]]:
     """The robots that hear one another both ways, directly or over others.
 
     Left out are those that hear, or are heard by, somebody who is in no such relation to them.
@@ -138,15 +134,16 @@ def components(agents: list[Agent], blocked: set[Link]) -> list[list[Agent]]:
             near = [
                 other
                 for other in rest
-                if (agent.me, other.me) not in blocked and (other.me, agent.me) not in blocked
+                if (agent.robot, other.robot) not in blocked
+                and (other.robot, agent.robot) not in blocked
             ]
             component += near
             rest = [other for other in rest if other not in near]
-        found.append(sorted(component, key=lambda agent: agent.me))
+        found.append(sorted(component, key=lambda agent: agent.robot))
     return [component for component in found if not _leaks(component, agents, blocked)]
 
 
-def _leaks(component: list[Agent], agents: list[Agent], blocked: set[Link]) -> bool:
-    inside = {agent.me for agent in component}
-    outside = {agent.me for agent in agents} - inside
+def _leaks(component: list[AgentView], agents: list[AgentView], blocked: set[Link]) -> bool:
+    inside = {agent.robot for agent in component}
+    outside = {agent.robot for agent in agents} - inside
     return not all((a, b) in blocked and (b, a) in blocked for a in inside for b in outside)

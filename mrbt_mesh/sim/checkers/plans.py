@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
-from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.assignment.canonical import solve
 from mrbt_mesh.core.assignment.problem import AssignmentProblem, Integers
 from mrbt_mesh.core.assignment.solvers import brute_force
@@ -14,7 +14,7 @@ from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.facts.team_facts import capability
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.steps import PlanningSteps
-from mrbt_mesh.sim.checkers.findings import Findings, alive_set, current_plan
+from mrbt_mesh.sim.checkers.findings import Findings, current_plan
 
 MAX_CHOICES = 2_000
 
@@ -25,10 +25,10 @@ class SamePlan:
     def __init__(self, findings: Findings) -> None:
         self._findings = findings
 
-    def sample(self, agents: Iterable[Agent]) -> None:
-        groups: dict[tuple[object, ...], list[Agent]] = {}
+    def sample(self, agents: Iterable[AgentView]) -> None:
+        groups: dict[tuple[object, ...], list[AgentView]] = {}
         for agent in agents:
-            key = (agent.facts.map.digest(), tuple(sorted(alive_set(agent).items())))
+            key = (agent.facts.map.digest(), tuple(sorted(agent.alive().items())))
             groups.setdefault(key, []).append(agent)
         for group in groups.values():
             if len(group) > 1:
@@ -36,7 +36,7 @@ class SamePlan:
                 solver = self._findings.world.solver
                 plans = {current_plan(agent, solver).packed for agent in group}
                 if len(plans) > 1:
-                    names = ", ".join(agent.me for agent in group)
+                    names = ", ".join(agent.robot for agent in group)
                     self._findings.say("I1", f"{names} have the same facts, but plan differently")
 
 
@@ -52,7 +52,7 @@ class OptimalAssignment:
         self._evaluator = Evaluator(findings.world.mission.tree)
         self._turn = 0
 
-    def sample(self, agents: Sequence[Agent]) -> None:
+    def sample(self, agents: Sequence[AgentView]) -> None:
         if not agents:
             return
         self._turn += 1
@@ -65,24 +65,24 @@ class OptimalAssignment:
 
         noting.supports_constraints = True  # type: ignore[attr-defined]
         plan = make_plan(
-            agent.mission, agent.facts, alive_set(agent), PlanningSteps(self._evaluator, noting)
+            agent.mission, agent.facts, agent.alive(), PlanningSteps(self._evaluator, noting)
         )
         if current_plan(agent, self._findings.world.solver).packed != plan.packed:
-            self._findings.say("I7", f"the plan of {agent.me} is not that of its facts")
+            self._findings.say("I7", f"the plan of {agent.robot} is not that of its facts")
         for problem in problems:
             self._check(agent, problem)
 
-    def _check(self, agent: Agent, problem: AssignmentProblem) -> None:
+    def _check(self, agent: AgentView, problem: AssignmentProblem) -> None:
         if math.prod(len(options) + 1 for options in problem.performance) > MAX_CHOICES:
             return
         self._findings.checks["I7"] += 1
         best = brute_force(problem)
         found = solve(problem, self._findings.world.solver)
         if best != found:
-            text = f"{agent.me} assigns {found}, the first of the best is {best}, of {problem}"
+            text = f"{agent.robot} assigns {found}, the first of the best is {best}, of {problem}"
             self._findings.say("I7", text)
         if list(problem.robots) != sorted(problem.robots):
-            self._findings.say("I7", f"{agent.me} assigns robots in the order {problem.robots}")
+            self._findings.say("I7", f"{agent.robot} assigns robots in the order {problem.robots}")
 
 
 class BidsFirst:
@@ -93,12 +93,12 @@ class BidsFirst:
     def __init__(self, findings: Findings) -> None:
         self._findings = findings
 
-    def claimed(self, agent: Agent, claim: Claim) -> None:
+    def claimed(self, agent: AgentView, claim: Claim) -> None:
         """The agent has just made this claim."""
         facts, activation = agent.facts, claim.activation
         needs = agent.mission.global_tasks[claim.global_task].needs
-        alive = {r: life for r, life in alive_set(agent).items() if r in facts.members}
-        others = [facts.valid_claim(robot) for robot in alive if robot != agent.me]
+        alive = {r: life for r, life in agent.alive().items() if r in facts.members}
+        others = [facts.valid_claim(robot) for robot in alive if robot != agent.robot]
         at_work = [each for each in others if each is not None and each.phase > Phase.CLAIMED]
         if any(each.activation == activation for each in at_work):
             return
@@ -113,5 +113,5 @@ class BidsFirst:
                 member, life = facts.members[robot]
                 able = capability(member, need.local_task) is not None
                 if able and life == alive[robot] and not member.leaving:
-                    text = f"{agent.me} claims {claim.local_task} of {activation}"
+                    text = f"{agent.robot} claims {claim.local_task} of {activation}"
                     self._findings.say("I7", f"{text} without a bid of {robot}")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.effects import Effect, Forget, Persist, Publish, StartAction
+from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.facts.records import OUTCOME
 from mrbt_mesh.core.facts.store import Entry, Version
 from mrbt_mesh.core.membership.wire import MessageKind, decode, parse_entries
@@ -32,12 +32,14 @@ class Resumption:
         """The robot's disk is gone: nothing of it can come back."""
         self._synced.pop(robot, None)
 
-    def booted(self, process: SimProcess, agent: Agent) -> None:
+    def booted(self, process: SimProcess, agent: AgentView) -> None:
         """A process has read its journal."""
         for entry in self._synced.get(process.robot, {}).values():
             self._findings.checks["I9"] += 1
             if not stands(agent, entry):
-                text = f"{agent.me} had synced {entry.name} {entry.version}, but starts without it"
+                text = (
+                    f"{agent.robot} had synced {entry.name} {entry.version}, but starts without it"
+                )
                 self._findings.say("I9", text)
 
     def handled(self, process: SimProcess, effects: Iterable[Effect]) -> None:
@@ -62,7 +64,7 @@ class Resumption:
     def _check_written(self, process: SimProcess, entry: Entry) -> None:
         """The newest that was written of a name in one step."""
         assert process.agent is not None
-        found = process.agent.facts.map.get(entry.author, entry.name)
+        found = process.agent.view.facts.map.get(entry.author, entry.name)
         if found is None or entry.record.first_stands or found.record.rank():
             return
         if found.version != entry.version:
@@ -74,13 +76,13 @@ class Resumption:
         synced = self._synced.get(process.robot, {})
         for key in keys:
             entry = synced.pop(key, None)
-            if entry is not None and not is_obsolete(process.agent, entry):
+            if entry is not None and not is_obsolete(process.agent.view, entry):
                 text = f"{process.robot} forgets {entry.name}, which can still be reached"
                 self._findings.say("I9", text)
 
     def _check_told(self, process: SimProcess, data: bytes) -> None:
         assert process.agent is not None
-        _, body = decode(data, process.agent.replica.header, MessageKind.FACT)
+        _, body = decode(data, process.agent.view.header, MessageKind.FACT)
         for entry in parse_entries(body)[0]:
             if (entry.author, entry.name, entry.version) not in self._versions:
                 text = f"{process.robot} tells {entry.name} {entry.version} before it is synced"

@@ -6,9 +6,9 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.effects import Effect, Persist, StartAction
 from mrbt_mesh.core.agent.inputs import ActionFinished, Input
+from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.evaluation import Request
 from mrbt_mesh.core.bt.tree import Kind, Status
 from mrbt_mesh.core.facts.records import (
@@ -29,7 +29,7 @@ from mrbt_mesh.core.planning.capabilities import capabilities_of, workers
 from mrbt_mesh.core.planning.demands import demands_of
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.core.planning.side_constraints import feasibility
-from mrbt_mesh.sim.checkers.findings import Findings, alive_set, current_plan, is_connected, joined
+from mrbt_mesh.sim.checkers.findings import Findings, current_plan, is_connected, joined
 from mrbt_mesh.sim.engine.process import SimProcess
 
 _OVER = (Status.SUCCESS, Status.FAILURE)
@@ -46,37 +46,37 @@ class Bounds:
         tasks = findings.world.mission.global_tasks.values()
         self._preempts = any(task.preemptive for task in tasks)
 
-    def cancelled(self, agent: Agent, claim: Claim) -> None:
+    def cancelled(self, agent: AgentView, claim: Claim) -> None:
         """The agent has just given up what it was running under `claim`."""
         facts, plan = agent.facts, agent.plan
         if agent.mission.global_tasks[claim.global_task].by_coalition:
             return  # it stops with the others
         if self._preempts or plan is None or plan.order is not OrderKind.RESUME:
             return
-        if agent.joining is not None or agent.leaving or not is_served(plan, claim.activation):
+        if agent.is_joining or agent.is_leaving or not is_served(plan, claim.activation):
             return
-        member, results = facts.members[agent.me][0], facts.results(*_place(claim))
-        if agent.me in results or capability(member, claim.local_task) is None:
+        member, results = facts.members[agent.robot][0], facts.results(*_place(claim))
+        if agent.robot in results or capability(member, claim.local_task) is None:
             return
         needs = agent.mission.global_tasks[claim.global_task].needs
         need = next(need for need in needs if need.local_task == claim.local_task)
         room = max(need.min_robots - sum(results.values()), need.max_robots - len(results), 0)
         before = 0
-        for robot in workers(facts, alive_set(agent)):
+        for robot in workers(facts, agent.alive()):
             other, life = facts.claims.get(robot, (None, None))
             if other is None or life != facts.members[robot][1]:
                 continue  # of an earlier life
             if robot not in results and _place(other) == _place(claim):
-                running = other.phase is Phase.RUNNING and robot != agent.me
-                before += running and (other.since, robot) < (claim.since, agent.me)
+                running = other.phase is Phase.RUNNING and robot != agent.robot
+                before += running and (other.since, robot) < (claim.since, agent.robot)
         if before < room and keeps_pin(agent, plan, claim):
-            text = f"{agent.me} is taken off {claim.local_task} of {claim.activation}"
+            text = f"{agent.robot} is taken off {claim.local_task} of {claim.activation}"
             self._findings.say("I4", f"{text}, which it runs and the plan serves")
 
-    def started(self, agent: Agent, start: StartAction) -> None:
-        member = agent.facts.members[agent.me][0]
+    def started(self, agent: AgentView, start: StartAction) -> None:
+        member = agent.facts.members[agent.robot][0]
         if capability(member, start.local_task) is None:
-            text = f"{agent.me} starts {start.local_task}, which it cannot do"
+            text = f"{agent.robot} starts {start.local_task}, which it cannot do"
             self._findings.say("I4", text)
         world = self._findings.world
         delay_us = world.network.slowest_us + 2 * world.plan_delay_us
@@ -84,14 +84,14 @@ class Bounds:
         if prompt and world.network.is_reliable_at(world.clock.now_us) and not world.cut_off:
             self._check_crowd(agent, start)
 
-    def _check_crowd(self, agent: Agent, start: StartAction) -> None:
+    def _check_crowd(self, agent: AgentView, start: StartAction) -> None:
         """Where all hear one another in time, mu holds at every moment."""
         place = (start.activation, start.local_task)
         robots = [
             process.robot
             for process in self._findings.world.living()
             if process.agent is not None
-            and (action := process.agent.work.action) is not None
+            and (action := process.agent.view.action) is not None
             and (action.activation, action.local_task) == place
         ]
         needs = agent.mission.global_tasks[start.global_task].needs
@@ -102,18 +102,18 @@ class Bounds:
                 "I4", f"{who} are on {place[1]} of {place[0]}, at most {most} may be"
             )
 
-    def at_rest(self, agents: Sequence[Agent]) -> None:
+    def at_rest(self, agents: Sequence[AgentView]) -> None:
         """Everybody does its line of the one plan, and the bounds of every demand hold."""
         self._findings.checks["I4"] += 1
-        agent, alive = agents[0], {agent.me: agent.incarnation for agent in agents}
+        agent, alive = agents[0], {agent.robot: agent.incarnation for agent in agents}
         plan = current_plan(agent, self._findings.world.solver)
         for each in agents:
-            line, claim = plan.lines.get(each.me), each.work.claim
+            line, claim = plan.lines.get(each.robot), each.claim
             wanted = (line.activation, line.local_task) if line else None
             runs = claim is not None and claim.phase is Phase.RUNNING
             found = (claim.activation, claim.local_task) if claim and runs else None
             if wanted != found:
-                text = f"{each.me} works on {found}, by the plan on {wanted}"
+                text = f"{each.robot} works on {found}, by the plan on {wanted}"
                 self._findings.say("I4", text)
         if plan.order is not OrderKind.RESUME:
             return
@@ -121,7 +121,7 @@ class Bounds:
         on = Counter((line.activation, line.local_task) for line in plan.lines.values())
         capable = capabilities_of(agent.facts, alive)
         for group in demands_of(
-            agent.facts, plan.evaluation.requests, capable, agent.planner.evaluator
+            agent.facts, plan.evaluation.requests, capable, agent.mission.evaluator
         ):
             for demand in group:
                 place = (demand.request.activation, demand.local_task)
@@ -136,23 +136,23 @@ def _place(claim: Claim) -> tuple[str, str]:
     return claim.activation, claim.local_task
 
 
-def keeps_pin(agent: Agent, plan: Plan, claim: Claim) -> bool:
+def keeps_pin(agent: AgentView, plan: Plan, claim: Claim) -> bool:
     """Whether the claim's request can be met with all running robots left where they are.
 
     Otherwise pins may yield, also this one.
     """
     facts = agent.facts
-    capable = capabilities_of(facts, alive_set(agent))
+    capable = capabilities_of(facts, agent.alive())
     groups = [
         list(group)
-        for group in demands_of(facts, plan.evaluation.requests, capable, agent.planner.evaluator)
+        for group in demands_of(facts, plan.evaluation.requests, capable, agent.mission.evaluator)
     ]
     obstacles = {waiting.activation for waiting in plan.waiting if waiting.obstacle}
     for index, group in enumerate(groups):
         for number, demand in enumerate(group):
             if (demand.request.activation, demand.local_task) == _place(claim):
-                others = [robot for robot in demand.pinned if robot != agent.me]
-                groups[index][number] = replace(demand, pinned=(*others, agent.me))
+                others = [robot for robot in demand.pinned if robot != agent.robot]
+                groups[index][number] = replace(demand, pinned=(*others, agent.robot))
     pinned = {r: i for i, group in enumerate(groups) for d in group for r in d.pinned}
     check = feasibility(facts.mission.constraints, list(capable.team), groups)
     return any(
@@ -213,9 +213,9 @@ class Progress:
         kinds = (Attempt, Latch, ConditionValue)
         return isinstance(entry.record, kinds) and kind not in COALITION_KINDS
 
-    def finishing(self, agent: Agent, event: Input) -> None:
+    def finishing(self, agent: AgentView, event: Input) -> None:
         """Before a step: an action is about to end."""
-        action = agent.work.action
+        action = agent.action
         if isinstance(event, ActionFinished) and action and action.number == event.ticket:
             key = (action.global_task, action.local_task, action.activation)
             self._successes[key] += event.success
@@ -231,7 +231,7 @@ class Progress:
             return
         if not agents or not is_connected(agents, world.network.blocked):
             return
-        if not findings.checks["I6"] and servable(agents[0], alive_set(agents[0])):
+        if not findings.checks["I6"] and servable(agents[0], agents[0].alive()):
             findings.checks["I6"] += 1  # from now on it is demanded
         quiet_us = now_us - max(healed_us, findings.fault_us)
         still_us = min(quiet_us, now_us - self._progress_us)
@@ -245,22 +245,22 @@ class Progress:
         if still_us <= patience_us:
             return
         for agent in agents:
-            waits = agent.planner.deadlines.next_deadline_us() is not None
-            request = servable(agent, alive_set(agent))
+            waits = agent.waits_for_deadline
+            request = servable(agent, agent.alive())
             if request is not None:
-                text = f"for {agent.me}, {request} could be served, but nothing was finished "
+                text = f"for {agent.robot}, {request} could be served, but nothing was finished "
                 findings.say("I6", text + f"for {still_us / 1e6:.1f} s after the last fault")
                 self.is_settled = True
             elif waits or agent.facts.order() is OrderKind.PAUSE:
                 return
         self.is_settled = True
 
-    def _check_joining(self, agents: Sequence[Agent]) -> None:
+    def _check_joining(self, agents: Sequence[AgentView]) -> None:
         """Some have not taken their place in the team."""
         findings, world = self._findings, self._findings.world
         waits_us = world.clock.now_us - max(world.healed_us or 0, findings.fault_us)
         if waits_us > 2 * (findings.repair_us + findings.verdict_us):
-            late = {process.robot for process in world.living()} - {agent.me for agent in agents}
+            late = {process.robot for process in world.living()} - {agent.robot for agent in agents}
             text = f"{', '.join(sorted(late))} did not join within {waits_us / 1e6:.1f} s"
             findings.say("I6", f"{text} after the last fault")
             self.is_settled = True
@@ -274,10 +274,10 @@ class Progress:
     def timed_out(self) -> None:
         """After a run without a result: the living could not have finished the mission."""
         world = self._findings.world
-        agents = [process.agent for process in world.living() if process.agent is not None]
+        agents = [p.agent.view for p in world.living() if p.agent is not None]
         if not agents or world.network.blocked or world.healed_us is not None:
             return
-        if can_finish(agents[0], {agent.me: agent.incarnation for agent in agents}):
+        if can_finish(agents[0], {agent.robot: agent.incarnation for agent in agents}):
             text = "the living robots could finish the mission, but did not in time"
             self._findings.say("I6", text)
 
@@ -300,7 +300,7 @@ def longest_us(mission: Mission, speed: float) -> int:
     return round(longest / speed)
 
 
-def servable(agent: Agent, alive: Mapping[str, Incarnation]) -> str | None:
+def servable(agent: AgentView, alive: Mapping[str, Incarnation]) -> str | None:
     """A request of T_G that the living could serve, whoever else may wait; None if there is none.
 
     Found by trying out who could do what, without the planner.
@@ -308,7 +308,7 @@ def servable(agent: Agent, alive: Mapping[str, Incarnation]) -> str | None:
     facts = agent.facts
     if facts.order() is not OrderKind.RESUME:
         return None
-    for request in agent.planner.evaluator.evaluate(facts).requests:
+    for request in agent.mission.evaluator.evaluate(facts).requests:
         if not _is_excepted(facts, request, alive) and _can_serve(facts, request, alive):
             return request.activation
     return None
@@ -350,7 +350,7 @@ def _can_serve(facts: TeamFacts, request: Request, alive: Mapping[str, Incarnati
     return seat(0, frozenset())
 
 
-def can_finish(agent: Agent, alive: Mapping[str, Incarnation]) -> bool:
+def can_finish(agent: AgentView, alive: Mapping[str, Incarnation]) -> bool:
     """Whether the living could serve every global task of the tree: more than they may need."""
     mission = agent.mission
     if agent.facts.order() is not OrderKind.RESUME:
@@ -360,7 +360,7 @@ def can_finish(agent: Agent, alive: Mapping[str, Incarnation]) -> bool:
     capable = capabilities_of(agent.facts, alive)
     for node in mission.tree.actions():
         request = Request(node.index, node.subject, "")
-        (group,) = demands_of(agent.facts, [request], capable, agent.planner.evaluator)
+        (group,) = demands_of(agent.facts, [request], capable, agent.mission.evaluator)
         if not feasibility(mission.constraints, list(capable.team), [group]).keep(0, group, {}):
             return False
     return True

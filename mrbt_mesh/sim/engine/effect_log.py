@@ -41,7 +41,7 @@ def effect_json(effect: Effect) -> str:
             return f'{{"ask":"{peer}","data":"{_digest(data)}"}}'
         case Reply(query, pages):
             return f'{{"reply":{query},"data":"{_digest(b"".join(pages))}"}}'
-    fields = {f.name: _plain(getattr(effect, f.name)) for f in dataclasses.fields(effect)}
+    fields = {f.name: _plain(getattr(effect, f.name)) for f in dataclasses.fields(effect) if f.repr}
     text = {type(effect).__name__: fields}
     return json.dumps(text, sort_keys=True, separators=(",", ":"), default=str)
 

@@ -111,7 +111,7 @@ class Failures:
 
     def outcome(self, process: SimProcess, event: ActionFinished) -> ActionFinished:
         """How an action that a robot has ended by itself counts."""
-        action = process.agent.work.action if process.agent is not None else None
+        action = process.agent.view.action if process.agent is not None else None
         if action is None or not event.success:
             return event
         chances = self._model.actions

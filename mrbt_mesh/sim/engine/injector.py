@@ -160,7 +160,7 @@ class Injector:
         """The operator says so again as long as a robot comes with an older word."""
         world = self._world
         for process in world.living():
-            if process.agent and process.agent.facts.order() is OrderKind.PAUSE:
+            if process.agent and process.agent.view.facts.order() is OrderKind.PAUSE:
                 process.deliver(self._input(faults.Command(process.robot, ORDER, "resume")))
         world.clock.at(world.clock.now_us + world.timing.detection_us, self._resume)
 

@@ -29,6 +29,7 @@ from mrbt_mesh.core.agent.effects import (
 )
 from mrbt_mesh.core.agent.inputs import ActionFinished, Input, PlanMade, TimerFired
 from mrbt_mesh.core.facts.store import Entry, Incarnation
+from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.runtime.actions import ActionRunner, Identity
 from mrbt_mesh.runtime.inbox import MAX_WAITING
 from mrbt_mesh.runtime.journal import LAZY_COMMIT_S
@@ -43,6 +44,9 @@ class Surroundings(Protocol):
     """What a process needs of its world."""
 
     clock: VirtualClock
+
+    @property
+    def timing(self) -> Timing: ...
 
     @property
     def inspection(self) -> Witness: ...
@@ -137,7 +141,7 @@ class SimProcess:
             return
         self._ran_us = self.local.boottime_us
         self.agent = agent = self._make_agent(self._ran_us)
-        self._runner = ActionRunner(group, self._program, agent.mission, self.identity, self)
+        self._runner = ActionRunner(group, self._program, agent.view.mission, self.identity, self)
         self._context.run(self._runner.start_background)
         self._world.inspection.booted(self)
         self.deliver(TIMER_FIRED)
@@ -157,7 +161,7 @@ class SimProcess:
             return
         now_us = self.local.boottime_us
         gap_us, self._ran_us = now_us - self._ran_us, now_us
-        if gap_us > agent.config.timing.detection_us and not isinstance(event, TimerFired):
+        if gap_us > self._world.timing.detection_us and not isinstance(event, TimerFired):
             self._handle(TIMER_FIRED)  # as runtime.fencing does
         if inspection.watches_steps:
             inspection.handling(self, event)
@@ -185,9 +189,9 @@ class SimProcess:
                 self._world.asked(self, effect)
             case Reply():
                 self._world.replied(self, effect)
-            case MakePlan(number):
+            case MakePlan():
                 clock = self._world.clock
-                clock.at(clock.now_us + self._plan_delay_us, partial(self._make_plan, number))
+                clock.at(clock.now_us + self._plan_delay_us, partial(self._make_plan, effect))
             case StartAction() | CancelAction() | RequestBid():
                 self._context.run(self._runner.carry_out, effect)
             case DeclareToken(incarnation):
@@ -201,11 +205,10 @@ class SimProcess:
             case Log():
                 pass  # it is in the effect log
 
-    def _make_plan(self, number: int) -> None:
-        planner = self.agent.planner if self.agent is not None else None
-        if self.is_over or planner is None or not planner.is_busy or planner.number != number:
-            return  # fenced off meanwhile
-        self.deliver(PlanMade(number, planner.compute()))
+    def _make_plan(self, effect: MakePlan) -> None:
+        awaited = self.agent.view.awaited_plan if self.agent is not None else None
+        if not self.is_over and awaited == effect.number:  # else it was fenced off meanwhile
+            self.deliver(PlanMade(effect.number, effect.make()))
 
     def _persist(self, entries: tuple[Entry, ...], synced: bool) -> None:
         self.journal.put(entries)
@@ -309,7 +312,7 @@ class SimProcess:
         clock.at(clock.now_us, partial(self.deliver, event))
 
     def read_condition(self, name: str) -> bool:
-        return self.agent is not None and self.agent.facts.condition(name)
+        return self.agent is not None and self.agent.view.facts.condition(name)
 
     def record_event(self, event: Mapping[str, Any]) -> None:
         if not self.killed:

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.bt.evaluator import Evaluator
-from mrbt_mesh.core.engine import Engine, MakePlan
+from mrbt_mesh.core.engine import Engine, PlanFunction
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.wire import Beat, Header
@@ -67,7 +67,7 @@ def shared_engine(mine: Header, engine: Engine) -> Engine:
 
     plans: Recent[tuple[bytes, frozenset[tuple[str, Incarnation]]], Plan] = Recent()
 
-    def shared_planning(evaluator: Evaluator, solver: Solver) -> MakePlan:
+    def shared_planning(evaluator: Evaluator, solver: Solver) -> PlanFunction:
         make_plan = engine.plan_making(evaluator, solver)
 
         def shared_plan(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:

@@ -324,7 +324,7 @@ class World:
     # -- what processes do --------------------------------------------------------------------
 
     def stopped(self, process: SimProcess) -> None:
-        plan = process.agent.plan if process.agent else None
+        plan = process.agent.view.plan if process.agent else None
         if plan is not None and plan.result in (Status.SUCCESS, Status.FAILURE):
             # It has seen the whole team agree. Robots that it could not reach may never learn it.
             now_us = self.clock.now_us
@@ -401,14 +401,14 @@ class World:
         return self.timing.longest_verdict_us + self.timing.detection_us
 
     def _rests(self) -> bool:
-        agents = [process.agent for process in self.living()]
+        agents = [process.agent.view if process.agent else None for process in self.living()]
         return all(
             agent is not None
-            and agent.joining is None
+            and not agent.is_joining
             and agent.plan is not None
             and not agent.plan.lines
-            and agent.work.is_idle
-            and agent.planner.deadlines.next_deadline_us() is None
+            and agent.action is None
+            and not agent.waits_for_deadline
             for agent in agents
         )
 

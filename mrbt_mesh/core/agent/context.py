@@ -1,0 +1,120 @@
+"""What the parts of one agent share: its facts, the team as it sees it, and what goes out.
+
+Each part takes this and the few other parts that it needs, never the agent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from mrbt_mesh.core.agent.config import AgentConfig
+from mrbt_mesh.core.agent.description import Description
+from mrbt_mesh.core.agent.effects import Ask, Effect, Log, Persist, Publish, Stop
+from mrbt_mesh.core.agent.work import Work
+from mrbt_mesh.core.facts.store import Entry, Incarnation
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.membership.anti_entropy import Replica
+from mrbt_mesh.core.membership.joining import Joining
+from mrbt_mesh.core.membership.membership import Membership
+from mrbt_mesh.core.membership.wire import Header, MessageKind
+from mrbt_mesh.core.mission.mission import Mission
+
+MAX_REASONS = 1_000
+
+
+class Context:
+    """One robot's facts, peers and outgoing effects.
+
+    `joining` is None once the robot has its place in the team. `refused` counts what was refused,
+    by source and reason; beyond `MAX_REASONS` different ones new ones are not told apart.
+    """
+
+    def __init__(self, mission: Mission, config: AgentConfig, now_us: int) -> None:
+        self.mission = mission
+        self.config = config
+        self.me = config.robot
+        self.facts = TeamFacts(mission, config.run)
+        header = Header(mission.digest[:16], mission.name, config.run, config.robot)
+        read_batch = config.engine.read_batch
+        self.replica = Replica(self.facts, header, config.timing, config.nonce, read_batch)
+        self.replica.restore(config.restored)
+        self.membership = Membership(self.me, config.timing)
+        self.joining: Joining | None = Joining(config.timing, config.expected - {self.me}, now_us)
+        self.description = Description(
+            self.me, config.type, config.capabilities, config.software, config.host, config.pid
+        )
+        self.work = Work()
+        self.refused: dict[str, int] = {}
+        self.has_stopped = False
+        self._effects: list[Effect] = []
+
+    # -- what holds ---------------------------------------------------------------------------
+
+    @property
+    def is_new(self) -> bool:
+        """Whether it has yet to join in this life: what it wrote now might not stand."""
+        return self.joining is not None and self.joining.first
+
+    @property
+    def is_leaving(self) -> bool:
+        """Whether this robot is on its way out."""
+        return self.description.leaving
+
+    def alive(self) -> dict[str, Incarnation]:
+        """The plan's alive set, this robot included."""
+        return self.membership.alive() | {self.me: self.replica.incarnation}
+
+    # -- what goes out ------------------------------------------------------------------------
+
+    def write(self, values: Iterable[tuple[str, Any]], now_us: int) -> None:
+        """Write one batch of facts: to the journal, and to everybody."""
+        batch = list(values)
+        if batch:
+            data, entries = self.replica.write(batch, now_us)
+            self._effects += (Persist(entries, synced=True), Publish(MessageKind.FACT, data))
+
+    def keep(self, entries: Iterable[Entry]) -> None:
+        """Keep what others have written in the journal."""
+        self._effects.append(Persist(tuple(entries), synced=False))
+
+    def ask(self, peers: Iterable[str], now_us: int) -> None:
+        """Ask these peers for the facts that this robot lacks."""
+        for peer in peers:
+            self.replica.asked(peer, now_us)
+            self._effects.append(Ask(peer, self.replica.pull()))
+
+    def emit(self, *effects: Effect) -> None:
+        """Have effects carried out, after those before."""
+        self._effects += effects
+
+    def log(self, level: str, event: str, **fields: Any) -> None:
+        """One line for the robot's log."""
+        self._effects.append(Log(level, event, fields))
+
+    def refuse(self, source: str, reason: str, incompatible: bool = False) -> None:
+        """Count what is refused; log it once per source and reason."""
+        if self.is_first(source, reason):
+            event = "robot_refused" if incompatible else "input_refused"
+            self.log("error" if incompatible else "warning", event, source=source, reason=reason)
+        if incompatible and self.joining is not None:
+            self.joining.foreign = f"{source}: {reason}"
+
+    def is_first(self, source: str, reason: str) -> bool:
+        """Count one more of a kind that is worth one line in the log; whether it is the first."""
+        key = f"{source}: {reason}"
+        if key not in self.refused and len(self.refused) >= MAX_REASONS:
+            return False
+        self.refused[key] = self.refused.get(key, 0) + 1
+        return self.refused[key] == 1
+
+    def stop(self, code: int, reason: str | None) -> None:
+        """The agent is done, for this reason; None: it is not."""
+        if reason is not None and not self.has_stopped:
+            self.has_stopped = True
+            self.emit(*self.work.drop(), Stop(code, reason))
+
+    def take_effects(self) -> list[Effect]:
+        """What is to be done, in order; it is handed over once."""
+        effects, self._effects = self._effects, []
+        return effects

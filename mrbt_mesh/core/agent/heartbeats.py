@@ -1,0 +1,74 @@
+"""What a robot says of itself in every beat, and when it beats."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.effects import Publish
+from mrbt_mesh.core.agent.executor import Executor
+from mrbt_mesh.core.agent.planner import Planner
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
+from mrbt_mesh.core.membership.wire import Beat, MessageKind, Word
+
+
+class Heartbeats:
+    """Puts this robot's beats together."""
+
+    def __init__(
+        self,
+        context: Context,
+        schedule: HeartbeatSchedule,
+        planner: Planner,
+        executor: Executor,
+    ) -> None:
+        self._context = context
+        self._schedule = schedule
+        self._planner = planner
+        self._executor = executor
+
+    def send_if_due(self, now_us: int) -> None:
+        """Beat if it is time, or if there is something that others must hear at once."""
+        urgent = self._urgent()
+        if self._schedule.is_due(urgent, now_us):
+            self._send(urgent, now_us)
+
+    def send(self, now_us: int) -> None:
+        """Beat now."""
+        self._send(self._urgent(), now_us)
+
+    def hurry_if_probing(self, now_us: int) -> None:
+        """Beat faster while this robot asks for news of another one."""
+        membership = self._context.membership
+        if membership.is_seeking:
+            self._schedule.hurry(membership.present, now_us)
+
+    def _urgent(self) -> tuple[Any, ...]:
+        """What the others must hear at once when it changes."""
+        context, plan, leases = self._context, self._planner.plan, self._executor.leases
+        digest, result = (plan.digest, plan.result) if plan else (b"", Status.RUNNING)
+        granted = tuple([(grant.token, grant.member) for grant in leases.given()])
+        place = (context.joining is None, context.is_leaving)
+        return digest, result, context.membership.accusations(), place, leases.seeks, granted
+
+    def _send(self, urgent: tuple[Any, ...], now_us: int) -> None:
+        context, plan, executor = self._context, self._planner.plan, self._executor
+        number = self._schedule.sent(urgent, now_us)
+        # A beat renews the leases that this robot holds: it answers itself first.
+        context.write(executor.leases.sent(number, now_us, executor.may_grant), now_us)
+        digest, result = (plan.digest, plan.result) if plan else (bytes(8), Status.RUNNING)
+        is_joined, membership = context.joining is None, context.membership
+        beat = Beat(
+            Word(context.replica.incarnation, number, digest, is_joined, int(result)),
+            context.is_leaving,
+            context.facts.map.digest(),
+            tuple([int(status) for status in executor.tree.statuses]),
+            context.work.progress,
+            membership.accusations(),
+            membership.heard(),
+            executor.leases.seeks,
+            executor.leases.given(),
+        )
+        data = context.config.engine.write_beat(beat, context.replica.header)
+        context.emit(Publish(MessageKind.BEAT, data))

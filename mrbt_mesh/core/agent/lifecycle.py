@@ -1,0 +1,143 @@
+"""A robot's way into its team, through pauses of its own process, and out of the team again."""
+
+from __future__ import annotations
+
+from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.effects import DeclareToken
+from mrbt_mesh.core.agent.planner import Planner
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
+from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
+from mrbt_mesh.core.membership.joining import Joining
+from mrbt_mesh.core.membership.leases import Leases
+from mrbt_mesh.core.planning.plan import Plan
+
+
+class Lifecycle:
+    """Joins, joins again after self-fencing, and stops once the mission is over.
+
+    `done_us`: since when all report the mission's result.
+    """
+
+    def __init__(
+        self,
+        context: Context,
+        planner: Planner,
+        leases: Leases,
+        duplicates: DuplicateIdCheck,
+        schedule: HeartbeatSchedule,
+    ) -> None:
+        self._context = context
+        self._planner = planner
+        self._leases = leases
+        self._duplicates = duplicates
+        self._schedule = schedule
+        self.done_us: int | None = None
+
+    # -- pauses -------------------------------------------------------------------------------
+
+    def woke_late(self, lag_us: int, now_us: int) -> None:
+        """Self-fencing, and patience with others after this robot itself was slow.
+
+        `lag_us`: by how much it missed its deadline, which is never later than its next beat.
+        """
+        context = self._context
+        timing = context.config.timing
+        if lag_us > timing.beat_us // 2:
+            context.membership.slowed(lag_us, now_us)
+        silent_us = now_us - self._schedule.last_beat_us
+        if silent_us > timing.fence_us and context.joining is None:
+            context.log("warning", "fenced", silent_s=silent_us / 1e6)
+            context.emit(DeclareToken(context.replica.next_incarnation(0)))
+            self._join_again(frozenset(context.membership.alive()), False, now_us)
+            # On disk before it is beaten out: no later process may take this incarnation again.
+            context.write([(records.CLAIM, None)], now_us)
+
+    def check_own_past(self, now_us: int) -> None:
+        """Find a later life of this robot in the facts, or others burying one: it started again
+        without knowing of it.
+
+        Others ignore its beats, so it joins once more, above that life. If that life still
+        goes on, it is heard meanwhile, and this process stops: it listens for as long as it
+        takes, because it expects itself, whom it never hears.
+        """
+        context = self._context
+        known = context.facts.members.get(context.me)
+        later = self._duplicates.rival
+        if known is not None:
+            later = max(later, known[1])
+        if context.joining is None and later > context.replica.incarnation:
+            context.log("warning", "later_life_found", incarnation=str(later))
+            self._join_again(frozenset({context.me}), True, now_us)
+
+    def _join_again(self, expected: frozenset[str], first: bool, now_us: int) -> None:
+        context = self._context
+        context.emit(*context.work.drop())
+        context.joining = Joining(context.config.timing, expected, now_us, first)
+        self._duplicates.restart()
+        self._planner.forget()
+
+    # -- joining ------------------------------------------------------------------------------
+
+    def try_to_join(self, now_us: int) -> bool:
+        """Take a place in the team once everything is known; whether it has just been taken."""
+        context, joining = self._context, self._context.joining
+        if joining is None or context.is_leaving:
+            return False
+        peers, digest = context.membership.peers, context.facts.map.digest()
+        wanted = joining.wanted(peers, digest, now_us)
+        context.ask(context.replica.askable(wanted, now_us), now_us)
+        awaited = joining.first and self._duplicates.is_relayed
+        if wanted or not joining.is_done(awaited, now_us):
+            return False
+        if joining.first:
+            if joining.foreign and not peers:
+                context.stop(2, f"the team runs something else: {joining.foreign}")
+                return False
+            self._begin_new_life(joining)
+        context.joining = None
+        context.log("info", "joined", incarnation=str(context.replica.incarnation))
+        member = (records.MEMBER, context.description.to_value())
+        context.write([member, (records.CLAIM, None)], now_us)
+        return True
+
+    def _begin_new_life(self, joining: Joining) -> None:
+        context = self._context
+        others = context.mission.robots.keys() - {context.me}
+        is_known = bool(context.facts.map.of_author(context.me))
+        peers, digest = context.membership.peers, context.facts.map.digest()
+        if joining.knows_all_of(others, peers, digest) and not is_known:
+            self._leases.is_new()
+        incarnation = context.replica.next_incarnation(self._duplicates.rival.counter)
+        context.emit(DeclareToken(incarnation))
+
+    # -- the end ------------------------------------------------------------------------------
+
+    @property
+    def is_over(self) -> bool:
+        """Whether this robot's plan has the mission's result."""
+        plan = self._planner.plan
+        return plan is not None and plan.result in (Status.SUCCESS, Status.FAILURE)
+
+    def result_to_stop_with(self, now_us: int) -> Status | None:
+        """The mission's result once every living robot has come to it, and has heard so."""
+        context, plan = self._context, self._planner.plan
+        if plan is None or not self._is_everybody_done(plan):
+            self.done_us = None
+        elif self.done_us is None:
+            self.done_us = now_us
+            context.log("info", "mission_over", result=plan.result.name.lower())
+        elif context.config.exit_when_done:
+            beat_us = context.config.timing.beat_us
+            return plan.result if now_us >= self.done_us + beat_us else None
+        return None
+
+    def _is_everybody_done(self, plan: Plan) -> bool:
+        context = self._context
+        return (
+            context.joining is None
+            and self.is_over
+            and context.membership.all_report(int(plan.result))
+            and context.work.is_idle
+        )

@@ -1,0 +1,126 @@
+"""What may be looked at from outside of an agent; nothing of it may be changed there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.executor import Executor
+from mrbt_mesh.core.agent.planner import Planner
+from mrbt_mesh.core.agent.work import Ticket
+from mrbt_mesh.core.facts.records import Claim
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.membership.membership import Peer
+from mrbt_mesh.core.membership.wire import Header
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.planning.plan import Plan
+
+
+class AgentView:
+    """An agent as it is now, read-only: it changes with the agent."""
+
+    def __init__(self, context: Context, planner: Planner, executor: Executor) -> None:
+        self._context = context
+        self._planner = planner
+        self._executor = executor
+
+    # -- who it is ----------------------------------------------------------------------------
+
+    @property
+    def robot(self) -> str:
+        """Its id."""
+        return self._context.me
+
+    @property
+    def mission(self) -> Mission:
+        """What it carries out."""
+        return self._context.mission
+
+    @property
+    def header(self) -> Header:
+        """What its messages begin with."""
+        return self._context.replica.header
+
+    @property
+    def incarnation(self) -> Incarnation:
+        """Its incarnation; counter 0 while it has never joined."""
+        return self._context.replica.incarnation
+
+    @property
+    def is_joining(self) -> bool:
+        """Whether it has yet to take its place in the team."""
+        return self._context.joining is not None
+
+    @property
+    def is_leaving(self) -> bool:
+        """Whether it is on its way out."""
+        return self._context.is_leaving
+
+    @property
+    def lost(self) -> tuple[str, ...]:
+        """The capabilities that it has lost."""
+        return self._context.description.lost
+
+    # -- what it knows ------------------------------------------------------------------------
+
+    @property
+    def facts(self) -> TeamFacts:
+        """Its replica of the team's facts; to be read only."""
+        return self._context.facts
+
+    @property
+    def peers(self) -> Mapping[str, Peer]:
+        """What it knows of the other robots; to be read only."""
+        return self._context.membership.peers
+
+    @property
+    def version(self) -> tuple[int, int]:
+        """Two numbers that grow with each change of its facts and of who is alive."""
+        return self._context.facts.changes, self._context.membership.changes
+
+    def alive(self) -> dict[str, Incarnation]:
+        """The alive set of its plan, itself included."""
+        return self._context.alive()
+
+    def agrees(self) -> bool:
+        """Whether all robots in good standing report its plan."""
+        plan = self._planner.plan
+        return plan is not None and self._context.membership.agrees(plan.digest)
+
+    @property
+    def refused(self) -> Mapping[str, int]:
+        """How often what was refused, by source and reason."""
+        return self._context.refused
+
+    # -- what it does -------------------------------------------------------------------------
+
+    @property
+    def plan(self) -> Plan | None:
+        """Its newest plan, None while it has never joined."""
+        return self._planner.plan
+
+    @property
+    def is_plan_current(self) -> bool:
+        """Whether the plan is that of its facts and its alive set as they are now."""
+        return self._planner.is_current
+
+    @property
+    def awaited_plan(self) -> int | None:
+        """The number of the plan that is being made elsewhere (`effects.MakePlan`)."""
+        return self._planner.awaited
+
+    @property
+    def waits_for_deadline(self) -> bool:
+        """Whether a time limit of the tree, of a blocked task or of bids is running."""
+        return self._planner.deadlines.next_deadline_us() is not None
+
+    @property
+    def claim(self) -> Claim | None:
+        """What it works on, or is about to."""
+        return self._context.work.claim
+
+    @property
+    def action(self) -> Ticket | None:
+        """The action that it has started and that has not ended."""
+        return self._context.work.action
