@@ -22,5 +22,5 @@ def test_what_is_let_pass_would_have_had_no_effect(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     expected = effect_log(seed)
-    monkeypatch.setattr(DirtyCheck, "lets_pass", lambda *_: False)
+    monkeypatch.setattr(DirtyCheck, "is_clean", lambda *_: False)
     assert effect_log(seed) == expected
