@@ -115,7 +115,7 @@ class _Recorder:
             if code.co_name == _IMPORT:
                 self._imports += 1
             if code in self._steps and self._outermost is None:
-                self._robot, self._outermost = frame.f_locals["self"].me, frame
+                self._robot, self._outermost = frame.f_locals["self"].view.robot, frame
                 self._step += 1
             self._come_to(code)
         elif event == "return":
