@@ -38,6 +38,7 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.runtime.engine_choice import chosen_engine
 from mrbt_mesh.sim.engine.network import Network, NetworkKnobs
 
 RUN = "mesh"
@@ -111,6 +112,7 @@ class Mesh:
             solver=default_solver,
             timing=self.timing,
             expected=frozenset(team),
+            engine=chosen_engine(),
         )
         node = self.nodes[robot] = Node(Agent(self.mission, config, self.now_us))
         for other, known in self.nodes.items():
