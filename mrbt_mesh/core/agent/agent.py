@@ -11,7 +11,7 @@ from mrbt_mesh.core.agent.commands import Commands
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.deferred_inputs import DeferredInputs
-from mrbt_mesh.core.agent.dirty_check import DirtyCheck, earliest_us
+from mrbt_mesh.core.agent.dirty_check import DirtyCheck
 from mrbt_mesh.core.agent.effects import Effect
 from mrbt_mesh.core.agent.executor import Executor
 from mrbt_mesh.core.agent.heartbeats import Heartbeats
@@ -147,8 +147,7 @@ class Agent:
         """Who is alive, the plan, this robot's line of it, and what the others must hear."""
         context, executor = self._context, self._executor
         self._judge(now_us)
-        self._lifecycle.check_own_past(now_us)
-        if self._lifecycle.try_to_join(now_us):
+        if self._lifecycle.step(now_us):
             self._reports.say_what_was_kept(now_us)
             self._schedule.urge(now_us)
         if context.joining is None:
@@ -187,18 +186,18 @@ class Agent:
         """Until something changes, or a deadline passes, nothing more follows."""
         context, planner, leases = self._context, self._planner, self._executor.leases
         work, done_us = context.work, self._lifecycle.done_us
-        step_us = earliest_us(
-            (
-                planner.deadlines.next_deadline_us(),
-                leases.next_deadline_us(),
-                context.joining.deadline_us if context.joining is not None else None,
-                self._executor.grace_ends_us if work.is_waiting else None,
-                done_us + context.config.timing.beat_us if done_us is not None else None,
-            ),
-            now_us,
+        is_waiting, is_over = work.is_waiting, self._lifecycle.is_over
+        deadlines_us = (
+            planner.deadlines.next_deadline_us(),
+            leases.next_deadline_us(),
+            context.joining.deadline_us if context.joining is not None else None,
+            self._executor.grace_ends_us if is_waiting else None,
+            done_us + context.config.timing.beat_us if done_us is not None else None,
         )
+        ahead_us = [at for at in deadlines_us if at is not None and at > now_us]
+        step_us = min(ahead_us, default=NEVER_US)
         if context.joining is None and leases.is_idle and planner.is_current:
-            reads_reports = done_us is not None or work.is_waiting or self._lifecycle.is_over
+            reads_reports = done_us is not None or is_waiting or is_over
             self._dirty_check.clean(reads_reports, step_us)
         else:
             self._dirty_check.spoil(step_us)

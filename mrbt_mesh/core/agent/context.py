@@ -5,7 +5,7 @@ Each part takes this and the few other parts that it needs, never the agent.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from mrbt_mesh.core.agent.config import AgentConfig
@@ -26,8 +26,9 @@ MAX_REASONS = 1_000
 class Context:
     """One robot's facts, peers and outgoing effects.
 
-    `joining` is None once the robot has its place in the team. `refused` counts what was refused,
-    by source and reason; beyond `MAX_REASONS` different ones new ones are not told apart.
+    `joining` is None once the robot has its place in the team; `is_leaving`: it is on its way out.
+    `refused` counts what was refused, by source and reason; beyond `MAX_REASONS` different ones new
+    ones are not told apart.
     """
 
     def __init__(self, mission: Mission, config: AgentConfig, now_us: int) -> None:
@@ -46,6 +47,7 @@ class Context:
         )
         self.work = Work()
         self.refused: dict[str, int] = {}
+        self.is_leaving = False
         self.has_stopped = False
         self._effects: list[Effect] = []
 
@@ -56,23 +58,16 @@ class Context:
         """Whether it has yet to join in this life: what it wrote now might not stand."""
         return self.joining is not None and self.joining.first
 
-    @property
-    def is_leaving(self) -> bool:
-        """Whether this robot is on its way out."""
-        return self.description.leaving
-
     def alive(self) -> dict[str, Incarnation]:
         """The plan's alive set, this robot included."""
         return self.membership.alive() | {self.me: self.replica.incarnation}
 
     # -- what goes out ------------------------------------------------------------------------
 
-    def write(self, values: Iterable[tuple[str, Any]], now_us: int) -> None:
-        """Write one batch of facts: to the journal, and to everybody."""
-        batch = list(values)
-        if batch:
-            data, entries = self.replica.write(batch, now_us)
-            self._effects += (Persist(entries, synced=True), Publish(MessageKind.FACT, data))
+    def write(self, values: Sequence[tuple[str, Any]], now_us: int) -> None:
+        """Write one batch of facts, at least one: to the journal, and to everybody."""
+        data, entries = self.replica.write(values, now_us)
+        self._effects += (Persist(entries, synced=True), Publish(MessageKind.FACT, data))
 
     def keep(self, entries: Iterable[Entry]) -> None:
         """Keep what others have written in the journal."""

@@ -30,7 +30,6 @@ class Description:
         self._host = host
         self._pid = pid
         self.lost: tuple[str, ...] = ()
-        self.leaving = False
 
     def lose(self, local_task: str) -> str | None:
         """A minor fault; `all` loses everything. Returns what is wrong with it, or None."""
@@ -61,13 +60,13 @@ class Description:
         listed = ", ".join(sorted(self._capabilities))
         return f"{self._robot} has no local task {local_task!r}; it has {listed}"
 
-    def to_value(self) -> list[Any]:
+    def to_value(self, is_leaving: bool) -> list[Any]:
         """The member entry's value."""
         return Member(
             self._type,
             self._capabilities,
             self.lost,
-            self.leaving,
+            is_leaving,
             self._software,
             self._host,
             self._pid,

@@ -7,12 +7,9 @@ its time.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.inputs import Input, MessageReceived, ProgressReported, TimerFired
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
-from mrbt_mesh.core.membership.timing import NEVER_US
 
 # What robots and operators ask for always has its answer.
 _MAY_PASS = (MessageReceived, ProgressReported, TimerFired)
@@ -62,8 +59,3 @@ class DirtyCheck:
         changes = self._context.facts.changes + membership.changes + membership.hints
         changes += self._duplicates.rivals
         return changes + membership.reports if self._reads_reports else changes
-
-
-def earliest_us(deadlines_us: Iterable[int | None], now_us: int) -> int:
-    """The first of these times that is still to come."""
-    return min((at for at in deadlines_us if at is not None and at > now_us), default=NEVER_US)

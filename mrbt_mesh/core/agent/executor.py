@@ -38,11 +38,13 @@ class Executor:
         before = work.claim
         line = None if context.is_leaving else plan.lines.get(context.me)
         changed, effects = work.follow(line, context.replica.stamp(), now_us)
-        context.emit(*effects)
-        writes = self.given_up(before) if changed else []
+        if effects:
+            context.emit(*effects)
+        writes = self.given_up(before) if changed and before is not None else []
         token: Token | None = None
-        is_cleared = work.claim is not None and not work.is_waiting
-        if work.is_waiting and self._may_start(now_us):
+        is_waiting = work.is_waiting
+        is_cleared = work.claim is not None and not is_waiting
+        if is_waiting and self._may_start(now_us):
             task = self._task()
             if task.by_coalition:
                 if work.claim is not None and work.claim.phase is Phase.CLAIMED:
@@ -55,7 +57,7 @@ class Executor:
             is_cleared = token is not None or not task.by_coalition
         assigned = type_name(work.claim.local_task) if work.claim is not None else None
         wanted = self.tree.tick(plan.result, assigned if is_cleared else None)
-        if wanted is not None and work.is_waiting:
+        if wanted is not None and is_waiting:
             start = self._start(plan, token)
             # The claim is on disk before the action begins.
             context.write([*writes, self._claim_write()], now_us)
@@ -167,13 +169,13 @@ class Executor:
                 return token
         return None
 
-    def given_up(self, claim: Claim | None) -> list[tuple[str, Any]]:
+    def given_up(self, claim: Claim) -> list[tuple[str, Any]]:
         """What to say of a claim on an exclusive task that is dropped without an outcome.
 
         Begun, it leaves the activation in doubt; a leader that never began sets its grants free.
         """
         context, facts = self._context, self._context.facts
-        if claim is None or not context.mission.global_tasks[claim.global_task].exclusive:
+        if not context.mission.global_tasks[claim.global_task].exclusive:
             return []
         activation = claim.activation
         if claim.phase is Phase.RUNNING:
@@ -193,13 +195,15 @@ class Executor:
         context, claim = self._context, self._context.work.claim
         if claim is not None and context.mission.global_tasks[claim.global_task].exclusive:
             self.leases.seek(claim.activation, self._token_sought())
-        else:
+        elif self.leases.seeks is not None:
             self.leases.seek("", None)
 
     def check_leases(self, now_us: int) -> None:
         """Follow the grants that this robot has given; stop where its own have run out."""
         context, claim = self._context, self._context.work.claim
-        context.write(self.leases.step(now_us), now_us)
+        writes = self.leases.step(now_us)
+        if writes:
+            context.write(writes, now_us)
         if claim is None or claim.phase is not Phase.RUNNING:
             return
         if not context.mission.global_tasks[claim.global_task].exclusive:
@@ -215,7 +219,8 @@ class Executor:
     def lease_asked(self, robot: str, beat: Beat, now_us: int) -> None:
         """A beat asks for a lease, or answers this robot's own request."""
         writes = self.leases.heard(robot, beat, now_us, self.may_grant)
-        self._context.write(writes, now_us)
+        if writes:
+            self._context.write(writes, now_us)
 
     def may_grant(self, activation: str, token: Token) -> bool:
         """Whether this robot's own view speaks for giving `activation` to this coalition."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import NamedTuple
 
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import Publish
@@ -10,7 +10,19 @@ from mrbt_mesh.core.agent.executor import Executor
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
-from mrbt_mesh.core.membership.wire import Beat, MessageKind, Word
+from mrbt_mesh.core.membership.wire import Accusation, Beat, MessageKind, Word
+
+
+class Urgent(NamedTuple):
+    """What the others must hear at once when it changes."""
+
+    digest: bytes
+    result: Status
+    accusations: tuple[Accusation, ...]
+    is_joined: bool
+    is_leaving: bool
+    sought: tuple[str, str] | None
+    granted: tuple[tuple[str, str], ...]
 
 
 class Heartbeats:
@@ -44,28 +56,30 @@ class Heartbeats:
         if membership.is_seeking:
             self._schedule.hurry(membership.present, now_us)
 
-    def _urgent(self) -> tuple[Any, ...]:
-        """What the others must hear at once when it changes."""
+    def _urgent(self) -> Urgent:
         context, plan, leases = self._context, self._planner.plan, self._executor.leases
         digest, result = (plan.digest, plan.result) if plan else (b"", Status.RUNNING)
         granted = tuple([(grant.token, grant.member) for grant in leases.given()])
-        place = (context.joining is None, context.is_leaving)
-        return digest, result, context.membership.accusations(), place, leases.seeks, granted
+        accusations = context.membership.accusations()
+        is_joined, is_leaving = context.joining is None, context.is_leaving
+        return Urgent(digest, result, accusations, is_joined, is_leaving, leases.seeks, granted)
 
-    def _send(self, urgent: tuple[Any, ...], now_us: int) -> None:
+    def _send(self, urgent: Urgent, now_us: int) -> None:
         context, plan, executor = self._context, self._planner.plan, self._executor
         number = self._schedule.sent(urgent, now_us)
         # A beat renews the leases that this robot holds: it answers itself first.
-        context.write(executor.leases.sent(number, now_us, executor.may_grant), now_us)
+        granted = executor.leases.sent(number, now_us, executor.may_grant)
+        if granted:
+            context.write(granted, now_us)
         digest, result = (plan.digest, plan.result) if plan else (bytes(8), Status.RUNNING)
-        is_joined, membership = context.joining is None, context.membership
+        is_joined, membership = urgent.is_joined, context.membership
         beat = Beat(
             Word(context.replica.incarnation, number, digest, is_joined, int(result)),
             context.is_leaving,
             context.facts.map.digest(),
             tuple([int(status) for status in executor.tree.statuses]),
             context.work.progress,
-            membership.accusations(),
+            urgent.accusations,
             membership.heard(),
             executor.leases.seeks,
             executor.leases.given(),

@@ -54,7 +54,12 @@ class Lifecycle:
             # On disk before it is beaten out: no later process may take this incarnation again.
             context.write([(records.CLAIM, None)], now_us)
 
-    def check_own_past(self, now_us: int) -> None:
+    def step(self, now_us: int) -> bool:
+        """Notice a later life of this robot; take a place in the team: whether it just has."""
+        self._check_own_past(now_us)
+        return self._context.joining is not None and self._try_to_join(now_us)
+
+    def _check_own_past(self, now_us: int) -> None:
         """Find a later life of this robot in the facts, or others burying one: it started again
         without knowing of it.
 
@@ -80,7 +85,7 @@ class Lifecycle:
 
     # -- joining ------------------------------------------------------------------------------
 
-    def try_to_join(self, now_us: int) -> bool:
+    def _try_to_join(self, now_us: int) -> bool:
         """Take a place in the team once everything is known; whether it has just been taken."""
         context, joining = self._context, self._context.joining
         if joining is None or context.is_leaving:
@@ -98,7 +103,7 @@ class Lifecycle:
             self._begin_new_life(joining)
         context.joining = None
         context.log("info", "joined", incarnation=str(context.replica.incarnation))
-        member = (records.MEMBER, context.description.to_value())
+        member = (records.MEMBER, context.description.to_value(context.is_leaving))
         context.write([member, (records.CLAIM, None)], now_us)
         return True
 

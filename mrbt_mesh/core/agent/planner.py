@@ -21,7 +21,7 @@ from mrbt_mesh.core.planning.plan import Plan
 
 
 @dataclass(frozen=True, slots=True)
-class _Awaited:
+class Awaited:
     """A plan that is being made elsewhere, for these facts and this alive set."""
 
     number: int
@@ -32,7 +32,8 @@ class _Awaited:
 class Planner:
     """Plans when facts or the alive set have changed, and ticks T_A for each plan.
 
-    `plan`: the newest one, None while this robot has never joined.
+    `plan`: the newest one, None while this robot has never joined. `awaited`: the one that is being
+    made elsewhere, if there is one; until then the facts must stay as they are.
     """
 
     def __init__(self, context: Context, robot_tree: RobotTree) -> None:
@@ -49,7 +50,7 @@ class Planner:
         # The facts and the alive set of the plan, of one that is being made elsewhere, and what T_A
         # had to go on.
         self._planned: tuple[int, int] | None = None
-        self._awaited: _Awaited | None = None
+        self.awaited: Awaited | None = None
         self._trigger: tuple[int, tuple[str, ...]] = (0, ())
 
     def _plans_with(self, solver: Solver) -> PlanFunction:
@@ -57,12 +58,7 @@ class Planner:
 
     def forget(self) -> None:
         """Plan anew at the next update, whatever has changed or is being made."""
-        self._planned = self._awaited = None
-
-    @property
-    def awaited(self) -> int | None:
-        """The number of the plan that is being made elsewhere; the facts must stay as they are."""
-        return self._awaited.number if self._awaited is not None else None
+        self._planned = self.awaited = None
 
     @property
     def is_current(self) -> bool:
@@ -90,7 +86,7 @@ class Planner:
                 alive = context.alive()
                 self._number += 1
                 if apart:
-                    self._awaited = _Awaited(self._number, state, alive)
+                    self.awaited = Awaited(self._number, state, alive)
                     context.emit(MakePlan(self._number, partial(self._make, alive)))
                     break
                 latches = self._follow(self._make(alive), state, alive)
@@ -108,11 +104,12 @@ class Planner:
 
     def made(self, number: int, plan: Plan, now_us: int) -> None:
         """Follow the plan that was asked for."""
-        awaited = self._awaited
+        awaited = self.awaited
         if awaited is not None and number == awaited.number:
-            self._awaited = None
+            self.awaited = None
             latches = self._follow(plan, awaited.state, awaited.alive)
-            self._context.write(latches, now_us)
+            if latches:
+                self._context.write(latches, now_us)
 
     def _follow(
         self, plan: Plan, state: tuple[int, int], alive: Mapping[str, Incarnation]

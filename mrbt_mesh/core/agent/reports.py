@@ -46,12 +46,13 @@ class Reports:
         if action.coalition:
             name += f"/{action.coalition}"
         writes: list[tuple[str, Any]] = [(name, [event.success, event.data])]
-        problem = context.replica.problem(*writes[0])
+        problem = context.replica.problem(*writes[0]) if event.data is not None else None
         if problem is not None:
             local_task = action.local_task
             context.log("error", "result_data_refused", local_task=local_task, reason=problem)
             writes = [(name, [event.success, None])]
-        writes += self._condition_writes(event.conditions)
+        if event.conditions:
+            writes += self._condition_writes(event.conditions)
         if work.claim is None and claimed is not None:
             writes.append((records.CLAIM, None))
         context.write(writes, now_us)
@@ -73,7 +74,9 @@ class Reports:
             known = {n: v for n, v in values.items() if mission.knows_condition(n)}
             self._unsaid |= known
             values = {n: v for n, v in values.items() if n not in known}
-        self._context.write(self._condition_writes(values.items()), now_us)
+        writes = self._condition_writes(values.items())
+        if writes:
+            self._context.write(writes, now_us)
 
     def say_what_was_kept(self, now_us: int) -> None:
         """The robot has joined: tell the conditions that were set before."""
@@ -141,7 +144,8 @@ class Reports:
                 if context.is_first(f"bid for {type_name(bid.local_task)}", lines[-1]):
                     context.log("error", "bid_failed", local_task=bid.local_task, error=error)
             writes[name] = value
-        context.write(sorted(writes.items()), now_us)
+        if writes:
+            context.write(sorted(writes.items()), now_us)
 
     # -- itself -------------------------------------------------------------------------------
 
@@ -155,7 +159,9 @@ class Reports:
             return problem
         context.log("warning", "capabilities_changed", lost=list(context.description.lost))
         if context.joining is None:
-            context.write([(records.MEMBER, context.description.to_value())], now_us)
+            context.write(
+                [(records.MEMBER, context.description.to_value(context.is_leaving))], now_us
+            )
         return None
 
     def leave(self, now_us: int) -> None:
@@ -163,12 +169,13 @@ class Reports:
         context = self._context
         if context.is_leaving:
             return
-        context.description.leaving = True
+        context.is_leaving = True
         context.log("info", "leaving")
-        writes = self._executor.given_up(context.work.claim)
+        claim = context.work.claim
+        writes = self._executor.given_up(claim) if claim is not None else []
         context.emit(*context.work.drop())
         if context.joining is None:
-            member = (records.MEMBER, context.description.to_value())
+            member = (records.MEMBER, context.description.to_value(context.is_leaving))
             context.write([*writes, member, (records.CLAIM, None)], now_us)
         self._schedule.urge(now_us)
 

@@ -108,7 +108,8 @@ class AgentView:
     @property
     def awaited_plan(self) -> int | None:
         """The number of the plan that is being made elsewhere (`effects.MakePlan`)."""
-        return self._planner.awaited
+        awaited = self._planner.awaited
+        return awaited.number if awaited is not None else None
 
     @property
     def waits_for_deadline(self) -> bool:

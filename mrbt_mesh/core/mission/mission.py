@@ -123,7 +123,8 @@ class GlobalTask:
     `blocked_fail_after_us`: None waits for robots to return; otherwise the task fails
     after it has been blocked that long. `simultaneous`: its robots start together, and only
     the successes of one such coalition count. `exclusive`: it is never done by two coalitions
-    at the same time, nor again after it was done or left `in_doubt`.
+    at the same time, nor again after it was done or left `in_doubt`. `by_coalition`: it is either,
+    so it is carried out by coalitions, whose robots all start together.
     """
 
     id: GlobalTaskId
@@ -134,11 +135,10 @@ class GlobalTask:
     simultaneous: bool = False
     exclusive: bool = False
     in_doubt: InDoubt = InDoubt.HOLD
+    by_coalition: bool = field(init=False, repr=False, compare=False)
 
-    @property
-    def by_coalition(self) -> bool:
-        """Whether it is carried out by coalitions: all their robots start together."""
-        return self.simultaneous or self.exclusive
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "by_coalition", self.simultaneous or self.exclusive)
 
     def need(self, local_task: LocalTaskId) -> Need | None:
         """What it needs of a local task, None if nothing."""
