@@ -90,7 +90,7 @@ def agents(script: Script) -> list[Agent]:
 
 
 def assert_agreement(script: Script) -> None:
-    first, *others = agents(script)
+    first, *others = (agent.view for agent in agents(script))
     assert first.plan is not None
     for other in others:
         assert other.plan is not None
