@@ -35,13 +35,13 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.anti_entropy import Replica
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import (
-    Beat,
     Header,
+    Heartbeat,
     MessageKind,
-    Word,
+    SelfReport,
     encode,
-    entries_body,
-    write_beat,
+    pack_entries,
+    write_heartbeat,
 )
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.plan import Line, Plan
@@ -72,7 +72,7 @@ class Others:
         version = Version(Incarnation(self.lives[robot], "n"), self._sequence)
         entries = [make_entry(robot, name, version, value) for name, value in values]
         self.replica.facts.map.merge(entries)
-        body = entries_body(entries)
+        body = pack_entries(entries)
         data = encode(self._header(robot), MessageKind.FACT, body)
         return inputs.MessageReceived(MessageKind.FACT, robot, data)
 
@@ -85,10 +85,10 @@ class Others:
         self._sequence += 1
         life = Incarnation(self.lives[robot], "n")
         digest = self.replica.facts.map.digest()
-        word = Word(life, self._sequence, bytes(8), True, 3)
-        beat = Beat(word, leaving, digest, (3,) * 4, 0, (), {})
-        data = write_beat(beat, self._header(robot))
-        return inputs.MessageReceived(MessageKind.BEAT, robot, data)
+        word = SelfReport(life, self._sequence, bytes(8), True, 3)
+        beat = Heartbeat(word, leaving, digest, (3,) * 4, 0, (), {})
+        data = write_heartbeat(beat, self._header(robot))
+        return inputs.MessageReceived(MessageKind.HEARTBEAT, robot, data)
 
     def begin(self, line: Line) -> inputs.MessageReceived:
         """A robot begins its line, or says so again."""
@@ -109,7 +109,7 @@ class Others:
     def state(self) -> Iterator[inputs.AnswerReceived]:
         """The answer to somebody who knows nothing, page by page."""
         asker = Replica(TeamFacts(self.mission, RUN), self._header("asker"), Timing(), "n")
-        for page in self.replica.answer(asker.pull()):
+        for page in self.replica.answer_pull(asker.write_pull()):
             yield inputs.AnswerReceived("R0001", page)
 
 

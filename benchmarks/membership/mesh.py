@@ -217,7 +217,7 @@ class Mesh:
 
     def _arrive(self, source: str, target: str, kind: str, event: Input) -> None:
         node = self.nodes[target]
-        if kind == MessageKind.BEAT and self.on_beat is not None and node.runs:
+        if kind == MessageKind.HEARTBEAT and self.on_beat is not None and node.runs:
             self.on_beat(source, target, self.now_us)
         self.give(node, event)
 

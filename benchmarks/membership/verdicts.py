@@ -88,7 +88,7 @@ def verdicts(robots: int, net: Net, rest_s: int, victims: int, seed: int) -> Ver
     # Of three robots, the third that the ends of a broken link have to ask must stay.
     candidates = range(1) if net.links and robots == 3 else range(robots)
     for victim in choose.sample(candidates, victims):
-        mesh.run_until(mesh.now_us + choose.randrange(TIMING.beat_us))
+        mesh.run_until(mesh.now_us + choose.randrange(TIMING.heartbeat_us))
         watch.freeze(name(victim))
-        mesh.run_until(mesh.now_us + TIMING.longest_verdict_us + SECOND_US)
+        mesh.run_until(mesh.now_us + TIMING.max_detection_us + SECOND_US)
     return watch.close()

@@ -96,7 +96,7 @@ def _robots(observer: Observer) -> Table:
     for robot in observer.robots():
         state = observer.robot_state(robot)
         peer = observer.membership.peers.get(robot)
-        beat = peer.beat if peer else None
+        beat = peer.heartbeat if peer else None
         member = observer.facts.members.get(robot)
         kind = f" {member[0].type}" if member else ""
         claim = observer.claim(robot)

@@ -104,7 +104,7 @@ def _with_team(team: TeamAddress, act: Callable[[Watcher], Awaitable[int]]) -> N
 
 def _command(team: TeamAddress, robot: str | None, command: str, argument: str = "") -> NoReturn:
     async def act(watcher: Watcher) -> int:
-        living = list(watcher.observer.membership.alive())
+        living = list(watcher.observer.membership.alive_set())
         if not living:
             fail(_nobody(watcher), FAILURE)
         if robot is not None and robot not in watcher.observer.robots():
@@ -268,7 +268,7 @@ def status(team: TeamAddress, as_json: JsonOption = False) -> None:
         if team.run_dir is None and not watcher.observer.robots():
             fail(_nobody(watcher), FAILURE)
         # Two beats tell who is silent, and what the others say of it.
-        with anyio.move_on_after(SETTLE_BEATS * watcher.timing.beat_us / SECOND_US):
+        with anyio.move_on_after(SETTLE_BEATS * watcher.timing.heartbeat_us / SECOND_US):
             while True:
                 await watcher.wait_for_change(0.05)
         watcher.refresh()

@@ -21,11 +21,11 @@ from mrbt_mesh.core.incremental.evaluation.evaluator import IncrementalEvaluator
 from mrbt_mesh.core.incremental.planning.steps import IncrementalSteps
 from mrbt_mesh.core.membership.wire import (
     ReadBatch,
-    ReadBeat,
-    WriteBeat,
+    ReadHeartbeat,
+    WriteHeartbeat,
     read_batch,
-    read_beat,
-    write_beat,
+    read_heartbeat,
+    write_heartbeat,
 )
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
@@ -71,8 +71,8 @@ class Engine:
 
     evaluator: MakeEvaluator = incremental_evaluator
     plan_making: PlanMaking = incremental_plans
-    write_beat: WriteBeat = write_beat
-    read_beat: ReadBeat = read_beat
+    write_heartbeat: WriteHeartbeat = write_heartbeat
+    read_heartbeat: ReadHeartbeat = read_heartbeat
     read_batch: ReadBatch = read_batch
 
 

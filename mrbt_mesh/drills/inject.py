@@ -110,7 +110,7 @@ class Injector:
                 robots = chosen(fault.robots, sight, self.deeds.fates)
                 await self._order(name, robots, command, fault.local_task)
             elif isinstance(fault, DecisionModel):
-                living = sorted(self._watcher.observer.membership.alive())
+                living = sorted(self._watcher.observer.membership.alive_set())
                 argument = f"{fault.global_task} {fault.decision}"
                 await self._order(name, living[:1], DECIDE, argument)
             else:

@@ -176,13 +176,15 @@ class Driver:
 
     async def _watch_links(self) -> None:
         """Tell which links fall silent and come back; reopen a session that is split."""
-        watch = LinkWatch(max(LEASE_MS * 1_000, SILENT_BEATS * self._config.timing.beat_us))
+        watch = LinkWatch(max(LEASE_MS * 1_000, SILENT_BEATS * self._config.timing.heartbeat_us))
         while True:
             await anyio.sleep(WATCH_S)
             now_us = boottime_us()
             linked = self._transport.linked()
             links = {
-                robot: Sighting(self._transport.heard_us(robot), peer.evidence_us, robot in linked)
+                robot: Sighting(
+                    self._transport.heard_us(robot), peer.last_heard_us, robot in linked
+                )
                 for robot, peer in self._agent.view.peers.items()
                 if peer.state is not State.LEFT
             }

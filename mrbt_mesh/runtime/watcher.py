@@ -56,12 +56,14 @@ class Watcher:
         replica = self.observer.replica
         self.observer.update(now_us)
         peers = self.observer.membership.peers
-        fresh = [r for r, p in peers.items() if p.beat and (r, p.incarnation) not in self._asked]
-        for robot in sorted({*replica.due(now_us), *fresh}):
+        fresh = [
+            r for r, p in peers.items() if p.heartbeat and (r, p.incarnation) not in self._asked
+        ]
+        for robot in sorted({*replica.peers_to_ask(now_us), *fresh}):
             self._asked.add((robot, peers[robot].incarnation))
-            replica.asked(robot, now_us)
+            replica.mark_asked(robot, now_us)
             timeout_s = self.timing.ask_timeout_us / 1e6
-            self._transport.ask(robot, MessageKind.PULL, replica.pull(), timeout_s)
+            self._transport.ask(robot, MessageKind.PULL, replica.write_pull(), timeout_s)
 
     async def wait_for_change(self, timeout_s: float) -> None:
         """Wait for news, at most `timeout_s`, and refresh."""
@@ -74,7 +76,7 @@ class Watcher:
         """Wait until the observer holds what the team does, at most `timeout_s`."""
         with anyio.move_on_after(timeout_s):
             while not self.observer.caught_up:
-                await self.wait_for_change(self.timing.beat_us / SECOND_US)
+                await self.wait_for_change(self.timing.heartbeat_us / SECOND_US)
 
     def _drain(self, inbox: Inbox) -> None:
         for event in inbox.take():

@@ -190,7 +190,7 @@ class ZenohTransport:
             # What follows is a path in Zenoh's own sources.
             reason = str(error).partition(" at /")[0].partition(" [")[0]
             raise TransportError(f"cannot open a Zenoh session on {where}: {reason}") from error
-        for kind in (MessageKind.BEAT, MessageKind.FACT):
+        for kind in (MessageKind.HEARTBEAT, MessageKind.FACT):
             session.declare_subscriber(
                 f"{self._prefix}/{kind}/*", self._callback(self._on_sample, kind)
             )
@@ -339,7 +339,7 @@ class ZenohTransport:
         source = str(sample.key_expr).rpartition("/")[2]
         if is_robot_id(source) and len(sample.payload) <= MAX_MESSAGE_BYTES:
             key = None
-            if kind is MessageKind.BEAT:
+            if kind is MessageKind.HEARTBEAT:
                 key = f"beat/{source}"
                 self._heard_us[source] = boottime_us()
             self._deliver(MessageReceived(kind, source, sample.payload.to_bytes()), key)

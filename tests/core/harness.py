@@ -28,7 +28,7 @@ from mrbt_mesh.core.observer.observer import Observer
 from tests.core import build
 
 MS = 1_000
-TIMING = Timing(beat_us=100 * MS, detection_us=1_000 * MS)
+TIMING = Timing(heartbeat_us=100 * MS, detection_us=1_000 * MS)
 AT_MOST = 50_000
 
 

@@ -15,13 +15,13 @@ from mrbt_mesh.core.agent import inputs
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.facts.store import MAX_VALUE_BYTES, Incarnation
 from mrbt_mesh.core.membership.wire import (
-    Accusation,
-    Beat,
     Header,
+    Heartbeat,
     MessageKind,
-    Word,
-    beat_body,
+    SelfReport,
+    Suspicion,
     encode,
+    pack_heartbeat,
 )
 from tests.core import harness
 from tests.core.harness import MS, Script
@@ -120,7 +120,7 @@ def test_a_robot_cannot_publish_for_another_one() -> None:
 
 def test_a_message_under_the_key_of_another_robot_is_refused() -> None:
     script = team()
-    for kind in (MessageKind.BEAT, MessageKind.FACT):
+    for kind in (MessageKind.HEARTBEAT, MessageKind.FACT):
         data = encode(header(script, "C"), kind, [])
         give(script, inputs.MessageReceived(kind, "B", data))
     refusals = script.team.processes["A"].agent.view.refused
@@ -131,7 +131,7 @@ def test_what_is_refused_is_counted_and_logged_once() -> None:
     script = team()
     agent = script.team.processes["A"].agent
     for _ in range(5):
-        give(script, inputs.MessageReceived(MessageKind.BEAT, "B", b"noise"))
+        give(script, inputs.MessageReceived(MessageKind.HEARTBEAT, "B", b"noise"))
     told = [line for line in script.team.story if "input_refused" in line]
     assert len(told) == 1
     assert sum(agent.view.refused.values()) == 5
@@ -141,8 +141,8 @@ def test_refusals_do_not_fill_the_memory() -> None:
     script = team()
     agent = script.team.processes["A"].agent
     for number in range(2_000):
-        data = encode(header(script, f"Z{number}"), MessageKind.BEAT, [])
-        agent.handle(inputs.MessageReceived(MessageKind.BEAT, "B", data), script.team.now_us)
+        data = encode(header(script, f"Z{number}"), MessageKind.HEARTBEAT, [])
+        agent.handle(inputs.MessageReceived(MessageKind.HEARTBEAT, "B", data), script.team.now_us)
     assert len(agent.view.refused) <= 1_000
 
 
@@ -311,7 +311,7 @@ def test_a_life_that_begins_by_self_fencing_is_on_disk_before_anybody_hears_of_i
     told = next(
         effect
         for effect in effects
-        if isinstance(effect, fx.Publish) and effect.kind is MessageKind.BEAT
+        if isinstance(effect, fx.Publish) and effect.kind is MessageKind.HEARTBEAT
     )
     assert effects.index(synced[0]) < effects.index(told)
 
@@ -323,17 +323,17 @@ def test_a_robot_whose_later_life_others_bury_joins_above_it() -> None:
     agent = script.team.processes["A"].agent
     later = Incarnation(agent.view.incarnation.counter, "zzz")
     assert later > agent.view.incarnation
-    beat = Beat(
-        Word(script.team.processes["B"].agent.view.incarnation, 1_000, bytes(8), True, 1),
+    beat = Heartbeat(
+        SelfReport(script.team.processes["B"].agent.view.incarnation, 1_000, bytes(8), True, 1),
         False,
         agent.view.facts.map.digest(),
         (1, 2, 1, 1),
         0,
-        (Accusation("A", later, token_lost=False, dead=True, sought=False),),
+        (Suspicion("A", later, is_token_lost=False, is_dead=True, is_probe=False),),
         {},
     )
-    data = encode(header(script), MessageKind.BEAT, beat_body(beat))
-    agent.handle(inputs.MessageReceived(MessageKind.BEAT, "B", data), 250 * MS)
+    data = encode(header(script), MessageKind.HEARTBEAT, pack_heartbeat(beat))
+    agent.handle(inputs.MessageReceived(MessageKind.HEARTBEAT, "B", data), 250 * MS)
     assert agent.view.is_joining
     agent.handle(inputs.TimerFired(), 60_000 * MS)
     assert not agent.view.is_joining
@@ -354,7 +354,7 @@ def test_a_team_at_work_beats_and_has_nothing_to_think_of() -> None:
     script = team()
     story(script, "pass 2000")
     steps, beats = settled(script, 4_000)
-    beat_us = harness.TIMING.beat_us
+    beat_us = harness.TIMING.heartbeat_us
     assert beats == 2 * 4_000 * MS // beat_us
     assert steps == 0
 
@@ -374,7 +374,7 @@ def test_a_beat_that_is_due_before_the_timer_is_set_is_not_put_off() -> None:
     script = team()
     story(script, "pass 2000")
     agent = script.team.processes["A"].agent
-    due_us = inside.schedule(agent).next_beat_us
+    due_us = inside.schedule(agent).next_due_us
     assert agent.next_deadline_us(due_us + 1) <= due_us
 
 
@@ -386,16 +386,18 @@ def test_an_earlier_life_that_others_bury_is_noticed_at_once() -> None:
     before = agent.view.incarnation
     later = Incarnation(before.counter + 3, "zz")
     peer = agent.view.peers["B"]
-    beat = Beat(
-        Word(peer.incarnation, peer.word.number + 1, peer.word.plan_digest, True, 0),
+    beat = Heartbeat(
+        SelfReport(peer.incarnation, peer.report.number + 1, peer.report.plan_digest, True, 0),
         False,
         agent.view.facts.map.digest(),
         (0, 0, 0, 0),
         0,
-        (Accusation("A", later, False, True, False),),
+        (Suspicion("A", later, False, True, False),),
         {},
     )
-    data = encode(header(script), MessageKind.BEAT, beat_body(beat))
-    effects = agent.handle(inputs.MessageReceived(MessageKind.BEAT, "B", data), script.team.now_us)
+    data = encode(header(script), MessageKind.HEARTBEAT, pack_heartbeat(beat))
+    effects = agent.handle(
+        inputs.MessageReceived(MessageKind.HEARTBEAT, "B", data), script.team.now_us
+    )
     events = [effect.event for effect in effects if isinstance(effect, fx.Log)]
     assert "later_life_found" in events

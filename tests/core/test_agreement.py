@@ -14,7 +14,7 @@ def beats_ms(gossip: HeartbeatSchedule, urgent: str, from_ms: int, until_ms: int
     sent = []
     for ms in range(from_ms, until_ms):
         if gossip.is_due((urgent,), ms * MS):
-            gossip.sent((urgent,), ms * MS)
+            gossip.mark_sent((urgent,), ms * MS)
             sent.append(ms)
     return sent
 
@@ -33,19 +33,19 @@ def test_what_has_changed_is_beaten_out_at_once_and_repeated() -> None:
 def test_it_hurries_for_one_beat_period_from_the_last_beat_on() -> None:
     gossip = HeartbeatSchedule(TIMING, 0)
     assert beats_ms(gossip, "plan", 0, 301)[-1] == 300
-    gossip.hurry(3, 310 * MS)
+    gossip.speed_up(3, 310 * MS)
     assert beats_ms(gossip, "plan", 310, 1_000) == [350, 400, 450, 500, 550, 750, 950]
 
 
 def test_hurry_that_comes_late_is_due_at_once() -> None:
     gossip = HeartbeatSchedule(TIMING, 0)
     beats_ms(gossip, "plan", 0, 301)
-    gossip.hurry(3, 480 * MS)
-    assert gossip.next_beat_us <= 480 * MS
+    gossip.speed_up(3, 480 * MS)
+    assert gossip.next_due_us <= 480 * MS
 
 
 def test_hurry_in_a_large_team_changes_nothing() -> None:
     gossip = HeartbeatSchedule(TIMING, 0)
     beats_ms(gossip, "plan", 0, 301)
-    gossip.hurry(64, 310 * MS)
+    gossip.speed_up(64, 310 * MS)
     assert beats_ms(gossip, "plan", 310, 800) == [500, 700]

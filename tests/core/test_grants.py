@@ -15,7 +15,7 @@ from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.leases import Leases
 from mrbt_mesh.core.membership.timing import Timing
-from mrbt_mesh.core.membership.wire import Beat, Granted, Word
+from mrbt_mesh.core.membership.wire import Heartbeat, LeaseGrant, SelfReport
 from mrbt_mesh.core.mission.mission import InDoubt, Mission
 from tests.core.build import RUN, action, make_mission, task
 
@@ -47,7 +47,7 @@ class Robot:
     def __post_init__(self) -> None:
         self.facts = TeamFacts(self.mission, RUN)
         self.start(0)
-        self.grants.is_new()
+        self.grants.end_silence()
 
     def start(self, now_us: int) -> None:
         """A new process, with the facts of the journal."""
@@ -62,16 +62,16 @@ class Robot:
             version = Version(Incarnation(1, "n"), self.sequence)
             self.facts.map.merge([make_entry(self.id, name, version, value)])
 
-    def beat(self, now_us: int) -> Beat:
+    def beat(self, now_us: int) -> Heartbeat:
         self.number += 1
         self.write(self.grants.sent(self.number, self.clock(now_us), lambda *_: True))
-        return Beat(
-            Word(Incarnation(1, "n"), self.number, b"", True, 0),
+        return Heartbeat(
+            SelfReport(Incarnation(1, "n"), self.number, b"", True, 0),
             False, b"", (0, 0, 0, 0), 0, (), {},
             self.grants.seeks, self.grants.given(),
         )  # fmt: skip
 
-    def hear(self, other: str, beat: Beat, now_us: int) -> None:
+    def hear(self, other: str, beat: Heartbeat, now_us: int) -> None:
         self.write(self.grants.heard(other, beat, self.clock(now_us), lambda *_: True))
 
     def pass_to(self, now_us: int) -> None:
@@ -120,7 +120,7 @@ def test_the_holder_counts_from_when_it_asked_and_for_less_than_the_lease() -> N
 
 def test_renewals_keep_it() -> None:
     robots = team(3)
-    for now_us in range(0, 4 * LEASE_US, TIMING.beat_us):
+    for now_us in range(0, 4 * LEASE_US, TIMING.heartbeat_us):
         robots["A"].grants.seek(NAME, TOKENS["A"])
         exchange(robots["A"], robots["B"], now_us)
         for robot in robots.values():
@@ -195,10 +195,10 @@ def test_robots_that_the_mission_does_not_name_grant_nothing() -> None:
     assert not a.holds(10)
 
 
-def grants_of(member: str, number: int) -> Beat:
-    granted = (Granted(str(TOKENS[member]), member, number),)
-    return Beat(
-        Word(Incarnation(1, "n"), 1, b"", True, 0),
+def grants_of(member: str, number: int) -> Heartbeat:
+    granted = (LeaseGrant(str(TOKENS[member]), member, number),)
+    return Heartbeat(
+        SelfReport(Incarnation(1, "n"), 1, b"", True, 0),
         False, b"", (0, 0, 0, 0), 0, (), {}, None, granted,
     )  # fmt: skip
 
@@ -242,7 +242,7 @@ class Contest:
     def __init__(self, robots: list[Robot]) -> None:
         self.robots = robots
         self.now_us = 0
-        self.mail: list[tuple[Robot, str, Beat]] = []
+        self.mail: list[tuple[Robot, str, Heartbeat]] = []
         for holder in robots[:2]:
             holder.grants.seek(NAME, TOKENS[holder.id])
 

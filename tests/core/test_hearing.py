@@ -15,20 +15,20 @@ gaps = st.lists(st.integers(0, 5_000_000), max_size=300)
 
 
 def heard(*gaps_us: int) -> ArrivalHistory:
-    hearing = ArrivalHistory.unknown(TIMING)
+    hearing = ArrivalHistory.of_new_robot(TIMING)
     for gap_us in gaps_us:
-        hearing.gap(gap_us, TIMING)
+        hearing.add_interval(gap_us, TIMING)
     return hearing
 
 
 def test_a_robot_that_is_new_is_trusted_for_twice_the_detection_time() -> None:
-    assert heard().silence_permille == 250
-    assert TIMING.limit_us(250) == 2 * TIMING.detection_us
+    assert heard().overdue_permille == 250
+    assert TIMING.silence_limit_us(250) == 2 * TIMING.detection_us
 
 
 def test_after_thirteen_regular_beats_the_limit_is_the_detection_time() -> None:
-    assert TIMING.limit_us(heard(*[BEAT_US] * 12).silence_permille) > TIMING.detection_us
-    assert TIMING.limit_us(heard(*[BEAT_US] * 13).silence_permille) == TIMING.detection_us
+    assert TIMING.silence_limit_us(heard(*[BEAT_US] * 12).overdue_permille) > TIMING.detection_us
+    assert TIMING.silence_limit_us(heard(*[BEAT_US] * 13).overdue_permille) == TIMING.detection_us
 
 
 def test_quick_repeats_say_nothing_about_the_network() -> None:
@@ -37,24 +37,24 @@ def test_quick_repeats_say_nothing_about_the_network() -> None:
 
 def test_a_gap_of_up_to_a_quarter_more_than_a_beat_period_is_regular() -> None:
     regular, late = BEAT_US * 5 // 4, BEAT_US * 5 // 4 + 1
-    assert heard(regular).silent_us == heard().silent_us
-    assert heard(late).silent_us == heard().silent_us + 1
+    assert heard(regular).overdue_us == heard().overdue_us
+    assert heard(late).overdue_us == heard().overdue_us + 1
 
 
 def test_old_experience_is_outweighed() -> None:
     bad = heard(*[5 * BEAT_US] * 100)
-    assert TIMING.limit_us(bad.silence_permille) == TIMING.max_limit_us
+    assert TIMING.silence_limit_us(bad.overdue_permille) == TIMING.max_silence_us
     for _ in range(1_000):
-        bad.gap(BEAT_US, TIMING)
-    assert TIMING.limit_us(bad.silence_permille) == TIMING.detection_us
+        bad.add_interval(BEAT_US, TIMING)
+    assert TIMING.silence_limit_us(bad.overdue_permille) == TIMING.detection_us
 
 
 @given(gaps)
 def test_the_share_is_one_and_the_sums_stay_small(gaps_us: list[int]) -> None:
     hearing = heard(*gaps_us)
-    assert 0 <= hearing.silent_us <= hearing.watched_us
-    assert 0 <= hearing.silence_permille <= 1_000
-    assert hearing.watched_us <= 128 * BEAT_US + 5_000_000
+    assert 0 <= hearing.overdue_us <= hearing.observed_us
+    assert 0 <= hearing.overdue_permille <= 1_000
+    assert hearing.observed_us <= 128 * BEAT_US + 5_000_000
 
 
 @given(st.integers(1_000, 1_000_000), st.integers(3, 20))
@@ -62,27 +62,27 @@ def test_the_limit_grows_with_silence_from_the_shortest_to_the_longest(
     beat_us: int, beats: int
 ) -> None:
     timing = Timing(beat_us, beats * beat_us)
-    limits = [timing.limit_us(silence) for silence in range(1_001)]
+    limits = [timing.silence_limit_us(silence) for silence in range(1_001)]
     assert limits == sorted(limits)
-    assert (limits[0], limits[-1]) == (timing.detection_us, timing.max_limit_us)
+    assert (limits[0], limits[-1]) == (timing.detection_us, timing.max_silence_us)
     assert min(limits) == timing.fence_us, "a robot fences before anybody can have replaced it"
-    assert max(limits) < timing.longest_verdict_us
+    assert max(limits) < timing.max_detection_us
 
 
 @given(st.integers(1, 999))
 def test_the_limit_is_the_fewest_beats_that_chance_does_not_explain(silence: int) -> None:
     timing = Timing(1_000, 1_000_000)  # so short beats that neither bound plays a part
-    beats = timing.limit_us(silence) // timing.beat_us
+    beats = timing.silence_limit_us(silence) // timing.heartbeat_us
     share = silence / 1_000
-    if timing.detection_us < timing.limit_us(silence) < timing.max_limit_us:
+    if timing.detection_us < timing.silence_limit_us(silence) < timing.max_silence_us:
         assert share**beats < 1.001 / 2**ODDS_BITS
         assert share ** (beats - 1) > 0.999 / 2**ODDS_BITS
 
 
 def test_while_a_robot_is_sought_all_beat_faster_but_nobody_is_swamped() -> None:
     for robots in range(2, 200):
-        pace_us = TIMING.hurry_us(robots)
+        pace_us = TIMING.fast_heartbeat_us(robots)
         assert BEAT_US // 4 <= pace_us <= BEAT_US
         assert robots * BEAT_US // pace_us <= max(robots, 36)
-    assert TIMING.hurry_us(6) == BEAT_US // 4
-    assert TIMING.hurry_us(64) == BEAT_US
+    assert TIMING.fast_heartbeat_us(6) == BEAT_US // 4
+    assert TIMING.fast_heartbeat_us(64) == BEAT_US

@@ -6,7 +6,7 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.joining import Joining
 from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.membership.timing import Timing
-from mrbt_mesh.core.membership.wire import Beat, Word
+from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport
 
 MS = 1_000
 TIMING = Timing(100 * MS, 1_000 * MS)
@@ -24,14 +24,14 @@ class Newcomer:
     def hear(self, robot: str, digest: bytes = OTHER, ms: int = 0) -> None:
         self.number += 1
         life = Incarnation(1, "n")
-        word = Word(life, self.number, b"p" * 8, True, 0)
-        beat = Beat(word, False, digest, (0, 0, 0, 0), 0, (), {})
-        self.members.beat(robot, beat, ms * MS)
-        self.joining.heard(robot)
+        word = SelfReport(life, self.number, b"p" * 8, True, 0)
+        beat = Heartbeat(word, False, digest, (0, 0, 0, 0), 0, (), {})
+        self.members.receive_heartbeat(robot, beat, ms * MS)
+        self.joining.mark_heard(robot)
 
     def wants(self, ms: int = 0) -> list[str]:
-        self.members.judge(ms * MS)
-        return self.joining.wanted(self.members.peers, MINE, ms * MS)
+        self.members.detect_failures(ms * MS)
+        return self.joining.still_to_ask(self.members.peers, MINE, ms * MS)
 
 
 def test_everybody_that_is_heard_is_asked() -> None:
@@ -40,7 +40,7 @@ def test_everybody_that_is_heard_is_asked() -> None:
     new.hear("B")
     new.hear("A")
     assert new.wants() == ["A", "B"]
-    new.joining.exchanged("A")
+    new.joining.mark_exchanged("A")
     assert new.wants() == ["B"]
 
 
@@ -51,7 +51,7 @@ def test_an_equal_digest_counts_once_somebody_has_answered() -> None:
     new.hear("B", MINE)
     new.hear("C")
     assert new.wants() == ["A", "B", "C"]
-    new.joining.exchanged("A")
+    new.joining.mark_exchanged("A")
     assert new.wants() == ["C"]
     new.hear("C", MINE)
     assert new.wants() == []
@@ -71,7 +71,7 @@ def test_who_never_answers_is_waited_for_no_longer_than_the_longest_detection_ti
         new.hear("A", OTHER, ms)
         new.hear("B", OTHER, ms)
         assert new.wants(ms) == ["A", "B"], "nobody has answered yet"
-    new.joining.exchanged("B")
+    new.joining.mark_exchanged("B")
     assert new.wants(2_999) == ["A"]
     assert new.wants(3_000) == []
 

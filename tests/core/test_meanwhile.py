@@ -9,7 +9,7 @@ from mrbt_mesh.core.agent import inputs
 from mrbt_mesh.core.agent.deferred_inputs import AT_ONCE, DeferredInputs
 from mrbt_mesh.core.membership.wire import MessageKind
 
-BEAT = inputs.MessageReceived(MessageKind.BEAT, "B", b"beat")
+BEAT = inputs.MessageReceived(MessageKind.HEARTBEAT, "B", b"beat")
 TIMER = inputs.TimerFired()
 
 

@@ -12,10 +12,10 @@ from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.membership import Membership, State
 from mrbt_mesh.core.membership.timing import Timing
-from mrbt_mesh.core.membership.wire import Accusation, Beat, Word
+from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport, Suspicion
 
 MS = 1_000
-TIMING = Timing(beat_us=100 * MS, detection_us=1_000 * MS)
+TIMING = Timing(heartbeat_us=100 * MS, detection_us=1_000 * MS)
 ALIVE, SUSPECT, DEAD, LEFT = State.ALIVE, State.SUSPECT, State.DEAD, State.LEFT
 PLAN = b"planplan"
 
@@ -34,7 +34,7 @@ class View:
     def at(self, ms: int) -> View:
         """Let time pass, and judge."""
         self.ms = ms
-        self.members.judge(ms * MS)
+        self.members.detect_failures(ms * MS)
         return self
 
     def hear(
@@ -58,16 +58,16 @@ class View:
         self.numbers[robot] = self.numbers.get(robot, 0) + 1 if number is None else number
         one = Incarnation(1, "n")
         accusations = (
-            *(Accusation(each, one, True, False, False) for each in accuses),
-            *(Accusation(each, one, False, False, True) for each in seeks),
-            *(Accusation(each, one, False, True, False) for each in buries),
+            *(Suspicion(each, one, True, False, False) for each in accuses),
+            *(Suspicion(each, one, False, False, True) for each in seeks),
+            *(Suspicion(each, one, False, True, False) for each in buries),
         )
         heard = {
-            each: Word(Incarnation(1, "n"), n, plan, True, int(result))
+            each: SelfReport(Incarnation(1, "n"), n, plan, True, int(result))
             for each, n in (relays or {}).items()
         }
-        beat = Beat(
-            Word(Incarnation(life, "n"), self.numbers[robot], plan, joined, int(result)),
+        beat = Heartbeat(
+            SelfReport(Incarnation(life, "n"), self.numbers[robot], plan, joined, int(result)),
             leaving,
             b"f" * 8,
             (0, 0, 0, 0),
@@ -75,14 +75,14 @@ class View:
             accusations,
             heard,
         )
-        news = self.members.beat(robot, beat, self.ms * MS)
-        self.asked = self.members.is_asked(beat, Incarnation(5, "m"))
-        self.members.judge(self.ms * MS)
+        news = self.members.receive_heartbeat(robot, beat, self.ms * MS)
+        self.asked = self.members.can_answer_probe(beat, Incarnation(5, "m"))
+        self.members.detect_failures(self.ms * MS)
         return news
 
     def lose_token(self, robot: str, life: int = 1) -> None:
-        self.members.token(robot, Incarnation(life, "n"), False)
-        self.members.judge(self.ms * MS)
+        self.members.receive_token(robot, Incarnation(life, "n"), False)
+        self.members.detect_failures(self.ms * MS)
 
     def __getitem__(self, robot: str) -> State:
         return self.members.states()[robot]
@@ -110,9 +110,9 @@ def test_a_robot_that_misses_beats_is_suspect_and_then_dead() -> None:
 
 def test_a_suspect_is_in_the_alive_set_and_a_dead_robot_is_not() -> None:
     view = View("A", "B")
-    assert list(view.at(600).members.alive()) == ["A", "B"]
+    assert list(view.at(600).members.alive_set()) == ["A", "B"]
     view.hear("B")
-    assert list(view.at(1000).members.alive()) == ["B"]
+    assert list(view.at(1000).members.alive_set()) == ["B"]
 
 
 def test_changes_are_told_once_with_what_was_before() -> None:
@@ -120,9 +120,9 @@ def test_changes_are_told_once_with_what_was_before() -> None:
     view.ms = 600
     view.hear("B")
     assert view["A"] is SUSPECT
-    assert view.members.judge(600 * MS) == []
-    assert view.members.judge(1000 * MS) == [("A", SUSPECT, DEAD)]
-    assert view.members.judge(1001 * MS) == []
+    assert view.members.detect_failures(600 * MS) == []
+    assert view.members.detect_failures(1000 * MS) == [("A", SUSPECT, DEAD)]
+    assert view.members.detect_failures(1001 * MS) == []
 
 
 def test_a_beat_of_the_same_incarnation_revives_a_dead_robot() -> None:
@@ -133,7 +133,7 @@ def test_a_beat_of_the_same_incarnation_revives_a_dead_robot() -> None:
     assert view["A"] is DEAD
     view.hear("A")
     assert view["A"] is ALIVE
-    assert view.members.alive()["A"] == Incarnation(1, "n")
+    assert view.members.alive_set()["A"] == Incarnation(1, "n")
 
 
 def test_an_old_beat_that_arrives_late_revives_nobody() -> None:
@@ -150,18 +150,18 @@ def test_an_old_beat_that_arrives_late_revives_nobody() -> None:
 def test_a_new_incarnation_replaces_the_old_one_and_old_beats_are_ignored() -> None:
     view = View("A")
     assert view.hear("A", life=2, number=1)
-    assert view.members.alive() == {"A": Incarnation(2, "n")}
+    assert view.members.alive_set() == {"A": Incarnation(2, "n")}
     assert not view.hear("A", life=1, number=99)
-    assert view.members.alive() == {"A": Incarnation(2, "n")}
+    assert view.members.alive_set() == {"A": Incarnation(2, "n")}
 
 
 def test_a_robot_that_has_not_joined_is_known_but_not_counted() -> None:
     view = View()
     view.hear("A", life=0, joined=False)
     assert view["A"] is ALIVE
-    assert view.members.alive() == {}
+    assert view.members.alive_set() == {}
     view.hear("A", life=1, joined=True)
-    assert list(view.members.alive()) == ["A"]
+    assert list(view.members.alive_set()) == ["A"]
 
 
 # -- relays -----------------------------------------------------------------------------------
@@ -195,14 +195,14 @@ def test_a_relay_revives_a_robot_that_was_thought_dead() -> None:
 
 def test_robots_relay_only_what_they_hear_and_never_a_suspect() -> None:
     view = View("A", "B")
-    assert [(r, w.number) for r, w in view.members.heard().items()] == [("A", 1), ("B", 1)]
+    assert [(r, w.number) for r, w in view.members.relays().items()] == [("A", 1), ("B", 1)]
     view.at(600)
     view.hear("B")
-    assert list(view.members.heard()) == ["B"]
+    assert list(view.members.relays()) == ["B"]
 
 
 def relays_of(view: View, robot: str) -> dict[str, int]:
-    return {name: word.number for name, word in view.members.heard().items() if name == robot}
+    return {name: word.number for name, word in view.members.relays().items() if name == robot}
 
 
 def test_two_robots_that_relay_one_another_do_not_keep_a_third_alive() -> None:
@@ -254,7 +254,7 @@ def test_a_token_that_only_this_robot_lost_proves_nothing() -> None:
 def test_a_token_that_came_back_is_held_again() -> None:
     view = View("A", "B")
     view.lose_token("A")
-    view.members.token("A", Incarnation(1, "n"), True)
+    view.members.receive_token("A", Incarnation(1, "n"), True)
     view.hear("B", accuses="A")
     assert view.at(100)["A"] is not DEAD
 
@@ -345,7 +345,7 @@ def test_a_robot_that_leaves_is_gone_at_once_and_not_dead_later() -> None:
     view = View("A", "B")
     view.hear("A", leaving=True)
     assert view["A"] is LEFT
-    assert list(view.members.alive()) == ["B"]
+    assert list(view.members.alive_set()) == ["B"]
     view.ms = 900
     view.hear("B")
     assert view.at(3000)["A"] is LEFT
@@ -362,7 +362,7 @@ def test_a_robot_that_was_slow_itself_blames_nobody_for_that_time() -> None:
     view = View("A", "B")
     view.ms = 300
     view.hear("B")
-    view.members.slowed(2_000 * MS, 2_500 * MS)
+    view.members.allow_for_own_lag(2_000 * MS, 2_500 * MS)
     assert view.at(2500).states("AB") == [SUSPECT, ALIVE]
     assert view.at(2999)["A"] is SUSPECT
     view.hear("B")
@@ -371,7 +371,7 @@ def test_a_robot_that_was_slow_itself_blames_nobody_for_that_time() -> None:
 
 def test_being_slow_moves_no_evidence_into_the_future() -> None:
     view = View("A")
-    view.members.slowed(5_000 * MS, 1_000 * MS)
+    view.members.allow_for_own_lag(5_000 * MS, 1_000 * MS)
     assert view.at(1499)["A"] is ALIVE
     assert view.at(1500)["A"] is SUSPECT
 
@@ -387,7 +387,7 @@ def test_a_robot_that_is_heard_badly_may_be_silent_for_longer() -> None:
         for robot in "ABC" if step % 3 == 0 else "BC":
             view.hear(robot)
             last_ms[robot] = view.ms
-    limit_ms = TIMING.limit_us(view.members.peers["A"].hearing.silence_permille) // MS
+    limit_ms = TIMING.silence_limit_us(view.members.peers["A"].arrivals.overdue_permille) // MS
     assert 1_500 < limit_ms <= 3_000
     for ms in range(view.ms, last_ms["A"] + limit_ms, 100):
         view.ms = ms
@@ -401,21 +401,21 @@ def test_a_robot_that_is_heard_badly_may_be_silent_for_longer() -> None:
 
 def test_a_new_life_is_heard_over_the_same_network() -> None:
     view = View("A", "B")
-    hearing = view.members.peers["A"].hearing
+    hearing = view.members.peers["A"].arrivals
     view.hear("A", life=2, number=1)
-    assert view.members.peers["A"].hearing is hearing
+    assert view.members.peers["A"].arrivals is hearing
 
 
 def test_an_outage_that_ended_in_a_verdict_is_no_measure_of_the_network() -> None:
     view = View("A", "B")
     view.ms = 900
     view.hear("B")
-    before = view.members.peers["A"].hearing.watched_us
+    before = view.members.peers["A"].arrivals.observed_us
     view.at(1_000)
     view.ms = 9_000
     view.hear("A")
     assert view["A"] is ALIVE
-    assert view.members.peers["A"].hearing.watched_us == before
+    assert view.members.peers["A"].arrivals.observed_us == before
 
 
 def test_a_verdict_follows_that_of_another_robot_if_there_was_silence_here_as_well() -> None:
@@ -425,12 +425,14 @@ def test_a_verdict_follows_that_of_another_robot_if_there_was_silence_here_as_we
         for robot in "ABC":
             view.hear(robot)
     start_ms = view.ms
-    assert view.members.peers["A"].limit_us > 2_000 * MS
+    assert view.members.peers["A"].silence_limit_us > 2_000 * MS
     for ms in range(200, 1_600, 200):
         view.ms = start_ms + ms
         view.hear("C")
         view.hear("B", buries="A")
-        assert view["A"] is (DEAD if ms * MS >= view.members.peers["A"].limit_us // 2 else ALIVE)
+        assert view["A"] is (
+            DEAD if ms * MS >= view.members.peers["A"].silence_limit_us // 2 else ALIVE
+        )
 
 
 def test_a_verdict_of_another_robot_alone_kills_nobody() -> None:
@@ -449,12 +451,12 @@ def test_half_of_the_limit_without_news_and_a_robot_is_sought() -> None:
     view = View("A", "B")
     view.ms = 499
     view.hear("B")
-    assert not view.members.is_seeking
+    assert not view.members.is_probing
     view.at(500)
-    assert view.members.is_seeking
-    assert [(a.robot, a.sought) for a in view.members.accusations()] == [("A", True)]
+    assert view.members.is_probing
+    assert [(a.robot, a.is_probe) for a in view.members.suspicions()] == [("A", True)]
     view.hear("A")
-    assert not view.members.is_seeking
+    assert not view.members.is_probing
 
 
 def test_the_dead_are_sought_no_more() -> None:
@@ -463,15 +465,15 @@ def test_the_dead_are_sought_no_more() -> None:
     view.hear("B")
     view.at(1_000)
     assert view["A"] is DEAD
-    assert not view.members.is_seeking
-    assert [(a.dead, a.sought) for a in view.members.accusations()] == [(True, False)]
+    assert not view.members.is_probing
+    assert [(a.is_dead, a.is_probe) for a in view.members.suspicions()] == [(True, False)]
 
 
 def test_a_robot_whose_token_is_lost_but_whose_beats_come_is_not_sought() -> None:
     view = View("A", "B")
     view.lose_token("A")
     assert view["A"] is SUSPECT
-    assert not view.members.is_seeking
+    assert not view.members.is_probing
 
 
 def test_who_has_news_of_a_sought_robot_is_asked_for_it() -> None:
@@ -493,9 +495,9 @@ def test_a_robot_that_is_sought_itself_is_asked_if_this_life_of_it_is_meant() ->
     view = View("B")
     view.hear("B", seeks="M")
     assert not view.asked, "an earlier life"
-    beat = view.members.peers["B"].beat
+    beat = view.members.peers["B"].heartbeat
     assert beat is not None
-    assert view.members.is_asked(beat, Incarnation(1, "n"))
+    assert view.members.can_answer_probe(beat, Incarnation(1, "n"))
 
 
 # -- what is told to others -------------------------------------------------------------------
@@ -508,58 +510,58 @@ def test_a_beat_accuses_suspects_and_tells_verdicts() -> None:
         view.hear(robot)
     view.lose_token("B")
     view.at(600)
-    told = [(a.robot, a.token_lost, a.dead) for a in view.members.accusations()]
+    told = [(a.robot, a.is_token_lost, a.is_dead) for a in view.members.suspicions()]
     assert told == [("A", False, False), ("B", True, False)]
     view.ms = 800
     view.hear("C")
     view.hear("D")
     view.at(1000)
-    told = [(a.robot, a.token_lost, a.dead) for a in view.members.accusations()]
+    told = [(a.robot, a.is_token_lost, a.is_dead) for a in view.members.suspicions()]
     assert told == [("A", False, True), ("B", True, False)]
 
 
 def test_suspects_are_left_out_when_agreement_is_counted() -> None:
     view = View("A", "B")
-    assert view.members.agrees(PLAN)
+    assert view.members.all_report_plan(PLAN)
     view.hear("A", plan=b"another!")
-    assert not view.members.agrees(PLAN)
+    assert not view.members.all_report_plan(PLAN)
     view.ms = 600
     view.hear("B")
     assert view["A"] is SUSPECT
-    assert view.members.agrees(PLAN)
+    assert view.members.all_report_plan(PLAN)
 
 
 def test_a_newcomer_that_is_still_joining_is_waited_for() -> None:
     view = View("A")
     view.hear("B", life=0, joined=False)
-    assert not view.members.agrees(PLAN)
+    assert not view.members.all_report_plan(PLAN)
 
 
 def test_a_relayed_plan_digest_counts_like_one_that_was_heard() -> None:
     view = View("A", "B")
     view.hear("A", plan=b"another!")
     view.hear("B", relays={"A": 3})
-    assert view.members.agrees(PLAN)
+    assert view.members.all_report_plan(PLAN)
 
 
 def test_the_mission_is_over_once_everybody_alive_says_so_suspects_included() -> None:
     view = View("A", "B")
     view.hear("A", result=Status.SUCCESS)
-    assert not view.members.all_report(Status.SUCCESS)
+    assert not view.members.all_report_result(Status.SUCCESS)
     view.ms = 600
     view.hear("A", result=Status.SUCCESS)
     assert view["B"] is SUSPECT
-    assert not view.members.all_report(Status.SUCCESS)
+    assert not view.members.all_report_result(Status.SUCCESS)
     view.ms = 1000
     view.hear("A", result=Status.SUCCESS)
     assert view["B"] is DEAD
-    assert view.members.all_report(Status.SUCCESS)
+    assert view.members.all_report_result(Status.SUCCESS)
 
 
 def test_a_relayed_result_counts_like_one_that_was_heard() -> None:
     view = View("A", "B")
     view.hear("B", result=Status.SUCCESS, relays={"A": 2})
-    assert view.members.all_report(Status.SUCCESS)
+    assert view.members.all_report_result(Status.SUCCESS)
 
 
 # -- deadlines --------------------------------------------------------------------------------
@@ -575,10 +577,10 @@ def test_nothing_changes_before_the_next_deadline(beats: list[tuple[str, int]], 
         view.ms += pause
         view.hear(robot)
     now_us = view.ms * MS
-    view.members.judge(now_us)
-    deadline_us = view.members.at_peace_until_us
+    view.members.detect_failures(now_us)
+    deadline_us = view.members.next_detection_us
     then_us = now_us + wait * MS
-    changed = view.members.judge(then_us)
+    changed = view.members.detect_failures(then_us)
     if changed:
         assert now_us < deadline_us <= then_us
 
@@ -590,6 +592,6 @@ def test_a_detection_time_of_less_than_three_beats_is_refused(beat: int, detecti
 
 
 def test_what_follows_from_beat_and_detection_time() -> None:
-    assert (TIMING.limit_us(0), TIMING.grace_us) == (1_000 * MS, 300 * MS)
-    assert TIMING.fence_us == min(TIMING.limit_us(silence) for silence in range(1_001))
-    assert all(0 < offset < TIMING.beat_us for offset in TIMING.repeats_us())
+    assert (TIMING.silence_limit_us(0), TIMING.grace_us) == (1_000 * MS, 300 * MS)
+    assert TIMING.fence_us == min(TIMING.silence_limit_us(silence) for silence in range(1_001))
+    assert all(0 < offset < TIMING.heartbeat_us for offset in TIMING.repeat_offsets_us())

@@ -14,20 +14,20 @@ from mrbt_mesh.core.facts.records import parse_record
 from mrbt_mesh.core.facts.store import MAX_VALUE_BYTES, Entry, Incarnation, Version, make_entry
 from mrbt_mesh.core.membership import wire
 from mrbt_mesh.core.membership.wire import (
-    Accusation,
-    Beat,
-    Granted,
     Header,
+    Heartbeat,
     IncompatibleError,
+    LeaseGrant,
     MessageKind,
+    SelfReport,
+    Suspicion,
     WireError,
-    Word,
-    beat_body,
     decode,
     encode,
-    entries_body,
-    parse_beat,
+    pack_entries,
+    pack_heartbeat,
     parse_entries,
+    parse_heartbeat,
     parse_summary,
 )
 
@@ -51,20 +51,20 @@ plain = st.recursive(
     ),
     max_leaves=12,
 )
-words = st.builds(Word, incarnations, numbers, digests, st.booleans(), st.integers(0, 3))
+words = st.builds(SelfReport, incarnations, numbers, digests, st.booleans(), st.integers(0, 3))
 beats = st.builds(
-    Beat,
+    Heartbeat,
     words,
     st.booleans(),
     digests,
     st.tuples(*[st.integers(0, 3)] * 4),
     st.integers(0, 100),
     st.lists(
-        st.builds(Accusation, robots, incarnations, st.booleans(), st.booleans()), max_size=3
+        st.builds(Suspicion, robots, incarnations, st.booleans(), st.booleans()), max_size=3
     ).map(tuple),
     st.dictionaries(robots, words, max_size=3),
     st.none() | st.tuples(st.text(max_size=8), st.text(max_size=8)),
-    st.lists(st.builds(Granted, st.text(max_size=8), robots, numbers), max_size=3).map(tuple),
+    st.lists(st.builds(LeaseGrant, st.text(max_size=8), robots, numbers), max_size=3).map(tuple),
 )
 GOOD_VALUES: list[tuple[str, Any]] = [
     ("member", ["A", {"drill": 5, "fix(2)": 7}, ["drill"], False, "1.0", "host", 77]),
@@ -99,10 +99,10 @@ def message(body: bytes, kind: str = "fact") -> bytes:
 
 
 @given(beats)
-def test_a_beat_survives_the_wire(beat: Beat) -> None:
-    data = encode(SOMEONE, MessageKind.BEAT, beat_body(beat))
-    sender, body = decode(data, MINE, MessageKind.BEAT)
-    assert (sender, parse_beat(body)) == ("B1", beat)
+def test_a_beat_survives_the_wire(beat: Heartbeat) -> None:
+    data = encode(SOMEONE, MessageKind.HEARTBEAT, pack_heartbeat(beat))
+    sender, body = decode(data, MINE, MessageKind.HEARTBEAT)
+    assert (sender, parse_heartbeat(body)) == ("B1", beat)
 
 
 @given(st.lists(st.tuples(st.sampled_from(GOOD_VALUES), robots, st.integers(1, 3)), max_size=8))
@@ -110,7 +110,7 @@ def test_entries_survive_the_wire_with_author_version_and_bytes(
     rows: list[tuple[tuple[str, Any], str, int]],
 ) -> None:
     sent = [entry(name, value, author, sequence) for (name, value), author, sequence in rows]
-    data = encode(SOMEONE, MessageKind.STATE, entries_body(sent))
+    data = encode(SOMEONE, MessageKind.STATE, pack_entries(sent))
     received, malformed = parse_entries(decode(data, MINE, MessageKind.STATE)[1])
     assert malformed == 0
 
@@ -123,7 +123,7 @@ def test_entries_survive_the_wire_with_author_version_and_bytes(
 
 def test_a_batch_travels_whole_under_one_version() -> None:
     batch = [entry(name, value) for name, value in GOOD_VALUES[3:6]]
-    (group,) = entries_body(batch)
+    (group,) = pack_entries(batch)
     assert group[:4] == ["B1", 1, "n", 1]
     assert [name for name, _ in group[4]] == NAMES[3:6]
 
@@ -131,7 +131,7 @@ def test_a_batch_travels_whole_under_one_version() -> None:
 @given(plain)
 def test_an_outcome_may_carry_any_plain_data(value: Any) -> None:
     sent = entry(f"outcome/{SCOPE}/drill", [True, value])
-    data = encode(SOMEONE, MessageKind.FACT, entries_body([sent]))
+    data = encode(SOMEONE, MessageKind.FACT, pack_entries([sent]))
     ((received,), _) = parse_entries(decode(data, MINE, MessageKind.FACT)[1])
     assert received.packed == sent.packed
 
@@ -156,8 +156,8 @@ def read_everything(data: bytes, kind: MessageKind) -> None:
     """What an agent does with bytes from outside; anything but WireError is an error."""
     try:
         _, body = decode(data, MINE, kind)
-        if kind is MessageKind.BEAT:
-            parse_beat(body)
+        if kind is MessageKind.HEARTBEAT:
+            parse_heartbeat(body)
         elif kind is MessageKind.PULL:
             parse_summary(body)
         else:
@@ -170,7 +170,7 @@ kinds = st.sampled_from(MessageKind)
 
 
 @given(st.binary(max_size=200), kinds)
-@example(b"", MessageKind.BEAT)
+@example(b"", MessageKind.HEARTBEAT)
 @example(b"\xc1", MessageKind.FACT)
 @example(b"\x81\x90\x01", MessageKind.FACT)
 @example(b"\xd6\xff\x00\x00\x00\x00", MessageKind.FACT)
@@ -196,12 +196,12 @@ def mutations(value: Any) -> st.SearchStrategy[Any]:
     return inside | plain
 
 
-@given(beats.flatmap(lambda beat: mutations(beat_body(beat))))
+@given(beats.flatmap(lambda beat: mutations(pack_heartbeat(beat))))
 def test_a_beat_with_one_wrong_part_is_read_or_refused(body: Any) -> None:
-    read_everything(encode(SOMEONE, MessageKind.BEAT, body), MessageKind.BEAT)
+    read_everything(encode(SOMEONE, MessageKind.HEARTBEAT, body), MessageKind.HEARTBEAT)
 
 
-TABLE = entries_body([entry(name, value) for name, value in GOOD_VALUES])
+TABLE = pack_entries([entry(name, value) for name, value in GOOD_VALUES])
 
 
 @given(mutations(TABLE))
@@ -275,7 +275,7 @@ def test_what_is_not_exactly_its_kind_is_refused(name: str, value: Any) -> None:
 
 
 def test_one_malformed_entry_does_not_cost_the_others() -> None:
-    table = entries_body([entry("order", ["pause", 1]), entry("claim", None)])
+    table = pack_entries([entry("order", ["pause", 1]), entry("claim", None)])
     table[0][4].insert(1, ["order", ["nonsense", 1]])
     good, malformed = parse_entries(table)
     assert ([e.name for e in good], malformed) == (["order", "claim"], 1)
@@ -315,7 +315,7 @@ def test_another_mission_or_run_is_refused_with_both_sides_named(
     other: Header, texts: list[str]
 ) -> None:
     with pytest.raises(IncompatibleError) as caught:
-        decode(encode(other, MessageKind.BEAT, None), MINE, MessageKind.BEAT)
+        decode(encode(other, MessageKind.HEARTBEAT, None), MINE, MessageKind.HEARTBEAT)
     for text in texts:
         assert text in str(caught.value)
 
@@ -325,19 +325,19 @@ def test_another_schema_version_is_refused_with_both_versions_named() -> None:
     with pytest.raises(
         IncompatibleError, match=rf"schema {wire.SCHEMA + 1} \(ours is {wire.SCHEMA}\)"
     ):
-        decode(data, MINE, MessageKind.BEAT)
+        decode(data, MINE, MessageKind.HEARTBEAT)
 
 
 @pytest.mark.parametrize("sender", ["../etc", "A 1", "a/b", "-x", "x" * 33])
 def test_a_sender_that_is_no_robot_id_is_refused(sender: str) -> None:
-    data = encode(Header(MINE.mission, "repair", "r1", sender), MessageKind.BEAT, None)
+    data = encode(Header(MINE.mission, "repair", "r1", sender), MessageKind.HEARTBEAT, None)
     with pytest.raises(WireError, match="sender is no robot id"):
-        decode(data, MINE, MessageKind.BEAT)
+        decode(data, MINE, MessageKind.HEARTBEAT)
 
 
 def test_a_message_of_another_kind_is_refused() -> None:
     with pytest.raises(WireError, match="kind 'fact' where beat is expected"):
-        decode(encode(SOMEONE, MessageKind.FACT, None), MINE, MessageKind.BEAT)
+        decode(encode(SOMEONE, MessageKind.FACT, None), MINE, MessageKind.HEARTBEAT)
 
 
 @pytest.mark.parametrize("value", [object(), 1 << 64, {1, 2}, "\ud800", b"x" * MAX_VALUE_BYTES])

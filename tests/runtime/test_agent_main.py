@@ -91,7 +91,7 @@ def test_a_sign_of_life_is_the_time_of_the_process_file(tmp_path: Path) -> None:
 
 
 def test_the_knobs_follow_their_formulas() -> None:
-    timing = Timing(beat_us=200_000, detection_us=1_000_000)
-    assert (timing.limit_us(0), timing.grace_us) == (1_000_000, 300_000)
-    assert (timing.fence_us, timing.max_limit_us) == (1_000_000, 3_000_000)
-    assert max(timing.repeats_us()) < timing.beat_us
+    timing = Timing(heartbeat_us=200_000, detection_us=1_000_000)
+    assert (timing.silence_limit_us(0), timing.grace_us) == (1_000_000, 300_000)
+    assert (timing.fence_us, timing.max_silence_us) == (1_000_000, 3_000_000)
+    assert max(timing.repeat_offsets_us()) < timing.heartbeat_us

@@ -109,7 +109,7 @@ def outcomes_dropped_at_restart() -> Iterator[None]:
 @mutation
 def no_relays() -> Iterator[None]:
     """Beats do not say whom else their sender hears: there is no indirect probe."""
-    with mock.patch.object(Membership, "heard", return_value={}):
+    with mock.patch.object(Membership, "relays", return_value={}):
         yield
 
 
@@ -172,15 +172,15 @@ def no_repair() -> Iterator[None]:
         original(self, now_us)
         return []
 
-    original = Replica.due
-    with mock.patch.object(Replica, "due", due):
+    original = Replica.peers_to_ask
+    with mock.patch.object(Replica, "peers_to_ask", due):
         yield
 
 
 @mutation
 def starts_without_agreement() -> Iterator[None]:
     """A robot starts as soon as its own plan says so."""
-    with mock.patch.object(Membership, "agrees", return_value=True):
+    with mock.patch.object(Membership, "all_report_plan", return_value=True):
         yield
 
 

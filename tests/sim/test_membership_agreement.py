@@ -111,7 +111,7 @@ def test_a_newcomer_that_one_robot_cannot_hear_waits_for_it_no_longer_than_it_mu
     team.run_until(team.now_us + 4 * SECOND_US)
     team.network.block([("R02", "R00")])
     team.launch("R02", sorted(team.nodes))
-    agreed_after_us(team, Timing().max_limit_us)
+    agreed_after_us(team, Timing().max_silence_us)
 
 
 def test_the_same_seed_gives_the_same_run() -> None:
@@ -122,7 +122,7 @@ def test_the_same_seed_gives_the_same_run() -> None:
             team.bytes,
             [node.agent.view.facts.map.digest() for node in team.living()],
             [
-                (peer.word.number, peer.evidence_us, peer.limit_us)
+                (peer.report.number, peer.last_heard_us, peer.silence_limit_us)
                 for node in team.living()
                 for peer in node.agent.view.peers.values()
             ],

@@ -70,7 +70,7 @@ def test_a_message_is_read_and_a_plan_made_once(monkeypatch: pytest.MonkeyPatch)
         return call
 
     engine = Engine(
-        read_beat=counted("read_beat", INCREMENTAL.read_beat),
+        read_heartbeat=counted("read_beat", INCREMENTAL.read_heartbeat),
         read_batch=counted("read_batch", INCREMENTAL.read_batch),
         plan_making=lambda *chosen: counted("plan", INCREMENTAL.plan_making(*chosen)),
     )
@@ -90,7 +90,7 @@ def test_what_is_malformed_is_refused_by_everybody() -> None:
         with pytest.raises(WireError, match="not msgpack"):
             shared.read_batch("A1", b"\xc1", header)
         with pytest.raises(WireError, match="not msgpack"):
-            shared.read_beat("A1", b"\xc1", header, lambda row: True)
+            shared.read_heartbeat("A1", b"\xc1", header, lambda row: True)
 
 
 def test_what_is_remembered_is_bounded() -> None:

@@ -94,9 +94,9 @@ class Agent:
                 step_us = now_us
         self._deadline_us = min(
             step_us,
-            self._context.membership.at_peace_until_us,
-            self._context.replica.ask_us,
-            self._schedule.next_beat_us,
+            self._context.membership.next_detection_us,
+            self._context.replica.next_ask_us,
+            self._schedule.next_due_us,
         )
         return self._deadline_us
 
@@ -137,9 +137,9 @@ class Agent:
             self._bring_up_to_date(now_us)
             self._note_what_is_done(now_us)
         else:
-            if now_us >= context.replica.ask_us:
+            if now_us >= context.replica.next_ask_us:
                 self._ask_who_is_due(now_us)
-            if now_us >= self._schedule.next_beat_us:
+            if now_us >= self._schedule.next_due_us:
                 self._heartbeats.hurry_if_probing(now_us)
                 self._heartbeats.send(now_us)
 
@@ -149,7 +149,7 @@ class Agent:
         self._judge(now_us)
         if self._lifecycle.step(now_us):
             self._reports.say_what_was_kept(now_us)
-            self._schedule.urge(now_us)
+            self._schedule.make_due(now_us)
         if context.joining is None:
             executor.check_leases(now_us)
             # Leases may have to be renewed while a plan is made elsewhere, and they are facts.
@@ -172,15 +172,15 @@ class Agent:
 
     def _judge(self, now_us: int) -> None:
         context = self._context
-        for robot, before, after in context.membership.judge(now_us):
-            level = "warning" if after.is_distrusted else "info"
+        for robot, before, after in context.membership.detect_failures(now_us):
+            level = "warning" if after.is_suspected else "info"
             context.log(level, f"robot_{after}", robot=robot, before=str(before))
-            if not after.is_present:
+            if not after.is_live:
                 context.replica.forget(robot)
         self._heartbeats.hurry_if_probing(now_us)
 
     def _ask_who_is_due(self, now_us: int) -> None:
-        self._context.ask(self._context.replica.due(now_us), now_us)
+        self._context.ask(self._context.replica.peers_to_ask(now_us), now_us)
 
     def _note_what_is_done(self, now_us: int) -> None:
         """Until something changes, or a deadline passes, nothing more follows."""
@@ -192,7 +192,7 @@ class Agent:
             leases.next_deadline_us(),
             context.joining.deadline_us if context.joining is not None else None,
             self._executor.grace_ends_us if is_waiting else None,
-            done_us + context.config.timing.beat_us if done_us is not None else None,
+            done_us + context.config.timing.heartbeat_us if done_us is not None else None,
         )
         ahead_us = [at for at in deadlines_us if at is not None and at > now_us]
         step_us = min(ahead_us, default=NEVER_US)

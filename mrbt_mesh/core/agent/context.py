@@ -56,11 +56,11 @@ class Context:
     @property
     def is_new(self) -> bool:
         """Whether it has yet to join in this life: what it wrote now might not stand."""
-        return self.joining is not None and self.joining.first
+        return self.joining is not None and self.joining.is_first
 
     def alive(self) -> dict[str, Incarnation]:
         """The plan's alive set, this robot included."""
-        return self.membership.alive() | {self.me: self.replica.incarnation}
+        return self.membership.alive_set() | {self.me: self.replica.incarnation}
 
     # -- what goes out ------------------------------------------------------------------------
 
@@ -76,8 +76,8 @@ class Context:
     def ask(self, peers: Iterable[str], now_us: int) -> None:
         """Ask these peers for the facts that this robot lacks."""
         for peer in peers:
-            self.replica.asked(peer, now_us)
-            self._effects.append(Ask(peer, self.replica.pull()))
+            self.replica.mark_asked(peer, now_us)
+            self._effects.append(Ask(peer, self.replica.write_pull()))
 
     def emit(self, *effects: Effect) -> None:
         """Have effects carried out, after those before."""
@@ -93,7 +93,7 @@ class Context:
             event = "robot_refused" if incompatible else "input_refused"
             self.log("error" if incompatible else "warning", event, source=source, reason=reason)
         if incompatible and self.joining is not None:
-            self.joining.foreign = f"{source}: {reason}"
+            self.joining.refusal = f"{source}: {reason}"
 
     def is_first(self, source: str, reason: str) -> bool:
         """Count one more of a kind that is worth one line in the log; whether it is the first."""

@@ -60,4 +60,4 @@ class DeferredInputs:
 
 
 def _changes_facts(event: inputs.Input) -> bool:
-    return isinstance(event, inputs.MessageReceived) and event.kind is not MessageKind.BEAT
+    return isinstance(event, inputs.MessageReceived) and event.kind is not MessageKind.HEARTBEAT

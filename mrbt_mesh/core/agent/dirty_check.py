@@ -56,6 +56,8 @@ class DirtyCheck:
     def _changes(self) -> int:
         """Grows with all that a message can change and that something follows from."""
         membership = self._context.membership
-        changes = self._context.facts.changes + membership.changes + membership.hints
-        changes += self._duplicates.rivals
-        return changes + membership.reports if self._reads_reports else changes
+        changes = (
+            self._context.facts.changes + membership.alive_changes + membership.suspicion_changes
+        )
+        changes += self._duplicates.changes
+        return changes + membership.report_changes if self._reads_reports else changes

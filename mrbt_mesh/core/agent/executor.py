@@ -18,7 +18,7 @@ from mrbt_mesh.core.facts.coalitions import is_enough, ready_members, standing_c
 from mrbt_mesh.core.facts.records import Claim, Coalition, Phase, Token
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.leases import Leases
-from mrbt_mesh.core.membership.wire import Beat
+from mrbt_mesh.core.membership.wire import Heartbeat
 from mrbt_mesh.core.mission.mission import GlobalTask, performance, type_name
 from mrbt_mesh.core.planning.plan import Plan
 
@@ -37,7 +37,7 @@ class Executor:
         context, plan, work = self._context, self._plan, self._context.work
         before = work.claim
         line = None if context.is_leaving else plan.lines.get(context.me)
-        changed, effects = work.follow(line, context.replica.stamp(), now_us)
+        changed, effects = work.follow(line, context.replica.next_stamp(), now_us)
         if effects:
             context.emit(*effects)
         writes = self.given_up(before) if changed and before is not None else []
@@ -102,7 +102,10 @@ class Executor:
 
     def _may_start(self, now_us: int) -> bool:
         """Whether all robots in good standing have the same plan, or the grace time has passed."""
-        return self._context.membership.agrees(self._plan.digest) or now_us >= self.grace_ends_us
+        return (
+            self._context.membership.all_report_plan(self._plan.digest)
+            or now_us >= self.grace_ends_us
+        )
 
     @property
     def grace_ends_us(self) -> int:
@@ -216,7 +219,7 @@ class Executor:
             names = (records.DOUBT, records.BROKEN)
             context.write([(f"{name}/{claim.activation}/{token}", True) for name in names], now_us)
 
-    def lease_asked(self, robot: str, beat: Beat, now_us: int) -> None:
+    def lease_asked(self, robot: str, beat: Heartbeat, now_us: int) -> None:
         """A beat asks for a lease, or answers this robot's own request."""
         writes = self.leases.heard(robot, beat, now_us, self.may_grant)
         if writes:

@@ -10,7 +10,7 @@ from mrbt_mesh.core.agent.executor import Executor
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
-from mrbt_mesh.core.membership.wire import Accusation, Beat, MessageKind, Word
+from mrbt_mesh.core.membership.wire import Heartbeat, MessageKind, SelfReport, Suspicion
 
 
 class Urgent(NamedTuple):
@@ -18,7 +18,7 @@ class Urgent(NamedTuple):
 
     digest: bytes
     result: Status
-    accusations: tuple[Accusation, ...]
+    accusations: tuple[Suspicion, ...]
     is_joined: bool
     is_leaving: bool
     sought: tuple[str, str] | None
@@ -53,36 +53,36 @@ class Heartbeats:
     def hurry_if_probing(self, now_us: int) -> None:
         """Beat faster while this robot asks for news of another one."""
         membership = self._context.membership
-        if membership.is_seeking:
-            self._schedule.hurry(membership.present, now_us)
+        if membership.is_probing:
+            self._schedule.speed_up(membership.live_peer_count, now_us)
 
     def _urgent(self) -> Urgent:
         context, plan, leases = self._context, self._planner.plan, self._executor.leases
         digest, result = (plan.digest, plan.result) if plan else (b"", Status.RUNNING)
         granted = tuple([(grant.token, grant.member) for grant in leases.given()])
-        accusations = context.membership.accusations()
+        accusations = context.membership.suspicions()
         is_joined, is_leaving = context.joining is None, context.is_leaving
         return Urgent(digest, result, accusations, is_joined, is_leaving, leases.seeks, granted)
 
     def _send(self, urgent: Urgent, now_us: int) -> None:
         context, plan, executor = self._context, self._planner.plan, self._executor
-        number = self._schedule.sent(urgent, now_us)
+        number = self._schedule.mark_sent(urgent, now_us)
         # A beat renews the leases that this robot holds: it answers itself first.
         granted = executor.leases.sent(number, now_us, executor.may_grant)
         if granted:
             context.write(granted, now_us)
         digest, result = (plan.digest, plan.result) if plan else (bytes(8), Status.RUNNING)
         is_joined, membership = urgent.is_joined, context.membership
-        beat = Beat(
-            Word(context.replica.incarnation, number, digest, is_joined, int(result)),
+        beat = Heartbeat(
+            SelfReport(context.replica.incarnation, number, digest, is_joined, int(result)),
             context.is_leaving,
             context.facts.map.digest(),
             tuple([int(status) for status in executor.tree.statuses]),
             context.work.progress,
             urgent.accusations,
-            membership.heard(),
+            membership.relays(),
             executor.leases.seeks,
             executor.leases.given(),
         )
-        data = context.config.engine.write_beat(beat, context.replica.header)
-        context.emit(Publish(MessageKind.BEAT, data))
+        data = context.config.engine.write_heartbeat(beat, context.replica.header)
+        context.emit(Publish(MessageKind.HEARTBEAT, data))

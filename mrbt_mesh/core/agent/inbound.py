@@ -20,7 +20,7 @@ from mrbt_mesh.core.membership.anti_entropy import Received
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
 from mrbt_mesh.core.membership.wire import (
-    Beat,
+    Heartbeat,
     IncompatibleError,
     MessageKind,
     WireError,
@@ -29,7 +29,7 @@ from mrbt_mesh.core.membership.wire import (
 )
 
 # Members of an enumeration are slow to look up.
-_BEAT = MessageKind.BEAT
+_BEAT = MessageKind.HEARTBEAT
 
 
 class Inbound:
@@ -62,7 +62,7 @@ class Inbound:
                 except WireError as error:
                     self._refuse(source, error)
             case TokenChanged(robot, incarnation, held):
-                self._context.membership.token(robot, incarnation, held)
+                self._context.membership.receive_token(robot, incarnation, held)
             case QueryReceived(query, kind, data):
                 self._query(query, kind, data, now_us)
             case AnswerReceived(peer, data):
@@ -71,33 +71,35 @@ class Inbound:
     def _read_beat(self, source: str, data: bytes, now_us: int, is_planning: bool) -> None:
         context = self._context
         membership = context.membership
-        read = context.config.engine.read_beat
-        beat = read(source, data, context.replica.header, membership.is_news)
+        read = context.config.engine.read_heartbeat
+        beat = read(source, data, context.replica.header, membership.is_new_relay)
         joining, mine = context.joining, context.replica.incarnation
-        starting = joining is not None and joining.first
+        starting = joining is not None and joining.is_first
         if source == context.me:
-            reason = self._duplicates.heard(beat, mine, starting, context.facts.members)
+            reason = self._duplicates.check_own_heartbeat(
+                beat, mine, starting, context.facts.members
+            )
             context.stop(2, reason)
             return
         known = membership.peers.get(source)
-        if membership.beat(source, beat, now_us):
-            if known is None or known.incarnation != beat.word.incarnation:
-                incarnation = str(beat.word.incarnation)
+        if membership.receive_heartbeat(source, beat, now_us):
+            if known is None or known.incarnation != beat.report.incarnation:
+                incarnation = str(beat.report.incarnation)
                 context.log("info", "robot_heard", robot=source, incarnation=incarnation)
-            context.replica.compare(source, beat.fact_digest, now_us)
+            context.replica.compare_digest(source, beat.fact_digest, now_us)
             # Every beat says it again.
-            if (beat.seeks is not None or beat.grants) and not is_planning:
+            if (beat.lease_request is not None or beat.lease_grants) and not is_planning:
                 self._executor.lease_asked(source, beat, now_us)
-            if beat.accusations and membership.is_asked(beat, mine):
-                self._schedule.hurry(membership.present, now_us)
+            if beat.suspicions and membership.can_answer_probe(beat, mine):
+                self._schedule.speed_up(membership.live_peer_count, now_us)
         if joining is not None:
-            joining.heard(source)
+            joining.mark_heard(source)
         self._check_relays(source, beat, starting, now_us)
 
-    def _check_relays(self, source: str, beat: Beat, starting: bool, now_us: int) -> None:
+    def _check_relays(self, source: str, beat: Heartbeat, starting: bool, now_us: int) -> None:
         context = self._context
         mine, members = context.replica.incarnation, context.facts.members
-        reason = self._duplicates.relayed(source, beat, mine, starting, members, now_us)
+        reason = self._duplicates.check_relays(source, beat, mine, starting, members, now_us)
         context.stop(2, reason)
 
     def _query(self, query: int, kind: MessageKind, data: bytes, now_us: int) -> None:
@@ -105,7 +107,7 @@ class Inbound:
         header = context.replica.header
         try:
             if kind is MessageKind.PULL:
-                pages = context.replica.answer(data)
+                pages = context.replica.answer_pull(data)
             else:
                 _, body = decode(data, header, MessageKind.COMMAND)
                 good, text = self._commands.carry_out(body, now_us)
@@ -119,7 +121,7 @@ class Inbound:
     def _answer(self, peer: str, data: bytes | None, now_us: int) -> None:
         context = self._context
         if data is None:
-            context.replica.unanswered(peer, now_us)
+            context.replica.mark_unanswered(peer, now_us)
             return
         try:
             received = context.replica.receive_state(data, now_us)
@@ -127,10 +129,10 @@ class Inbound:
             self._refuse(peer, error)
             return
         self._take_in(peer, received)
-        if not received.more:
-            context.replica.answered(peer)
+        if not received.has_more:
+            context.replica.mark_answered(peer)
             if context.joining is not None:
-                context.joining.exchanged(peer)
+                context.joining.mark_exchanged(peer)
 
     def _take_in(self, source: str, received: Received) -> None:
         if received.changed:

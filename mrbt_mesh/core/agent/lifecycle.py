@@ -44,13 +44,13 @@ class Lifecycle:
         """
         context = self._context
         timing = context.config.timing
-        if lag_us > timing.beat_us // 2:
-            context.membership.slowed(lag_us, now_us)
-        silent_us = now_us - self._schedule.last_beat_us
+        if lag_us > timing.heartbeat_us // 2:
+            context.membership.allow_for_own_lag(lag_us, now_us)
+        silent_us = now_us - self._schedule.last_sent_us
         if silent_us > timing.fence_us and context.joining is None:
             context.log("warning", "fenced", silent_s=silent_us / 1e6)
             context.emit(DeclareToken(context.replica.next_incarnation(0)))
-            self._join_again(frozenset(context.membership.alive()), False, now_us)
+            self._join_again(frozenset(context.membership.alive_set()), False, now_us)
             # On disk before it is beaten out: no later process may take this incarnation again.
             context.write([(records.CLAIM, None)], now_us)
 
@@ -69,7 +69,7 @@ class Lifecycle:
         """
         context = self._context
         known = context.facts.members.get(context.me)
-        later = self._duplicates.rival
+        later = self._duplicates.other_incarnation
         if known is not None:
             later = max(later, known[1])
         if context.joining is None and later > context.replica.incarnation:
@@ -91,14 +91,14 @@ class Lifecycle:
         if joining is None or context.is_leaving:
             return False
         peers, digest = context.membership.peers, context.facts.map.digest()
-        wanted = joining.wanted(peers, digest, now_us)
-        context.ask(context.replica.askable(wanted, now_us), now_us)
-        awaited = joining.first and self._duplicates.is_relayed
+        wanted = joining.still_to_ask(peers, digest, now_us)
+        context.ask(context.replica.choose_to_ask(wanted, now_us), now_us)
+        awaited = joining.is_first and self._duplicates.is_other_life_relayed
         if wanted or not joining.is_done(awaited, now_us):
             return False
-        if joining.first:
-            if joining.foreign and not peers:
-                context.stop(2, f"the team runs something else: {joining.foreign}")
+        if joining.is_first:
+            if joining.refusal and not peers:
+                context.stop(2, f"the team runs something else: {joining.refusal}")
                 return False
             self._begin_new_life(joining)
         context.joining = None
@@ -112,9 +112,9 @@ class Lifecycle:
         others = context.mission.robots.keys() - {context.me}
         is_known = bool(context.facts.map.of_author(context.me))
         peers, digest = context.membership.peers, context.facts.map.digest()
-        if joining.knows_all_of(others, peers, digest) and not is_known:
-            self._leases.is_new()
-        incarnation = context.replica.next_incarnation(self._duplicates.rival.counter)
+        if joining.has_all_of(others, peers, digest) and not is_known:
+            self._leases.end_silence()
+        incarnation = context.replica.next_incarnation(self._duplicates.other_incarnation.counter)
         context.emit(DeclareToken(incarnation))
 
     # -- the end ------------------------------------------------------------------------------
@@ -134,7 +134,7 @@ class Lifecycle:
             self.done_us = now_us
             context.log("info", "mission_over", result=plan.result.name.lower())
         elif context.config.exit_when_done:
-            beat_us = context.config.timing.beat_us
+            beat_us = context.config.timing.heartbeat_us
             return plan.result if now_us >= self.done_us + beat_us else None
         return None
 
@@ -143,6 +143,6 @@ class Lifecycle:
         return (
             context.joining is None
             and self.is_over
-            and context.membership.all_report(int(plan.result))
+            and context.membership.all_report_result(int(plan.result))
             and context.work.is_idle
         )

@@ -38,7 +38,7 @@ class Planner:
 
     def __init__(self, context: Context, robot_tree: RobotTree) -> None:
         self.plan: Plan | None = None
-        self.deadlines = Deadlines(context.config.timing.bid_us)
+        self.deadlines = Deadlines(context.config.timing.bid_wait_us)
         self._context = context
         self._robot_tree = robot_tree
         self._evaluator = context.config.engine.evaluator(context.facts)
@@ -69,7 +69,7 @@ class Planner:
         return self.plan is not None and self._planned == self._state()
 
     def _state(self) -> tuple[int, int]:
-        return self._context.facts.changes, self._context.membership.changes
+        return self._context.facts.changes, self._context.membership.alive_changes
 
     def update(self, now_us: int, apart: bool) -> None:
         """Plan again if facts or the alive set have changed, until nothing more follows.

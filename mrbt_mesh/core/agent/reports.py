@@ -46,7 +46,7 @@ class Reports:
         if action.coalition:
             name += f"/{action.coalition}"
         writes: list[tuple[str, Any]] = [(name, [event.success, event.data])]
-        problem = context.replica.problem(*writes[0]) if event.data is not None else None
+        problem = context.replica.find_problem(*writes[0]) if event.data is not None else None
         if problem is not None:
             local_task = action.local_task
             context.log("error", "result_data_refused", local_task=local_task, reason=problem)
@@ -89,7 +89,7 @@ class Reports:
         """The entries that make conditions true or false; none where they are so already."""
         context, facts = self._context, self._context.facts
         writes: dict[str, list[Any]] = {}
-        stamp = context.replica.stamp()
+        stamp = context.replica.next_stamp()
         for name, value in list(conditions)[:CONDITIONS_PER_OUTCOME]:
             if not context.mission.knows_condition(name):
                 context.log("error", "condition_not_declared", condition=name)
@@ -137,7 +137,7 @@ class Reports:
                 continue  # nobody needs it any more
             name = f"{records.BID}/{bid.activation}/{bid.local_task}"
             value = bid.performance
-            error = bid.error or context.replica.problem(name, value)
+            error = bid.error or context.replica.find_problem(name, value)
             if error:
                 value = None
                 lines = error.strip().splitlines()
@@ -177,10 +177,10 @@ class Reports:
         if context.joining is None:
             member = (records.MEMBER, context.description.to_value(context.is_leaving))
             context.write([*writes, member, (records.CLAIM, None)], now_us)
-        self._schedule.urge(now_us)
+        self._schedule.make_due(now_us)
 
     def order(self, kind: OrderKind, now_us: int) -> None:
         """Take in the operator's word and tell the team."""
         context = self._context
         context.log("warning", "order", order=str(kind))
-        context.write([(records.ORDER, [str(kind), context.replica.stamp()])], now_us)
+        context.write([(records.ORDER, [str(kind), context.replica.next_stamp()])], now_us)

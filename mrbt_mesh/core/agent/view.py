@@ -77,7 +77,7 @@ class AgentView:
     @property
     def version(self) -> tuple[int, int]:
         """Two numbers that grow with each change of its facts and of who is alive."""
-        return self._context.facts.changes, self._context.membership.changes
+        return self._context.facts.changes, self._context.membership.alive_changes
 
     def alive(self) -> dict[str, Incarnation]:
         """The alive set of its plan, itself included."""
@@ -86,7 +86,7 @@ class AgentView:
     def agrees(self) -> bool:
         """Whether all robots in good standing report its plan."""
         plan = self._planner.plan
-        return plan is not None and self._context.membership.agrees(plan.digest)
+        return plan is not None and self._context.membership.all_report_plan(plan.digest)
 
     @property
     def refused(self) -> Mapping[str, int]:

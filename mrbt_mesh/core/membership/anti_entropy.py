@@ -17,7 +17,7 @@ from mrbt_mesh.core.membership.wire import (
     WireError,
     decode,
     encode,
-    entries_body,
+    pack_entries,
     parse_entries,
     parse_summary,
     read_batch,
@@ -53,7 +53,7 @@ class Received:
     changed: list[Entry] = field(default_factory=list)
     refused: int = 0
     reason: str = ""
-    more: bool = False
+    has_more: bool = False
 
 
 class Replica:
@@ -78,7 +78,7 @@ class Replica:
         self._sequence = 0
         self._repairs: dict[str, _Repair] = {}
         self._past: deque[bytes] = deque(maxlen=PAST_DIGESTS)
-        self.ask_us = NEVER_US
+        self.next_ask_us = NEVER_US
         # Nobody is to be asked before, if anybody is.
         self._repair_us = 0
         self.changed_us = 0
@@ -108,9 +108,9 @@ class Replica:
         entries = [make_entry(self.me, name, version, value) for name, value in values]
         self.facts.map.merge(entries)
         self.changed_us = now_us
-        return encode(self.header, MessageKind.FACT, entries_body(entries)), tuple(entries)
+        return encode(self.header, MessageKind.FACT, pack_entries(entries)), tuple(entries)
 
-    def problem(self, name: str, value: Any) -> str | None:
+    def find_problem(self, name: str, value: Any) -> str | None:
         """Why this value cannot be written, or None if it can."""
         try:
             make_entry(self.me, name, Version(self.incarnation, self._sequence), value)
@@ -118,7 +118,7 @@ class Replica:
             return str(error)
         return None
 
-    def stamp(self) -> int:
+    def next_stamp(self) -> int:
         """A Lamport stamp above all that this robot has seen."""
         return self.facts.max_stamp + 1
 
@@ -137,7 +137,7 @@ class Replica:
             raise WireError("state is malformed")
         entries, malformed = parse_entries(body[1])
         received = self._merge(entries, malformed, now_us)
-        received.more = body[0]
+        received.has_more = body[0]
         return received
 
     def _merge(self, entries: Iterable[Entry], malformed: int, now_us: int) -> Received:
@@ -155,11 +155,11 @@ class Replica:
             self.changed_us = now_us
         return received
 
-    def pull(self) -> bytes:
+    def write_pull(self) -> bytes:
         """The question for what others have and this replica lacks."""
         return encode(self.header, MessageKind.PULL, self.facts.map.author_digests())
 
-    def answer(self, data: bytes) -> tuple[bytes, ...]:
+    def answer_pull(self, data: bytes) -> tuple[bytes, ...]:
         """The answer to a pull: all entries of every author where the asker differs.
 
         In pages that stay far below what a receiver reads; a batch is never torn apart.
@@ -183,7 +183,7 @@ class Replica:
             size += weight
         last = len(pages) - 1
         return tuple(
-            encode(self.header, MessageKind.STATE, [number < last, entries_body(page)])
+            encode(self.header, MessageKind.STATE, [number < last, pack_entries(page)])
             for number, page in enumerate(pages)
         )
 
@@ -194,7 +194,7 @@ class Replica:
                 by_version.setdefault(entry.version, []).append(entry)
             yield from (by_version[version] for version in sorted(by_version))
 
-    def compare(self, peer: str, digest: bytes, now_us: int) -> None:
+    def compare_digest(self, peer: str, digest: bytes, now_us: int) -> None:
         """A peer's beat told the digest of its facts."""
         mine = self.facts.map.digest()
         if not self._past or self._past[-1] != mine:
@@ -213,13 +213,13 @@ class Replica:
         if before != (repair.differs_us, repair.is_behind):
             self._ask_from(now_us + self.timing.repair_us)
 
-    def due(self, now_us: int) -> list[str]:
+    def peers_to_ask(self, now_us: int) -> list[str]:
         """Peers to ask now: their facts have differed for a while, or their answer is overdue."""
-        if now_us < self.ask_us:
+        if now_us < self.next_ask_us:
             return []
         ready = []
         # Who has to wait for others is looked at again soon.
-        self._repair_us = self.ask_us = now_us + self.timing.ask_timeout_us
+        self._repair_us = self.next_ask_us = now_us + self.timing.ask_timeout_us
         for peer, repair in self._repairs.items():
             deadline_us = self._deadline_us(repair)
             if deadline_us is not None and deadline_us <= now_us:
@@ -227,9 +227,9 @@ class Replica:
                 deadline_us = now_us + self.timing.repair_us
             if deadline_us is not None:
                 self._ask_from(deadline_us)
-        return self.askable(ready, now_us)
+        return self.choose_to_ask(ready, now_us)
 
-    def askable(self, peers: Iterable[str], now_us: int) -> list[str]:
+    def choose_to_ask(self, peers: Iterable[str], now_us: int) -> list[str]:
         """Those of the peers to ask now: few at a time, first who was not asked for longest."""
         just_us = now_us - self.timing.repair_us
         free = QUESTIONS - sum(
@@ -244,9 +244,9 @@ class Replica:
                 waiting.append((asked_us is not None, asked_us or 0, peer))
         return [peer for _, _, peer in sorted(waiting)[: max(0, free)]]
 
-    def asked(self, peer: str, now_us: int) -> None:
+    def mark_asked(self, peer: str, now_us: int) -> None:
         self._repairs.setdefault(peer, _Repair()).asked_us = now_us
-        self.ask_us = self._repair_us
+        self.next_ask_us = self._repair_us
 
     def is_asking(self, peer: str, now_us: int) -> bool:
         """Whether an answer of this peer is awaited and not overdue."""
@@ -255,10 +255,10 @@ class Replica:
             return False
         return now_us < repair.asked_us + self.timing.ask_timeout_us
 
-    def answered(self, peer: str) -> None:
+    def mark_answered(self, peer: str) -> None:
         self.forget(peer)
 
-    def unanswered(self, peer: str, now_us: int) -> None:
+    def mark_unanswered(self, peer: str, now_us: int) -> None:
         """The peer could not be asked: try again soon, it may be only just connecting."""
         repair = self._repairs.get(peer)
         if repair is not None and repair.asked_us is not None:
@@ -270,10 +270,10 @@ class Replica:
         """Nothing is wanted of this peer any more: it is repaired, or dead."""
         self._repairs.pop(peer, None)
         if not self._repairs:
-            self.ask_us = NEVER_US
+            self.next_ask_us = NEVER_US
 
     def _ask_from(self, at_us: int) -> None:
-        self._repair_us = self.ask_us = min(self._repair_us, at_us)
+        self._repair_us = self.next_ask_us = min(self._repair_us, at_us)
 
     def _deadline_us(self, repair: _Repair) -> int | None:
         if repair.differs_us is None:

@@ -21,25 +21,25 @@ class ArrivalHistory:
     beyond a beat period and a quarter, when news was overdue.
     """
 
-    watched_us: int
-    silent_us: int
+    observed_us: int
+    overdue_us: int
 
     @staticmethod
-    def unknown(timing: Timing) -> ArrivalHistory:
+    def of_new_robot(timing: Timing) -> ArrivalHistory:
         """Of a robot that is new here."""
-        return ArrivalHistory(PRIOR_PERIODS * timing.beat_us, timing.beat_us)
+        return ArrivalHistory(PRIOR_PERIODS * timing.heartbeat_us, timing.heartbeat_us)
 
-    def gap(self, gap_us: int, timing: Timing) -> None:
+    def add_interval(self, gap_us: int, timing: Timing) -> None:
         """News came `gap_us` after the news before."""
-        self.watched_us += gap_us
-        overdue_us = gap_us - timing.beat_us * 5 // 4
+        self.observed_us += gap_us
+        overdue_us = gap_us - timing.heartbeat_us * 5 // 4
         if overdue_us > 0:
-            self.silent_us += overdue_us
-        if self.watched_us > MEMORY_PERIODS * timing.beat_us:
-            self.watched_us //= 2
-            self.silent_us //= 2
+            self.overdue_us += overdue_us
+        if self.observed_us > MEMORY_PERIODS * timing.heartbeat_us:
+            self.observed_us //= 2
+            self.overdue_us //= 2
 
     @property
-    def silence_permille(self) -> int:
+    def overdue_permille(self) -> int:
         """In which share of the time news was overdue, rounded up."""
-        return -(-1_000 * self.silent_us // self.watched_us)
+        return -(-1_000 * self.overdue_us // self.observed_us)

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from mrbt_mesh.core.facts.records import Member
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.timing import Timing
-from mrbt_mesh.core.membership.wire import Beat
+from mrbt_mesh.core.membership.wire import Heartbeat
 
 
 class DuplicateIdCheck:
@@ -26,12 +26,12 @@ class DuplicateIdCheck:
         self._me = me
         self._nonce = nonce
         self._takeover = takeover
-        self._patience_us = 3 * timing.beat_us
+        self._patience_us = 3 * timing.heartbeat_us
         self._relayed_us: int | None = None
         self._relayed_number = 0
         self._relayed_by: set[str] = set()
-        self.rival = Incarnation(0, "")
-        self.rivals = 0
+        self.other_incarnation = Incarnation(0, "")
+        self.changes = 0
 
     def restart(self) -> None:
         """Begin to start anew: forget who counts this id among the living."""
@@ -39,21 +39,25 @@ class DuplicateIdCheck:
         self._relayed_by.clear()
 
     @property
-    def is_relayed(self) -> bool:
+    def is_other_life_relayed(self) -> bool:
         """Whether others still count another life of this id among the living.
 
         One that is being replaced on purpose is not waited for.
         """
         return bool(self._relayed_by) and not self._takeover
 
-    def heard(
-        self, beat: Beat, mine: Incarnation, starting: bool, members: Mapping[str, _Known]
+    def check_own_heartbeat(
+        self,
+        heartbeat: Heartbeat,
+        mine: Incarnation,
+        is_starting: bool,
+        members: Mapping[str, _Known],
     ) -> str | None:
         """A beat arrived under this robot's own id."""
-        incarnation, joined = beat.word.incarnation, beat.word.joined
-        if incarnation.nonce == self._nonce or beat.leaving:
+        incarnation, joined = heartbeat.report.incarnation, heartbeat.report.has_joined
+        if incarnation.nonce == self._nonce or heartbeat.leaving:
             return None
-        if not starting:
+        if not is_starting:
             return self._replaced_by(incarnation, mine) if joined else None
         self._notice(incarnation)
         may_replace = self._takeover and mine.counter == 0
@@ -61,12 +65,12 @@ class DuplicateIdCheck:
             return self._is_running(members)
         return None
 
-    def relayed(
+    def check_relays(
         self,
         source: str,
-        beat: Beat,
+        heartbeat: Heartbeat,
         mine: Incarnation,
-        starting: bool,
+        is_starting: bool,
         members: Mapping[str, _Known],
         now_us: int,
     ) -> str | None:
@@ -75,15 +79,15 @@ class DuplicateIdCheck:
         While starting, an earlier life's beats may still be on their way. If they grow in
         number after all of those must have arrived, somebody lives under this id.
         """
-        for accusation in beat.accusations:
+        for accusation in heartbeat.suspicions:
             if accusation.robot == self._me and accusation.incarnation.nonce != self._nonce:
                 self._notice(accusation.incarnation)
-        relay = beat.heard.get(self._me)
+        relay = heartbeat.relays.get(self._me)
         if relay is None or relay.incarnation.nonce == self._nonce:
             self._relayed_by.discard(source)
             return None
-        if not starting:
-            return self._replaced_by(relay.incarnation, mine) if relay.joined else None
+        if not is_starting:
+            return self._replaced_by(relay.incarnation, mine) if relay.has_joined else None
         self._relayed_by.add(source)
         if self._relayed_us is None:
             self._relayed_us = now_us
@@ -94,9 +98,9 @@ class DuplicateIdCheck:
         return None
 
     def _notice(self, other: Incarnation) -> None:
-        if other > self.rival:
-            self.rival = other
-            self.rivals += 1
+        if other > self.other_incarnation:
+            self.other_incarnation = other
+            self.changes += 1
 
     def _is_running(self, members: Mapping[str, _Known]) -> str:
         known = members.get(self._me)

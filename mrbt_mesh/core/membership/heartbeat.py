@@ -22,37 +22,39 @@ class HeartbeatSchedule:
         self._repeats_us: list[int] = []
         self._regular_us = now_us
         self._hurry_until_us = now_us
-        self._hurry_us = timing.beat_us
-        self.last_beat_us = now_us
-        self.next_beat_us = now_us
+        self._hurry_us = timing.heartbeat_us
+        self.last_sent_us = now_us
+        self.next_due_us = now_us
 
-    def urge(self, now_us: int) -> None:
+    def make_due(self, now_us: int) -> None:
         """Make a beat due now."""
         self._schedule(now_us)
 
-    def hurry(self, robots: int, now_us: int) -> None:
+    def speed_up(self, robots: int, now_us: int) -> None:
         """Beat faster for one beat period: news is wanted, in a team of so many robots."""
-        self._hurry_us = self._timing.hurry_us(robots)
-        self._hurry_until_us = now_us + self._timing.beat_us
-        self._schedule(min(self._regular_us, self.last_beat_us + self._hurry_us))
+        self._hurry_us = self._timing.fast_heartbeat_us(robots)
+        self._hurry_until_us = now_us + self._timing.heartbeat_us
+        self._schedule(min(self._regular_us, self.last_sent_us + self._hurry_us))
 
     def _schedule(self, regular_us: int) -> None:
         self._regular_us = regular_us
-        self.next_beat_us = min([regular_us, *self._repeats_us])
+        self.next_due_us = min([regular_us, *self._repeats_us])
 
     def is_due(self, urgent: tuple[Any, ...], now_us: int) -> bool:
         """Whether to beat now: by the schedule, or because `urgent` has changed."""
-        return urgent != self._last_urgent or now_us >= self.next_beat_us
+        return urgent != self._last_urgent or now_us >= self.next_due_us
 
-    def sent(self, urgent: tuple[Any, ...], now_us: int) -> int:
+    def mark_sent(self, urgent: tuple[Any, ...], now_us: int) -> int:
         """A beat goes out now; returns its number."""
         if urgent != self._last_urgent:
             self._last_urgent = urgent
-            self._repeats_us = [now_us + offset_us for offset_us in self._timing.repeats_us()]
+            self._repeats_us = [
+                now_us + offset_us for offset_us in self._timing.repeat_offsets_us()
+            ]
         else:
             self._repeats_us = [due_us for due_us in self._repeats_us if due_us > now_us]
         self._number += 1
         hurried = now_us < self._hurry_until_us
-        self._schedule(now_us + (self._hurry_us if hurried else self._timing.beat_us))
-        self.last_beat_us = now_us
+        self._schedule(now_us + (self._hurry_us if hurried else self._timing.heartbeat_us))
+        self.last_sent_us = now_us
         return self._number

@@ -24,39 +24,37 @@ class Joining:
     """
 
     def __init__(
-        self, timing: Timing, expected: frozenset[str], now_us: int, first: bool = True
+        self, timing: Timing, expected: frozenset[str], now_us: int, is_first: bool = True
     ) -> None:
         self.deadline_us = now_us + timing.detection_us
-        self._patient_until_us = now_us + timing.max_limit_us
-        self.first = first
-        self.foreign = ""
+        self._patient_until_us = now_us + timing.max_silence_us
+        self.is_first = is_first
+        self.refusal = ""
         self._expected = expected
         self._heard: set[str] = set()
         self._exchanged: set[str] = set()
 
-    def heard(self, robot: str) -> None:
+    def mark_heard(self, robot: str) -> None:
         """A beat of `robot` itself arrived."""
         self._heard.add(robot)
 
-    def exchanged(self, robot: str) -> None:
+    def mark_exchanged(self, robot: str) -> None:
         """`robot` has answered with its facts."""
         self._exchanged.add(robot)
 
-    def knows_all_of(
-        self, robots: Collection[str], peers: Mapping[str, Peer], digest: bytes
-    ) -> bool:
+    def has_all_of(self, robots: Collection[str], peers: Mapping[str, Peer], digest: bytes) -> bool:
         """Whether this robot has all that these know, with `digest` over its own facts."""
         return (bool(self._exchanged) or not robots) and all(
             robot in self._exchanged
             or (
                 (peer := peers.get(robot)) is not None
-                and peer.beat is not None
-                and peer.beat.fact_digest == digest
+                and peer.heartbeat is not None
+                and peer.heartbeat.fact_digest == digest
             )
             for robot in robots
         )
 
-    def wanted(self, peers: Mapping[str, Peer], digest: bytes, now_us: int) -> list[str]:
+    def still_to_ask(self, peers: Mapping[str, Peer], digest: bytes, now_us: int) -> list[str]:
         """The robots whose facts are still needed, with `digest` over one's own."""
         caught_up = bool(self._exchanged)  # before that, equal digests may be equally old
         if caught_up and now_us >= self._patient_until_us:
@@ -65,8 +63,10 @@ class Joining:
             robot
             for robot in sorted(self._heard - self._exchanged)
             if (peer := peers.get(robot)) is not None
-            and peer.state.is_present
-            and not (caught_up and peer.beat is not None and peer.beat.fact_digest == digest)
+            and peer.state.is_live
+            and not (
+                caught_up and peer.heartbeat is not None and peer.heartbeat.fact_digest == digest
+            )
         ]
 
     def is_done(self, awaited: bool, now_us: int) -> bool:

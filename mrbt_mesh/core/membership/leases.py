@@ -19,7 +19,7 @@ from mrbt_mesh.core.facts.coalitions import majority
 from mrbt_mesh.core.facts.records import Token
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.timing import Timing
-from mrbt_mesh.core.membership.wire import Beat, Granted
+from mrbt_mesh.core.membership.wire import Heartbeat, LeaseGrant
 from mrbt_mesh.core.mission.mission import InDoubt
 
 _Writes: TypeAlias = list[tuple[str, Any]]
@@ -53,7 +53,7 @@ class Leases:
         self._silent_until_us = now_us + timing.lease_us
         self.seeks: tuple[str, str] | None = None
 
-    def is_new(self) -> None:
+    def end_silence(self) -> None:
         """All robots of the mission were asked, and none knows of an earlier life of this one."""
         self._silent_until_us = 0
 
@@ -92,7 +92,7 @@ class Leases:
         self._confirm(self._me, [g for g in self.given() if g.member == self._me])
         return writes
 
-    def _confirm(self, giver: str, granted: list[Granted]) -> None:
+    def _confirm(self, giver: str, granted: list[LeaseGrant]) -> None:
         for grant in granted:
             sent_us = self._sent_us.get(grant.number)
             if self.seeks is not None and grant.token == self.seeks[1] and sent_us is not None:
@@ -102,14 +102,14 @@ class Leases:
     # -- the giver ----------------------------------------------------------------------------
 
     def heard(
-        self, robot: str, beat: Beat, now_us: int, may_grant: Callable[[str, Token], bool]
+        self, robot: str, beat: Heartbeat, now_us: int, may_grant: Callable[[str, Token], bool]
     ) -> _Writes:
         """A beat of another robot: its request, and its answers to this robot's requests."""
         if robot in self._facts.givers:
-            self._confirm(robot, [grant for grant in beat.grants if grant.member == self._me])
-        if beat.seeks is None or not beat.word.joined:
+            self._confirm(robot, [grant for grant in beat.lease_grants if grant.member == self._me])
+        if beat.lease_request is None or not beat.report.has_joined:
             return []
-        return self._asked(robot, beat.word.number, beat.seeks, now_us, may_grant)
+        return self._asked(robot, beat.report.number, beat.lease_request, now_us, may_grant)
 
     def _asked(
         self,
@@ -156,12 +156,12 @@ class Leases:
         mine = (other for other in found.grants if self._me in found.grants[other])
         return not any(found.is_open(other) for other in mine if other != token)
 
-    def given(self) -> tuple[Granted, ...]:
+    def given(self) -> tuple[LeaseGrant, ...]:
         """The answers that this robot's next beat carries."""
         if not self._given:
             return ()
         return tuple(
-            Granted(str(given.token), member, given.echoes[member])
+            LeaseGrant(str(given.token), member, given.echoes[member])
             for _, given in sorted(self._given.items())
             for member in sorted(given.echoes)
         )

@@ -34,31 +34,31 @@ class Timing:
     Raises ValueError if a detection time has less than 3 beats.
     """
 
-    beat_us: int = 200_000
+    heartbeat_us: int = 200_000
     detection_us: int = 1_000_000
 
     def __post_init__(self) -> None:
-        if self.beat_us < 1_000 or 3 * self.beat_us > self.detection_us:
+        if self.heartbeat_us < 1_000 or 3 * self.heartbeat_us > self.detection_us:
             raise ValueError("the detection time must be at least 3 beat periods, a beat 1 ms")
 
-    def limit_us(self, silence_permille: int) -> int:
+    def silence_limit_us(self, overdue_permille: int) -> int:
         """Silence after which a robot is dead of which, so far, no news came in that share of
         the beat periods: so many periods that chance explains it with odds below 2**-20.
 
         At least the detection time, at most `max_limit_us`.
         """
-        beats = _unlikely_beats(silence_permille, self.max_limit_us // self.beat_us)
-        return max(self.detection_us, beats * self.beat_us)
+        beats = _unlikely_beats(overdue_permille, self.max_silence_us // self.heartbeat_us)
+        return max(self.detection_us, beats * self.heartbeat_us)
 
     @property
-    def max_limit_us(self) -> int:
+    def max_silence_us(self) -> int:
         """The longest silence that a robot survives."""
         return 3 * self.detection_us
 
     @property
-    def longest_verdict_us(self) -> int:
+    def max_detection_us(self) -> int:
         """The longest time to a verdict: the worst network, and most peers vanish together."""
-        return self.max_limit_us + self.detection_us
+        return self.max_silence_us + self.detection_us
 
     @property
     def fence_us(self) -> int:
@@ -74,14 +74,14 @@ class Timing:
         return self.detection_us * 3 // 10
 
     @property
-    def bid_us(self) -> int:
+    def bid_wait_us(self) -> int:
         """A request waits this long for bids, where the mission does not say how long."""
         return self.detection_us * 3 // 10
 
     @property
     def repair_us(self) -> int:
         """Fact digests that differ for longer than this are repaired by asking."""
-        return self.beat_us // 2
+        return self.heartbeat_us // 2
 
     @property
     def ask_timeout_us(self) -> int:
@@ -101,10 +101,12 @@ class Timing:
         """
         return self.lease_us * 3 // 4
 
-    def repeats_us(self) -> tuple[int, ...]:
+    def repeat_offsets_us(self) -> tuple[int, ...]:
         """After a changed plan is beaten out at once: when it is repeated, as offsets."""
-        return (self.beat_us // 8, self.beat_us // 4, self.beat_us // 2)
+        return (self.heartbeat_us // 8, self.heartbeat_us // 4, self.heartbeat_us // 2)
 
-    def hurry_us(self, robots: int) -> int:
+    def fast_heartbeat_us(self, robots: int) -> int:
         """The beat period while a robot is sought; more robots relay more, and need less haste."""
-        return min(self.beat_us, max(self.beat_us // 4, self.beat_us * robots // CROWD))
+        return min(
+            self.heartbeat_us, max(self.heartbeat_us // 4, self.heartbeat_us * robots // CROWD)
+        )

@@ -34,7 +34,7 @@ class IncompatibleError(WireError):
 class MessageKind(enum.StrEnum):
     """BEAT and FACT are published; PULL and COMMAND are queries, STATE and ANSWER their replies."""
 
-    BEAT = "beat"
+    HEARTBEAT = "beat"
     FACT = "fact"
     PULL = "pull"
     STATE = "state"
@@ -53,7 +53,7 @@ class Header:
 
 
 @dataclass(frozen=True, slots=True)
-class Accusation:
+class Suspicion:
     """The sender suspects this incarnation; `token_lost`: its liveliness token is gone here.
 
     `dead`: the sender has given its verdict. `sought`: it has had no news for too long, and asks
@@ -62,17 +62,17 @@ class Accusation:
 
     robot: str
     incarnation: Incarnation
-    token_lost: bool
-    dead: bool
-    sought: bool
+    is_token_lost: bool
+    is_dead: bool
+    is_probe: bool
 
     @property
     def flags(self) -> int:
-        return int(self.token_lost) + 2 * int(self.dead) + 4 * int(self.sought)
+        return int(self.is_token_lost) + 2 * int(self.is_dead) + 4 * int(self.is_probe)
 
 
 @dataclass(frozen=True, slots=True)
-class Word:
+class SelfReport:
     """What a robot says of itself in every beat, and what others relay of it.
 
     `result` is the mission's status as it sees it.
@@ -81,12 +81,12 @@ class Word:
     incarnation: Incarnation
     number: int
     plan_digest: bytes
-    joined: bool
+    has_joined: bool
     result: int
 
 
 @dataclass(frozen=True, slots=True)
-class Granted:
+class LeaseGrant:
     """The sender lets the coalition `token` work: its answer to beat `number` of `member`."""
 
     token: str
@@ -95,22 +95,22 @@ class Granted:
 
 
 @dataclass(frozen=True, slots=True)
-class Beat:
+class Heartbeat:
     """One heartbeat. `statuses` are those of T_i, T_A, T_G and T_Li; `progress` in percent.
 
     `heard` are the relays: robot -> its newest word that the sender knows of. `seeks` are the
     activation and the coalition's token for which the sender needs grants.
     """
 
-    word: Word
+    report: SelfReport
     leaving: bool
     fact_digest: bytes
     statuses: tuple[int, ...]
     progress: int
-    accusations: tuple[Accusation, ...]
-    heard: Mapping[str, Word]
-    seeks: tuple[str, str] | None = None
-    grants: tuple[Granted, ...] = ()
+    suspicions: tuple[Suspicion, ...]
+    relays: Mapping[str, SelfReport]
+    lease_request: tuple[str, str] | None = None
+    lease_grants: tuple[LeaseGrant, ...] = ()
 
 
 def encode(header: Header, kind: MessageKind, body: Any) -> bytes:
@@ -195,25 +195,25 @@ def _rows(value: Any, width: int) -> list[list[Any]]:
     return value
 
 
-def beat_body(beat: Beat) -> list[Any]:
+def pack_heartbeat(heartbeat: Heartbeat) -> list[Any]:
     """A beat as plain data."""
-    word = beat.word
+    word = heartbeat.report
     return [
         *word.incarnation,
         word.number,
-        int(word.joined) + 2 * int(beat.leaving),
+        int(word.has_joined) + 2 * int(heartbeat.leaving),
         word.plan_digest,
-        beat.fact_digest,
-        list(beat.statuses),
+        heartbeat.fact_digest,
+        list(heartbeat.statuses),
         word.result,
-        beat.progress,
-        [[a.robot, *a.incarnation, a.flags] for a in beat.accusations],
+        heartbeat.progress,
+        [[a.robot, *a.incarnation, a.flags] for a in heartbeat.suspicions],
         [
-            [robot, *w.incarnation, w.number, w.plan_digest, int(w.joined), w.result]
-            for robot, w in beat.heard.items()
+            [robot, *w.incarnation, w.number, w.plan_digest, int(w.has_joined), w.result]
+            for robot, w in heartbeat.relays.items()
         ],
-        list(beat.seeks) if beat.seeks is not None else None,
-        [[g.token, g.member, g.number] for g in beat.grants],
+        list(heartbeat.lease_request) if heartbeat.lease_request is not None else None,
+        [[g.token, g.member, g.number] for g in heartbeat.lease_grants],
     ]
 
 
@@ -221,7 +221,9 @@ def _all_is_news(row: list[Any]) -> bool:
     return True
 
 
-def parse_beat(body: Any, is_news: Callable[[list[Any]], bool] = _all_is_news) -> Beat:
+def parse_heartbeat(
+    body: Any, is_new_relay: Callable[[list[Any]], bool] = _all_is_news
+) -> Heartbeat:
     """The inverse of `beat_body`; raises WireError.
 
     Relays, most of a beat in a large team, are only taken where `is_news(row)` of
@@ -234,8 +236,8 @@ def parse_beat(body: Any, is_news: Callable[[list[Any]], bool] = _all_is_news) -
     flags = _count(flags, 3)
     if not isinstance(statuses, list) or len(statuses) != 4:
         raise WireError("beat statuses are malformed")
-    return Beat(
-        Word(
+    return Heartbeat(
+        SelfReport(
             _incarnation(counter, nonce),
             _count(number),
             _digest(plan),
@@ -247,20 +249,20 @@ def parse_beat(body: Any, is_news: Callable[[list[Any]], bool] = _all_is_news) -
         tuple(_count(status, 3) for status in statuses),
         _count(progress, 100),
         tuple(
-            Accusation(
+            Suspicion(
                 _robot(r), _incarnation(c, n), bool(_count(f, 7) & 1), bool(f & 2), bool(f & 4)
             )
             for r, c, n, f in _rows(accused, 4)
         ),
-        dict([_relay(row) for row in filter(is_news, _rows(heard, 7))]),
+        dict([_relay(row) for row in filter(is_new_relay, _rows(heard, 7))]),
         _seeks(seeks),
-        tuple(Granted(_name(t), _robot(r), _count(n)) for t, r, n in _rows(grants, 3)),
+        tuple(LeaseGrant(_name(t), _robot(r), _count(n)) for t, r, n in _rows(grants, 3)),
     )
 
 
-def _relay(row: list[Any]) -> tuple[str, Word]:
+def _relay(row: list[Any]) -> tuple[str, SelfReport]:
     robot, counter, nonce, number, digest, joined, result = row
-    return _robot(robot), Word(
+    return _robot(robot), SelfReport(
         _incarnation(counter, nonce),
         _count(number),
         _digest(digest),
@@ -283,7 +285,7 @@ def _seeks(value: Any) -> tuple[str, str] | None:
     return _name(value[0]), _name(value[1])
 
 
-def entries_body(entries: Iterable[Entry]) -> list[Any]:
+def pack_entries(entries: Iterable[Entry]) -> list[Any]:
     """Entries as plain data, grouped by author and version, so that a batch travels whole."""
     groups: dict[tuple[str, Version], list[list[Any]]] = {}
     for entry in entries:
@@ -313,25 +315,27 @@ def parse_summary(body: Any) -> Mapping[str, bytes]:
     return {_robot(author): _digest(digest, 16) for author, digest in body.items()}
 
 
-WriteBeat: TypeAlias = Callable[[Beat, Header], bytes]
+WriteHeartbeat: TypeAlias = Callable[[Heartbeat, Header], bytes]
 
 
 # (robot under whose key it was published, message, own header, which relays may be news)
-ReadBeat: TypeAlias = Callable[[str, bytes, Header, Callable[[list[Any]], bool]], Beat]
+ReadHeartbeat: TypeAlias = Callable[[str, bytes, Header, Callable[[list[Any]], bool]], Heartbeat]
 
 
 # (robot under whose key it was published, message, own header)
 ReadBatch: TypeAlias = Callable[[str, bytes, Header], tuple[list[Entry], int]]
 
 
-def write_beat(beat: Beat, mine: Header) -> bytes:
+def write_heartbeat(heartbeat: Heartbeat, mine: Header) -> bytes:
     """A beat as a message."""
-    return encode(mine, MessageKind.BEAT, beat_body(beat))
+    return encode(mine, MessageKind.HEARTBEAT, pack_heartbeat(heartbeat))
 
 
-def read_beat(source: str, data: bytes, mine: Header, is_news: Callable[[list[Any]], bool]) -> Beat:
+def read_heartbeat(
+    source: str, data: bytes, mine: Header, is_new_relay: Callable[[list[Any]], bool]
+) -> Heartbeat:
     """A published beat; relays that are no news may be left out. Raises WireError."""
-    return parse_beat(_body(source, data, mine, MessageKind.BEAT), is_news)
+    return parse_heartbeat(_body(source, data, mine, MessageKind.HEARTBEAT), is_new_relay)
 
 
 def read_batch(source: str, data: bytes, mine: Header) -> tuple[list[Entry], int]:

@@ -17,7 +17,13 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.anti_entropy import Replica
 from mrbt_mesh.core.membership.membership import Membership, State
 from mrbt_mesh.core.membership.timing import Timing
-from mrbt_mesh.core.membership.wire import Beat, Header, IncompatibleError, MessageKind, WireError
+from mrbt_mesh.core.membership.wire import (
+    Header,
+    Heartbeat,
+    IncompatibleError,
+    MessageKind,
+    WireError,
+)
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.core.planning.plan import Plan
@@ -57,9 +63,9 @@ class Observer:
     def message(self, kind: MessageKind, source: str, data: bytes, now_us: int) -> None:
         """A published beat or batch; malformed or foreign ones are noted in `refused`."""
         try:
-            if kind is MessageKind.BEAT:
-                read, header = self._engine.read_beat, self.replica.header
-                beat = read(source, data, header, self.membership.is_news)
+            if kind is MessageKind.HEARTBEAT:
+                read, header = self._engine.read_heartbeat, self.replica.header
+                beat = read(source, data, header, self.membership.is_new_relay)
                 self._beat(source, beat, now_us)
             else:
                 self._facts_changed(self.replica.receive(source, data, now_us).changed, now_us)
@@ -71,8 +77,8 @@ class Observer:
         try:
             received = self.replica.receive_state(data, now_us)
             self._facts_changed(received.changed, now_us)
-            if not received.more:
-                self.replica.answered(source)
+            if not received.has_more:
+                self.replica.mark_answered(source)
         except WireError as error:
             self._refuse(source, error, now_us)
 
@@ -95,16 +101,16 @@ class Observer:
 
     def token(self, robot: str, incarnation: Incarnation, held: bool) -> None:
         """A liveliness token came or went."""
-        self.membership.token(robot, incarnation, held)
+        self.membership.receive_token(robot, incarnation, held)
 
-    def _beat(self, source: str, beat: Beat, now_us: int) -> None:
-        if not self.membership.beat(source, beat, now_us):
+    def _beat(self, source: str, beat: Heartbeat, now_us: int) -> None:
+        if not self.membership.receive_heartbeat(source, beat, now_us):
             return
-        self.replica.compare(source, beat.fact_digest, now_us)
-        if beat.word.joined:
-            self.record.robot_seen(source, beat.word.incarnation, now_us)
-            for accusation in beat.accusations:
-                if accusation.dead:
+        self.replica.compare_digest(source, beat.fact_digest, now_us)
+        if beat.report.has_joined:
+            self.record.robot_seen(source, beat.report.incarnation, now_us)
+            for accusation in beat.suspicions:
+                if accusation.is_dead:
                     self.record.verdict(accusation.robot, accusation.incarnation, now_us)
 
     def _facts_changed(self, changed: list[Entry], now_us: int) -> None:
@@ -113,19 +119,19 @@ class Observer:
 
     def update(self, now_us: int) -> None:
         """Judge who is alive, plan if anything changed, and record what follows."""
-        for robot, _, after in self.membership.judge(now_us):
-            evidence_us = self.membership.peers[robot].evidence_us
+        for robot, _, after in self.membership.detect_failures(now_us):
+            evidence_us = self.membership.peers[robot].last_heard_us
             self.record.state(robot, after, evidence_us, now_us)
         facts, membership = self.facts, self.membership
-        state = (facts.changes, membership.changes, membership.reports)
+        state = (facts.changes, membership.alive_changes, membership.report_changes)
         if state == self._updated and self._has_caught_up:
             return  # nothing has changed that follows below
         facts.prune(self.evaluator)
-        self._updated = (facts.changes, membership.changes, membership.reports)
-        changes = (facts.changes, membership.changes)
+        self._updated = (facts.changes, membership.alive_changes, membership.report_changes)
+        changes = (facts.changes, membership.alive_changes)
         if changes != self._planned:
             self._planned = changes
-            alive = self.membership.alive()
+            alive = self.membership.alive_set()
             self.plan = self._make_plan(self.facts, alive)
         if self.plan is not None:
             settled = self._is_settled(self.plan)
@@ -145,16 +151,16 @@ class Observer:
         if not self._has_caught_up:
             return False
         good = [p for p in self.membership.peers.values() if p.state.is_alive]
-        return all(p.word.joined for p in good) and any(
-            p.word.plan_digest == plan.digest for p in good
+        return all(p.report.has_joined for p in good) and any(
+            p.report.plan_digest == plan.digest for p in good
         )
 
     @property
     def team_result(self) -> Status | None:
         """SUCCESS or FAILURE once every robot of the alive set reports it, else None."""
-        alive = self.membership.alive()
+        alive = self.membership.alive_set()
         for result in (Status.SUCCESS, Status.FAILURE):
-            if alive and self.membership.all_report(int(result)):
+            if alive and self.membership.all_report_result(int(result)):
                 return result
         return None
 
@@ -164,14 +170,14 @@ class Observer:
         if self.record.result is not None:
             return self.record.result.name.lower()
         waiting = self.plan.waiting if self.plan else ()
-        blocked = any(w.is_blocked for w in waiting) or not self.membership.alive()
+        blocked = any(w.is_blocked for w in waiting) or not self.membership.alive_set()
         return "blocked" if blocked else "timeout"
 
     @property
     def caught_up(self) -> bool:
         """Whether it hears whoever the robots hear, and holds the same facts as they."""
         peers = self.membership.peers.values()
-        beats = [p.beat for p in peers if p.word.joined and p.state.is_alive]
+        beats = [p.heartbeat for p in peers if p.report.has_joined and p.state.is_alive]
         digest = self.facts.map.digest()
         return bool(beats) and all(b is not None and b.fact_digest == digest for b in beats)
 
@@ -179,9 +185,9 @@ class Observer:
     def agreement(self) -> bool:
         """Whether all robots in good standing report the same plan digest."""
         digests = {
-            peer.word.plan_digest
+            peer.report.plan_digest
             for peer in self.membership.peers.values()
-            if peer.word.joined and peer.state.is_alive
+            if peer.report.has_joined and peer.state.is_alive
         }
         return len(digests) <= 1
 
@@ -191,7 +197,7 @@ class Observer:
         held = self.facts.claims.get(robot)
         if peer is None or held is None or held[1] != peer.incarnation:
             return None
-        return held[0] if peer.state.is_present else None
+        return held[0] if peer.state.is_live else None
 
     def robot_state(self, robot: str) -> State:
         """ALIVE, SUSPECT, DEAD or LEFT; a robot known only from facts is dead or has left."""

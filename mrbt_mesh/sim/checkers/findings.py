@@ -81,14 +81,14 @@ class Findings:
         """How long facts may take to reach everybody, when no message is lost."""
         timing = self.world.timing
         # A question may just have been asked in vain; then facts are pulled in at most two steps.
-        repair_us = timing.ask_timeout_us + 4 * timing.repair_us + 2 * timing.beat_us
+        repair_us = timing.ask_timeout_us + 4 * timing.repair_us + 2 * timing.heartbeat_us
         return repair_us + 6 * (self.world.network.slowest_us + self.world.plan_delay_us)
 
     @property
     def verdict_us(self) -> int:
         """How long it may take until all agree on who is alive, and newcomers have joined."""
         knobs = self.world.network.knobs
-        return self.world.timing.longest_verdict_us + (knobs.token_delay_us or 0)
+        return self.world.timing.max_detection_us + (knobs.token_delay_us or 0)
 
     @property
     def is_tolerable(self) -> bool:

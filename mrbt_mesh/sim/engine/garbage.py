@@ -11,7 +11,7 @@ import msgpack
 from mrbt_mesh.core.agent.inputs import AnswerReceived, Input, MessageReceived, QueryReceived
 from mrbt_mesh.core.membership.wire import Header, MessageKind, encode
 
-PUBLISHED = (MessageKind.BEAT, MessageKind.FACT)
+PUBLISHED = (MessageKind.HEARTBEAT, MessageKind.FACT)
 QUERIES = (MessageKind.PULL, MessageKind.COMMAND)
 
 

@@ -16,7 +16,7 @@ from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.engine import Engine, PlanFunction
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.membership.wire import Beat, Header
+from mrbt_mesh.core.membership.wire import Header, Heartbeat
 from mrbt_mesh.core.planning.plan import Plan
 
 # Batches and plans are shared among robots at about the same time.
@@ -40,23 +40,23 @@ class HandedOver(bytes):
     """A beat on its way between robots of one process: it needs neither writing nor reading."""
 
     sender: str
-    beat: Beat
+    beat: Heartbeat
 
 
 def shared_engine(mine: Header, engine: Engine) -> Engine:
     """For all robots of one run: it remembers what it has answered lately."""
 
-    def hand_over(beat: Beat, mine: Header) -> bytes:
+    def hand_over(beat: Heartbeat, mine: Header) -> bytes:
         message = HandedOver()
         message.sender, message.beat = mine.sender, beat
         return message
 
     def take_over(
         source: str, data: bytes, mine: Header, is_news: Callable[[list[Any]], bool]
-    ) -> Beat:
+    ) -> Heartbeat:
         if isinstance(data, HandedOver) and data.sender == source:
             return data.beat
-        return engine.read_beat(source, data, mine, is_news)
+        return engine.read_heartbeat(source, data, mine, is_news)
 
     @lru_cache(maxsize=RECENT)
     def batch_of(source: str, data: bytes) -> tuple[list[Entry], int]:
@@ -82,7 +82,7 @@ def shared_engine(mine: Header, engine: Engine) -> Engine:
     return replace(
         engine,
         plan_making=shared_planning,
-        write_beat=hand_over,
-        read_beat=take_over,
+        write_heartbeat=hand_over,
+        read_heartbeat=take_over,
         read_batch=shared_batch,
     )

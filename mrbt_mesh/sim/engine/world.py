@@ -370,7 +370,7 @@ class World:
         self.inspection.sample()
         if self.inspection.is_settled or (self.setup.stop_when_stuck and self._is_stuck()):
             self.over.set()
-        next_us = self.clock.now_us + self.setup.timing.beat_us
+        next_us = self.clock.now_us + self.setup.timing.heartbeat_us
         self.clock.at(next_us, self._observe_regularly)
 
     def _nothing_left(self) -> bool:
@@ -398,7 +398,7 @@ class World:
 
     @property
     def _patience_us(self) -> int:
-        return self.timing.longest_verdict_us + self.timing.detection_us
+        return self.timing.max_detection_us + self.timing.detection_us
 
     def _rests(self) -> bool:
         agents = [process.agent.view if process.agent else None for process in self.living()]
