@@ -15,7 +15,7 @@ from mrbt_mesh.core.incremental.consistency.keeper import ConsistencyKeeper
 from mrbt_mesh.core.planning.capabilities import Capabilities, Worker
 from mrbt_mesh.core.planning.consistency import Consistency, kept_requests, shortages
 from mrbt_mesh.core.planning.demands import Demand
-from tests.core.consistency_stories import WORKER, facts
+from tests.support.consistency_stories import WORKER, facts
 
 NOTE = (
     "N robots and N requests of 1 to 3 robots each, in tree order; about half of "

@@ -15,7 +15,7 @@ from mrbt_mesh.analysis.service import capability_faults, robot_faults
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec
 from mrbt_mesh.core.mission.mission import MICRO, Costs, Mission
 from mrbt_mesh.formats.mission_file import load_mission
-from tests.core.build import (
+from tests.support.build import (
     action,
     condition,
     decorated,

@@ -15,7 +15,7 @@ from mrbt_mesh.analysis.effects import Declarations
 from mrbt_mesh.analysis.lift import Lifter, child_path, root_path, walk
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec, Status, build_tree
 from mrbt_mesh.formats.declaration import Declaration
-from tests.core.build import World, action, condition
+from tests.support.build import World, action, condition
 
 VARIABLES = ("v0", "v1", "v2", "v3", "v4", "v5")
 REST = ("x0", "x1", "x2")  # what actions read and write besides conditions

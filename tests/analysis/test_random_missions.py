@@ -13,7 +13,7 @@ from mrbt_mesh.analysis.readings import every_task, parallel_width, serial
 from mrbt_mesh.analysis.service import Fault, Team, capability_faults, robot_faults
 from mrbt_mesh.analysis.tolerance import Reading, tolerance
 from mrbt_mesh.core.mission.mission import Costs, Mission
-from tests.analysis import brute
+from tests.support import brute
 
 SEEDS = range(300)
 LIMIT_S = 60.0  # never reached: what the tests compare is proved

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
-from tests.cli.test_offline import EXPLORE, REPAIR, mrbt
+from tests.support.command import EXPLORE, REPAIR, mrbt
 
 TOOLS = str(Path(REPAIR).parents[1] / "tool_search" / "mission.yaml")
 

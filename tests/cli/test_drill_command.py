@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.test_offline import REPAIR, mrbt
+from tests.support.command import REPAIR, mrbt
 
 
 def drill(folder: Path, name: str = "d", more: str = "") -> Path:

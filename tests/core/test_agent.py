@@ -23,10 +23,9 @@ from mrbt_mesh.core.membership.wire import (
     encode,
     pack_heartbeat,
 )
-from tests.core import harness
-from tests.core.harness import MS, Script
-from tests.core.test_records_wire import mutations, plain
-from tests.support import inside
+from tests.support import harness, inside
+from tests.support.harness import MS, Script
+from tests.support.plain_data import mutations, plain
 
 TEAM = """
 robot A weld

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from unittest import mock
 
 import pytest
@@ -16,33 +15,13 @@ from mrbt_mesh.core.assignment.canonical import canonical, solve
 from mrbt_mesh.core.assignment.problem import UNASSIGNED, AssignmentProblem, Bounds, SolverError
 from mrbt_mesh.core.assignment.solvers import SOLVERS, min_cost_flow
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE
+from tests.support.problems import feasible, optima
 
 
 def problem(demands: Sequence[tuple[int, int]], *performance: dict[int, int]) -> AssignmentProblem:
     robots = tuple(f"r{number}" for number in range(len(performance)))
     bounds = tuple(Bounds(f"d{i}", low, high) for i, (low, high) in enumerate(demands))
     return AssignmentProblem.of(robots, bounds, performance)
-
-
-def feasible(given_problem: AssignmentProblem) -> Iterator[tuple[int, ...]]:
-    """All assignments within the bounds, by trying everything."""
-    options = [[*sorted(can), UNASSIGNED] for can in given_problem.performance]
-    for choice in itertools.product(*options):
-        counts = [choice.count(number) for number in range(len(given_problem.demands))]
-        pairs = zip(counts, given_problem.demands, strict=True)
-        if all(bounds.lower <= count <= bounds.upper for count, bounds in pairs):
-            yield choice
-
-
-def optima(given_problem: AssignmentProblem) -> list[tuple[int, ...]]:
-    """All optimal assignments; the canonical one is first."""
-    found = list(feasible(given_problem))
-    best = max(map(given_problem.objective, found), default=0)
-    order = len(given_problem.demands)
-    return sorted(
-        (choice for choice in found if given_problem.objective(choice) == best),
-        key=lambda choice: [order if d == UNASSIGNED else d for d in choice],
-    )
 
 
 @st.composite

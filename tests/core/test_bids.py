@@ -28,8 +28,8 @@ from mrbt_mesh.core.planning.bids import LAST_RESORT
 from mrbt_mesh.core.planning.deadlines import Deadlines
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Bidding
-from tests.core.build import World, action, make_mission, parallel, retry, sequence, task
-from tests.core.harness import Script
+from tests.support.build import World, action, make_mission, parallel, retry, sequence, task
+from tests.support.harness import Script
 
 DRIVE = ("drive", 1, 1, True)
 

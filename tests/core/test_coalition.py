@@ -15,7 +15,7 @@ from mrbt_mesh.core.facts.coalitions import newly_broken, standing_coalition
 from mrbt_mesh.core.facts.records import BROKEN, CLEARED, DONE, DOUBT, GRANT, Token
 from mrbt_mesh.core.facts.store import Version, make_entry
 from mrbt_mesh.core.mission.mission import FailurePolicy, InDoubt
-from tests.core.build import World, action, fallback, make_mission, sequence, task
+from tests.support.build import World, action, fallback, make_mission, sequence, task
 
 COVER = "r1:0:cover::0"
 DOSE = "r1:1:dose::0"

@@ -15,7 +15,7 @@ from mrbt_mesh.core.incremental.consistency.keeper import BitsetConsistency, Con
 from mrbt_mesh.core.planning.capabilities import Worker
 from mrbt_mesh.core.planning.consistency import Consistency, Kept, kept_requests
 from mrbt_mesh.core.planning.demands import Demand
-from tests.core.consistency_stories import WORKER, Sizes, Story, facts
+from tests.support.consistency_stories import WORKER, Sizes, Story, facts
 
 FACTS = facts()
 

@@ -19,7 +19,7 @@ from mrbt_mesh.core.assignment.problem import (
     SolverError,
 )
 from mrbt_mesh.core.assignment.solvers import brute_force, cp_sat, default_solver, min_cost_flow
-from tests.core.problems import limited
+from tests.support.problems import limited
 
 CASES_PER_SEED = 150
 

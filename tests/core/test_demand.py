@@ -13,7 +13,8 @@ from mrbt_mesh.core.bt.tree import NodeSpec
 from mrbt_mesh.core.planning.capabilities import Worker, capabilities_of, workers
 from mrbt_mesh.core.planning.consistency import Consistency, kept_requests, shortages
 from mrbt_mesh.core.planning.demands import Demand, demands_of
-from tests.core.build import World, action, make_mission, parallel, task
+from tests.support.build import World, action, make_mission, parallel, task
+from tests.support.strategies import worlds
 
 LIFT = "r1:0:lift::0"
 
@@ -166,21 +167,6 @@ def greedy(groups: Sequence[Sequence[Demand]], robots: Sequence[str]) -> list[in
         if feasible([groups[i] for i in [*found, index]], robots):
             found.append(index)
     return found
-
-
-@st.composite
-def worlds(draw: st.DrawFn) -> World:
-    """A few requests, a few robots with some of the capabilities."""
-    kinds = ("lift", "look", "weld")
-    tasks = []
-    for number in range(draw(st.integers(1, 4))):
-        chosen = draw(st.lists(st.sampled_from(kinds), min_size=1, max_size=2, unique=True))
-        needs = [(kind, draw(st.integers(1, 2)), 3) for kind in chosen]
-        tasks.append(task(f"t{number}", *needs))
-    can = st.lists(st.sampled_from(kinds), max_size=3, unique=True)
-    robots = {f"r{i}": dict.fromkeys(draw(can), 1.0) for i in range(draw(st.integers(0, 5)))}
-    tree = parallel(len(tasks), *(action(each.id) for each in tasks))
-    return World(make_mission(tree, robots, tasks))
 
 
 @given(worlds())

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.activation import ScopeName, parse_scope
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status
-from tests.core.build import (
+from tests.support.build import (
     World,
     action,
     condition,
@@ -21,7 +21,7 @@ from tests.core.build import (
     retry,
     sequence,
 )
-from tests.core.strategies import Run, runs
+from tests.support.strategies import Run, runs
 
 RUNNING, SUCCESS, FAILURE = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 A, B, C, X, Y, Z = map(action, "abcxyz")

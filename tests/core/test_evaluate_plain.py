@@ -10,8 +10,8 @@ from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec, build_tree
 from mrbt_mesh.core.incremental.evaluation.compiled_evaluator import CompiledEvaluator
 from mrbt_mesh.core.incremental.evaluation.compiled_tree import CompiledTree
 from mrbt_mesh.core.incremental.evaluation.turn_sums import TurnSums
-from tests.core.build import World, action, condition, sequence
-from tests.core.strategies import STEPS, Run, tree_specs
+from tests.support.build import World, action, condition, sequence
+from tests.support.strategies import STEPS, Run, tree_specs
 
 
 @given(tree_specs(max_leaves=16), STEPS)

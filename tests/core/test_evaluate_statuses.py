@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import LEAVES, Kind, NodeSpec, Status, build_tree
-from tests.core.build import (
+from tests.support.build import (
     World,
     action,
     condition,
@@ -24,7 +24,7 @@ from tests.core.build import (
     sequence,
     timeout,
 )
-from tests.core.strategies import tree_specs
+from tests.support.strategies import tree_specs
 
 RUNNING, SUCCESS, FAILURE, IDLE = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.IDLE
 RESULTS = (RUNNING, SUCCESS, FAILURE)

@@ -1,112 +1,19 @@
 """The same canonical answers everywhere: held against a file that was made once.
 
-    python -m tests.core.test_golden_assignments
-
-writes it anew. On another version of Python, NumPy or OR-tools the test has to find the same.
+On another version of Python, NumPy or OR-tools the test has to find the same.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
-import sys
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
-from mrbt_mesh.core.assignment.canonical import solve
-from mrbt_mesh.core.assignment.problem import (
-    AssignmentProblem,
-    Bounds,
-    Limit,
-    Shared,
-    SideConstraint,
-)
-from mrbt_mesh.core.assignment.solvers import default_solver
-
-FILE = Path(__file__).with_name("golden") / "assignments.json"
-# robots, demands, how many cases, whether with side constraints
-SIZES = (
-    (5, 3, 200, False),
-    (12, 6, 100, False),
-    (40, 20, 60, False),
-    (150, 60, 20, False),
-    (5, 3, 80, True),
-    (10, 5, 30, True),
-    (24, 8, 10, True),
-)
+from tests.support.golden_assignments import FILE, SIZES, digests, name
 
 
-class Draw:
-    """Numbers from a hash: the same in every version of everything."""
-
-    def __init__(self, seed: str) -> None:
-        self._seed = seed
-        self._count = 0
-
-    def below(self, limit: int) -> int:
-        self._count += 1
-        text = f"{self._seed}/{self._count}".encode()
-        return int.from_bytes(hashlib.blake2b(text, digest_size=8).digest(), "big") % limit
-
-
-def case(robots: int, demands: int, number: int, limited: bool) -> AssignmentProblem:
-    """A problem with many ties; most have an answer."""
-    draw = Draw(f"{robots}x{demands}/{limited}/{number}")
-    density = (30, 60, 100)[draw.below(3)]
-    kinds = (1, 2, 5)[draw.below(3)]
-    bounds = []
-    for index in range(demands):
-        lower = draw.below(3) // 2 + draw.below(2)
-        bounds.append(Bounds(f"d{index}", lower, lower + draw.below(3)))
-    rows = [
-        {d: (1 + draw.below(kinds)) * 500_000 for d in range(demands) if draw.below(100) < density}
-        for _ in range(robots)
-    ]
-    limits: list[SideConstraint] = []
-    for _ in range(1 + draw.below(3) if limited else 0):
-        who = tuple(r for r in range(robots) if draw.below(3) == 0)
-        what = tuple(d for d in range(demands) if draw.below(2) == 0)
-        limits.append(Limit(who, what, max(1, len(who) // 2)))
-        limits.append(Shared(tuple((d,) for d in what), max(1, len(what) - 1)))
-    names = [f"r{index:03}" for index in range(robots)]
-    return AssignmentProblem.of(names, bounds, rows, limits)
-
-
-def digests(robots: int, demands: int, count: int, limited: bool) -> dict[str, object]:
-    """Of the problems and of the answers: what differs tells whose fault it is."""
-    problems, answers, feasible = hashlib.sha256(), hashlib.sha256(), 0
-    for number in range(count):
-        given = case(robots, demands, number, limited)
-        problems.update(repr((given.demands, given.performance, given.constraints)).encode())
-        answer = solve(given, default_solver)
-        feasible += answer is not None
-        answers.update(json.dumps(answer).encode())
-    return {
-        "problems": problems.hexdigest(),
-        "answers": answers.hexdigest(),
-        "feasible": feasible,
-    }
-
-
-def _name(size: tuple[int, int, int, bool]) -> str:
-    robots, demands, count, limited = size
-    return f"{count} of {robots}x{demands}{', side constraints' if limited else ''}"
-
-
-@pytest.mark.parametrize("size", SIZES, ids=_name)
+@pytest.mark.parametrize("size", SIZES, ids=name)
 def test_the_answers_are_those_of_the_file(size: tuple[int, int, int, bool]) -> None:
-    expected = json.loads(FILE.read_text())[_name(size)]
+    expected = json.loads(FILE.read_text())[name(size)]
     assert digests(*size) == expected
     assert expected["feasible"] * 3 > size[2], "too few cases have an answer"
-
-
-def _written() -> Iterator[tuple[str, dict[str, object]]]:
-    for size in SIZES:
-        yield _name(size), digests(*size)
-
-
-if __name__ == "__main__":
-    FILE.write_text(json.dumps(dict(_written()), indent=2) + "\n")
-    sys.stdout.write(f"written: {FILE}\n")

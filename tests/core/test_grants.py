@@ -17,7 +17,7 @@ from mrbt_mesh.core.membership.leases import Leases
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Heartbeat, LeaseGrant, SelfReport
 from mrbt_mesh.core.mission.mission import InDoubt, Mission
-from tests.core.build import RUN, action, make_mission, task
+from tests.support.build import RUN, action, make_mission, task
 
 TIMING = Timing()
 LEASE_US = TIMING.lease_us

@@ -18,7 +18,16 @@ from mrbt_mesh.core.mission.constraints import AtMost, Constraint, NeverTogether
 from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, Mission, Need, SameRobotAs
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
-from tests.core.build import World, action, fallback, make_mission, parallel, retry, sequence, task
+from tests.support.build import (
+    World,
+    action,
+    fallback,
+    make_mission,
+    parallel,
+    retry,
+    sequence,
+    task,
+)
 
 
 def limited(mission: Mission, *constraints: Constraint) -> World:

@@ -20,9 +20,9 @@ from hypothesis import strategies as st
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec
 from mrbt_mesh.core.bt.tree import Status as Ours
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
-from tests.core.build import RUN, World, action, condition
-from tests.formats.btcpp import interpreter as btcpp
-from tests.formats.btcpp.interpreter import Node, Status
+from tests.support.btcpp import interpreter as btcpp
+from tests.support.btcpp.interpreter import Node, Status
+from tests.support.build import RUN, World, action, condition
 
 CONDITIONS = ("c0", "c1", "c2")
 STEPS = 24

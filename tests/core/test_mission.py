@@ -16,7 +16,7 @@ from mrbt_mesh.core.mission.mission import (
     split_call,
     type_name,
 )
-from tests.core.build import action, condition, make_mission, retry, sequence, task, timeout
+from tests.support.build import action, condition, make_mission, retry, sequence, task, timeout
 
 
 def mission() -> Mission:

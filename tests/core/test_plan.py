@@ -14,8 +14,8 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
-from tests.core.build import World, action, fallback, make_mission, parallel, sequence, task
-from tests.core.test_demand import worlds
+from tests.support.build import World, action, fallback, make_mission, parallel, sequence, task
+from tests.support.strategies import worlds
 
 
 def repair() -> World:

@@ -25,7 +25,7 @@ from mrbt_mesh.core.incremental.assignment.problem_changes import ProblemChanges
 from mrbt_mesh.core.incremental.assignment.reassign import Reassigner
 from mrbt_mesh.core.incremental.assignment.residual import InfeasibleError, TooFarError
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE
-from tests.core.test_assignment import optima
+from tests.support.problems import optima
 
 KINDS = ["dies", "comes", "request", "ended", "bounds", "option"]
 VALUES = [1, 3, 10, 1000]

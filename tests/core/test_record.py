@@ -16,7 +16,7 @@ from mrbt_mesh.core.facts.records import (
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
 from mrbt_mesh.core.membership.membership import State
 from mrbt_mesh.core.observer.run_record import RunRecord
-from tests.core.build import action, make_mission
+from tests.support.build import action, make_mission
 
 FIRST, SECOND = Incarnation(1, "n"), Incarnation(2, "m")
 S = 1_000_000

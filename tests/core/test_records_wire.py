@@ -30,6 +30,7 @@ from mrbt_mesh.core.membership.wire import (
     parse_heartbeat,
     parse_summary,
 )
+from tests.support.plain_data import mutations, plain
 
 SCOPE = "r1:0:a::0"
 MINE = Header("0123456789abcdef", "repair", "r1", "A1")
@@ -39,18 +40,6 @@ incarnations = st.builds(Incarnation, st.integers(0, (1 << 53) - 1), st.text("ab
 robots = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}", fullmatch=True)
 digests = st.binary(min_size=8, max_size=8)
 numbers = st.integers(0, (1 << 53) - 1)
-plain = st.recursive(
-    st.none()
-    | st.booleans()
-    | st.integers(-(1 << 63), (1 << 64) - 1)
-    | st.floats(allow_nan=False)
-    | st.text(max_size=8)
-    | st.binary(max_size=8),
-    lambda inner: (
-        st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=4), inner, max_size=3)
-    ),
-    max_leaves=12,
-)
 words = st.builds(SelfReport, incarnations, numbers, digests, st.booleans(), st.integers(0, 3))
 beats = st.builds(
     Heartbeat,
@@ -184,16 +173,6 @@ def test_arbitrary_bytes_are_refused_and_nothing_else_happens(
 @given(plain, kinds)
 def test_an_arbitrary_body_is_read_or_refused(body: Any, kind: MessageKind) -> None:
     read_everything(encode(SOMEONE, kind, body), kind)
-
-
-def mutations(value: Any) -> st.SearchStrategy[Any]:
-    """`value` with one part, at any depth, replaced by something arbitrary."""
-    if not isinstance(value, list) or not value:
-        return plain
-    inside = st.integers(0, len(value) - 1).flatmap(
-        lambda i: mutations(value[i]).map(lambda part: [*value[:i], part, *value[i + 1 :]])
-    )
-    return inside | plain
 
 
 @given(beats.flatmap(lambda beat: mutations(pack_heartbeat(beat))))

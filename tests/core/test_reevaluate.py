@@ -20,7 +20,7 @@ from mrbt_mesh.core.facts.records import Token
 from mrbt_mesh.core.incremental.evaluation.compiled_evaluator import CompiledEvaluator
 from mrbt_mesh.core.incremental.evaluation.evaluator import IncrementalEvaluator
 from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, InDoubt
-from tests.core.build import (
+from tests.support.build import (
     World,
     action,
     condition,
@@ -33,7 +33,7 @@ from tests.core.build import (
     task,
     timeout,
 )
-from tests.core.strategies import UNARY, tree_specs
+from tests.support.strategies import UNARY, tree_specs
 
 ROBOTS = ("R1", "R2", "R3")
 STORIES, PER_STORY = 6, 50

@@ -9,8 +9,8 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.anti_entropy import Replica
 from mrbt_mesh.core.membership.timing import NEVER_US
 from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES, Header, WireError
-from tests.core.build import RUN, action, condition, make_mission, sequence
-from tests.core.harness import MS, TIMING
+from tests.support.build import RUN, action, condition, make_mission, sequence
+from tests.support.harness import MS, TIMING
 
 MISSION = make_mission(sequence(condition("c"), action("a")))
 

@@ -13,7 +13,7 @@ from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.mission.mission import Assignment, Mission, mission_from_json
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
-from tests.core.build import (
+from tests.support.build import (
     World,
     action,
     condition,
@@ -23,7 +23,7 @@ from tests.core.build import (
     sequence,
     task,
 )
-from tests.core.test_demand import worlds
+from tests.support.strategies import worlds
 
 LOOKS = ("look1", "look2")
 

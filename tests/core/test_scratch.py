@@ -14,9 +14,8 @@ from mrbt_mesh.core.assignment.named import NamedDemand, NamedProblem
 from mrbt_mesh.core.assignment.problem import AssignmentProblem, Integers, SolverError
 from mrbt_mesh.core.assignment.solvers import default_solver, min_cost_flow
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE
-from tests.core.problems import random_problem
-from tests.core.test_assignment import optima
-from tests.core.test_golden_assignments import SIZES, case
+from tests.support.golden_assignments import SIZES, case
+from tests.support.problems import optima, random_problem
 
 
 def team_of(problem: AssignmentProblem) -> NamedProblem:

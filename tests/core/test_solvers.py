@@ -25,7 +25,7 @@ from mrbt_mesh.core.assignment.solvers import (
     default_solver,
     min_cost_flow,
 )
-from tests.core.problems import last_optimum, permuted, perturbed, random_problem
+from tests.support.problems import last_optimum, permuted, perturbed, random_problem
 
 CASES_PER_SEED = 500
 

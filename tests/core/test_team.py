@@ -11,7 +11,7 @@ from mrbt_mesh.core.facts.records import OrderKind
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
 from mrbt_mesh.core.mission.mission import FailurePolicy
-from tests.core.build import (
+from tests.support.build import (
     World,
     action,
     condition,

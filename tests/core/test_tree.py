@@ -15,7 +15,7 @@ from mrbt_mesh.core.bt.tree import (
     build_tree,
     parallel_status,
 )
-from tests.core.build import (
+from tests.support.build import (
     action,
     condition,
     fallback,
@@ -27,7 +27,7 @@ from tests.core.build import (
     sequence,
     timeout,
 )
-from tests.core.strategies import tree_specs
+from tests.support.strategies import tree_specs
 
 A = action("a")
 

@@ -16,8 +16,8 @@ from typing import Any
 
 import pytest
 
-from tests.docker import engine as docker
-from tests.docker.engine import ROOT, NoEngineError
+from tests.support import docker_engine as docker
+from tests.support.docker_engine import ROOT, NoEngineError
 
 ROBOTS = ("a1", "a2", "b1", "b2", "c1", "c2")
 CONTEXT = ("mrbt_mesh", "agents", "examples", "deploy", "pyproject.toml", "requirements.lock")

@@ -9,7 +9,7 @@ import pytest
 
 from mrbt_mesh.drills.physical import spans
 from tests.docker.conftest import ROBOTS, Compose
-from tests.processes.account import check_order
+from tests.support.account import check_order
 
 pytestmark = [pytest.mark.docker, pytest.mark.processes, pytest.mark.timeout(900)]
 

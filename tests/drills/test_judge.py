@@ -19,7 +19,7 @@ from mrbt_mesh.drills.model import ExpectModel
 from mrbt_mesh.drills.physical import Freeze, moving, read_events, spans
 from mrbt_mesh.runtime.journal import Journal
 from mrbt_mesh.sim import Kill
-from tests.sim.runs import example, run_example
+from tests.support.runs import example, run_example
 
 MISSION, _ = example("vehicle_repair")
 PIDS = {"A1": 11, "A2": 12, "B1": 21, "C1": 31, "C2": 32}

@@ -13,7 +13,7 @@ from mrbt_mesh.core.membership.membership import State
 from mrbt_mesh.drills.model import RoleModel, StepModel
 from mrbt_mesh.drills.triggers import Fates, Schedule, Sight, Takeover, chosen, holds
 from mrbt_mesh.sim import Kill, simulate
-from tests.sim.runs import example
+from tests.support.runs import example
 
 S = 1_000_000
 

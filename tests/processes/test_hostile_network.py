@@ -10,8 +10,8 @@ import sys
 import pytest
 
 from mrbt_mesh.drills.physical import spans
-from tests.processes.account import check_paper
 from tests.processes.conftest import REPAIR, ROOT, Team
+from tests.support.account import check_paper
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
 

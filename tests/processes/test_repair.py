@@ -7,8 +7,8 @@ import signal
 import pytest
 
 from mrbt_mesh.drills.physical import of, spans
-from tests.processes.account import check_order, check_paper
 from tests.processes.conftest import REPAIR, Team
+from tests.support.account import check_order, check_paper
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
 

@@ -7,8 +7,8 @@ import signal
 import pytest
 
 from mrbt_mesh.drills.physical import spans
-from tests.processes.account import check_order
 from tests.processes.conftest import REPAIR, Team
+from tests.support.account import check_order
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
 

@@ -1,15 +1,10 @@
-"""What the tests of the simulator share; the helpers are in the modules next to this one."""
+"""A fixture that the tests of the simulator share."""
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-
-from runs import Run, run_example
+from tests.support.runs import Run, run_example
 
 
 @pytest.fixture

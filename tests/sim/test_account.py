@@ -5,9 +5,9 @@ from __future__ import annotations
 import itertools
 
 import pytest
-from runs import undisturbed
 
 from mrbt_mesh.drills.physical import Span, most_at_once, of
+from tests.support.runs import undisturbed
 
 SEEDS = range(5)
 

@@ -7,13 +7,13 @@ from collections.abc import Callable
 
 import anyio
 import pytest
-from runs import Run
 
 from mrbt_mesh import RobotProgram, TaskContext
 from mrbt_mesh.core.facts.records import CLOSED, Bid, split_name
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.sim import Kill, LinkKnobs, NetworkKnobs, Restart, SimulationResult, simulate
-from tests.core.build import action, make_mission, task
+from tests.support.build import action, make_mission, task
+from tests.support.runs import Run
 
 SECOND_US = 1_000_000
 

@@ -12,11 +12,10 @@ from collections import Counter
 from dataclasses import replace
 
 import pytest
-from runs import EXAMPLES
 
 from mrbt_mesh.core.mission.mission import Assignment
-from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.sim.chaos.campaign import Source, Verdict, judge, run_seed
+from mrbt_mesh.sim.chaos.campaign import Verdict, judge, run_seed
+from tests.support.runs import source
 
 SEEDS = int(os.environ.get("MRBT_CHAOS_SEEDS", "200"))
 BLOCK = 20
@@ -33,14 +32,6 @@ EXAMPLE_SEEDS = {
     "dispense": 0.25,
     "vehicle_repair": 0.1,
 }
-
-
-def source(name: str | None) -> Source:
-    """The missions of an example, or generated ones."""
-    if name is None:
-        return Source()
-    path = EXAMPLES / name / "mission.yaml"
-    return Source(str(path), load_mission(path).program, speed=2.0)
 
 
 def check(name: str | None, seeds: range) -> Counter[str]:

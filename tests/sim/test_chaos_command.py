@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 import typer
 from click.testing import Result
-from mutations import MUTATIONS
-from runs import EXAMPLES
 from typer.testing import CliRunner
 
 from mrbt_mesh.cli.sim import sim
+from tests.support.mutations import MUTATIONS
+from tests.support.runs import EXAMPLES
 
 EXPLORE = str(EXAMPLES / "explore" / "mission.yaml")
 

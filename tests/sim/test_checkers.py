@@ -8,8 +8,6 @@ from collections.abc import Iterable
 from typing import Any
 
 import pytest
-from mutations import MUTATIONS
-from runs import Run, example
 
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.effects import CancelAction, Forget, Log, Persist, Publish, StartAction
@@ -36,6 +34,8 @@ from mrbt_mesh.sim.checkers.findings import is_connected
 from mrbt_mesh.sim.engine.clock import VirtualClock
 from mrbt_mesh.sim.engine.network import Network
 from tests.support import inside
+from tests.support.mutations import MUTATIONS
+from tests.support.runs import Run, example
 
 SECOND_US = 1_000_000
 

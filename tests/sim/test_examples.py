@@ -5,9 +5,9 @@ from __future__ import annotations
 import itertools
 
 import pytest
-from runs import Run
 
 from mrbt_mesh.drills.physical import most_at_once, of, spans
+from tests.support.runs import Run
 
 
 def test_two_robots_explore_in_parallel(run: Run) -> None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from runs import example
 
 from mrbt_mesh.sim import SimulationResult, simulate
 from mrbt_mesh.sim.engine.failures import EVERYBODY, FailureModel, Rate, losable, rate_of
+from tests.support.runs import example
 
 SECOND_US = 1_000_000
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import random
 
 import pytest
-from runs import Run, undisturbed
 
 from mrbt_mesh.drills.physical import of, spans
 from mrbt_mesh.sim import (
@@ -26,6 +25,7 @@ from mrbt_mesh.sim import (
     Unblock,
     partition,
 )
+from tests.support.runs import Run, undisturbed
 
 SECOND_US = 1_000_000
 ROBOTS = ["A1", "A2", "B1", "B2", "C1", "C2"]

@@ -11,7 +11,7 @@ from benchmarks.membership.mesh import Mesh
 from mrbt_mesh.core.agent.inputs import ActionFinished, CapabilityChanged
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.sim.engine.network import Link, LinkKnobs, NetworkKnobs
-from tests.core import build
+from tests.support import build
 
 SECOND_US = 1_000_000
 BAD = LinkKnobs(jitter_us=200_000, loss_permille=300)

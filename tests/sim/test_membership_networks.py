@@ -14,7 +14,7 @@ from benchmarks.membership.mesh import Mesh, Node
 from mrbt_mesh.core.membership.membership import State
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.sim.engine.network import Link, LinkKnobs, NetworkKnobs
-from tests.core import build
+from tests.support import build
 
 SECOND_US = 1_000_000
 TIMING = Timing()

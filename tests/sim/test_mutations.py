@@ -6,9 +6,9 @@ Without it the same seeds are clean: test_chaos.py runs them all.
 from __future__ import annotations
 
 import pytest
-from mutations import MUTATIONS
 
 from mrbt_mesh.sim.chaos.campaign import Source, run_seed
+from tests.support.mutations import MUTATIONS
 
 CAUGHT = {
     "join_keeps_older": ("I9", (0, 1)),

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from runs import Run
 
 from mrbt_mesh.sim import Fault, Freeze, Kill, Lose, Thaw
+from tests.support.runs import Run
 
 MS = 1_000
 SECOND_US = 1_000_000

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from test_chaos import source
 
 from mrbt_mesh.core.bt.evaluation import Evaluation, EvaluationFacts
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.incremental.evaluation.evaluator import IncrementalEvaluator
 from mrbt_mesh.sim.chaos.campaign import run_seed
+from tests.support.runs import source
 
 SEEDS, BLOCK = 24, 4
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from runs import Run, undisturbed
 
 from mrbt_mesh.core.facts.records import OUTCOME
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
@@ -30,6 +29,7 @@ from mrbt_mesh.sim import (
 )
 from mrbt_mesh.sim.engine.journal import SimJournal
 from mrbt_mesh.sim.engine.network import LinkKnobs
+from tests.support.runs import Run, undisturbed
 
 SECOND_US = 1_000_000
 ROBOTS = ["A1", "A2", "B1", "B2", "C1", "C2"]

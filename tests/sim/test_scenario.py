@@ -7,13 +7,13 @@ import json
 from typing import Any
 
 import pytest
-from runs import example
 
 from mrbt_mesh.sim.chaos.draw import ChaosKnobs, chaos, draw_knobs
 from mrbt_mesh.sim.chaos.generate import generate_mission
 from mrbt_mesh.sim.checkers.work import is_endless
 from mrbt_mesh.sim.engine.faults import Block, Disturb, Heal, Kill, LinkKnobs, Replay
 from mrbt_mesh.sim.engine.scenario import KINDS, Scenario, ScenarioError, dump, scenario_from_json
+from tests.support.runs import example
 
 SECOND_US = 1_000_000
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from runs import example
 
 from mrbt_mesh.core.engine import INCREMENTAL, Engine
 from mrbt_mesh.core.membership.wire import Header, WireError
@@ -13,6 +12,7 @@ from mrbt_mesh.sim import NetworkKnobs, SimulationResult, simulate
 from mrbt_mesh.sim.engine import faults as f
 from mrbt_mesh.sim.engine import sharing
 from mrbt_mesh.sim.engine.network import LinkKnobs
+from tests.support.runs import example
 
 SECOND_US = 1_000_000
 SCHEDULE = (

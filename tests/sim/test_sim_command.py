@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 import typer
 from click.testing import Result
-from runs import EXAMPLES
 from typer.testing import CliRunner
 
 from mrbt_mesh.cli.sim import sim
+from tests.support.runs import EXAMPLES
 
 REPAIR = str(EXAMPLES / "vehicle_repair" / "mission.yaml")
 EXPLORE = str(EXAMPLES / "explore" / "mission.yaml")

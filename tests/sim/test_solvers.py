@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from runs import example
 
 from mrbt_mesh.core.assignment.problem import AssignmentProblem, Solver, SolverError
 from mrbt_mesh.core.assignment.solvers import brute_force, cp_sat, min_cost_flow
@@ -19,6 +18,7 @@ from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext
 from mrbt_mesh.sim import SimulationResult, simulate
 from mrbt_mesh.sim.engine import faults as f
+from tests.support.runs import example
 
 SECOND_US = 1_000_000
 SCHEDULE = ((5 * SECOND_US, f.Kill("C2")), (9 * SECOND_US, f.Restart("C2")))

@@ -7,7 +7,6 @@ import math
 from collections.abc import Iterator
 
 import pytest
-from runs import EXAMPLES
 
 from mrbt_mesh.core.mission.mission import Mission, performance
 from mrbt_mesh.formats.mission_file import load_mission
@@ -27,6 +26,7 @@ from mrbt_mesh.sim.statistics.estimate import (
 )
 from mrbt_mesh.sim.statistics.sweeps import SweepError, parse_rates, parse_sweep, points_of
 from mrbt_mesh.sim.statistics.team_sizes import resized
+from tests.support.runs import EXAMPLES
 
 REPAIR = str(EXAMPLES / "vehicle_repair" / "mission.yaml")
 EXPLORE = str(EXAMPLES / "explore" / "mission.yaml")

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tests.formats.btcpp.interpreter import (
+from tests.support.btcpp.interpreter import (
     FAILURE,
     IDLE,
     RUNNING,

@@ -13,7 +13,7 @@ from mrbt_mesh.formats.btcpp.document import LEAVES, Category, parse_document
 from mrbt_mesh.formats.btcpp.expand import ExpandedNode, constant_value, expand
 from mrbt_mesh.formats.btcpp.findings import Findings
 from mrbt_mesh.formats.btcpp.library import Library, library_of
-from tests.formats.btcpp.interpreter import (
+from tests.support.btcpp.interpreter import (
     FAILURE,
     RUNNING,
     SKIPPED,

@@ -18,7 +18,7 @@ from mrbt_mesh.formats.btcpp.findings import Findings
 from mrbt_mesh.formats.btcpp.library import Library, library_of
 from mrbt_mesh.formats.btcpp.team_tree import ALWAYS, TeamTree, to_team_tree
 from mrbt_mesh.formats.btcpp.xml_reader import TreeFileError
-from tests.core.strategies import tree_specs
+from tests.support.strategies import tree_specs
 
 MOVE = '<Action ID="Move"><input_port name="goal"/><input_port name="speed" default="1"/></Action>'
 PICK = '<Action ID="Pick"><output_port name="object"/></Action>'

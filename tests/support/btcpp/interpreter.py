@@ -17,8 +17,8 @@ afterwards. BehaviorTree.CPP leaves it RUNNING until its parent resets it.
 
 from __future__ import annotations
 
-from tests.formats.btcpp import interpreter_controls, interpreter_decorators, interpreter_leaves
-from tests.formats.btcpp.interpreter_base import (
+from tests.support.btcpp import interpreter_controls, interpreter_decorators, interpreter_leaves
+from tests.support.btcpp.interpreter_base import (
     COMPLETED,
     FAILURE,
     IDLE,

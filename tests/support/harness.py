@@ -25,7 +25,7 @@ from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Header, MessageKind, decode, encode
 from mrbt_mesh.core.mission.mission import GlobalTask, InDoubt, Mission
 from mrbt_mesh.core.observer.observer import Observer
-from tests.core import build
+from tests.support import build
 
 MS = 1_000
 TIMING = Timing(heartbeat_us=100 * MS, detection_us=1_000 * MS)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.tree import CONTROLS, Kind, Memory, NodeSpec
 from mrbt_mesh.core.facts import records
-from tests.core.build import World
+from tests.support.build import World, action, make_mission, parallel, task
 
 CONDITIONS = ("c0", "c1", "c2")
 UNARY = (
@@ -122,3 +122,18 @@ def runs(draw: st.DrawFn) -> Run:
     for choice, success in draw(STEPS):
         run.step(choice, success)
     return run
+
+
+@st.composite
+def worlds(draw: st.DrawFn) -> World:
+    """A few requests, a few robots with some of the capabilities."""
+    kinds = ("lift", "look", "weld")
+    tasks = []
+    for number in range(draw(st.integers(1, 4))):
+        chosen = draw(st.lists(st.sampled_from(kinds), min_size=1, max_size=2, unique=True))
+        needs = [(kind, draw(st.integers(1, 2)), 3) for kind in chosen]
+        tasks.append(task(f"t{number}", *needs))
+    can = st.lists(st.sampled_from(kinds), max_size=3, unique=True)
+    robots = {f"r{i}": dict.fromkeys(draw(can), 1.0) for i in range(draw(st.integers(0, 5)))}
+    tree = parallel(len(tasks), *(action(each.id) for each in tasks))
+    return World(make_mission(tree, robots, tasks))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from tests.formats.btcpp.interpreter_base import (
+from tests.support.btcpp.interpreter_base import (
     BEFORE_HALT,
     COMPLETED,
     FAILURE,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import random
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -33,6 +34,27 @@ def random_problem(draw: random.Random) -> AssignmentProblem:
         for _ in range(draw.randrange(7))
     ]
     return AssignmentProblem.of([f"r{number}" for number in range(len(rows))], bounds, rows)
+
+
+def feasible(problem: AssignmentProblem) -> Iterator[tuple[int, ...]]:
+    """All assignments within the bounds, by trying everything."""
+    options = [[*sorted(can), UNASSIGNED] for can in problem.performance]
+    for choice in itertools.product(*options):
+        counts = [choice.count(number) for number in range(len(problem.demands))]
+        pairs = zip(counts, problem.demands, strict=True)
+        if all(bounds.lower <= count <= bounds.upper for count, bounds in pairs):
+            yield choice
+
+
+def optima(problem: AssignmentProblem) -> list[tuple[int, ...]]:
+    """All optimal assignments; the canonical one is first."""
+    found = list(feasible(problem))
+    best = max(map(problem.objective, found), default=0)
+    order = len(problem.demands)
+    return sorted(
+        (choice for choice in found if problem.objective(choice) == best),
+        key=lambda choice: [order if d == UNASSIGNED else d for d in choice],
+    )
 
 
 def permuted(solver: Solver, draw: random.Random) -> Solver:

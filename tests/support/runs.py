@@ -13,6 +13,7 @@ from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import NetworkKnobs, Schedule, SimulationResult, simulate
+from mrbt_mesh.sim.chaos.campaign import Source
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -23,6 +24,14 @@ def example(name: str) -> tuple[Mission, RobotProgram]:
     mission = load_mission(EXAMPLES / name / "mission.yaml")
     assert mission.program is not None
     return mission, load_program(mission.program)
+
+
+def source(name: str | None) -> Source:
+    """The missions of an example, or generated ones."""
+    if name is None:
+        return Source()
+    path = EXAMPLES / name / "mission.yaml"
+    return Source(str(path), load_mission(path).program, speed=2.0)
 
 
 class Run(Protocol):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.formats.btcpp.interpreter_base import (
+from tests.support.btcpp.interpreter_base import (
     FAILURE,
     RUNNING,
     SUCCESS,
@@ -12,7 +12,7 @@ from tests.formats.btcpp.interpreter_base import (
     World,
     port,
 )
-from tests.formats.btcpp.interpreter_decorators import was_updated
+from tests.support.btcpp.interpreter_decorators import was_updated
 
 
 def _scripted(node: Node, world: World) -> Status:

@@ -16,7 +16,7 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.planning.capabilities import Worker
 from mrbt_mesh.core.planning.demands import Demand
-from tests.core.build import World, action, make_mission, parallel, task
+from tests.support.build import World, action, make_mission, parallel, task
 
 TASKS = ("calm", "grabbing")
 
