@@ -1,0 +1,23 @@
+"""Known violations are told from new ones, and from those that are gone."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.support.structure.source import Finding
+from tests.support.structure.verdict import unsettled
+
+OLD, NEW = Finding("a.py", "500 lines"), Finding("b.py", "600 lines")
+
+
+@pytest.mark.parametrize(
+    ("findings", "said"),
+    [
+        ([OLD], ""),
+        ([OLD, NEW], "b.py: 600 lines"),
+        ([], "a.py: mended; take it out of KNOWN['files']"),
+    ],
+)
+def test_only_what_is_new_or_gone_is_said(findings: list[Finding], said: str) -> None:
+    assert unsettled("files", findings, {"files": frozenset({"a.py"})}) == said
+    assert unsettled("others", findings, {}) == "\n".join(map(str, findings))
