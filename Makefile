@@ -37,7 +37,7 @@ $(READY): requirements.lock pyproject.toml deploy/make-venv
 	@touch $(READY)
 
 demo: $(READY)
-	$(BIN)/mrbt up examples/vehicle_repair/mission.yaml
+	$(BIN)/mrbt demo
 
 lint: $(READY)
 	$(BIN)/ruff check .

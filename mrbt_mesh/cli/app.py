@@ -10,6 +10,7 @@ import typer
 from mrbt_mesh import __version__
 from mrbt_mesh.cli import offline, team
 from mrbt_mesh.cli.analyze import analyze
+from mrbt_mesh.cli.demo import demo
 from mrbt_mesh.cli.drill import drill
 from mrbt_mesh.cli.lift import lift
 from mrbt_mesh.cli.sim import sim
@@ -52,7 +53,7 @@ def _agent() -> None:
 
 
 PANELS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Run a team": (up, watch, team.status, team.join),
+    "Run a team": (demo, up, watch, team.status, team.join),
     "Act on a running team": (
         team.kill,
         team.freeze,

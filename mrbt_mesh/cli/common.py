@@ -28,6 +28,7 @@ from mrbt_mesh.formats.btcpp.check import check_file
 from mrbt_mesh.formats.btcpp.findings import Findings
 from mrbt_mesh.formats.btcpp.library import Library
 from mrbt_mesh.formats.mission_file import MissionError, load_mission
+from mrbt_mesh.formats.shipped import UnknownExampleError
 from mrbt_mesh.runtime.program import ProgramError
 from mrbt_mesh.runtime.program_loader import check_program, load_program
 from mrbt_mesh.runtime.run_dir import RunDirError
@@ -92,6 +93,7 @@ def input_errors() -> Iterator[None]:
         TransportError,
         InputError,
         SolverError,
+        UnknownExampleError,
     ) as error:
         fail(str(error))
 

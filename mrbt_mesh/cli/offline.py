@@ -28,7 +28,13 @@ from mrbt_mesh.core.mission.mission import MICRO
 from mrbt_mesh.formats.assignment_file import problem_from_file
 from mrbt_mesh.formats.facts_file import plan_from_file
 from mrbt_mesh.formats.mission_file import compile_mission, mission_warnings
-from mrbt_mesh.formats.template import FolderInUseError, write_template
+from mrbt_mesh.formats.shipped import UnknownExampleError, examples
+from mrbt_mesh.formats.template import (
+    FolderInUseError,
+    example_files,
+    template_files,
+    write_files,
+)
 from mrbt_mesh.runtime.solver_loader import load_solver, solver_for
 
 
@@ -104,14 +110,21 @@ def _names(text: str | None) -> list[str] | None:
 
 def new(
     folder: Annotated[Path, typer.Argument(help="A folder that does not exist yet.")],
+    example: Annotated[
+        str | None,
+        typer.Option(
+            "--example", metavar="NAME", help=f"Copy this example: {', '.join(examples())}."
+        ),
+    ] = None,
 ) -> None:
-    """Write a small mission and a robot of your own that run at once.
+    """Write a small mission and a robot of your own that run at once; or copy an example.
 
     Example: mrbt new my_team && mrbt up my_team/mission.yaml
     """
     try:
-        written = write_template(folder)
-    except (FolderInUseError, OSError) as error:
+        files = template_files() if example is None else example_files(example)
+        written = write_files(folder, files)
+    except (FolderInUseError, UnknownExampleError, OSError) as error:
         fail(str(error))
     for path in written:
         console.print(f"wrote {path}", highlight=False, soft_wrap=True)

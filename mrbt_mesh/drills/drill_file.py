@@ -11,7 +11,6 @@ from typing import Any
 
 from pydantic import ValidationError
 
-import mrbt_mesh
 from mrbt_mesh.core.membership.timing import SECOND_US, Timing
 from mrbt_mesh.core.mission.mission import Mission, split_call
 from mrbt_mesh.drills.model import (
@@ -34,6 +33,7 @@ from mrbt_mesh.drills.model import (
 from mrbt_mesh.formats.file_model import explain
 from mrbt_mesh.formats.mission_file import load_mission, read_limited
 from mrbt_mesh.formats.problems import Report, SourcePath, found, nearest, whole_file_error
+from mrbt_mesh.formats.shipped import shipped
 from mrbt_mesh.formats.yaml_source import SourceDict, decode, read_yaml
 
 MAX_BYTES = 1 << 20
@@ -57,17 +57,9 @@ class Drill:
 
 
 def drill_folder() -> Path:
-    """Where the shipped drills are: `drills/` here, else beside the package, as in a checkout.
-
-    Raises MissionError if there is none.
-    """
-    beside = Path(mrbt_mesh.__file__).parents[1] / FOLDER
-    for folder in (Path.cwd() / FOLDER, beside):
-        if any(folder.glob("*.yaml")):
-            return folder
-    raise whole_file_error(
-        FOLDER, f"no folder with drills here, nor {beside}; name drill files, or a folder"
-    )
+    """Where drills are: `drills/` here, else those that come with the project."""
+    here = Path.cwd() / FOLDER
+    return here if any(here.glob("*.yaml")) else shipped(FOLDER)
 
 
 def drill_files(folder: Path) -> list[Path]:

@@ -1,19 +1,50 @@
-"""Write a small mission and robot of the user's own, as `mrbt new` does."""
+"""Write a mission and its robots' program for a user to change, as `mrbt new` does."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+
+from mrbt_mesh.formats.shipped import example_mission, shipped
 
 _FOLDER = Path(__file__).with_name("template")
 _FILES = ("mission.yaml", "robot.py")
+# How an example names its robots' program; in a copy, that lies beside the mission.
+_PROGRAM = re.compile(r"\.\./\.\./agents/(\w+\.py)")
+_IMPORT = re.compile(r"^(?:from|import) (\w+)", re.MULTILINE)
 
 
 class FolderInUseError(FileExistsError):
     """The place for the new files is a file, or a folder that has something in it."""
 
 
-def write_template(folder: Path) -> list[Path]:
-    """Write `mission.yaml` and `robot.py` to `folder`, which may not exist yet.
+def template_files() -> dict[str, str]:
+    """A small mission and robot of the user's own: texts by file name."""
+    return {name: (_FOLDER / name).read_text(encoding="utf-8") for name in _FILES}
+
+
+def example_files(name: str) -> dict[str, str]:
+    """An example and the programs of its robots: texts by file name, for one folder.
+
+    Raises UnknownExampleError.
+    """
+    found: dict[str, str] = {}
+    programs: list[str] = []
+    for path in sorted(example_mission(name).parent.iterdir()):
+        text = path.read_text(encoding="utf-8")
+        programs += _PROGRAM.findall(text)
+        found[path.name] = _PROGRAM.sub(r"\1", text)
+    while programs:
+        program = programs.pop()
+        path = shipped("agents") / program
+        if program not in found and path.is_file():
+            found[program] = path.read_text(encoding="utf-8")
+            programs += [f"{module}.py" for module in _IMPORT.findall(found[program])]
+    return found
+
+
+def write_files(folder: Path, files: dict[str, str]) -> list[Path]:
+    """Write files to `folder`, which may not exist yet.
 
     Returns the paths of the new files. Raises FolderInUseError rather than overwrite
     anything, and OSError if the folder cannot be written to.
@@ -24,10 +55,10 @@ def write_template(folder: Path) -> list[Path]:
         raise FolderInUseError(f"{folder}: is not empty; name a new folder")
     folder.mkdir(parents=True, exist_ok=True)
     written = []
-    for name in _FILES:
+    for name, text in files.items():
         target = folder / name
         # "x" refuses a file that appeared since the check above.
         with target.open("x", encoding="utf-8") as stream:
-            stream.write((_FOLDER / name).read_text(encoding="utf-8"))
+            stream.write(text)
         written.append(target)
     return written

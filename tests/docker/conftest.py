@@ -2,169 +2,20 @@
 
 from __future__ import annotations
 
-import io
-import json
-import re
 import shutil
-import subprocess
-import tarfile
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from tests.support import docker_engine as docker
-from tests.support.docker_engine import ROOT, NoEngineError
+from tests.support.docker_compose import PROJECT, Compose
+from tests.support.docker_engine import NoEngineError
+from tests.support.paths import ROOT
 
-ROBOTS = ("a1", "a2", "b1", "b2", "c1", "c2")
-CONTEXT = ("mrbt_mesh", "agents", "examples", "deploy", "pyproject.toml", "requirements.lock")
-CONTEXT += ("README.md", "docker-compose.yml", ".dockerignore")
-PROJECT = "mrbt-drill"
-WAIT_S = 60
-TRIES = 150
-
-
-class Compose:
-    """One project of docker-compose.yml; commands as a user would give them."""
-
-    def __init__(self, folder: Path, environment: Mapping[str, str]) -> None:
-        self._folder = folder
-        self._environment = dict(environment)
-        self._followers: list[subprocess.Popen[str]] = []
-        self._tick = threading.Event()
-
-    def __call__(self, *arguments: str, timeout_s: float = WAIT_S) -> str:
-        """Run a compose command, which must succeed; returns what it printed."""
-        return self._run([*docker.compose_command(), *arguments], timeout_s)
-
-    def docker(self, *arguments: str) -> str:
-        return self._run(["docker", *arguments], WAIT_S)
-
-    def _run(self, command: list[str], timeout_s: float) -> str:
-        done = subprocess.run(
-            command,
-            cwd=self._folder,
-            env=self._environment,
-            capture_output=True,
-            text=True,
-            timeout=timeout_s,
-            check=False,
-        )
-        assert done.returncode == 0, f"{' '.join(command)}\n{done.stdout}{done.stderr}"
-        return done.stdout
-
-    def container(self, service: str) -> str:
-        """The id of a service's container, running or not; those of `run` do not count."""
-        labels = {"project": PROJECT, "service": service, "oneoff": "False"}
-        command = ["ps", "--all", "--quiet", "--no-trunc"]
-        for key, value in labels.items():
-            command += ["--filter", f"label=com.docker.compose.{key}={value}"]
-        return self.docker(*command).strip()
-
-    def start(self, *arguments: str) -> subprocess.Popen[str]:
-        """Run a compose command in the background."""
-        process = subprocess.Popen(
-            [*docker.compose_command(), *arguments],
-            cwd=self._folder,
-            env=self._environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-        )
-        self._followers.append(process)
-        return process
-
-    def observer(self) -> Lines:
-        """What the observer's container says, from its start."""
-        process = subprocess.Popen(
-            ["docker", "logs", "--follow", self.container("observer")],
-            env=self._environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-        self._followers.append(process)
-        return Lines(process)
-
-    def file(self, service: str, path: str) -> str:
-        """A file of a service's container; its container need not run. Empty if there is none."""
-        done = subprocess.run(
-            ["docker", "cp", f"{self.container(service)}:{path}", "-"],
-            env=self._environment,
-            capture_output=True,
-            timeout=WAIT_S,
-            check=False,
-        )
-        if done.returncode != 0:
-            return ""
-        with tarfile.open(fileobj=io.BytesIO(done.stdout)) as archive:
-            (member,) = archive.getmembers()
-            content = archive.extractfile(member)
-            assert content is not None
-            return content.read().decode()
-
-    def events(self) -> list[dict[str, Any]]:
-        """What all robots did: each writes its own events.jsonl."""
-        lines = [
-            json.loads(line)
-            for robot in ROBOTS
-            for line in self.file(robot, "/var/lib/mrbt/events.jsonl").splitlines()
-        ]
-        return sorted(lines, key=lambda event: event["t"])
-
-    def log(self, service: str) -> list[dict[str, Any]]:
-        """A robot's log."""
-        text = self.file(service, f"/var/lib/mrbt/{service.upper()}.log")
-        return [json.loads(line) for line in text.splitlines()]
-
-    def is_well(self, service: str) -> bool:
-        """What the health check of a running container says now; the engine asks every 10 s."""
-        container = self.container(service)
-        kind, command = json.loads(
-            self.docker("inspect", "--format", "{{json .Config.Healthcheck.Test}}", container)
-        )
-        assert kind == "CMD-SHELL"
-        done = subprocess.run(
-            ["docker", "exec", container, "sh", "-c", command], env=self._environment, check=False
-        )
-        return done.returncode == 0
-
-    def wait_until(self, holds: Callable[[], Any], what: str) -> None:
-        for _ in range(TRIES):
-            if holds():
-                return
-            self._tick.wait(0.2)
-        raise AssertionError(f"never came true: {what}")
-
-    def clean(self) -> None:
-        """`down -v`, and an end to everything that was started."""
-        for follower in self._followers:
-            follower.kill()
-            follower.wait()
-            if follower.stdout is not None:
-                follower.stdout.close()
-        self("down", "--volumes", "--timeout", "5", timeout_s=2 * WAIT_S)
-
-
-class Lines:
-    """A stream of the observer's lines."""
-
-    def __init__(self, process: subprocess.Popen[str]) -> None:
-        self._process = process
-        self.seen: list[str] = []
-
-    def until(self, pattern: str) -> re.Match[str]:
-        """Read on until a line matches; the test's own time limit applies."""
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            self.seen.append(line.rstrip())
-            found = re.search(pattern, line)
-            if found:
-                return found
-        raise AssertionError(f"no line with {pattern!r} in:\n" + "\n".join(self.seen))
+CONTEXT = ("mrbt_mesh", "agents", "drills", "examples", "deploy", "pyproject.toml")
+CONTEXT += ("requirements.lock", "README.md", "LICENSE", "docker-compose.yml", ".dockerignore")
 
 
 @pytest.fixture(scope="session")

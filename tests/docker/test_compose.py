@@ -8,8 +8,8 @@ from collections.abc import Callable
 import pytest
 
 from mrbt_mesh.drills.physical import spans
-from tests.docker.conftest import ROBOTS, Compose
 from tests.support.account import check_order
+from tests.support.docker_compose import ROBOTS, Compose
 
 pytestmark = [pytest.mark.docker, pytest.mark.processes, pytest.mark.timeout(900)]
 

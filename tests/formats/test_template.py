@@ -6,7 +6,13 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.formats.mission_file import load_mission, mission_warnings
-from mrbt_mesh.formats.template import FolderInUseError, write_template
+from mrbt_mesh.formats.shipped import example_mission, examples
+from mrbt_mesh.formats.template import (
+    FolderInUseError,
+    example_files,
+    template_files,
+    write_files,
+)
 from mrbt_mesh.runtime.program_loader import check_program, load_program
 
 
@@ -15,7 +21,7 @@ def test_the_new_mission_and_its_robots_fit_together(
 ) -> None:
     monkeypatch.setattr(sys, "path", list(sys.path))
     folder = tmp_path / "teams" / "my_team"
-    written = write_template(folder)
+    written = write_files(folder, template_files())
     assert written == [folder / "mission.yaml", folder / "robot.py"]
     mission = load_mission(written[0])
     assert mission.name == "my_team"
@@ -27,14 +33,34 @@ def test_the_new_mission_and_its_robots_fit_together(
     assert "simulated" not in written[1].read_text()
 
 
+@pytest.mark.parametrize("name", examples())
+def test_the_copy_of_an_example_is_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """Its program, and what that imports, lie beside the mission; nothing points elsewhere."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.delitem(sys.modules, "simulated", raising=False)
+    written = write_files(tmp_path, example_files(name))
+    assert not [path.name for path in written if "../" in path.read_text()]
+    mission = load_mission(tmp_path / "mission.yaml")
+    assert mission.digest == load_mission(example_mission(name)).digest
+    assert mission.program is not None
+    assert Path(mission.program).parent == tmp_path.resolve()
+    program = load_program(mission.program)
+    for robot in mission.robots.values():
+        assert check_program(program, mission, robot.capabilities) == []
+    if "simulated.py" in [path.name for path in written]:
+        assert Path(str(sys.modules["simulated"].__file__)).parent == tmp_path.resolve()
+
+
 def test_an_empty_folder_may_be_used(tmp_path: Path) -> None:
-    assert len(write_template(tmp_path)) == 2
+    assert len(write_files(tmp_path, template_files())) == 2
 
 
 def test_a_folder_in_use_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "robot.py").write_text("mine")
     with pytest.raises(FolderInUseError, match="is not empty; name a new folder"):
-        write_template(tmp_path)
+        write_files(tmp_path, template_files())
     assert [path.name for path in tmp_path.iterdir()] == ["robot.py"]
     assert (tmp_path / "robot.py").read_text() == "mine"
 
@@ -43,7 +69,7 @@ def test_a_file_is_left_alone(tmp_path: Path) -> None:
     file = tmp_path / "my_team"
     file.write_text("mine")
     with pytest.raises(FolderInUseError, match="is a file; name a new folder"):
-        write_template(file)
+        write_files(file, template_files())
     assert file.read_text() == "mine"
 
 
@@ -58,7 +84,7 @@ def test_a_file_is_left_alone(tmp_path: Path) -> None:
 )
 def test_the_changes_that_the_guide_proposes_are_right(tmp_path: Path, old: str, new: str) -> None:
     guide = (Path(__file__).parents[2] / "agents" / "README.md").read_text()
-    file = write_template(tmp_path)[0]
+    file = write_files(tmp_path, template_files())[0]
     text = file.read_text()
     assert text.count(old) == 1
     file.write_text(text.replace(old, new))

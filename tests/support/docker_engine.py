@@ -17,7 +17,8 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+from tests.support.paths import ROOT
+
 PACKAGES = ("docker.io", "docker-compose", "debootstrap")
 MIRROR = "http://deb.debian.org/debian"
 # The Debian release whose Python is this one, so that pip gets the wheels that it needs.
