@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from mrbt_mesh.analysis.readings import serial
-from mrbt_mesh.analysis.service import Fault, Team, capability_faults, robot_faults
+from mrbt_mesh.analysis.service import Fault, FaultyTeam, capability_faults, robot_faults
 from mrbt_mesh.analysis.tolerance import tolerance
 from mrbt_mesh.core.mission.mission import Mission, performance, type_name
 
@@ -78,5 +78,7 @@ def survived(mission: Mission) -> Survived:
     if not capabilities.is_proved or not robots.is_proved:
         raise ValueError(f"{LIMIT_S:g} s are too short to tell how many faults are survived")
     lost = combinations(sorted(mission.robots), robots.value)
-    majors = tuple(dead for dead in lost if reading.survives(Team(mission).with_faults(*dead)))
+    majors = tuple(
+        dead for dead in lost if reading.survives(FaultyTeam(mission).with_faults(*dead))
+    )
     return Survived(capabilities.value, majors, major.critical + minor.critical)

@@ -10,7 +10,7 @@ from mrbt_mesh.analysis.advice import Additions, advise
 from mrbt_mesh.analysis.lemmas import Difference, Verdicts, verdicts
 from mrbt_mesh.analysis.model import Answer
 from mrbt_mesh.analysis.readings import READINGS, Question
-from mrbt_mesh.analysis.service import Fault, Team, capability_faults, robot_faults
+from mrbt_mesh.analysis.service import Fault, FaultyTeam, capability_faults, robot_faults
 from mrbt_mesh.analysis.tolerance import Tolerance, tolerance
 from mrbt_mesh.core.facts.coalitions import majority
 from mrbt_mesh.core.mission.mission import Costs, Mission
@@ -210,7 +210,7 @@ def _part(say: Say, what: str) -> Callable[[int, int], None]:
 
 def _slacks(question: Question, indispensable: set[int]) -> tuple[TaskSlack, ...]:
     reading = question.reading
-    team = Team(reading.mission)
+    team = FaultyTeam(reading.mission)
     return tuple(
         TaskSlack(
             each.name,

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-from mrbt_mesh.analysis.service import Capability, Fault, JointNeed, Service, Team, merged
+from mrbt_mesh.analysis.service import Capability, Fault, FaultyTeam, JointNeed, Service, merged
 from mrbt_mesh.core.facts.coalitions import majority
 
 MAX_NEEDS = 8
@@ -25,7 +25,7 @@ class Breaking:
     chosen: tuple[Fault, ...]
 
 
-def fewest_to_break(team: Team, wanted: Service, is_major: bool) -> Breaking:
+def fewest_to_break(team: FaultyTeam, wanted: Service, is_major: bool) -> Breaking:
     """The fewest faults of one kind that make a feasible service infeasible.
 
     With more than `MAX_NEEDS` different needs `chosen` may be more than `least`.

@@ -19,7 +19,7 @@ Declarations: TypeAlias = Mapping[str, Declaration]
 
 
 @dataclass(frozen=True, slots=True)
-class Summary:
+class EffectSummary:
     """What a subtree does. `undeclared` are actions that do not say; they may do anything."""
 
     reads: frozenset[str] = frozenset()
@@ -27,29 +27,29 @@ class Summary:
     uses: frozenset[str] = frozenset()
     undeclared: tuple[str, ...] = ()
 
-    def __or__(self, other: Summary) -> Summary:
-        return Summary(
+    def __or__(self, other: EffectSummary) -> EffectSummary:
+        return EffectSummary(
             self.reads | other.reads,
             self.writes | other.writes,
             self.uses | other.uses,
             self.undeclared + tuple(x for x in other.undeclared if x not in self.undeclared),
         )
 
-    def without_undeclared(self) -> Summary:
+    def without_undeclared(self) -> EffectSummary:
         """The same, if the undeclared actions do nothing that matters here."""
         return replace(self, undeclared=())
 
 
-def summary(spec: NodeSpec, declared: Declarations) -> Summary:
+def summary(spec: NodeSpec, declared: Declarations) -> EffectSummary:
     """What the subtree reads, writes and uses."""
     if spec.kind is Kind.CONDITION:
-        return Summary(reads=frozenset({spec.subject}))
+        return EffectSummary(reads=frozenset({spec.subject}))
     if spec.kind is Kind.ACTION:
         known = declared.get(spec.subject)
         if known is None:
-            return Summary(undeclared=(spec.subject,))
-        return Summary(known.all_reads, known.all_writes, known.uses)
-    found = Summary()
+            return EffectSummary(undeclared=(spec.subject,))
+        return EffectSummary(known.all_reads, known.all_writes, known.uses)
+    found = EffectSummary()
     for child in spec.children:
         found |= summary(child, declared)
     return found

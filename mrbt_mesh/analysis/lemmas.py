@@ -17,7 +17,7 @@ from ortools.graph.python.max_flow import SimpleMaxFlow
 from ortools.sat.python import cp_model
 
 from mrbt_mesh.analysis.model import SEED, Literal
-from mrbt_mesh.analysis.service import Capability, Fault, JointNeed, Service, Team
+from mrbt_mesh.analysis.service import Capability, Fault, FaultyTeam, JointNeed, Service
 from mrbt_mesh.analysis.tolerance import Progress, Reading, no_progress
 
 LEMMA_LIMIT_S = 10.0
@@ -76,9 +76,9 @@ class _Corrected:
 
     def __init__(self, reading: Reading) -> None:
         self.reading = reading
-        self.at_first = self._inconsistent(Team(reading.mission), reading.required.services)
+        self.at_first = self._inconsistent(FaultyTeam(reading.mission), reading.required.services)
 
-    def _inconsistent(self, team: Team, services: Iterable[int]) -> set[int]:
+    def _inconsistent(self, team: FaultyTeam, services: Iterable[int]) -> set[int]:
         services = list(services)
         return {each for each in services if not _is_consistent(team, self.reading.services[each])}
 
@@ -86,11 +86,11 @@ class _Corrected:
         """Whether it holds for one fault; what the fault does not touch stays as it was."""
         reading = self.reading
         touched = {each for each in reading.required.services if reading.may_change(each, fault)}
-        now = self._inconsistent(Team(reading.mission).with_faults(fault), touched)
+        now = self._inconsistent(FaultyTeam(reading.mission).with_faults(fault), touched)
         return not reading.required.is_ruined(now | (self.at_first - touched))
 
 
-def _is_consistent(team: Team, wanted: Service) -> bool:
+def _is_consistent(team: FaultyTeam, wanted: Service) -> bool:
     """Whether problem (2) has a solution: as many robots flow to the needs as they ask for.
 
     Robots that can meet the same needs are one source.
@@ -122,7 +122,7 @@ class _Literal:
     def __init__(self, reading: Reading, fatal: set[Fault]) -> None:
         self.reading = reading
         self.fatal = fatal
-        self.team = Team(reading.mission)
+        self.team = FaultyTeam(reading.mission)
         self.holders: dict[str, list[str]] = {}
         for robot in sorted(reading.mission.robots):
             for name in reading.mission.robots[robot].capabilities:

@@ -17,9 +17,9 @@ from typing import NamedTuple
 from mrbt_mesh.analysis.arrange import Arrangement, Pair, Parallel, arrange, closure
 from mrbt_mesh.analysis.effects import (
     Declarations,
+    EffectSummary,
     Ends,
     Known,
-    Summary,
     ends,
     guards,
     summary,
@@ -40,7 +40,7 @@ class Dependence:
 
 
 @dataclass(frozen=True, slots=True)
-class Decision:
+class LiftDecision:
     """What became of one Sequence or Fallback, by its path: `after` draws the arrangement."""
 
     path: str
@@ -64,7 +64,7 @@ class Lifted:
     """
 
     tree: NodeSpec
-    decisions: tuple[Decision, ...]
+    decisions: tuple[LiftDecision, ...]
     serial_us: int
     critical_us: int
 
@@ -83,7 +83,7 @@ class Lifter:
     declared: Declarations
     work_us: Mapping[str, int] = field(default_factory=dict)
     independent: Collection[str] = ()
-    decisions: list[Decision] = field(default_factory=list)
+    decisions: list[LiftDecision] = field(default_factory=list)
 
     def lift(self, spec: NodeSpec) -> Lifted:
         """The team's tree of a single robot's."""
@@ -200,7 +200,7 @@ class Lifter:
         return arrangement, [self._known_after(spec, known, before[j]) for j in range(count)]
 
     def _conflict(
-        self, spec: NodeSpec, pair: Pair, found: list[Summary], guarding: frozenset[str]
+        self, spec: NodeSpec, pair: Pair, found: list[EffectSummary], guarding: frozenset[str]
     ) -> str | None:
         """Why the first of the pair has to come before the second, whatever may fail."""
         i, j = pair
@@ -234,7 +234,7 @@ class Lifter:
         self,
         spec: NodeSpec,
         known: Known,
-        found: list[Summary],
+        found: list[EffectSummary],
         trusted: list[bool],
         reasons: dict[Pair, str],
     ) -> None:
@@ -288,7 +288,7 @@ class Lifter:
         names = tuple(label(child) for child in spec.children)
         after = " ; ".join(names) if arrangement is None else drawn(arrangement, names)
         self.decisions.append(
-            Decision(path, str(spec.kind), names, after, tuple(dependences), notes)
+            LiftDecision(path, str(spec.kind), names, after, tuple(dependences), notes)
         )
 
 

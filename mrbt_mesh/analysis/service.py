@@ -99,7 +99,7 @@ def merged(needs: Sequence[JointNeed], is_major: bool = False) -> tuple[JointNee
 
 
 @dataclass(frozen=True)
-class Team:
+class FaultyTeam:
     """The robots of a mission, some of which are dead (major) or have lost capabilities (minor)."""
 
     mission: Mission
@@ -110,9 +110,9 @@ class Team:
         """Living robots, sorted."""
         return tuple(robot for robot in sorted(self.mission.robots) if robot not in self.faults)
 
-    def with_faults(self, *faults: Fault) -> Team:
+    def with_faults(self, *faults: Fault) -> FaultyTeam:
         """The same team with these faults as well."""
-        return Team(self.mission, self.faults | set(faults))
+        return FaultyTeam(self.mission, self.faults | set(faults))
 
     def able(self, need: JointNeed) -> dict[str, int]:
         """Robots that can meet a need."""

@@ -13,7 +13,7 @@ from functools import cached_property
 from mrbt_mesh.analysis.breaking import fewest_to_break
 from mrbt_mesh.analysis.model import Answer, FaultModel, Literal, optimum
 from mrbt_mesh.analysis.requirement import Formula, Requirement
-from mrbt_mesh.analysis.service import Fault, Service, Team, merged
+from mrbt_mesh.analysis.service import Fault, FaultyTeam, Service, merged
 from mrbt_mesh.core.mission.mission import Mission
 
 # Called with what has been done so far, out of what there is to do.
@@ -36,15 +36,15 @@ class Reading:
     @cached_property
     def at_first(self) -> frozenset[int]:
         """The services that matter and that are infeasible without faults."""
-        return self.infeasible(Team(self.mission))
+        return self.infeasible(FaultyTeam(self.mission))
 
-    def infeasible(self, team: Team) -> frozenset[int]:
+    def infeasible(self, team: FaultyTeam) -> frozenset[int]:
         """The services that matter and that this team cannot do."""
         return frozenset(
             each for each in self.required.services if not team.is_feasible(self.services[each])
         )
 
-    def survives(self, team: Team) -> bool:
+    def survives(self, team: FaultyTeam) -> bool:
         """Whether the mission is not ruined: the definition, by the runtime's own check."""
         return not self.required.is_ruined(self.infeasible(team))
 
@@ -56,7 +56,7 @@ class Reading:
     @cached_property
     def relied_on(self) -> Mapping[int, frozenset[Fault]]:
         """What each service that matters relies on without faults, if it is feasible."""
-        team = Team(self.mission)
+        team = FaultyTeam(self.mission)
         found = {each: team.relies_on(self.services[each]) for each in self.required.services}
         return {each: used for each, used in found.items() if used is not None}
 
@@ -67,7 +67,7 @@ class Reading:
 
     def broken_by(self, fault: Fault) -> frozenset[int]:
         """The services that matter and are infeasible with one fault."""
-        team = Team(self.mission).with_faults(fault)
+        team = FaultyTeam(self.mission).with_faults(fault)
         changed = {
             each
             for each, used in self.relied_on.items()
@@ -136,7 +136,7 @@ def _greedy(reading: Reading, faults: Sequence[Fault]) -> tuple[Fault, ...]:
         robot, shift = (fault, 0) if isinstance(fault, str) else (fault[0], shifts[fault[1]])
         return -((places[robot] - shift) % len(robots))
 
-    team = Team(reading.mission)
+    team = FaultyTeam(reading.mission)
     relied_on = dict(reading.relied_on)
     chosen = []
     for fault in sorted(faults, key=lambda fault: (last_to_lose(fault), str(fault))):
@@ -181,7 +181,7 @@ def max_tolerated(reading: Reading, faults: Sequence[Fault], limit_s: float) -> 
         if bound == len(best):
             break
         found = built.chosen(values)
-        team = Team(reading.mission).with_faults(*found)
+        team = FaultyTeam(reading.mission).with_faults(*found)
         if values and reading.survives(team):
             best = max(best, found, key=len)
             if answer.is_proved:
@@ -195,7 +195,7 @@ def max_tolerated(reading: Reading, faults: Sequence[Fault], limit_s: float) -> 
 
 
 def _forbid(
-    built: FaultModel, excuses: Mapping[int, Literal], reading: Reading, team: Team
+    built: FaultModel, excuses: Mapping[int, Literal], reading: Reading, team: FaultyTeam
 ) -> None:
     """Add the sets of needs that this team cannot meet, one for each service."""
     for each, excuse in excuses.items():
@@ -214,7 +214,7 @@ def min_fatal(reading: Reading, faults: Sequence[Fault], limit_s: float) -> Answ
     No value, and proved: not even all of them do. The alternatives at the top of the
     requirement are looked into one after the other, the most promising first.
     """
-    if reading.survives(Team(reading.mission).with_faults(*faults)):
+    if reading.survives(FaultyTeam(reading.mission).with_faults(*faults)):
         return Answer(None, None, True)
     deadline_s = time.monotonic() + limit_s
     relevant = _relevant(reading, faults)
@@ -265,7 +265,7 @@ class _Estimate:
 
 def _estimates(reading: Reading, faults: Sequence[Fault]) -> dict[Formula, _Estimate]:
     """An estimate for each part of what ruins the mission."""
-    team, is_major = Team(reading.mission), isinstance(faults[0], str)
+    team, is_major = FaultyTeam(reading.mission), isinstance(faults[0], str)
     formulas = reading.required.formulas
     found: dict[Formula, _Estimate] = {}
     for each in formulas.below(reading.required.ruin):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mrbt_mesh.analysis.service import Service, Team, service
+from mrbt_mesh.analysis.service import FaultyTeam, Service, service
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import Kind, Node, NodeSpec, Status, Tree, build_tree
 from mrbt_mesh.core.mission.mission import Mission
@@ -30,7 +30,7 @@ def widths(mission: Mission) -> list[Service]:
     """
     run = _LockStep(mission.tree)
     evaluator = Evaluator(run.tree)
-    team = Team(mission)
+    team = FaultyTeam(mission)
     stages: list[Service] = []
     demands = {
         task.id: [team.demand(need) for need in service(mission, (task,), task.id).needs]

@@ -27,12 +27,12 @@ from mrbt_mesh.cli.common import (
     print_json,
 )
 from mrbt_mesh.drills.drill_file import Drill, drill_files, drill_folder, load_drills
-from mrbt_mesh.drills.judge import Verdict
+from mrbt_mesh.drills.judge import DrillVerdict
 from mrbt_mesh.drills.model import Profile
 from mrbt_mesh.drills.namespaces import NamespaceError
 from mrbt_mesh.drills.network import why_not
 from mrbt_mesh.drills.report import junit_text, report_data
-from mrbt_mesh.drills.runner import DrillRun, Line, run_drill
+from mrbt_mesh.drills.runner import DrillRun, TimelineEntry, run_drill
 from mrbt_mesh.runtime.run_dir import RunDirError, state_dir
 from mrbt_mesh.runtime.zenoh_transport import TransportError
 
@@ -184,10 +184,12 @@ class _Session:
             return await run_drill(found, profile, folder, tell)
         except (TransportError, RunDirError, NamespaceError) as error:
             return DrillRun(
-                found.label, profile, verdicts=[Verdict("the team could be run", False, str(error))]
+                found.label,
+                profile,
+                verdicts=[DrillVerdict("the team could be run", False, str(error))],
             )
 
-    def _print_line(self, line: Line) -> None:
+    def _print_line(self, line: TimelineEntry) -> None:
         style = "red" if line.is_fault or line.text == "is dead" else ""
         self._console.print(
             Text.assemble(
@@ -223,7 +225,7 @@ def _takeover_text(takeover: dict[str, object]) -> Text:
     return line
 
 
-def _verdict_text(verdict: Verdict) -> Text:
+def _verdict_text(verdict: DrillVerdict) -> Text:
     sign, style = ("✔", "green") if verdict.holds else ("✘", "bold red")
     return Text.assemble(
         "  ", (f"{sign} ", style), (verdict.expected, "" if verdict.holds else "red"),

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 from rich.text import Text
 
-from mrbt_mesh.analysis.lift import Decision, Lifted
+from mrbt_mesh.analysis.lift import LiftDecision, Lifted
 from mrbt_mesh.analysis.lift_mission import LiftedMission, heading, lift_mission
 from mrbt_mesh.cli.common import (
     InputError,
@@ -134,7 +134,7 @@ def _as_data(found: LiftedMission, output: Path | None) -> dict[str, Any]:
     }
 
 
-def _decision_data(decision: Decision) -> dict[str, Any]:
+def _decision_data(decision: LiftDecision) -> dict[str, Any]:
     return {
         "path": decision.path,
         "kind": decision.kind,

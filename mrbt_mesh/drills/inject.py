@@ -22,8 +22,8 @@ from mrbt_mesh.drills.model import (
     Robots,
     StepModel,
 )
-from mrbt_mesh.drills.network import Network
-from mrbt_mesh.drills.physical import Freeze
+from mrbt_mesh.drills.network import LinkFaults
+from mrbt_mesh.drills.physical import FreezeSpan
 from mrbt_mesh.drills.triggers import Fates, Sight, chosen
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.launcher import wait_for_exit
@@ -60,7 +60,7 @@ class Deeds:
     done: list[Deed] = field(default_factory=list)
     disturbed: set[frozenset[str]] = field(default_factory=set)
     deaths: dict[int, float] = field(default_factory=dict)
-    freezes: list[Freeze] = field(default_factory=list)
+    freezes: list[FreezeSpan] = field(default_factory=list)
     snapshots: list[Snapshot] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
     fates: Fates = field(default_factory=Fates)
@@ -71,14 +71,14 @@ class Deeds:
         return frozenset(robot for deed in self.done if deed.fault in ways for robot in deed.robots)
 
 
-class Injector:
+class DrillInjector:
     """Carries out steps on one team. `network` is None on loopback."""
 
     def __init__(
         self,
         team: Team,
         watcher: Watcher,
-        network: Network | None,
+        network: LinkFaults | None,
         tell: Callable[[Deed], None],
     ) -> None:
         self.deeds = Deeds()
@@ -161,7 +161,7 @@ class Injector:
 
     async def _stop(self, fault: str, robots: Sequence[str]) -> None:
         for robot, process in self._processes(fault, robots).items():
-            self.deeds.freezes.append(Freeze(process.pid, time.time()))
+            self.deeds.freezes.append(FreezeSpan(process.pid, time.time()))
             process.send_signal(signal.SIGSTOP)
             self.deeds.fates.stopped.append(robot)
             self._note(fault, [robot], "frozen (SIGSTOP)")
@@ -170,7 +170,7 @@ class Injector:
         for robot, process in self._processes(fault, robots).items():
             now_s = time.time()
             self.deeds.freezes = [
-                Freeze(f.pid, f.from_s, min(f.to_s, now_s)) if f.pid == process.pid else f
+                FreezeSpan(f.pid, f.from_s, min(f.to_s, now_s)) if f.pid == process.pid else f
                 for f in self.deeds.freezes
             ]
             process.send_signal(signal.SIGCONT)

@@ -20,7 +20,7 @@ LIVING = (State.ALIVE, State.SUSPECT)
 
 
 @dataclass(frozen=True)
-class Verdict:
+class DrillVerdict:
     """One expectation: whether it held, and what was found."""
 
     expected: str
@@ -51,7 +51,7 @@ class Evidence:
     links: list[LinkLine] = field(default_factory=list)
 
 
-def judge(expect: ExpectModel, mission: Mission, evidence: Evidence) -> list[Verdict]:
+def judge(expect: ExpectModel, mission: Mission, evidence: Evidence) -> list[DrillVerdict]:
     """A verdict for each expectation, in the order of the file's keys."""
     return _Judge(expect, mission, evidence).verdicts()
 
@@ -64,7 +64,7 @@ class _Judge:
         self.deeds = evidence.deeds
         self.spans = spans(evidence.events, self.deeds.deaths)
 
-    def verdicts(self) -> list[Verdict]:
+    def verdicts(self) -> list[DrillVerdict]:
         expect = self.expect
         found = [self.result(), self.steps(), self.crashes()]
         found += [verdict for done in expect.done for verdict in self.done(done)]
@@ -79,7 +79,9 @@ class _Judge:
         if expect.yields is not None:
             found += [self.yields(robot) for robot in self.robots(expect.yields)]
         found += [
-            Verdict(f"{task} was blocked", task in self.evidence.blocked, self.listed_blocked())
+            DrillVerdict(
+                f"{task} was blocked", task in self.evidence.blocked, self.listed_blocked()
+            )
             for task in expect.was_blocked
         ]
         if expect.detected_within_s is not None:
@@ -98,28 +100,32 @@ class _Judge:
 
     # -- the run --------------------------------------------------------------------------
 
-    def result(self) -> Verdict:
+    def result(self) -> DrillVerdict:
         evidence = self.evidence
         text = evidence.result
         if evidence.ended_because is not None:
             text += f" ({evidence.ended_because})"
-        return Verdict(f"result {self.expect.result}", evidence.result == self.expect.result, text)
+        return DrillVerdict(
+            f"result {self.expect.result}", evidence.result == self.expect.result, text
+        )
 
-    def steps(self) -> Verdict:
+    def steps(self) -> DrillVerdict:
         wrong = [f"{step}: its moment never came" for step in self.evidence.steps_left]
         wrong += self.deeds.problems
-        return Verdict("all faults carried out", not wrong, "; ".join(wrong) or "yes")
+        return DrillVerdict("all faults carried out", not wrong, "; ".join(wrong) or "yes")
 
-    def crashes(self) -> Verdict:
+    def crashes(self) -> DrillVerdict:
         crashes = self.evidence.crashes
-        return Verdict("no robot ended by an error", not crashes, "; ".join(crashes) or "none")
+        return DrillVerdict("no robot ended by an error", not crashes, "; ".join(crashes) or "none")
 
-    def states(self, word: str, robots: Robots, good: Iterable[State]) -> Verdict:
+    def states(self, word: str, robots: Robots, good: Iterable[State]) -> DrillVerdict:
         listed = self.robots(robots)
         states = {robot: self.evidence.states.get(robot) for robot in listed}
         text = ", ".join(f"{robot} {state or 'unknown'}" for robot, state in states.items())
         holds = bool(listed) and all(state in tuple(good) for state in states.values())
-        return Verdict(f"{word} at the end: {' '.join(listed)}", holds, text or "no such robot")
+        return DrillVerdict(
+            f"{word} at the end: {' '.join(listed)}", holds, text or "no such robot"
+        )
 
     def robots(self, robots: Robots) -> list[str]:
         """The robots that are meant, with the roles that they had at the end."""
@@ -135,7 +141,7 @@ class _Judge:
         started = sorted({s.ground for s in self.spans if task in (s.ground, type_name(s.ground))})
         return started or [task]
 
-    def done(self, done: DoneModel) -> list[Verdict]:
+    def done(self, done: DoneModel) -> list[DrillVerdict]:
         least, most = done.bounds
         bounds = f"{least}" if least == most else f"{least} to {'any' if most is None else most}"
         verdicts = []
@@ -151,10 +157,10 @@ class _Judge:
             where = f" for {done.global_task}" if done.global_task else ""
             by = ", ".join(span.robot for span in ends)
             text = f"{len(ends)}" + (f" ({by})" if by else "")
-            verdicts.append(Verdict(f"{ground}{where} done {bounds}×", holds, text))
+            verdicts.append(DrillVerdict(f"{ground}{where} done {bounds}×", holds, text))
         return verdicts
 
-    def never(self, never: NeverModel) -> list[Verdict]:
+    def never(self, never: NeverModel) -> list[DrillVerdict]:
         verdicts = []
         for ground in self.grounds(never.local_task):
             parts = [
@@ -165,7 +171,7 @@ class _Judge:
             ]
             most = most_at_once(parts)
             verdicts.append(
-                Verdict(
+                DrillVerdict(
                     f"never more than {never.more_than} at {ground}",
                     most <= never.more_than,
                     f"at most {most}",
@@ -173,7 +179,7 @@ class _Judge:
             )
         return verdicts
 
-    def yields(self, robot: str) -> Verdict:
+    def yields(self, robot: str) -> DrillVerdict:
         """What a robot was doing when it was frozen, it must cancel when it wakes."""
         frozen = [
             span
@@ -185,11 +191,11 @@ class _Judge:
         ]
         text = ", ".join(f"{s.ground}: {s.end or 'no end'}" for s in frozen) or "it did nothing"
         holds = bool(frozen) and all(span.end == "cancel" for span in frozen)
-        return Verdict(f"{robot} yields when it wakes", holds, text)
+        return DrillVerdict(f"{robot} yields when it wakes", holds, text)
 
     # -- faults and what followed -------------------------------------------------------------
 
-    def within(self, word: str, key: str, limit_s: float) -> Verdict:
+    def within(self, word: str, key: str, limit_s: float) -> DrillVerdict:
         answers = [takeover for takeover in self.evidence.takeovers if takeover["inflicted"]]
         if key == "reassigned_s":
             answers = [takeover for takeover in answers if takeover["held"]]
@@ -198,18 +204,18 @@ class _Judge:
         text = ", ".join(
             f"{who}: {'never' if t is None else f'{t * 1e3:.0f} ms'}" for who, t in times.items()
         )
-        return Verdict(f"{word} within {limit_s:g} s", holds, text or "no fault was noticed")
+        return DrillVerdict(f"{word} within {limit_s:g} s", holds, text or "no fault was noticed")
 
-    def false_deaths(self, most: int) -> Verdict:
+    def false_deaths(self, most: int) -> DrillVerdict:
         # At the end of a mission those who are done first are gone before the others are.
         false = [t for t in self.evidence.takeovers if not t["inflicted"] and not t["ended"]]
         text = ", ".join(f"{t['robot']} at {t['at_s']:.2f} s" for t in false)
         expected = f"at most {most} robots falsely held dead" if most else "no false death"
-        return Verdict(expected, len(false) <= most, text or "none")
+        return DrillVerdict(expected, len(false) <= most, text or "none")
 
     # -- links ----------------------------------------------------------------------------------
 
-    def links_back(self, limit_s: float) -> Verdict:
+    def links_back(self, limit_s: float) -> DrillVerdict:
         """Links of robots whose processes were stopped are left out."""
         hit = self.deeds.hit()
         lines = [line for line in self.evidence.links if not line.pair & hit]
@@ -221,9 +227,11 @@ class _Judge:
         ]
         back = sum(line.back for line in lines)
         text = "; ".join(wrong) or (f"{back} links came back" if back else "no link was lost")
-        return Verdict(f"links heard again within {limit_s:g} s", bool(back) and not wrong, text)
+        return DrillVerdict(
+            f"links heard again within {limit_s:g} s", bool(back) and not wrong, text
+        )
 
-    def stalls(self, most: int) -> Verdict:
+    def stalls(self, most: int) -> DrillVerdict:
         hit = self.deeds.hit()
         found = [
             f"{line.robot} did not hear {line.peer}"
@@ -231,21 +239,21 @@ class _Judge:
             if not line.back and not line.pair & hit and line.pair not in self.deeds.disturbed
         ]
         expected = f"at most {most} healthy links stall" if most else "no healthy link stalls"
-        return Verdict(expected, len(found) <= most, "; ".join(found) or "none")
+        return DrillVerdict(expected, len(found) <= most, "; ".join(found) or "none")
 
     # -- journals -----------------------------------------------------------------------------
 
-    def repeated(self, most: int) -> Verdict:
+    def repeated(self, most: int) -> DrillVerdict:
         found = repeats(self.mission, self.spans, self.deeds)
         text = ", ".join(f"{span.ground} by {span.robot}" for span in found)
         expected = f"at most {most} journaled local tasks repeated" if most else "nothing repeated"
-        return Verdict(expected, len(found) <= most, text or "none")
+        return DrillVerdict(expected, len(found) <= most, text or "none")
 
-    def lost(self) -> Verdict:
+    def lost(self) -> DrillVerdict:
         gone = losses(self.deeds, self.evidence.journals)
         found = [done for done in gone if not self.evidence.is_obsolete(done.activation)]
         text = ", ".join(f"{done.local_task} by {done.robot}" for done in found)
-        return Verdict("nothing journaled is lost", not found, text or "none")
+        return DrillVerdict("nothing journaled is lost", not found, text or "none")
 
 
 def needed(mission: Mission) -> Callable[[str, str], int]:

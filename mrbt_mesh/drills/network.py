@@ -11,7 +11,7 @@ from mrbt_mesh.drills.namespaces import Namespaces, available, has_netem
 from mrbt_mesh.runtime.run_dir import Place
 
 
-class Network(Protocol):
+class LinkFaults(Protocol):
     """Faults on links, each direction on its own; `loss_tool` says how packets are lost."""
 
     loss_tool: str
@@ -35,7 +35,9 @@ def why_not(drill: Drill) -> str | None:
 
 
 @contextmanager
-def places(kind: str, robots: Sequence[str]) -> Iterator[tuple[Network | None, dict[str, Place]]]:
+def places(
+    kind: str, robots: Sequence[str]
+) -> Iterator[tuple[LinkFaults | None, dict[str, Place]]]:
     """A drill's network and where each robot lives in it; None and nothing on loopback."""
     if kind != "namespaces":
         yield None, {}

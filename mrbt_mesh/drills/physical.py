@@ -107,7 +107,7 @@ def most_at_once(found: Iterable[Span]) -> int:
 
 
 @dataclass(frozen=True)
-class Freeze:
+class FreezeSpan:
     """A process did nothing between SIGSTOP and SIGCONT (or to the end: infinity)."""
 
     pid: int
@@ -115,7 +115,7 @@ class Freeze:
     to_s: float = INFINITY
 
 
-def moving(span: Span, freezes: Iterable[Freeze]) -> list[Span]:
+def moving(span: Span, freezes: Iterable[FreezeSpan]) -> list[Span]:
     """The parts of an execution in which its process was not frozen.
 
     What a thawed robot cancelled without doing more counts up to the freeze alone.

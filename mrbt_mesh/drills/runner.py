@@ -13,12 +13,12 @@ import anyio
 from mrbt_mesh.core.bt.activation import parse_scope
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.drills.drill_file import Drill
-from mrbt_mesh.drills.inject import Deed, Injector
+from mrbt_mesh.drills.inject import Deed, DrillInjector
 from mrbt_mesh.drills.journals import read
-from mrbt_mesh.drills.judge import Evidence, Verdict, judge
+from mrbt_mesh.drills.judge import DrillVerdict, Evidence, judge
 from mrbt_mesh.drills.links import read_links
 from mrbt_mesh.drills.model import ConditionTrigger, Profile
-from mrbt_mesh.drills.network import Network, places
+from mrbt_mesh.drills.network import LinkFaults, places
 from mrbt_mesh.drills.physical import read_events
 from mrbt_mesh.drills.triggers import Schedule, Sight
 from mrbt_mesh.formats.mission_file import compile_mission
@@ -32,7 +32,7 @@ FRAME_S = 0.1
 
 
 @dataclass(frozen=True)
-class Line:
+class TimelineEntry:
     """One line of a drill's timeline. `is_fault`: the drill did it."""
 
     at_s: float
@@ -49,8 +49,8 @@ class DrillRun:
     profile: Profile
     result: str = ""
     duration_s: float = 0.0
-    verdicts: list[Verdict] = field(default_factory=list)
-    timeline: list[Line] = field(default_factory=list)
+    verdicts: list[DrillVerdict] = field(default_factory=list)
+    timeline: list[TimelineEntry] = field(default_factory=list)
     takeovers: list[dict[str, Any]] = field(default_factory=list)
     run_dir: Path | None = None
     skipped: str | None = None
@@ -62,7 +62,7 @@ class DrillRun:
 
 
 async def run_drill(
-    drill: Drill, profile: Profile, folder: Path, tell: Callable[[Line], None]
+    drill: Drill, profile: Profile, folder: Path, tell: Callable[[TimelineEntry], None]
 ) -> DrillRun:
     """Carry a drill out in a new run directory; `tell` gets the timeline as it happens.
 
@@ -118,12 +118,16 @@ def _new_run(drill: Drill, profile: Profile, found: Mapping[str, Place]) -> RunI
 
 class _Run:
     def __init__(
-        self, drill: Drill, team: Team, network: Network | None, tell: Callable[[Line], None]
+        self,
+        drill: Drill,
+        team: Team,
+        network: LinkFaults | None,
+        tell: Callable[[TimelineEntry], None],
     ) -> None:
         self.drill = drill
         self.team = team
         self.network = network
-        self.timeline: list[Line] = []
+        self.timeline: list[TimelineEntry] = []
         self._tell = tell
         self._told = 0
         self._conditions = [
@@ -134,7 +138,7 @@ class _Run:
         """Follow the team, carry steps out, and collect what the judge needs."""
         observer = watcher.observer
         schedule = Schedule(self.drill.steps)
-        injector = Injector(
+        injector = DrillInjector(
             self.team, watcher, self.network, lambda deed: self._deed(observer, deed)
         )
         async with anyio.create_task_group() as group:
@@ -168,7 +172,7 @@ class _Run:
         )
 
     async def _until_over(
-        self, watcher: Watcher, schedule: Schedule, injector: Injector
+        self, watcher: Watcher, schedule: Schedule, injector: DrillInjector
     ) -> str | None:
         """Why the run ended before the mission did, or None if the mission is over."""
         observer, fates = watcher.observer, injector.deeds.fates
@@ -213,16 +217,16 @@ class _Run:
         for at_us, text in record.timeline[self._told :]:
             robot, _, rest = text.partition(" ")
             if robot.rstrip(":") in record.robots:
-                line = Line(record.seconds(at_us) or 0.0, robot.rstrip(":"), rest)
+                line = TimelineEntry(record.seconds(at_us) or 0.0, robot.rstrip(":"), rest)
             else:
-                line = Line(record.seconds(at_us) or 0.0, "", text)
+                line = TimelineEntry(record.seconds(at_us) or 0.0, "", text)
             self._say(line)
         self._told = len(record.timeline)
 
     def _deed(self, observer: Observer, deed: Deed) -> None:
         at_s = observer.record.seconds(deed.at_us) or 0.0
-        self._say(Line(at_s, " ".join(deed.robots), deed.text, is_fault=True))
+        self._say(TimelineEntry(at_s, " ".join(deed.robots), deed.text, is_fault=True))
 
-    def _say(self, line: Line) -> None:
+    def _say(self, line: TimelineEntry) -> None:
         self.timeline.append(line)
         self._tell(line)

@@ -15,8 +15,8 @@ from typing import Any, TypeAlias
 
 from mrbt_mesh.core.bt.tree import CONTROLS, LEAVES, MAX_DEPTH, MAX_NODES, Kind, Memory, NodeSpec
 from mrbt_mesh.core.mission.mission import ARGUMENT_PATTERN, MICRO
-from mrbt_mesh.formats.mission_model import CompositeModel, NodeModel, ParallelModel
 from mrbt_mesh.formats.problems import Report, SourcePath, found, nearest
+from mrbt_mesh.formats.tree_model import CompositeModel, NodeModel, ParallelModel
 
 Scope: TypeAlias = Mapping[str, Any]
 _REFERENCE = re.compile(r"\$([A-Za-z_][A-Za-z0-9_]*)")

@@ -33,7 +33,6 @@ from mrbt_mesh.formats.file_model import FileModel, Name, RobotName, explain
 from mrbt_mesh.formats.mission_file import MAX_YAML_BYTES, read_limited
 from mrbt_mesh.formats.mission_model import (
     EXPLAINED_HERE,
-    CallText,
     ConditionModel,
     LocalTaskModel,
     ProgramText,
@@ -41,6 +40,7 @@ from mrbt_mesh.formats.mission_model import (
     RobotTypeModel,
 )
 from mrbt_mesh.formats.problems import Report, nearest, whole_file_error
+from mrbt_mesh.formats.tree_model import CallText
 from mrbt_mesh.formats.yaml_source import decode, read_yaml
 
 DECLARES = ("reads", "writes", "uses", "requires", "effects", "may_fail")

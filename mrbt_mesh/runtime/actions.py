@@ -55,7 +55,7 @@ class Host(Protocol):
 
 
 @dataclass(frozen=True)
-class Identity:
+class RobotIdentity:
     """The robot on which a program runs, as its contexts show it."""
 
     robot: str
@@ -127,7 +127,7 @@ class ActionRunner:
         group: anyio.abc.TaskGroup,
         program: RobotProgram,
         mission: Mission,
-        identity: Identity,
+        identity: RobotIdentity,
         host: Host,
     ) -> None:
         self._group = group

@@ -36,7 +36,7 @@ from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.membership.membership import State
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.runtime.actions import ActionRunner, Identity
+from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.runtime.fencing import FencingSelector, boottime_us
 from mrbt_mesh.runtime.inbox import Inbox
 from mrbt_mesh.runtime.journal import LAZY_COMMIT_S, Journal
@@ -109,7 +109,9 @@ class Driver:
         try:
             async with anyio.create_task_group() as group:
                 self._group = group
-                identity = Identity(self._config.robot, self._config.type, os.getpid(), self._speed)
+                identity = RobotIdentity(
+                    self._config.robot, self._config.type, os.getpid(), self._speed
+                )
                 self._runner = ActionRunner(group, self._program, self._mission, identity, self)
                 self._runner.start_background()
                 group.start_soon(self._watch_links)

@@ -48,6 +48,7 @@ class TaskPort(Protocol):
     def unix_time_s(self) -> float: ...
 
 
+# Attributes: what robot programs may read, flat, since it is the public API.
 @dataclass(frozen=True)
 class TaskContext:
     """What a local task gets beside its arguments.

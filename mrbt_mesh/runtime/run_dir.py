@@ -39,6 +39,7 @@ class Place:
     prefix: tuple[str, ...] = ()
 
 
+# Attributes: the keys of run.json.
 @dataclass(frozen=True)
 class RunInfo:
     """How a run was started: all that another process needs to join or to watch it.

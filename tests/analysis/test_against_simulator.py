@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.analysis.readings import serial
-from mrbt_mesh.analysis.service import Fault, Team, capability_faults, robot_faults
+from mrbt_mesh.analysis.service import Fault, FaultyTeam, capability_faults, robot_faults
 from mrbt_mesh.analysis.tolerance import tolerance
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.formats.mission_file import load_mission
@@ -63,6 +63,6 @@ def test_runs_end_as_foretold(name: str) -> None:
             if sum(fault[1] == "small_screwdriver" for fault in chosen) == 2:
                 continue
             expected = (
-                "success" if reading.survives(Team(mission, frozenset(chosen))) else "blocked"
+                "success" if reading.survives(FaultyTeam(mission, frozenset(chosen))) else "blocked"
             )
             assert happens(mission, chosen) == expected, chosen

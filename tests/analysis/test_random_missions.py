@@ -10,7 +10,7 @@ import pytest
 from mrbt_mesh.analysis.advice import advise, enlarged
 from mrbt_mesh.analysis.lemmas import verdicts
 from mrbt_mesh.analysis.readings import every_task, parallel_width, serial
-from mrbt_mesh.analysis.service import Fault, Team, capability_faults, robot_faults
+from mrbt_mesh.analysis.service import Fault, FaultyTeam, capability_faults, robot_faults
 from mrbt_mesh.analysis.tolerance import Reading, tolerance
 from mrbt_mesh.core.mission.mission import Costs, Mission
 from tests.support import brute
@@ -182,7 +182,7 @@ def test_without_time_the_bounds_still_hold_the_figures(seed: int) -> None:
 def test_slack_is_how_many_robots_a_task_can_lose_whichever_they_are() -> None:
     for seed in SEEDS:
         mission = brute.random_mission(seed)
-        team = Team(mission)
+        team = FaultyTeam(mission)
         for each in every_task(mission).reading.services:
             losses = (
                 size

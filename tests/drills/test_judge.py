@@ -13,10 +13,10 @@ from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.membership.membership import State
 from mrbt_mesh.drills.inject import Deed, Deeds, Snapshot
 from mrbt_mesh.drills.journals import Done, read
-from mrbt_mesh.drills.judge import Evidence, Verdict, judge, unjournaled
+from mrbt_mesh.drills.judge import DrillVerdict, Evidence, judge, unjournaled
 from mrbt_mesh.drills.links import LinkLine, read_links
 from mrbt_mesh.drills.model import ExpectModel
-from mrbt_mesh.drills.physical import Freeze, moving, read_events, spans
+from mrbt_mesh.drills.physical import FreezeSpan, moving, read_events, spans
 from mrbt_mesh.runtime.journal import Journal
 from mrbt_mesh.sim import Kill
 from tests.support.runs import example, run_example
@@ -50,14 +50,14 @@ KILLED_AT_WORK = [
 ]
 
 
-def verdicts(evidence: Evidence, **expect: Any) -> list[Verdict]:
+def verdicts(evidence: Evidence, **expect: Any) -> list[DrillVerdict]:
     """Those on what a test expects; the three that are always there come first and must hold."""
     found = judge(ExpectModel.model_validate(expect), MISSION, evidence)
     assert all(verdict.holds for verdict in found[:3])
     return found[3:]
 
 
-def one(evidence: Evidence, **expect: Any) -> Verdict:
+def one(evidence: Evidence, **expect: Any) -> DrillVerdict:
     (found,) = verdicts(evidence, **expect)
     return found
 
@@ -67,10 +67,10 @@ def test_the_result_and_the_steps_are_always_judged() -> None:
     evidence.deeds.problems.append("kill: A1 had no process any more")
     evidence.crashes.append("C1 ended with status 1: KeyError: 3")
     result, steps, crashes = judge(ExpectModel(), MISSION, evidence)
-    assert crashes == Verdict(
+    assert crashes == DrillVerdict(
         "no robot ended by an error", False, "C1 ended with status 1: KeyError: 3"
     )
-    assert result == Verdict("result success", False, "timeout (not over after 60 s)")
+    assert result == DrillVerdict("result success", False, "timeout (not over after 60 s)")
     assert not steps.holds
     assert "step 2 of 2: its moment never came; kill: A1 had no process" in steps.found
 
@@ -106,7 +106,7 @@ def test_done_may_be_asked_for_one_global_task() -> None:
 def test_a_dead_robot_works_no_longer_than_its_process_lived() -> None:
     never = [{"local_task": "replace_hw(2)"}]
     without = Evidence("success", events=KILLED_AT_WORK)
-    assert one(without, never=never) == Verdict(
+    assert one(without, never=never) == DrillVerdict(
         "never more than 1 at replace_hw(2)", False, "at most 2"
     )
     deeds = Deeds(deaths={PIDS["A1"]: 1.9})
@@ -122,7 +122,7 @@ def frozen(end: str) -> Evidence:
         event(3.1, "A1", end, "replace_hw", "2"),
         event(4.0, "B1", "success", "replace_hw", "2"),
     ]
-    deeds = Deeds(freezes=[Freeze(PIDS["A1"], 1.5, 3.0)])
+    deeds = Deeds(freezes=[FreezeSpan(PIDS["A1"], 1.5, 3.0)])
     deeds.fates.thawed.append("A1")
     return Evidence("success", deeds, events=events)
 
@@ -131,22 +131,28 @@ def test_a_thawed_robot_must_cancel_what_it_was_doing() -> None:
     expect: dict[str, Any] = {"yields": {"thawed": None}, "never": [{"local_task": "replace_hw"}]}
     never, yields = verdicts(frozen("cancel"), **expect)
     assert never.holds
-    assert yields == Verdict("A1 yields when it wakes", True, "replace_hw(2): cancel")
+    assert yields == DrillVerdict("A1 yields when it wakes", True, "replace_hw(2): cancel")
     never, yields = verdicts(frozen("success"), **expect)
     assert not never.holds
-    assert yields == Verdict("A1 yields when it wakes", False, "replace_hw(2): success")
+    assert yields == DrillVerdict("A1 yields when it wakes", False, "replace_hw(2): success")
 
 
 def test_a_robot_that_did_nothing_has_nothing_to_yield() -> None:
-    evidence = Evidence("success", Deeds(freezes=[Freeze(PIDS["A1"], 1.5, 3.0)]))
-    assert one(evidence, yields="A1") == Verdict("A1 yields when it wakes", False, "it did nothing")
+    evidence = Evidence("success", Deeds(freezes=[FreezeSpan(PIDS["A1"], 1.5, 3.0)]))
+    assert one(evidence, yields="A1") == DrillVerdict(
+        "A1 yields when it wakes", False, "it did nothing"
+    )
 
 
 def test_a_frozen_execution_has_a_gap() -> None:
     (span,) = spans(
         [event(1, "A1", "start", "move_frame"), event(9, "A1", "success", "move_frame")]
     )
-    freezes = [Freeze(PIDS["A1"], 2, 3), Freeze(PIDS["A1"], 5, 6), Freeze(PIDS["B1"], 1, 9)]
+    freezes = [
+        FreezeSpan(PIDS["A1"], 2, 3),
+        FreezeSpan(PIDS["A1"], 5, 6),
+        FreezeSpan(PIDS["B1"], 1, 9),
+    ]
     assert [(p.start_s, p.end_s) for p in moving(span, freezes)] == [(1, 2), (3, 5), (6, 9)]
 
 
@@ -273,7 +279,7 @@ def test_what_a_partner_still_has_to_do_is_no_repetition() -> None:
 def test_a_robot_that_does_again_what_it_had_journaled_repeats() -> None:
     again = event(4.0, "C1", "start", "move_frame", pid=99)
     repeated, _ = verdicts(killed({C1_DONE}, {C1_DONE}, again), repeated=0)
-    assert repeated == Verdict("nothing repeated", False, "move_frame by C1")
+    assert repeated == DrillVerdict("nothing repeated", False, "move_frame by C1")
     repeated, _ = verdicts(killed({C1_DONE}, {C1_DONE}, again), repeated=1)
     assert repeated.holds
     repeated, _ = verdicts(killed(set(), set(), again), repeated=0)
@@ -303,7 +309,7 @@ def test_successes_of_different_coalitions_do_not_add_up() -> None:
 
 def test_a_journaled_success_that_is_gone_is_lost() -> None:
     _, lost = verdicts(killed({C1_DONE, C2_DONE}, {C1_DONE}), repeated=0)
-    assert lost == Verdict("nothing journaled is lost", False, "move_frame by C2")
+    assert lost == DrillVerdict("nothing journaled is lost", False, "move_frame by C2")
     forgotten = killed({C1_DONE, C2_DONE}, {C1_DONE})
     forgotten.is_obsolete = lambda activation: activation == "x"
     _, lost = verdicts(forgotten, repeated=0)

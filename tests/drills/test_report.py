@@ -6,17 +6,20 @@ import json
 from pathlib import Path
 from xml.etree import ElementTree
 
-from mrbt_mesh.drills.judge import Verdict
+from mrbt_mesh.drills.judge import DrillVerdict
 from mrbt_mesh.drills.report import junit_text, report_data
-from mrbt_mesh.drills.runner import DrillRun, Line
+from mrbt_mesh.drills.runner import DrillRun, TimelineEntry
 
 GREEN = DrillRun(
     "storm",
     "wired",
     "success",
     2.5,
-    [Verdict("result success", True, "success")],
-    [Line(0.25, "A1", "killed (SIGKILL)", is_fault=True), Line(0.5, "A1", "is dead")],
+    [DrillVerdict("result success", True, "success")],
+    [
+        TimelineEntry(0.25, "A1", "killed (SIGKILL)", is_fault=True),
+        TimelineEntry(0.5, "A1", "is dead"),
+    ],
     [{"robot": "A1", "detected_s": 0.25}],
 )
 RED = DrillRun(
@@ -25,9 +28,9 @@ RED = DrillRun(
     "timeout",
     60.0,
     [
-        Verdict("result success", False, "timeout"),
-        Verdict("all faults carried out", True, "yes"),
-        Verdict("nothing repeated", False, "lift by A1 & B1"),
+        DrillVerdict("result success", False, "timeout"),
+        DrillVerdict("all faults carried out", True, "yes"),
+        DrillVerdict("nothing repeated", False, "lift by A1 & B1"),
     ],
     run_dir=Path("/runs/7"),
 )

@@ -16,7 +16,7 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.mission.mission import MICRO
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime import actions
-from mrbt_mesh.runtime.actions import ActionRunner, Identity
+from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.runtime.program_loader import check_program
 
 COURIERS = Path(__file__).resolve().parents[2] / "examples" / "couriers" / "mission.yaml"
@@ -54,7 +54,7 @@ def answers(program: RobotProgram, *parcels: str) -> list[BidsMade]:
     async def ask() -> list[BidsMade]:
         host = FakeHost()
         async with anyio.create_task_group() as group:
-            identity = Identity("K1", "bicycle", 1, 1.0)
+            identity = RobotIdentity("K1", "bicycle", 1, 1.0)
             runner = ActionRunner(group, program, load_mission(COURIERS), identity, host)
             for parcel in parcels:
                 local_task = f"deliver({parcel})"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mrbt_mesh.formats.btcpp.document import Category, Direction, NodeModel, Port
+from mrbt_mesh.formats.btcpp.document import Category, Direction, NodeManifest, Port
 
 INTEGER, BOOLEAN, TEXT, STATUS, SCRIPT, LIST, UNSIGNED, ANY = (
     "int",
@@ -22,14 +22,14 @@ def _port(
     return Port(name, direction, kind, default)
 
 
-def _table() -> dict[str, NodeModel]:
+def _table() -> dict[str, NodeManifest]:
     control, decorator = Category.CONTROL, Category.DECORATOR
     action, condition = Category.ACTION, Category.CONDITION
-    models: dict[str, NodeModel] = {}
+    models: dict[str, NodeManifest] = {}
 
     def add(category: Category, names: str, *ports: Port) -> None:
         for name in names.split():
-            models[name] = NodeModel(name, category, {port.name: port for port in ports})
+            models[name] = NodeManifest(name, category, {port.name: port for port in ports})
 
     add(control, "Sequence AsyncSequence SequenceWithMemory Fallback AsyncFallback")
     add(control, "ReactiveSequence ReactiveFallback IfThenElse WhileDoElse")
@@ -102,7 +102,7 @@ def children_allowed(name: str, category: Category) -> tuple[int, int | None]:
     return (1, 1) if category is Category.DECORATOR else (0, 0)
 
 
-def category_of(name: str, tag: str, models: dict[str, NodeModel], children: int) -> Category:
+def category_of(name: str, tag: str, models: dict[str, NodeManifest], children: int) -> Category:
     """A node's category: explicit, by its model, else guessed from its number of children."""
     if tag in frozenset(Category):
         return Category(tag)

@@ -54,7 +54,7 @@ class Port:
 
 
 @dataclass(frozen=True, slots=True)
-class NodeModel:
+class NodeManifest:
     """A registered node: built in, or listed in <TreeNodesModel>."""
 
     id: str
@@ -154,9 +154,9 @@ class Document:
         """`main_tree_to_execute`, empty if it is not given."""
         return self.root.get("main_tree_to_execute")
 
-    def models(self) -> dict[str, NodeModel]:
+    def models(self) -> dict[str, NodeManifest]:
         """The node models of the file by their ID; the first of two with one ID counts."""
-        found: dict[str, NodeModel] = {}
+        found: dict[str, NodeManifest] = {}
         for element in (model for models in self.model_lists for model in models.children):
             if element.tag in EXPLICIT_TAGS and element.get("ID"):
                 found.setdefault(element.get("ID"), _model(element))
@@ -173,7 +173,7 @@ class Document:
         return Document(self.file, items)
 
 
-def _model(element: Element) -> NodeModel:
+def _model(element: Element) -> NodeManifest:
     found = {}
     description = element.get("description")
     for child in element.children:
@@ -187,7 +187,7 @@ def _model(element: Element) -> NodeModel:
             )
         elif child.tag == "description":
             description = child.text.strip()
-    return NodeModel(element.get("ID"), Category(element.tag), found, description, element.line)
+    return NodeManifest(element.get("ID"), Category(element.tag), found, description, element.line)
 
 
 def read_document(path: Path, limit_bytes: int = MAX_BYTES) -> Document:

@@ -16,7 +16,7 @@ from mrbt_mesh.formats.btcpp.document import (
     SUBTREE,
     TREE,
     Document,
-    NodeModel,
+    NodeManifest,
     instance_name,
     pointer,
     ports,
@@ -121,7 +121,7 @@ def _add_models(document: Document, library: Library) -> None:
         models.content.append(model_element(known) if known else _guessed_model(name, uses[name]))
 
 
-def model_element(model: NodeModel) -> Element:
+def model_element(model: NodeManifest) -> Element:
     """A model as it stands in <TreeNodesModel>."""
     element = Element(model.category, {"ID": model.id})
     if model.description:

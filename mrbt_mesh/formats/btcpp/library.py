@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
-from mrbt_mesh.formats.btcpp.document import Category, Document, NodeModel, read_document
+from mrbt_mesh.formats.btcpp.document import Category, Document, NodeManifest, read_document
 from mrbt_mesh.formats.btcpp.elements import Element
 from mrbt_mesh.formats.btcpp.findings import Findings
 from mrbt_mesh.formats.btcpp.upgrade import upgrade
@@ -34,8 +34,8 @@ class Library:
 
     documents: list[Document] = field(default_factory=list)
     trees: dict[str, TreeSource] = field(default_factory=dict)
-    models: dict[str, NodeModel] = field(default_factory=dict)
-    subtree_models: dict[str, NodeModel] = field(default_factory=dict)
+    models: dict[str, NodeManifest] = field(default_factory=dict)
+    subtree_models: dict[str, NodeManifest] = field(default_factory=dict)
     missing_files: list[str] = field(default_factory=list)
 
     @property
@@ -46,7 +46,7 @@ class Library:
             return named if named in self.trees else None
         return next(iter(self.trees)) if len(self.trees) == 1 else None
 
-    def model(self, name: str) -> NodeModel | None:
+    def model(self, name: str) -> NodeManifest | None:
         """The model of a registered node."""
         return BUILTIN.get(name) or self.models.get(name)
 

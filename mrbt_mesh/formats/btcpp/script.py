@@ -34,7 +34,7 @@ class Boolean:
 
 
 @dataclass(frozen=True, slots=True)
-class Text:
+class String:
     """A quoted text. There are no escapes, so it cannot hold both kinds of quotes."""
 
     value: str
@@ -82,7 +82,7 @@ class Conditional:
 
 
 @dataclass(frozen=True, slots=True)
-class Assignment:
+class Assign:
     """`name := value` creates the entry; all other operators need it to exist."""
 
     operator: str
@@ -91,7 +91,7 @@ class Assignment:
 
 
 Expression: TypeAlias = (
-    Number | Boolean | Text | Name | Unary | Binary | Comparison | Conditional | Assignment
+    Number | Boolean | String | Name | Unary | Binary | Comparison | Conditional | Assign
 )
 
 ASSIGNMENTS = frozenset({":=", "=", "+=", "-=", "*=", "/="})
@@ -136,7 +136,7 @@ class Script:
     @property
     def written(self) -> frozenset[str]:
         """The names that it assigns to: a script without any has no side effect."""
-        return frozenset(e.name for e in self.expressions() if isinstance(e, Assignment))
+        return frozenset(e.name for e in self.expressions() if isinstance(e, Assign))
 
     @property
     def read(self) -> frozenset[str]:
@@ -145,7 +145,7 @@ class Script:
         changed = {
             e.name
             for e in self.expressions()
-            if isinstance(e, Assignment) and e.operator not in (":=", "=")
+            if isinstance(e, Assign) and e.operator not in (":=", "=")
         }
         return frozenset(names | changed)
 
@@ -167,8 +167,8 @@ def _renamed(expression: Expression, rename: Callable[[str], str]) -> Expression
         return Comparison(expression.operators, parts)
     if isinstance(expression, Conditional):
         return Conditional(*parts)
-    if isinstance(expression, Assignment):
-        return Assignment(expression.operator, rename(expression.name), *parts)
+    if isinstance(expression, Assign):
+        return Assign(expression.operator, rename(expression.name), *parts)
     return expression
 
 
@@ -181,14 +181,14 @@ def _parts(expression: Expression) -> tuple[Expression, ...]:
         return expression.operands
     if isinstance(expression, Conditional):
         return (expression.condition, expression.then, expression.otherwise)
-    if isinstance(expression, Assignment):
+    if isinstance(expression, Assign):
         return (expression.value,)
     return ()
 
 
 def level(expression: Expression) -> int:
     """How tightly the outermost operator of `expression` binds."""
-    if isinstance(expression, Binary | Assignment):
+    if isinstance(expression, Binary | Assign):
         return LEVELS[expression.operator]
     if isinstance(expression, Comparison):
         return LEVELS["=="]
@@ -228,14 +228,14 @@ def _print(expression: Expression) -> str:
         return repr(expression.value)
     if isinstance(expression, Boolean):
         return "true" if expression.value else "false"
-    if isinstance(expression, Text):
+    if isinstance(expression, String):
         quote = '"' if "'" in expression.value else "'"
         return f"{quote}{expression.value}{quote}"
     if isinstance(expression, Name):
         return expression.name
     if isinstance(expression, Unary):
         return expression.operator + _operand(expression.operand, ATOM_LEVEL)
-    if isinstance(expression, Assignment):
+    if isinstance(expression, Assign):
         return f"{expression.name} {expression.operator} {_operand(expression.value, 2)}"
     if isinstance(expression, Conditional):
         condition, otherwise = (

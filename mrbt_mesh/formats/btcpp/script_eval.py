@@ -10,7 +10,7 @@ from typing import TypeAlias
 from mrbt_mesh.formats.btcpp.script import (
     BITS,
     LOGICAL,
-    Assignment,
+    Assign,
     Binary,
     Boolean,
     Comparison,
@@ -20,7 +20,7 @@ from mrbt_mesh.formats.btcpp.script import (
     Number,
     Script,
     ScriptError,
-    Text,
+    String,
     Unary,
 )
 from mrbt_mesh.formats.btcpp.script_parser import parse
@@ -110,7 +110,7 @@ class _Run:
         self.root = root
 
     def value(self, expression: Expression) -> Value:
-        if isinstance(expression, Number | Text):
+        if isinstance(expression, Number | String):
             return expression.value
         if isinstance(expression, Boolean):
             return int(expression.value)
@@ -196,7 +196,7 @@ class _Run:
         except ValueError:
             raise ScriptError(f"the text {value!r} is compared with a number") from None
 
-    def assign(self, expression: Assignment) -> Value:
+    def assign(self, expression: Assign) -> Value:
         entries, key = self.place(expression.name)
         symbol = expression.operator
         if symbol != ":=" and key not in entries:

@@ -9,7 +9,7 @@ from mrbt_mesh.formats.btcpp.script import (
     ASSIGNMENTS,
     COMPARISONS,
     LEVELS,
-    Assignment,
+    Assign,
     Binary,
     Boolean,
     Comparison,
@@ -19,7 +19,7 @@ from mrbt_mesh.formats.btcpp.script import (
     Number,
     Script,
     ScriptError,
-    Text,
+    String,
     Unary,
     mixes,
 )
@@ -162,7 +162,7 @@ class _Parser:
                 raise ScriptError(
                     f"only a blackboard entry can stand before {operator.text!r}", start.column
                 )
-            left = Assignment(operator.text, left.name, self.conditional())
+            left = Assign(operator.text, left.name, self.conditional())
             if again := self.accept(*ASSIGNMENTS):
                 raise ScriptError("assignments cannot be chained", again.column)
         self.nesting -= 1
@@ -233,7 +233,7 @@ class _Parser:
             assert not isinstance(token.value, str)
             return Number(token.value)
         if token.kind == "text":
-            return Text(str(token.value))
+            return String(str(token.value))
         if token.kind == "name":
             if token.text in ("true", "false"):
                 return Boolean(token.text == "true")

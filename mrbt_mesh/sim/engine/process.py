@@ -30,7 +30,7 @@ from mrbt_mesh.core.agent.effects import (
 from mrbt_mesh.core.agent.inputs import ActionFinished, Input, PlanMade, TimerFired
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.membership.timing import Timing
-from mrbt_mesh.runtime.actions import ActionRunner, Identity
+from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.runtime.inbox import MAX_WAITING
 from mrbt_mesh.runtime.journal import LAZY_COMMIT_S
 from mrbt_mesh.runtime.program import RobotProgram
@@ -84,7 +84,7 @@ class SimProcess:
     def __init__(
         self,
         world: Surroundings,
-        identity: Identity,
+        identity: RobotIdentity,
         program: RobotProgram,
         journal: SimJournal,
         local: LocalClock,

@@ -31,7 +31,7 @@ from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Header, MessageKind
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.runtime.actions import Identity
+from mrbt_mesh.runtime.actions import RobotIdentity
 from mrbt_mesh.runtime.engine_choice import chosen_engine
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim.engine import faults
@@ -208,7 +208,7 @@ class World:
             self.inspection.lost_journal(robot)
         setup, life = self.setup, self._lives
         description = setup.mission.robots[robot]
-        identity = Identity(robot, description.type, 1_000 + life, setup.speed)
+        identity = RobotIdentity(robot, description.type, 1_000 + life, setup.speed)
         config = AgentConfig(
             robot=robot,
             type=description.type,

@@ -162,7 +162,7 @@ NUMBERS = st.integers(0, 2**63 - 1) | st.floats(0, 1e300, allow_nan=False)
 LEAVES = (
     NUMBERS.map(abs).map(ast.Number)
     | st.booleans().map(ast.Boolean)
-    | TEXTS.map(ast.Text)
+    | TEXTS.map(ast.String)
     | NAMES.map(ast.Name)
 )
 BINARY = sorted(ast.BITS | ast.LOGICAL | {"+", "-", "*", "/", ".."})
@@ -181,7 +181,7 @@ def _larger(inner: st.SearchStrategy[Any]) -> st.SearchStrategy[Any]:
         | st.builds(ast.Binary, st.sampled_from(BINARY), inner, inner)
         | st.builds(_comparison, comparisons, inner)
         | st.builds(ast.Conditional, inner, inner, inner)
-        | st.builds(ast.Assignment, st.sampled_from(sorted(ast.ASSIGNMENTS)), NAMES, inner)
+        | st.builds(ast.Assign, st.sampled_from(sorted(ast.ASSIGNMENTS)), NAMES, inner)
     )
 
 
