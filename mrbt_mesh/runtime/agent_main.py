@@ -21,7 +21,7 @@ from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.assignment.problem import SolverError
 from mrbt_mesh.core.mission.mission import Mission, is_robot_id
 from mrbt_mesh.formats.mission_file import MissionError, load_mission
-from mrbt_mesh.runtime.driver import Driver
+from mrbt_mesh.runtime.driver import Driver, RobotSetup
 from mrbt_mesh.runtime.engine_choice import chosen_engine
 from mrbt_mesh.runtime.journal import Journal, journal_path
 from mrbt_mesh.runtime.log import configure_log, robot_logger
@@ -170,15 +170,10 @@ def make_driver(options: argparse.Namespace) -> Driver:
         pid=os.getpid(),
         restored=journal.open() if journal is not None else (),
     )
-    return Driver(
-        mission,
-        config,
-        address.transport,
-        program,
-        speed=options.speed,
-        run_dir=options.run_dir,
-        journal=journal,
+    setup = RobotSetup(
+        mission, config, address.transport, program, options.speed, options.run_dir, journal
     )
+    return Driver(setup)
 
 
 def open_journal(run_dir: Path | None, mission: Mission, run: str, robot: str) -> Journal | None:

@@ -9,6 +9,7 @@ import os
 import signal
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,14 +33,14 @@ from mrbt_mesh.core.agent.effects import (
     Stop,
 )
 from mrbt_mesh.core.agent.inputs import Input, LeaveRequested, PlanMade, TimerFired
-from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.membership.membership import State
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.runtime.fencing import FencingSelector, boottime_us
 from mrbt_mesh.runtime.inbox import Inbox
-from mrbt_mesh.runtime.journal import LAZY_COMMIT_S, Journal
+from mrbt_mesh.runtime.journal import Journal
+from mrbt_mesh.runtime.journal_writer import JournalWriter
 from mrbt_mesh.runtime.link_watch import LinkWatch, Sighting
 from mrbt_mesh.runtime.log import robot_logger
 from mrbt_mesh.runtime.program import RobotProgram
@@ -58,35 +59,31 @@ WATCH_S = 0.25
 REOPEN_RETRY_S = 0.1
 # A link on which so many beats are missing is silent, but not before a dead one lost its lease.
 SILENT_BEATS = 5
-RETRY_COMMIT_S = 1.0
+
+
+@dataclass(frozen=True)
+class RobotSetup:
+    """What a robot's process is made of. Without `run_dir`, it keeps no journal and no events."""
+
+    mission: Mission
+    config: AgentConfig
+    transport: TransportConfig
+    program: RobotProgram
+    speed: float = 1.0
+    run_dir: Path | None = None
+    journal: Journal | None = None
 
 
 class Driver:
     """Runs one agent until it stops. Implements `actions.Host`."""
 
-    def __init__(
-        self,
-        mission: Mission,
-        config: AgentConfig,
-        transport: TransportConfig,
-        program: RobotProgram,
-        *,
-        speed: float = 1.0,
-        run_dir: Path | None = None,
-        journal: Journal | None = None,
-    ) -> None:
-        self._mission = mission
-        self._config = config
-        self._program = program
-        self._transport_config = transport
-        self._speed = speed
-        self._run_dir = RunDir(run_dir) if run_dir is not None else None
-        self._events = run_dir / EVENTS_FILE if run_dir is not None else None
-        self._logger = robot_logger(config.robot)
-        self._agent = Agent(mission, config, boottime_us())
-        self._journal = journal
+    def __init__(self, setup: RobotSetup) -> None:
+        self._setup = setup
+        self._config = setup.config
+        self._logger = robot_logger(setup.config.robot)
+        self._agent = Agent(setup.mission, setup.config, boottime_us())
+        self._journal = JournalWriter(setup.journal)
         self._timer: asyncio.TimerHandle | None = None
-        self._commit: asyncio.TimerHandle | None = None
         self._stop: Stop | None = None
         self._is_ready = False
 
@@ -102,17 +99,15 @@ class Driver:
 
     async def _main(self) -> Stop:
         self._stopped = anyio.Event()
-        self._loop = asyncio.get_running_loop()
-        inbox = Inbox(self._loop, lambda: self._drain(inbox))
-        self._transport = ZenohTransport(self._transport_config, inbox.put)
+        inbox = Inbox(asyncio.get_running_loop(), lambda: self._drain(inbox))
+        self._transport = ZenohTransport(self._setup.transport, inbox.put)
         await anyio.to_thread.run_sync(self._transport.open)
         try:
             async with anyio.create_task_group() as group:
                 self._group = group
-                identity = RobotIdentity(
-                    self._config.robot, self._config.type, os.getpid(), self._speed
-                )
-                self._runner = ActionRunner(group, self._program, self._mission, identity, self)
+                setup, config = self._setup, self._config
+                identity = RobotIdentity(config.robot, config.type, os.getpid(), setup.speed)
+                self._runner = ActionRunner(group, setup.program, setup.mission, identity, self)
                 self._runner.start_background()
                 group.start_soon(self._watch_links)
                 group.start_soon(self._mark_alive)
@@ -123,11 +118,9 @@ class Driver:
                 await self._stopped.wait()
                 group.cancel_scope.cancel()
         finally:
-            for timer in (self._timer, self._commit):
-                if timer is not None:
-                    timer.cancel()
-            if self._journal is not None:
-                self._journal.close()
+            if self._timer is not None:
+                self._timer.cancel()
+            self._journal.close()
             self._transport.close(CLOSE_TIMEOUT_S)
         assert self._stop is not None
         return self._stop
@@ -161,7 +154,8 @@ class Driver:
         if self._stop is None:
             now_us = boottime_us()
             wait_s = max(0, self._agent.next_deadline_us(now_us) - now_us) / 1e6
-            self._timer = self._loop.call_later(wait_s, self.submit, TimerFired())
+            loop = asyncio.get_running_loop()
+            self._timer = loop.call_later(wait_s, self.submit, TimerFired())
 
     async def _watch_signals(self) -> None:
         with anyio.open_signal_receiver(signal.SIGTERM, signal.SIGINT) as signals:
@@ -172,9 +166,11 @@ class Driver:
                 self._carry_out(Stop(0, "left without waiting for its action to stop"))
 
     async def _mark_alive(self) -> None:
-        while self._run_dir is not None:
-            self._run_dir.mark_alive(self._config.robot)
-            await anyio.sleep(WATCH_S)
+        if self._setup.run_dir is not None:
+            run_dir = RunDir(self._setup.run_dir)
+            while True:
+                run_dir.mark_alive(self._config.robot)
+                await anyio.sleep(WATCH_S)
 
     async def _watch_links(self) -> None:
         """Tell which links fall silent and come back; reopen a session that is split."""
@@ -218,9 +214,9 @@ class Driver:
             case Publish(kind, data):
                 self._transport.publish(kind, data)
             case Persist(entries, synced):
-                self._persist(entries, synced)
+                self._journal.put(entries, synced)
             case Forget(keys):
-                self._forget(keys)
+                self._journal.forget(keys)
             case Ask(peer, data):
                 timeout_s = self._config.timing.ask_timeout_us / 1e6
                 self._transport.ask(peer, MessageKind.PULL, data, timeout_s)
@@ -256,41 +252,19 @@ class Driver:
                 gc.freeze()  # as at the start: now the facts of the team are there too
             self.submit(PlanMade(effect.number, plan))
 
-    def _persist(self, entries: tuple[Entry, ...], synced: bool) -> None:
-        if self._journal is None:
-            return
-        self._journal.put(entries)
-        if synced:
-            self._journal.commit()
-        else:
-            self._commit_later()
-
-    def _forget(self, keys: tuple[tuple[str, str], ...]) -> None:
-        if self._journal is not None:
-            self._journal.forget(keys)
-            self._commit_later()
-
-    def _commit_later(self) -> None:
-        if self._commit is None:
-            self._commit = self._loop.call_later(LAZY_COMMIT_S, self._commit_lazily)
-
-    def _commit_lazily(self) -> None:
-        self._commit = None
-        if self._journal is not None and not self._journal.commit() and self._stop is None:
-            self._commit = self._loop.call_later(RETRY_COMMIT_S, self._commit_lazily)
-
     # -- actions.Host ---------------------------------------------------------------------
 
     def read_condition(self, name: str) -> bool:
         return self._agent.view.facts.condition(name)
 
     def record_event(self, event: Mapping[str, Any]) -> None:
-        if self._events is None:
+        if self._setup.run_dir is None:
             self.log("info", "physical_event", physical=dict(event))
             return
         line = json.dumps(dict(event), separators=(",", ":")) + "\n"
+        path = self._setup.run_dir / EVENTS_FILE
         # One write of one line with O_APPEND: lines of several processes do not mix.
-        descriptor = os.open(self._events, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
         try:
             os.write(descriptor, line.encode())
         finally:

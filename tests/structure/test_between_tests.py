@@ -9,17 +9,17 @@ import pytest
 
 from tests.support.paths import ROOT
 from tests.support.structure.between_tests import imports_between_tests, path_changes
-from tests.support.structure.verdict import unsettled
+from tests.support.structure.verdict import settle
 
 Tree = Callable[[dict[str, str]], Path]
 
 
 def test_they_import_from_support_alone() -> None:
-    assert not unsettled("imports between tests", imports_between_tests(ROOT))
+    settle("imports between tests", imports_between_tests(ROOT))
 
 
 def test_they_leave_the_path_alone() -> None:
-    assert not unsettled("path changes", path_changes(ROOT))
+    settle("path changes", path_changes(ROOT))
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from mrbt_mesh.runtime.agent_main import parser
 from tests.support.paths import ROOT
 from tests.support.structure.commands import unknown_commands, unknown_options, unknown_targets
 from tests.support.structure.markdown import anchors, broken_links, missing_paths
-from tests.support.structure.verdict import unsettled
+from tests.support.structure.verdict import settle
 
 Tree = Callable[[dict[str, str]], Path]
 
@@ -41,15 +41,15 @@ def commands() -> dict[str, set[str]]:
 
 
 def test_links_lead_somewhere() -> None:
-    assert not unsettled("links", broken_links(ROOT))
+    settle("links", broken_links(ROOT))
 
 
 def test_paths_exist() -> None:
-    assert not unsettled("paths", missing_paths(ROOT, "mrbt_mesh"))
+    settle("paths", missing_paths(ROOT, "mrbt_mesh"))
 
 
 def test_the_makefile_has_the_targets() -> None:
-    assert not unsettled("targets", unknown_targets(ROOT))
+    settle("targets", unknown_targets(ROOT))
 
 
 def test_the_commands_exist_with_their_options() -> None:
@@ -57,8 +57,8 @@ def test_the_commands_exist_with_their_options() -> None:
     assert {"up", "tree show", "agent"} < known.keys()
     assert "--resume" in known["up"]
     assert "--takeover" in known["agent"]
-    assert not unsettled("commands", unknown_commands(ROOT, known))
-    assert not unsettled("options", unknown_options(ROOT, known))
+    settle("commands", unknown_commands(ROOT, known))
+    settle("options", unknown_options(ROOT, known))
 
 
 @pytest.mark.parametrize(

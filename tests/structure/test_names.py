@@ -7,18 +7,18 @@ from pathlib import Path
 
 from tests.support.paths import ROOT
 from tests.support.structure.names import classes_of_one_name, packages_without_docstring
-from tests.support.structure.verdict import unsettled
+from tests.support.structure.verdict import settle
 
 Tree = Callable[[dict[str, str]], Path]
 
 
 def test_no_two_public_classes_have_one_name() -> None:
-    assert not unsettled("class names", classes_of_one_name(ROOT, "mrbt_mesh"))
+    settle("class names", classes_of_one_name(ROOT, "mrbt_mesh"))
 
 
 def test_every_package_says_what_lives_there() -> None:
     found = packages_without_docstring(ROOT, "mrbt_mesh", "benchmarks", "paper", "tests")
-    assert not unsettled("docstrings", found)
+    settle("docstrings", found)
 
 
 def test_two_classes_of_one_name(tree: Tree) -> None:

@@ -14,7 +14,7 @@ from tests.support.structure.sizes import (
     long_functions,
     needless_reasons,
 )
-from tests.support.structure.verdict import unsettled
+from tests.support.structure.verdict import settle
 
 Tree = Callable[[dict[str, str]], Path]
 
@@ -23,19 +23,19 @@ FIELDS = "".join(f"    f{number}: int\n" for number in range(12))
 
 
 def test_no_file_is_too_long() -> None:
-    assert not unsettled("files", long_files(ROOT, *FOLDERS))
+    settle("files", long_files(ROOT, *FOLDERS))
 
 
 def test_no_function_is_too_long() -> None:
-    assert not unsettled("functions", long_functions(ROOT, *FOLDERS))
+    settle("functions", long_functions(ROOT, *FOLDERS))
 
 
 def test_no_class_has_too_many_attributes() -> None:
-    assert not unsettled("classes", crowded_classes(ROOT, *FOLDERS))
+    settle("classes", crowded_classes(ROOT, *FOLDERS))
 
 
 def test_no_reason_is_given_where_none_is_needed() -> None:
-    assert not unsettled("reasons", needless_reasons(ROOT, *FOLDERS))
+    settle("reasons", needless_reasons(ROOT, *FOLDERS))
 
 
 def test_a_long_file(tree: Tree) -> None:

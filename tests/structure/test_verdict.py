@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.support.structure.source import Finding
-from tests.support.structure.verdict import unsettled
+from tests.support.structure.verdict import settle, unsettled
 
 OLD, NEW = Finding("a.py", "500 lines"), Finding("b.py", "600 lines")
 
@@ -13,11 +13,17 @@ OLD, NEW = Finding("a.py", "500 lines"), Finding("b.py", "600 lines")
 @pytest.mark.parametrize(
     ("findings", "said"),
     [
-        ([OLD], ""),
-        ([OLD, NEW], "b.py: 600 lines"),
-        ([], "a.py: mended; take it out of KNOWN['files']"),
+        ([OLD], []),
+        ([OLD, NEW], ["b.py: 600 lines"]),
+        ([], ["a.py: mended; take it out of KNOWN['files']"]),
     ],
 )
-def test_only_what_is_new_or_gone_is_said(findings: list[Finding], said: str) -> None:
+def test_only_what_is_new_or_gone_is_said(findings: list[Finding], said: list[str]) -> None:
     assert unsettled("files", findings, {"files": frozenset({"a.py"})}) == said
-    assert unsettled("others", findings, {}) == "\n".join(map(str, findings))
+    assert unsettled("others", findings, {}) == [str(finding) for finding in findings]
+
+
+def test_a_finding_fails_the_test_with_a_line_that_says_what() -> None:
+    with pytest.raises(pytest.fail.Exception, match=r"^nothing:\na.py: 500 lines$"):
+        settle("nothing", [OLD])
+    settle("nothing", [])

@@ -65,6 +65,7 @@ class World:
         return self.evaluate(script, self.blackboard)
 
 
+# Attributes: what a node is, and the run state that BehaviorTree.CPP's nodes keep in fields.
 @dataclass(eq=False)
 class Node:
     """One node with its run state.
