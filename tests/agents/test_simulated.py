@@ -11,7 +11,7 @@ import pytest
 
 from mrbt_mesh import RobotProgram, TaskContext, TaskFailedError
 from mrbt_mesh.formats.team_file import load_team
-from mrbt_mesh.formats.template import write_template
+from mrbt_mesh.formats.template import template_files, write_files
 from mrbt_mesh.runtime.program_loader import load_program
 
 AGENTS = Path(__file__).parents[2] / "agents"
@@ -256,7 +256,7 @@ async def test_a_cancelled_diagnosis_says_nothing_of_the_part() -> None:
 
 
 async def test_the_template_robot_does_and_records_its_tasks(tmp_path: Path) -> None:
-    program = load_program(str(write_template(tmp_path)[1]))
+    program = load_program(str(write_files(tmp_path, template_files())[1]))
     port = FakePort()
     task = context(port, "look_at", "green", parameters={"heavy_boxes": ["green"]})
     await run(program, task)
@@ -269,7 +269,7 @@ async def test_the_template_robot_does_and_records_its_tasks(tmp_path: Path) -> 
 
 
 async def test_the_template_robot_records_a_cancellation(tmp_path: Path) -> None:
-    program = load_program(str(write_template(tmp_path)[1]))
+    program = load_program(str(write_files(tmp_path, template_files())[1]))
     port = FakePort()
     task = context(port, "carry", "red", work=1e9, performance=1.0)
     assert await cancelled_while_working(program, task)
