@@ -13,6 +13,7 @@ from typing import Any
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.activation import parse_scope
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, build_tree
+from mrbt_mesh.core.engine import FASTEST
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Claim, Member, Phase
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
@@ -83,7 +84,7 @@ class LargeTeam:
         self.facts = TeamFacts(mission, RUN)
         self.evaluator = IncrementalEvaluator(mission.tree, self.facts)
         self.alive = dict.fromkeys(mission.robots, Incarnation(1, "n"))
-        self._steps = IncrementalSteps(self.evaluator, default_solver)
+        self._plan = FASTEST.plan_making(mission, self.evaluator, default_solver)
         self._sequence = 0
         for robot in mission.robots.values():
             member = Member("T", robot.capabilities, (), False, "", "", 0)
@@ -98,7 +99,7 @@ class LargeTeam:
     def plan(self) -> Plan:
         """The next plan."""
         self.facts.prune(self.evaluator)
-        return make_plan(self.mission, self.facts, self.alive, self._steps)
+        return self._plan(self.facts, self.alive)
 
     def plan_anew(self) -> Plan:
         """The same plan from scratch."""

@@ -27,6 +27,7 @@ from mrbt_mesh.core.membership.wire import (
     read_heartbeat,
     write_heartbeat,
 )
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.core.planning.steps import PlanningSteps
@@ -34,8 +35,11 @@ from mrbt_mesh.core.planning.steps import PlanningSteps
 # What evaluates T_G over these facts, which may change from one evaluation to the next.
 MakeEvaluator: TypeAlias = Callable[[TeamFacts], Evaluator]
 PlanFunction: TypeAlias = Callable[[TeamFacts, Mapping[str, Incarnation]], Plan]
-# What makes one robot's plans.
-PlanMaking: TypeAlias = Callable[[Evaluator, Solver], PlanFunction]
+# What makes the plans of one robot, with an evaluator of its facts.
+PlanMaking: TypeAlias = Callable[[Mission, Evaluator, Solver], PlanFunction]
+
+# Teams for which a plan is made faster by the definitions than by keeping what has not changed.
+SMALL_TEAM, SMALL_TREE = 8, 200
 
 
 def plain_evaluator(facts: TeamFacts) -> Evaluator:
@@ -48,19 +52,25 @@ def incremental_evaluator(facts: TeamFacts) -> Evaluator:
     return IncrementalEvaluator(facts.mission.tree, facts)
 
 
-def plain_plans(evaluator: Evaluator, solver: Solver) -> PlanFunction:
+def plain_plans(mission: Mission, evaluator: Evaluator, solver: Solver) -> PlanFunction:
     """Each plan from scratch, by the definitions."""
-    return _plans(PlanningSteps(evaluator, solver))
+    return _plans(mission, PlanningSteps(evaluator, solver))
 
 
-def incremental_plans(evaluator: Evaluator, solver: Solver) -> PlanFunction:
+def incremental_plans(mission: Mission, evaluator: Evaluator, solver: Solver) -> PlanFunction:
     """Plans that follow one another: each uses what has not changed since the one before."""
-    return _plans(IncrementalSteps(evaluator, solver))
+    return _plans(mission, IncrementalSteps(evaluator, solver))
 
 
-def _plans(steps: PlanningSteps) -> PlanFunction:
+def fastest_plans(mission: Mission, evaluator: Evaluator, solver: Solver) -> PlanFunction:
+    """Whichever is faster for a team of this size."""
+    is_small = len(mission.robots) <= SMALL_TEAM and len(mission.tree.nodes) <= SMALL_TREE
+    return (plain_plans if is_small else incremental_plans)(mission, evaluator, solver)
+
+
+def _plans(mission: Mission, steps: PlanningSteps) -> PlanFunction:
     def plan(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
-        return make_plan(facts.mission, facts, alive, steps)
+        return make_plan(mission, facts, alive, steps)
 
     return plan
 
@@ -70,13 +80,15 @@ class Engine:
     """What an agent or an observer computes with."""
 
     evaluator: MakeEvaluator = incremental_evaluator
-    plan_making: PlanMaking = incremental_plans
+    plan_making: PlanMaking = fastest_plans
     write_heartbeat: WriteHeartbeat = write_heartbeat
     read_heartbeat: ReadHeartbeat = read_heartbeat
     read_batch: ReadBatch = read_batch
 
 
 # What robots use.
-INCREMENTAL = Engine()
+FASTEST = Engine()
+# Nothing by its definition that there is a faster way for, however small the team.
+INCREMENTAL = Engine(plan_making=incremental_plans)
 # Everything by its definition.
 DEFINITIONS = Engine(plain_evaluator, plain_plans)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from mrbt_mesh.core.assignment.problem import Solver
-from mrbt_mesh.core.engine import INCREMENTAL, Engine
+from mrbt_mesh.core.engine import FASTEST, Engine
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.membership.timing import Timing
 
@@ -34,5 +34,5 @@ class AgentConfig:
     host: str = ""
     pid: int = 0
     restored: tuple[Entry, ...] = ()
-    engine: Engine = INCREMENTAL
+    engine: Engine = FASTEST
     plans_apart: bool = False

@@ -54,7 +54,8 @@ class Planner:
         self._trigger: tuple[int, tuple[str, ...]] = (0, ())
 
     def _plans_with(self, solver: Solver) -> PlanFunction:
-        return self._context.config.engine.plan_making(self._evaluator, solver)
+        context = self._context
+        return context.config.engine.plan_making(context.mission, self._evaluator, solver)
 
     def forget(self) -> None:
         """Plan anew at the next update, whatever has changed or is being made."""

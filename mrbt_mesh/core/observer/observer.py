@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.engine import INCREMENTAL, Engine
+from mrbt_mesh.core.engine import FASTEST, Engine
 from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
@@ -42,7 +42,7 @@ class Observer:
         run: str,
         timing: Timing,
         solver: Solver,
-        engine: Engine = INCREMENTAL,
+        engine: Engine = FASTEST,
     ) -> None:
         self.mission = mission
         self.facts = TeamFacts(mission, run)
@@ -53,7 +53,7 @@ class Observer:
         self.record = RunRecord(mission)
         self.plan: Plan | None = None
         self.refused: dict[str, str] = {}
-        self._make_plan = engine.plan_making(self.evaluator, solver)
+        self._make_plan = engine.plan_making(mission, self.evaluator, solver)
         self._engine = engine
         self._planned: tuple[int, int] = (-1, -1)
         self._updated: tuple[int, int, int] = (-1, -1, -1)

@@ -17,6 +17,7 @@ from mrbt_mesh.core.engine import Engine, PlanFunction
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.wire import Header, Heartbeat
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.plan import Plan
 
 # Batches and plans are shared among robots at about the same time.
@@ -67,8 +68,8 @@ def shared_engine(mine: Header, engine: Engine) -> Engine:
 
     plans: Recent[tuple[bytes, frozenset[tuple[str, Incarnation]]], Plan] = Recent()
 
-    def shared_planning(evaluator: Evaluator, solver: Solver) -> PlanFunction:
-        make_plan = engine.plan_making(evaluator, solver)
+    def shared_planning(mission: Mission, evaluator: Evaluator, solver: Solver) -> PlanFunction:
+        make_plan = engine.plan_making(mission, evaluator, solver)
 
         def shared_plan(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
             key = (facts.map.digest(), frozenset(alive.items()))
