@@ -20,7 +20,7 @@ from tests.support.consistency_stories import WORKER, facts
 NOTE = (
     "N robots and N requests of 1 to 3 robots each, in tree order; about half of "
     "the requests can be kept. Sparse: 10 capable robots per request; dense: all. "
-    "With pins, half of the seated robots run what they sit for. Each event is "
+    "With pins, half of the matched robots run what they are matched to. Each event is "
     "answered by all that are compared, one after the other; only the answers are "
     "timed. The definition (core/planning/consistency.py) takes seconds at "
     "1000 robots, so it answers few of the events there."

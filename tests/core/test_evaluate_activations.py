@@ -27,7 +27,7 @@ RUNNING, SUCCESS, FAILURE = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 A, B, C, X, Y, Z = map(action, "abcxyz")
 
 
-# -- the golden cases of design.md, section 4 -------------------------------------------------
+# -- the golden cases of docs/decisions/0002 ---------------------------------------------------
 
 
 def test_golden_case_1_a_late_success_does_not_run_the_dose_again() -> None:
