@@ -10,6 +10,7 @@ from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.membership.timing import Timing
 
 
+# Attributes: all that can be chosen for one robot.
 @dataclass(frozen=True)
 class AgentConfig:
     """One robot's configuration; performances in `capabilities` are micro-units.

@@ -23,6 +23,7 @@ from mrbt_mesh.core.mission.mission import Mission
 MAX_REASONS = 1_000
 
 
+# Attributes: what the parts of an agent have in common; each is an object with rules of its own.
 class Context:
     """One robot's facts, peers and outgoing effects.
 
