@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from mrbt_mesh.core.agent.dirty_check import DirtyCheck
+from mrbt_mesh.core.agent.follow_up import FollowUp
 from mrbt_mesh.sim.chaos.campaign import Source
 from mrbt_mesh.sim.run import run_scenario
 
@@ -22,5 +22,5 @@ def test_what_is_let_pass_would_have_had_no_effect(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     expected = effect_log(seed)
-    monkeypatch.setattr(DirtyCheck, "is_clean", lambda *_: False)
+    monkeypatch.setattr(FollowUp, "_is_clean", lambda *_: False)
     assert effect_log(seed) == expected

@@ -10,6 +10,7 @@ from unittest import mock
 
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.follow_up import FollowUp
 from mrbt_mesh.core.agent.heartbeats import Heartbeats
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.facts.records import OrderKind
@@ -54,7 +55,7 @@ def counted() -> Iterator[Counter[str]]:
 
     with (
         mock.patch.object(
-            Agent, "_bring_up_to_date", counting("followed up", Agent._bring_up_to_date)
+            FollowUp, "_bring_up_to_date", counting("followed up", FollowUp._bring_up_to_date)
         ),
         mock.patch.object(Heartbeats, "_send", counting("beats", Heartbeats._send)),
     ):

@@ -46,6 +46,12 @@ class Heartbeats:
         if self._schedule.is_due(urgent, now_us):
             self._send(urgent, now_us)
 
+    def send_if_regular(self, now_us: int) -> None:
+        """Beat if it is time; nothing has changed that others must hear at once."""
+        if now_us >= self._schedule.next_due_us:
+            self.hurry_if_probing(now_us)
+            self._send(self._urgent(), now_us)
+
     def send(self, now_us: int) -> None:
         """Beat now."""
         self._send(self._urgent(), now_us)

@@ -105,6 +105,7 @@ class Lifecycle:
         context.log("info", "joined", incarnation=str(context.replica.incarnation))
         member = (records.MEMBER, context.description.to_value(context.is_leaving))
         context.write([member, (records.CLAIM, None)], now_us)
+        self._schedule.make_due(now_us)
         return True
 
     def _begin_new_life(self, joining: Joining) -> None:

@@ -1,0 +1,148 @@
+"""What follows from an input and from the time, and a dirty check that mostly nothing does.
+
+Everything is brought up to date in one order: who is alive, this robot's place in the team, the
+plan, its own line of the plan, what the others must hear. Most heartbeats change nothing that any
+of it follows from; to go through it after each would take a robot of a large team most of its time.
+"""
+
+from __future__ import annotations
+
+from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.executor import Executor
+from mrbt_mesh.core.agent.heartbeats import Heartbeats
+from mrbt_mesh.core.agent.inputs import Input, MessageReceived, ProgressReported, TimerFired
+from mrbt_mesh.core.agent.lifecycle import Lifecycle
+from mrbt_mesh.core.agent.planner import Planner
+from mrbt_mesh.core.agent.reports import Reports
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
+from mrbt_mesh.core.membership.timing import NEVER_US
+
+# What robots and operators ask for always has its answer.
+_MAY_CHANGE_NOTHING = (MessageReceived, ProgressReported, TimerFired)
+
+
+class FollowUp:
+    """Does what is due.
+
+    `step_us` is when time alone asks for more than news of others, questions and heartbeats, each
+    of which is due where it is kept. `_seen` is what the last step went by, None if the next input
+    has to be followed up whatever it is; `_reads_reports`: what others report is a part of it, as
+    for who waits to start, or to stop.
+    """
+
+    def __init__(
+        self,
+        context: Context,
+        planner: Planner,
+        executor: Executor,
+        reports: Reports,
+        lifecycle: Lifecycle,
+        heartbeats: Heartbeats,
+        duplicates: DuplicateIdCheck,
+        now_us: int,
+    ) -> None:
+        self._context = context
+        self._planner = planner
+        self._executor = executor
+        self._reports = reports
+        self._lifecycle = lifecycle
+        self._heartbeats = heartbeats
+        self._duplicates = duplicates
+        self.step_us = now_us
+        self._seen: int | None = None
+        self._reads_reports = False
+
+    def input(self, event: Input, now_us: int) -> None:
+        """An input has been taken in: do what follows from it."""
+        if self._planner.awaited is not None:
+            self._judge(now_us)
+            self._ask_who_is_due(now_us)
+            self._heartbeats.send_if_due(now_us)
+        elif not self._is_clean(event, now_us):
+            self._bring_up_to_date(now_us)
+            self._note_what_is_done(now_us)
+        else:
+            if now_us >= self._context.replica.next_ask_us:
+                self._ask_who_is_due(now_us)
+            self._heartbeats.send_if_regular(now_us)
+
+    # -- everything ---------------------------------------------------------------------------
+
+    def _bring_up_to_date(self, now_us: int) -> None:
+        context, executor = self._context, self._executor
+        self._judge(now_us)
+        if self._lifecycle.step(now_us):
+            self._reports.say_what_was_kept(now_us)
+        if context.joining is None:
+            executor.check_leases(now_us)
+            # Leases may have to be renewed while a plan is made elsewhere, and they are facts.
+            self._planner.update(now_us, context.config.plans_apart and executor.leases.is_idle)
+            if self._planner.awaited is None:
+                self._reports.ask_for_bids()
+                executor.perform(now_us)
+        self._ask_who_is_due(now_us)
+        result = None
+        if self._planner.awaited is None:
+            result = self._lifecycle.result_to_stop_with(now_us)
+        if result is not None:
+            self._heartbeats.send(now_us)
+            context.stop(0 if result is Status.SUCCESS else 1, f"mission {result.name.lower()}")
+        if context.is_leaving and context.work.is_idle:
+            self._heartbeats.send(now_us)
+            context.stop(0, "left")
+        else:
+            self._heartbeats.send_if_due(now_us)
+
+    def _judge(self, now_us: int) -> None:
+        context = self._context
+        for robot, before, after in context.membership.detect_failures(now_us):
+            level = "warning" if after.is_suspected else "info"
+            context.log(level, f"robot_{after}", robot=robot, before=str(before))
+            if not after.is_live:
+                context.replica.forget(robot)
+        self._heartbeats.hurry_if_probing(now_us)
+
+    def _ask_who_is_due(self, now_us: int) -> None:
+        peers = self._context.replica.peers_to_ask(now_us)
+        if peers:
+            self._context.ask(peers, now_us)
+
+    # -- the dirty check ----------------------------------------------------------------------
+
+    def _is_clean(self, event: Input, now_us: int) -> bool:
+        """Whether nothing follows from an input. So it is with most."""
+        return (
+            now_us < self.step_us
+            and self._seen == self._changes()
+            and isinstance(event, _MAY_CHANGE_NOTHING)
+            and self._context.membership.is_at_peace(now_us)
+        )
+
+    def _changes(self) -> int:
+        """Grows with all that a message can change and that something follows from."""
+        membership = self._context.membership
+        changes = (
+            self._context.facts.changes + membership.alive_changes + membership.suspicion_changes
+        )
+        changes += self._duplicates.changes
+        return changes + membership.report_changes if self._reads_reports else changes
+
+    def _note_what_is_done(self, now_us: int) -> None:
+        """Until something changes, or a deadline passes, nothing more follows."""
+        context, planner, leases = self._context, self._planner, self._executor.leases
+        joining, done_us = context.joining, self._lifecycle.done_us
+        is_waiting = context.work.is_waiting
+        deadlines_us = (
+            planner.deadlines.next_deadline_us(),
+            leases.next_deadline_us(),
+            joining.deadline_us if joining is not None else None,
+            self._executor.grace_ends_us if is_waiting else None,
+            done_us + context.config.timing.heartbeat_us if done_us is not None else None,
+        )
+        ahead_us = [at for at in deadlines_us if at is not None and at > now_us]
+        self.step_us = min(ahead_us, default=NEVER_US)
+        self._seen = None
+        if joining is None and leases.is_idle and planner.is_current:
+            self._reads_reports = done_us is not None or is_waiting or self._lifecycle.is_over
+            self._seen = self._changes()
