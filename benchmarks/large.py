@@ -11,7 +11,7 @@ import random
 from typing import Any
 
 from mrbt_mesh.core.assignment.solvers import default_solver
-from mrbt_mesh.core.bt.activation import parse_scope
+from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, build_tree
 from mrbt_mesh.core.engine import FASTEST
 from mrbt_mesh.core.facts import records
@@ -114,7 +114,7 @@ class LargeTeam:
 
     def begin(self, line: Line) -> None:
         """A robot begins its line, or says so again."""
-        task = parse_scope(line.activation).subject
+        task = parse_activation(line.activation).subject
         claim = Claim(line.activation, task, line.local_task, Phase.RUNNING, 1)
         self.write(line.robot, (records.CLAIM, claim.to_value()))
 

@@ -27,7 +27,7 @@ from mrbt_mesh.core.agent import inputs
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.assignment.solvers import default_solver
-from mrbt_mesh.core.bt.activation import parse_scope
+from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Claim, Member, Phase
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
@@ -92,7 +92,7 @@ class Others:
 
     def begin(self, line: Line) -> inputs.MessageReceived:
         """A robot begins its line, or says so again."""
-        task = parse_scope(line.activation).subject
+        task = parse_activation(line.activation).subject
         claim = Claim(line.activation, task, line.local_task, Phase.RUNNING, 1)
         return self.facts(line.robot, (records.CLAIM, claim.to_value()))
 

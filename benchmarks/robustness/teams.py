@@ -13,7 +13,7 @@ import anyio
 
 from benchmarks.robustness.draws import ACTIONS, NAMES, ROOMS, Draw
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, build_tree
-from mrbt_mesh.core.mission.mission import MICRO, Assignment, Mission, Robot
+from mrbt_mesh.core.mission.mission import MICRO, AssignmentPolicy, Mission, Robot
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext
 from mrbt_mesh.sim import Block, Fault, KillAfter, SimulationResult, simulate
@@ -65,7 +65,7 @@ class Way(enum.StrEnum):
 def _file(way: Way) -> Mission:
     mission = load_mission(MISSION)
     if way is not Way.USUAL:
-        mission = replace(mission, assignment=Assignment.SPARE_SCARCE)
+        mission = replace(mission, assignment=AssignmentPolicy.SPARE_SCARCE)
     if way is Way.ONE_AT_A_TIME:
         # The same children, one after the other.
         mission = replace(

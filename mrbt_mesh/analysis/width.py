@@ -112,16 +112,16 @@ class _LockStep:
         index = int(subject)
         return self.wanted[index] if index in self.done else Status.RUNNING
 
-    def passed(self, scope: str, position: int) -> None:
+    def child_result(self, activation: str, position: int) -> None:
         """Every leaf ends once, so there is nothing to remember."""
-        del scope, position
+        del activation, position
 
-    def attempt(self, scope: str) -> int:
+    def attempts_used(self, activation: str) -> int:
         """Nothing is tried again."""
-        del scope
+        del activation
         return 0
 
-    def expired(self, scope: str) -> bool:
+    def has_expired(self, activation: str) -> bool:
         """Nothing takes too long."""
-        del scope
+        del activation
         return False

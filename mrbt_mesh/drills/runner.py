@@ -10,7 +10,7 @@ from typing import Any
 
 import anyio
 
-from mrbt_mesh.core.bt.activation import parse_scope
+from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.drills.drill_file import Drill
 from mrbt_mesh.drills.inject import Deed, DrillInjector
@@ -167,7 +167,7 @@ class _Run:
             ],
             blocked=frozenset(episode.request for episode in record.blocked),
             is_obsolete=lambda activation: observer.evaluator.is_obsolete(
-                parse_scope(activation), observer.facts
+                parse_activation(activation), observer.facts
             ),
         )
 

@@ -10,12 +10,12 @@ from mrbt_mesh.core.bt.tree import NodeSpec, Tree, TreeError, build_tree
 from mrbt_mesh.core.mission.constraints import Constraint
 from mrbt_mesh.core.mission.mission import (
     MAX_GLOBAL_TASKS,
-    Assignment,
+    AssignmentPolicy,
     ConditionType,
     Costs,
     FailurePolicy,
     GlobalTask,
-    InDoubt,
+    InDoubtPolicy,
     LocalTask,
     Mission,
     Need,
@@ -120,7 +120,7 @@ class _Builder:
             conditions=conditions,
             global_tasks=global_tasks,
             tree=tree,
-            assignment=Assignment(model.assignment),
+            assignment=AssignmentPolicy(model.assignment),
             parameters=_sorted_deeply(model.parameters),
             program=resolve_program(model.program, folder),
             solver=model.solver,
@@ -271,7 +271,7 @@ class _Builder:
                 model.preemptive,
                 model.simultaneous,
                 model.exclusive,
-                InDoubt(model.in_doubt or InDoubt.HOLD),
+                InDoubtPolicy(model.in_doubt or InDoubtPolicy.HOLD),
             )
         return tasks
 

@@ -18,17 +18,17 @@ from pathlib import Path
 from typing import Any
 
 from mrbt_mesh.core.assignment.problem import Solver
-from mrbt_mesh.core.bt.activation import parse_scope
+from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import (
     Claim,
     Coalition,
+    CoalitionId,
     CoalitionMember,
     Member,
     OrderKind,
     Phase,
-    Token,
 )
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
@@ -219,7 +219,7 @@ class _Builder:
     def _token(self, task: str) -> str:
         """The one coalition of a task in a file; empty for tasks without."""
         by_coalition = self.mission.global_tasks[task].by_coalition
-        return str(Token(1, self._first, *_FIRST)) if by_coalition else ""
+        return str(CoalitionId(1, self._first, *_FIRST)) if by_coalition else ""
 
     def _lost(self, path: SourcePath, value: Any) -> None:
         for robot, names in self._mapping(path, value):
@@ -246,11 +246,11 @@ class _Builder:
 
     def _activations(self, task: str) -> list[str]:
         actions = [node for node in self.mission.tree.actions() if node.subject == task]
-        return [str(self.evaluator.current_scope(node.index, self.facts)) for node in actions]
+        return [str(self.evaluator.current_activation(node.index, self.facts)) for node in actions]
 
     def _outcome(self, robot: str, activation: str, local_task: str, success: bool) -> None:
         name = f"{records.OUTCOME}/{activation}/{local_task}"
-        token = self._token(parse_scope(activation).subject)
+        token = self._token(parse_activation(activation).subject)
         self._write(robot, f"{name}/{token}" if token else name, [success, None])
 
     def _write_member(self, robot: Robot, lost: Iterable[str]) -> None:

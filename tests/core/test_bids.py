@@ -20,7 +20,7 @@ from mrbt_mesh.core.incremental.planning.steps import IncrementalSteps
 from mrbt_mesh.core.mission.mission import (
     MAX_PERFORMANCE,
     MICRO,
-    Assignment,
+    AssignmentPolicy,
     FailurePolicy,
     Mission,
 )
@@ -220,7 +220,7 @@ def test_scarce_robots_are_spared_whatever_they_bid() -> None:
         tasks,
     )
     fields = {name: getattr(mission, name) for name in mission.__dataclass_fields__}
-    world = World(Mission(**fields | {"assignment": Assignment.SPARE_SCARCE}))
+    world = World(Mission(**fields | {"assignment": AssignmentPolicy.SPARE_SCARCE}))
     bid_all(world, A=100, B=-100)
     assert who(world) == {"B": "fetch"}
 
@@ -397,7 +397,7 @@ def test_evaluation_takes_no_notice_of_bids() -> None:
     changes = world.facts.follow()
     bid_all(world, A=-1)
     world.close(world.activation("fetch"), "drive", "A")
-    assert [*changes.nodes, *changes.conditions, *changes.passed] == []
+    assert [*changes.nodes, *changes.conditions, *changes.child_results] == []
 
 
 def test_whoever_sees_the_time_pass_says_so() -> None:

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.coalitions import newly_broken, standing_coalition
-from mrbt_mesh.core.facts.records import BROKEN, CLEARED, DONE, DOUBT, GRANT, Token
+from mrbt_mesh.core.facts.coalitions import coalition_at_work, newly_broken
+from mrbt_mesh.core.facts.records import BROKEN, CLEARED, DONE, DOUBT, GRANT, CoalitionId
 from mrbt_mesh.core.facts.store import Version, make_entry
-from mrbt_mesh.core.mission.mission import FailurePolicy, InDoubt
+from mrbt_mesh.core.mission.mission import FailurePolicy, InDoubtPolicy
 from tests.support.build import World, action, fallback, make_mission, sequence, task
 
 COVER = "r1:0:cover::0"
@@ -28,7 +28,7 @@ def cover(**policies: Any) -> World:
     return World(make_mission(action("cover"), TEAM, [lifted]))
 
 
-def dosing(in_doubt: InDoubt = InDoubt.HOLD) -> World:
+def dosing(in_doubt: InDoubtPolicy = InDoubtPolicy.HOLD) -> World:
     """Three robots; one doses, only once, and then another thing is done."""
     dose = task("dose", ("pour", 1, 1), exclusive=True, in_doubt=in_doubt)
     robots = {"A": {"pour": 2}, "B": {"pour": 1}, "C": {"look": 1}}
@@ -75,7 +75,7 @@ def test_every_local_task_needs_its_successes_in_the_same_coalition() -> None:
     name = world.activation("move")
     world.ready("A", name, "hold")
     world.ready("B", name, "pull")
-    token = Token(1, "A", *world.alive["A"])
+    token = CoalitionId(1, "A", *world.alive["A"])
     rows = [["A", "hold", 1, "n", 3, 1], ["B", "pull", 1, "n", 4, 1]]
     world.write("A", (f"coalition/{name}/{token}", rows))
     world.end(name, token, "A", True, "hold")
@@ -182,7 +182,7 @@ def test_of_two_coalitions_the_first_by_the_order_of_claims_stands() -> None:
     assert on_it(world) == ["C", "D"]
     assert broken(world, "B") == ["A"]
     alive = world.alive
-    token = standing_coalition(world.facts, world.mission.global_tasks["cover"], COVER, alive)
+    token = coalition_at_work(world.facts, world.mission.global_tasks["cover"], COVER, alive)
     assert token is not None
     assert token.leader == "C"
 
@@ -272,12 +272,12 @@ def test_a_member_that_has_finished_doubts_as_a_giver_only(finished_first: bool)
     if finished_first:
         world.end(name, token, "B", True, "pour")
         world.say(DOUBT, name, token, "B")
-        assert standing_coalition(world.facts, dose, name, world.alive) == token
+        assert coalition_at_work(world.facts, dose, name, world.alive) == token
         world.say(DOUBT, name, token, "C")  # the grants that are left are no majority
     else:
         world.say(DOUBT, name, token, "B")
         world.end(name, token, "B", True, "pour")
-    assert standing_coalition(world.facts, dose, name, world.alive) is None
+    assert coalition_at_work(world.facts, dose, name, world.alive) is None
     assert "in doubt" in reason(world)
 
 
@@ -298,12 +298,14 @@ def test_what_dissolves_a_doubt(kind: str) -> None:
 @pytest.mark.parametrize(
     ("policy", "asked", "team"),
     [
-        (InDoubt.HOLD, ["dose"], []),
-        (InDoubt.FAIL, ["look"], ["C"]),
-        (InDoubt.RETRY, ["dose"], ["A"]),
+        (InDoubtPolicy.HOLD, ["dose"], []),
+        (InDoubtPolicy.FAIL, ["look"], ["C"]),
+        (InDoubtPolicy.RETRY, ["dose"], ["A"]),
     ],
 )
-def test_the_three_policies_for_doubt(policy: InDoubt, asked: list[str], team: list[str]) -> None:
+def test_the_three_policies_for_doubt(
+    policy: InDoubtPolicy, asked: list[str], team: list[str]
+) -> None:
     world = dosing(policy)
     name = dose_name(world)
     token = world.form(name, "A")
@@ -369,7 +371,7 @@ def test_an_ordinary_task_has_no_coalitions() -> None:
 @pytest.mark.parametrize("text", ["", "A", "A.x.n.1", "A.1.n.-1", "A.1.n.1.2", "A.1.n. 1"])
 def test_what_is_no_token_is_a_value_error(text: str) -> None:
     with pytest.raises(ValueError, match=r"."):
-        Token.parse(text)
+        CoalitionId.parse(text)
 
 
 # -- any order of arrival ---------------------------------------------------------------------

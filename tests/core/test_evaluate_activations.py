@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.bt.activation import ScopeName, parse_scope
+from mrbt_mesh.core.bt.activation import Activation, parse_activation
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status
 from tests.support.build import (
     World,
@@ -111,13 +111,13 @@ def test_guards_under_an_inverter_turn_the_other_way_round() -> None:
     assert world.asked() == []
     world.set("c", False)
     after = world.activation("a")
-    assert parse_scope(after).turns == parse_scope(before).turns + 1
+    assert parse_activation(after).turns == parse_activation(before).turns + 1
 
 
 def test_one_turn_is_counted_once_however_deep_the_inverters_are() -> None:
     world = World(sequence(inverter(inverter(condition("c"))), A), true_at_first=["c"])
     flip(world)
-    assert parse_scope(world.activation("a")).turns == 1
+    assert parse_activation(world.activation("a")).turns == 1
 
 
 def test_an_inverter_around_guard_and_work_leaves_the_guard_as_it_is() -> None:
@@ -243,7 +243,7 @@ def test_retry_without_limit_ends_only_by_success() -> None:
 def test_a_condition_alone_uses_up_no_attempt() -> None:
     world = World(retry(2, sequence(condition("c"), A)))
     flip(world, times=7)
-    assert parse_scope(world.activation("a")).attempts == (0,)
+    assert parse_activation(world.activation("a")).attempts == (0,)
 
 
 def test_where_conditions_alone_decide_a_limited_node_passes_their_result_on() -> None:
@@ -270,7 +270,7 @@ def test_used_attempts_are_latched_and_outlive_the_outcomes() -> None:
     dropped = world.facts.prune(world.evaluator)
     assert dropped
     assert not world.facts.outcomes
-    assert parse_scope(world.activation("a")).attempts == (2,)
+    assert parse_activation(world.activation("a")).attempts == (2,)
 
 
 def test_the_attempts_of_a_guarded_retry_begin_again_after_the_guard_turned() -> None:
@@ -299,7 +299,7 @@ def test_every_outer_attempt_has_its_own_inner_attempts() -> None:
     world = World(retry(2, repeat(2, A)))
     names = []
     for success in (True, False, True, True):
-        names.append(parse_scope(world.activation("a")).attempts)
+        names.append(parse_activation(world.activation("a")).attempts)
         world.outcome(world.activation("a"), success)
     assert names == [(0, 0), (0, 1), (1, 0), (1, 1)]
     assert world.status is SUCCESS
@@ -316,11 +316,11 @@ def test_a_late_success_of_a_used_attempt_does_not_count_for_the_next_one() -> N
 
 def test_an_attempt_number_beyond_the_limit_reads_as_the_last_one() -> None:
     world = World(retry(2, A))
-    scope = str(ScopeName("r1", 0, "", (), 0))
+    scope = str(Activation("r1", 0, "", (), 0))
     world.write("R9", (f"attempt/{scope}", 7))
     requested = world.activation("a")
-    assert parse_scope(requested).attempts == (1,)
-    assert not world.evaluator.is_obsolete(parse_scope(requested), world.facts)
+    assert parse_activation(requested).attempts == (1,)
+    assert not world.evaluator.is_obsolete(parse_activation(requested), world.facts)
 
 
 def test_a_name_that_is_ahead_of_the_facts_is_not_obsolete() -> None:
@@ -329,11 +329,11 @@ def test_a_name_that_is_ahead_of_the_facts_is_not_obsolete() -> None:
     world.fail("a")
     world.tick()
     # The guard turned and the attempts began again, but these facts have not heard of it yet.
-    ahead = parse_scope("r1:3:a:0:1")
+    ahead = parse_activation("r1:3:a:0:1")
     assert not world.evaluator.is_obsolete(ahead, world.facts)
     flip(world)
     assert world.activation("a") == str(ahead)
-    assert world.evaluator.is_obsolete(parse_scope("r1:3:a:4:0"), world.facts)
+    assert world.evaluator.is_obsolete(parse_activation("r1:3:a:4:0"), world.facts)
 
 
 # -- names ------------------------------------------------------------------------------------
@@ -341,7 +341,7 @@ def test_a_name_that_is_ahead_of_the_facts_is_not_obsolete() -> None:
 
 @given(
     st.builds(
-        ScopeName,
+        Activation,
         st.sampled_from(("r1", "2024-x")),
         st.integers(0, 99),
         st.sampled_from(("", "fix(2)")),
@@ -349,14 +349,14 @@ def test_a_name_that_is_ahead_of_the_facts_is_not_obsolete() -> None:
         st.integers(0, 99),
     )
 )
-def test_names_of_activations_can_be_read_back(name: ScopeName) -> None:
-    assert parse_scope(str(name)) == name
+def test_names_of_activations_can_be_read_back(name: Activation) -> None:
+    assert parse_activation(str(name)) == name
 
 
 @pytest.mark.parametrize("text", ["", "r1:0:a:0", "r1:x:a::0", "r1:0:a:0.y:0", "r1:0:a:::0"])
 def test_what_names_no_activation_is_a_value_error(text: str) -> None:
     with pytest.raises(ValueError, match=r"invalid literal|unpack"):
-        parse_scope(text)
+        parse_activation(text)
 
 
 def test_names_are_derived_from_causes_alone() -> None:
@@ -396,7 +396,7 @@ def test_the_order_in_which_facts_arrived_makes_no_difference(run: Run, random: 
 def test_what_is_requested_is_never_obsolete(run: Run) -> None:
     world = run.world
     for request in world.tick().requests:
-        assert not world.evaluator.is_obsolete(parse_scope(request.activation), world.facts)
+        assert not world.evaluator.is_obsolete(parse_activation(request.activation), world.facts)
 
 
 @given(runs(), st.randoms(use_true_random=False))
@@ -406,8 +406,8 @@ def test_once_obsolete_always_obsolete_whatever_arrives_in_whatever_order(
     entries = list(run.world.entries)
     random.shuffle(entries)  # type: ignore[attr-defined]
     other = run.world.replayed([])
-    names = [parse_scope(activation) for activation in run.seen]
-    obsolete: set[ScopeName] = set()
+    names = [parse_activation(activation) for activation in run.seen]
+    obsolete: set[Activation] = set()
     for entry in entries:
         other.facts.map.merge([entry])
         now = {name for name in names if other.evaluator.is_obsolete(name, other.facts)}

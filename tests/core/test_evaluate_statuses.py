@@ -48,13 +48,13 @@ class Given:
     def task_status(self, subject: str, activation: str) -> Status:
         return self.leaves[subject]
 
-    def attempt(self, scope: str) -> int:
+    def attempts_used(self, activation: str) -> int:
         return 0
 
-    def expired(self, scope: str) -> bool:
+    def has_expired(self, activation: str) -> bool:
         return False
 
-    def passed(self, scope: str, position: int) -> None:
+    def child_result(self, activation: str, position: int) -> None:
         return None
 
 
@@ -204,7 +204,7 @@ class TestTimeout:
 
     def test_a_child_that_was_in_time_stays_so(self) -> None:
         world = World(sequence(timeout(2, action("a")), action("b")))
-        scope = world.tick().timeouts[0].scope
+        scope = world.tick().timeouts[0].activation
         world.succeed("a")
         world.write("R1", (f"expired/{scope}", True))
         assert world.asked() == ["b"]
@@ -217,12 +217,12 @@ class TestTimeout:
 
     def test_the_next_round_gets_the_whole_time_again(self) -> None:
         world = World(sequence(condition("c"), timeout(2, action("a"))), true_at_first=["c"])
-        first = world.tick().timeouts[0].scope
+        first = world.tick().timeouts[0].activation
         world.expire()
         world.set("c", False)
         world.set("c", True)
         (again,) = world.tick().timeouts
-        assert again.scope != first
+        assert again.activation != first
         assert world.asked() == ["a"]
 
     def test_under_a_fallback_the_next_child_gets_its_turn(self) -> None:

@@ -10,22 +10,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.facts.records import Token
+from mrbt_mesh.core.facts.records import CoalitionId
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.leases import Leases
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Heartbeat, LeaseGrant, SelfReport
-from mrbt_mesh.core.mission.mission import InDoubt, Mission
+from mrbt_mesh.core.mission.mission import InDoubtPolicy, Mission
 from tests.support.build import RUN, action, make_mission, task
 
 TIMING = Timing()
 LEASE_US = TIMING.lease_us
 NAME = "r1:0:dose::0"
-TOKENS = {robot: Token(7, robot, 1, "n") for robot in "ABCDE"}
+TOKENS = {robot: CoalitionId(7, robot, 1, "n") for robot in "ABCDE"}
 
 
-def mission(count: int, in_doubt: InDoubt) -> Mission:
+def mission(count: int, in_doubt: InDoubtPolicy) -> Mission:
     robots = {name: {"pour": 1} for name in "ABCDE"[:count]}
     dose = task("dose", ("pour", 1, 1), exclusive=True, in_doubt=in_doubt)
     return make_mission(action("dose"), robots, [dose])
@@ -81,7 +81,7 @@ class Robot:
         return self.grants.holds(NAME, TOKENS[self.id], self.clock(now_us))
 
 
-def team(count: int, in_doubt: InDoubt = InDoubt.RETRY) -> dict[str, Robot]:
+def team(count: int, in_doubt: InDoubtPolicy = InDoubtPolicy.RETRY) -> dict[str, Robot]:
     shared = mission(count, in_doubt)
     return {name: Robot(name, shared) for name in shared.robots}
 
@@ -142,9 +142,9 @@ def test_a_second_coalition_gets_nothing_while_the_first_may_be_at_it() -> None:
     assert b.holds(LEASE_US)
 
 
-@pytest.mark.parametrize("policy", [InDoubt.HOLD, InDoubt.FAIL])
+@pytest.mark.parametrize("policy", [InDoubtPolicy.HOLD, InDoubtPolicy.FAIL])
 def test_unless_it_is_to_be_tried_again_a_giver_excludes_all_others_for_good(
-    policy: InDoubt,
+    policy: InDoubtPolicy,
 ) -> None:
     robots = team(3, policy)
     a, b, c = robots.values()
@@ -162,7 +162,7 @@ def test_unless_it_is_to_be_tried_again_a_giver_excludes_all_others_for_good(
 
 
 def test_grants_that_were_never_used_are_set_free_by_the_leader() -> None:
-    robots = team(3, InDoubt.HOLD)
+    robots = team(3, InDoubtPolicy.HOLD)
     a, b, c = robots.values()
     a.grants.seek(NAME, TOKENS["A"])
     exchange(a, c, 0)
@@ -187,7 +187,7 @@ def test_a_restarted_robot_grants_nothing_for_a_lease() -> None:
 
 
 def test_robots_that_the_mission_does_not_name_grant_nothing() -> None:
-    shared = mission(3, InDoubt.HOLD)
+    shared = mission(3, InDoubtPolicy.HOLD)
     a, stranger = Robot("A", shared), Robot("E", shared)
     a.grants.seek(NAME, TOKENS["A"])
     exchange(a, stranger, 0)
@@ -293,7 +293,7 @@ def test_two_robots_never_hold_one_task_at_the_same_time(
     count: int, rates: list[int], offsets: list[int], operations: list[tuple[str, int, int]]
 ) -> None:
     """Whatever is lost, late, doubled or restarted, with clocks that run 10 % fast or slow."""
-    shared = mission(count, InDoubt.RETRY)
+    shared = mission(count, InDoubtPolicy.RETRY)
     clocks = zip(shared.robots, rates, offsets, strict=False)
     contest = Contest([Robot(name, shared, rate, offset) for name, rate, offset in clocks])
     for operation in operations:

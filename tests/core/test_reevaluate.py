@@ -11,15 +11,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.bt.activation import parse_scope
+from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import ATTEMPT_KINDS, CONTROLS, Kind, Memory, NodeSpec, Status
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import Token
+from mrbt_mesh.core.facts.records import CoalitionId
 from mrbt_mesh.core.incremental.evaluation.compiled_evaluator import CompiledEvaluator
 from mrbt_mesh.core.incremental.evaluation.evaluator import IncrementalEvaluator
-from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, InDoubt
+from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, InDoubtPolicy
 from tests.support.build import (
     World,
     action,
@@ -64,7 +64,7 @@ class Facts:
             case 0:
                 return task(name, *bounds[:count], failure=failure, simultaneous=True)
             case 1:
-                doubt = self.source.choice(tuple(InDoubt))
+                doubt = self.source.choice(tuple(InDoubtPolicy))
                 return task(name, *bounds[:count], failure=failure, exclusive=True, in_doubt=doubt)
         return task(name, *bounds[:count], failure=failure)
 
@@ -96,16 +96,16 @@ class Facts:
             world.write(robot, (f"{records.EXPIRED}/{self._scope(node.index)}", True))
         elif node is not None and node.kind in CONTROLS and node.memory is not Memory.NONE:
             position = self.number(0, len(node.children) - 1)
-            name = f"{records.PASSED}/{self._scope(node.index)}/{position}"
+            name = f"{records.CHILD_RESULT}/{self._scope(node.index)}/{position}"
             world.write(robot, (name, bool(self.number(0, 2))))
 
     def _scope(self, node: int) -> str:
         """Mostly the name of now, else one that was or may come."""
-        name = self.world.evaluator.current_scope(node, self.world.facts)
+        name = self.world.evaluator.current_activation(node, self.world.facts)
         if self.number(0, 3) == 0:
             attempts = tuple(max(0, n + self.number(-1, 1)) for n in name.attempts)
             name = replace(name, attempts=attempts, turns=max(0, name.turns + self.number(-1, 1)))
-        known = [text for text in self.seen if parse_scope(text).node == node]
+        known = [text for text in self.seen if parse_activation(text).node == node]
         text = str(name) if not known or self.number(0, 3) else known[-1]
         self.seen.append(text)
         return text
@@ -139,7 +139,7 @@ class Facts:
         elif what == 2:
             world.form(activation, *ROBOTS[: self.number(1, 3)], local=local)
         else:
-            token = Token(1, ROBOTS[0], *world.alive[ROBOTS[0]])
+            token = CoalitionId(1, ROBOTS[0], *world.alive[ROBOTS[0]])
             kinds = (records.BROKEN, records.GRANT, records.DOUBT, records.DONE, records.CLEARED)
             kind = kinds[self.number(0, len(kinds) - 1 if needed.exclusive else 0)]
             if self.number(0, 1):
@@ -154,8 +154,8 @@ class Facts:
         rows = [(f"{records.ATTEMPT}/{scope}", number) for scope, number in evaluation.attempts]
         rows += [(f"{records.VERDICT}/{name}", True) for name in evaluation.failures]
         rows += [
-            (f"{records.PASSED}/{scope}/{position}", success)
-            for scope, position, success in evaluation.passed
+            (f"{records.CHILD_RESULT}/{scope}/{position}", success)
+            for scope, position, success in evaluation.child_results
         ]
         rows = [row for row in rows if self.number(0, 4)]
         if rows:
@@ -202,8 +202,8 @@ def tell(spec: NodeSpec, source: Random, steps: int) -> Iterator[tuple[Facts, Ev
         assert found == plain.evaluate(world.facts)
         assert again.evaluate(world.facts) is found
         for node in range(len(world.mission.tree.nodes)):
-            scope = scratch.current_scope(node, world.facts)
-            assert again.current_scope(node, world.facts) == scope
+            scope = scratch.current_activation(node, world.facts)
+            assert again.current_activation(node, world.facts) == scope
         story.statuses = found.statuses
         yield story, found
 
@@ -241,7 +241,7 @@ def test_pruning_drops_all_that_is_out_of_reach_and_nothing_else(
         for author, name in before:
             kind, *names = records.split_name(name)
             if kind not in (records.MEMBER, records.CLAIM, records.CONDITION):
-                scope = parse_scope(names[0])
+                scope = parse_activation(names[0])
                 is_obsolete = world.evaluator.is_obsolete(scope, world.facts)
                 assert is_obsolete == ((author, name) in dropped), name
         again.evaluate(world.facts)
@@ -255,7 +255,7 @@ class Reads:
 
     def __init__(self, world: World, monkeypatch: pytest.MonkeyPatch) -> None:
         self.count = 0
-        for name in ("condition", "task_status", "attempt", "expired", "passed"):
+        for name in ("condition", "task_status", "attempts_used", "has_expired", "child_result"):
             monkeypatch.setattr(world.facts, name, self._counted(getattr(world.facts, name)))
 
     def _counted(self, function: Callable[..., Any]) -> Callable[..., Any]:
@@ -318,7 +318,7 @@ def test_a_guard_that_turns_renews_only_what_it_guards() -> None:
     world.set("c", False)
     world.set("c", True)
     renewed, same = again.evaluate(world.facts).requests
-    assert parse_scope(renewed.activation).turns == 1
+    assert parse_activation(renewed.activation).turns == 1
     assert same is kept
 
 
@@ -434,5 +434,5 @@ def test_a_timeout_that_expires_uses_up_an_attempt() -> None:
     world = World(retry(2, timeout(1, action("a"))))
     again = IncrementalEvaluator(world.mission.tree, world.facts)
     (running,) = again.evaluate(world.facts).timeouts
-    world.write("R1", (f"{records.EXPIRED}/{running.scope}", True))
+    world.write("R1", (f"{records.EXPIRED}/{running.activation}", True))
     assert [number for _, number in again.evaluate(world.facts).attempts] == [1]

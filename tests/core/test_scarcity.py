@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.core.assignment.problem import AssignmentProblem, Solver
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
-from mrbt_mesh.core.mission.mission import Assignment, Mission, mission_from_json
+from mrbt_mesh.core.mission.mission import AssignmentPolicy, Mission, mission_from_json
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
 from tests.support.build import (
@@ -29,7 +29,7 @@ LOOKS = ("look1", "look2")
 
 
 def sparing(mission: Mission) -> World:
-    return World(replace(mission, assignment=Assignment.SPARE_SCARCE))
+    return World(replace(mission, assignment=AssignmentPolicy.SPARE_SCARCE))
 
 
 def who(plan: Plan) -> dict[str, str]:
@@ -189,8 +189,8 @@ def test_who_has_begun_goes_on_where_it_would_under_the_usual_assignment(
     assert {robot for robot, line in careful.plan().lines.items() if line.pinned} == pinned
 
 
-@pytest.mark.parametrize("how", list(Assignment))
-def test_it_is_part_of_the_digest_and_of_compiled_missions(how: Assignment) -> None:
+@pytest.mark.parametrize("how", list(AssignmentPolicy))
+def test_it_is_part_of_the_digest_and_of_compiled_missions(how: AssignmentPolicy) -> None:
     mission = replace(specialist(), assignment=how)
     assert mission_from_json(mission.to_json()).assignment is how
-    assert (mission.digest == specialist().digest) == (how is Assignment.ANY)
+    assert (mission.digest == specialist().digest) == (how is AssignmentPolicy.ANY)

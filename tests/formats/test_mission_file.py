@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mrbt_mesh.core.bt.tree import Kind, Memory
 from mrbt_mesh.core.mission.mission import (
     MICRO,
-    Assignment,
+    AssignmentPolicy,
     FailurePolicy,
     Mission,
     Need,
@@ -50,10 +50,10 @@ def load_text(text: str) -> Mission:
 
 
 def test_the_assignment_is_read() -> None:
-    assert load_text(SMALL).assignment is Assignment.ANY
+    assert load_text(SMALL).assignment is AssignmentPolicy.ANY
     text = SMALL.replace("mission: small", "mission: small\nassignment: spare_scarce")
     mission = load_text(text)
-    assert mission.assignment is Assignment.SPARE_SCARCE
+    assert mission.assignment is AssignmentPolicy.SPARE_SCARCE
     assert mission_from_compiled(compile_mission(mission), "m.json") == mission
 
 

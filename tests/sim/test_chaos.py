@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import pytest
 
-from mrbt_mesh.core.mission.mission import Assignment
+from mrbt_mesh.core.mission.mission import AssignmentPolicy
 from mrbt_mesh.sim.chaos.campaign import Verdict, judge, run_seed
 from tests.support.runs import source
 
@@ -61,7 +61,7 @@ def test_no_invariant_breaks_where_scarce_robots_are_spared() -> None:
     for seed in range(10):
         mission, program = source(None).load(seed)
         scenario = source(None).scenario(seed, mission)
-        sparing = replace(mission, assignment=Assignment.SPARE_SCARCE)
+        sparing = replace(mission, assignment=AssignmentPolicy.SPARE_SCARCE)
         assert not judge(sparing, program, scenario).violations, f"seed {seed}"
 
 

@@ -27,7 +27,7 @@ from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.membership.joining import Joining
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import MessageKind
-from mrbt_mesh.core.mission.mission import InDoubt
+from mrbt_mesh.core.mission.mission import InDoubtPolicy
 from mrbt_mesh.sim import Kill, NetworkKnobs, simulate
 from mrbt_mesh.sim.checkers import Checkers
 from mrbt_mesh.sim.checkers.findings import is_connected
@@ -167,7 +167,9 @@ def start(team: Team, robot: str, global_task: str, local_task: str) -> list[str
     process = next(process for process in team.processes if process.robot == robot)
     node = next(node for node in team.mission.tree.actions() if node.subject == global_task)
     activation = str(
-        process.agent.view.mission.evaluator.current_scope(node.index, process.agent.view.facts)
+        process.agent.view.mission.evaluator.current_activation(
+            node.index, process.agent.view.facts
+        )
     )
     incarnation = process.agent.view.incarnation
     effect = StartAction(9, activation, global_task, local_task, (), 1, incarnation)
@@ -509,7 +511,7 @@ def test_i9_a_finished_local_task_that_is_begun_again(team: Team) -> None:
 class Dosing:
     """Robots at an exclusive task, as the checker of I5 sees them."""
 
-    def __init__(self, run: Run, in_doubt: InDoubt = InDoubt.HOLD) -> None:
+    def __init__(self, run: Run, in_doubt: InDoubtPolicy = InDoubtPolicy.HOLD) -> None:
         mission, program = example("dispense")
         tasks = dict(mission.global_tasks)
         tasks["dose(a)"] = dataclasses.replace(tasks["dose(a)"], in_doubt=in_doubt)
@@ -558,9 +560,9 @@ def test_i5_two_coalitions_one_after_the_other_only_if_the_first_has_failed(run:
 
 @pytest.mark.parametrize(
     ("policy", "found"),
-    [(InDoubt.HOLD, ["was left in doubt (t1)"]), (InDoubt.RETRY, [])],
+    [(InDoubtPolicy.HOLD, ["was left in doubt (t1)"]), (InDoubtPolicy.RETRY, [])],
 )
-def test_i5_a_task_in_doubt(run: Run, policy: InDoubt, found: list[str]) -> None:
+def test_i5_a_task_in_doubt(run: Run, policy: InDoubtPolicy, found: list[str]) -> None:
     dosing = Dosing(run, policy)
     dosing.begin("D1", "t1")
     dosing.end("D1", ActionStopped(7))
@@ -576,7 +578,7 @@ def test_i5_a_majority_has_to_grant_it(run: Run) -> None:
 
 
 def test_i5_whoever_is_gone_or_frozen_does_nothing(run: Run) -> None:
-    dosing = Dosing(run, InDoubt.RETRY)
+    dosing = Dosing(run, InDoubtPolicy.RETRY)
     dosing.begin("D1", "t1")
     dosing.processes["D1"].runs = False
     assert dosing.begin("D2", "t2") == []

@@ -7,13 +7,13 @@ from typing import Any
 
 from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
-from mrbt_mesh.core.bt.activation import parse_scope
+from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, build_tree
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import ready_members
-from mrbt_mesh.core.facts.records import Claim, Coalition, Member, Phase, Token
+from mrbt_mesh.core.facts.records import Claim, Coalition, CoalitionId, Member, Phase
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import (
@@ -201,7 +201,7 @@ class World:
 
     def outcome(self, activation: str, success: bool, robot: str = "R1", local: str = "") -> None:
         """A robot finishes its part of an activation; it may be a straggler."""
-        local = local or parse_scope(activation).subject
+        local = local or parse_activation(activation).subject
         self.write(robot, (f"{records.OUTCOME}/{activation}/{local}", [success, None]))
 
     def bid(self, robot: str, activation: str, local: str, performance: float | None) -> None:
@@ -217,44 +217,47 @@ class World:
         self, robot: str, activation: str, local: str = "", running: bool = True, since: int = 1
     ) -> None:
         """A robot works on an activation."""
-        subject = parse_scope(activation).subject
+        subject = parse_activation(activation).subject
         phase = Phase.RUNNING if running else Phase.CLAIMED
         claim = Claim(activation, subject, local or subject, phase, since)
         self.write(robot, (records.CLAIM, claim.to_value()))
 
     def ready(self, robot: str, activation: str, local: str = "", since: int = 1) -> None:
         """A robot is ready to start with a coalition."""
-        subject = parse_scope(activation).subject
+        subject = parse_activation(activation).subject
         claim = Claim(activation, subject, local or subject, Phase.READY, since)
         self.write(robot, (records.CLAIM, claim.to_value()))
 
-    def form(self, activation: str, *robots: str, since: int = 1, local: str = "") -> Token:
+    def form(self, activation: str, *robots: str, since: int = 1, local: str = "") -> CoalitionId:
         """The first of these robots writes down the coalition, and all of them start."""
         local = (
-            local or self.mission.global_tasks[parse_scope(activation).subject].needs[0].local_task
+            local
+            or self.mission.global_tasks[parse_activation(activation).subject].needs[0].local_task
         )
         for robot in robots:
             self.ready(robot, activation, local, since)
         members = ready_members(self.facts, activation, dict.fromkeys(robots, local))
-        token = Token(since, robots[0], *self.alive[robots[0]])
+        token = CoalitionId(since, robots[0], *self.alive[robots[0]])
         name = f"{records.COALITION}/{activation}/{token}"
         self.write(robots[0], (name, Coalition(tuple(members)).to_value()))
         for robot in robots:
             self.go(robot, activation, token, local)
         return token
 
-    def go(self, robot: str, activation: str, token: Token, local: str) -> None:
+    def go(self, robot: str, activation: str, token: CoalitionId, local: str) -> None:
         """A member starts."""
-        subject = parse_scope(activation).subject
+        subject = parse_activation(activation).subject
         claim = Claim(activation, subject, local, Phase.RUNNING, token.since, str(token))
         self.write(robot, (records.CLAIM, claim.to_value()))
 
-    def end(self, activation: str, token: Token, robot: str, success: bool, local: str) -> None:
+    def end(
+        self, activation: str, token: CoalitionId, robot: str, success: bool, local: str
+    ) -> None:
         """A member finishes its part."""
         name = f"{records.OUTCOME}/{activation}/{local}/{token}"
         self.write(robot, (name, [success, None]), (records.CLAIM, None))
 
-    def say(self, kind: str, activation: str, token: Token, *authors: str) -> None:
+    def say(self, kind: str, activation: str, token: CoalitionId, *authors: str) -> None:
         """Robots latch something about a coalition."""
         for author in authors:
             self.write(author, (f"{kind}/{activation}/{token}", True))
@@ -275,8 +278,8 @@ class World:
                 if not self.facts.has_verdict(activation)
             ]
             latches += [
-                (f"{records.PASSED}/{scope}/{position}", success)
-                for scope, position, success in evaluation.passed
+                (f"{records.CHILD_RESULT}/{scope}/{position}", success)
+                for scope, position, success in evaluation.child_results
             ]
             if not latches:
                 return evaluation
@@ -306,7 +309,7 @@ class World:
     def expire(self) -> None:
         """The deadlines of all running Timeouts pass."""
         for running in self.tick().timeouts:
-            self.write("R1", (f"{records.EXPIRED}/{running.scope}", True))
+            self.write("R1", (f"{records.EXPIRED}/{running.activation}", True))
 
     def steps(self, solver: Solver = min_cost_flow) -> PlanningSteps:
         """How plans are made here: by the definitions."""

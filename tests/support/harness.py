@@ -17,13 +17,13 @@ from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.commands import command_body
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
-from mrbt_mesh.core.bt.activation import parse_scope
+from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.tree import NodeSpec
-from mrbt_mesh.core.facts.records import Phase, Token
+from mrbt_mesh.core.facts.records import CoalitionId, Phase
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Header, MessageKind, decode, encode
-from mrbt_mesh.core.mission.mission import GlobalTask, InDoubt, Mission
+from mrbt_mesh.core.mission.mission import GlobalTask, InDoubtPolicy, Mission
 from mrbt_mesh.core.observer.observer import Observer
 from tests.support import build
 
@@ -238,7 +238,7 @@ def entry_text(name: str, value: object) -> str:
         case "outcome", [success, data]:
             how = "success" if success else "failure"
             more = "" if data is None else f" {data}"
-            return f"{how} of {parts[1]} for {parse_scope(parts[0]).subject}{more}"
+            return f"{how} of {parts[1]} for {parse_activation(parts[0]).subject}{more}"
         case "condition", [holds, revision, _]:
             return f"{parts[0]}={str(holds).lower()} (revision {revision})"
         case "claim", [_, task, local, phase, _, _]:
@@ -246,7 +246,8 @@ def entry_text(name: str, value: object) -> str:
         case "coalition", members:
             return f"coalition of {', '.join(row[0] for row in members)}"
         case (("broken" | "grant" | "doubt" | "cleared"), True):
-            return f"{kind} of {Token.parse(parts[1]).leader} for {parse_scope(parts[0]).subject}"
+            leader = CoalitionId.parse(parts[1]).leader
+            return f"{kind} of {leader} for {parse_activation(parts[0]).subject}"
         case "bid", bid:
             return f"bid {'none' if bid is None else f'{bid / 1e6:g}'} for {parts[1]}"
         case "claim", None:
@@ -258,7 +259,7 @@ def entry_text(name: str, value: object) -> str:
             return f"order {order}"
         case "attempt", number:
             return f"attempt {number}"
-    scope = parse_scope(parts[0])
+    scope = parse_activation(parts[0])
     return f"{kind} {scope.subject or f'node {scope.node}'}"
 
 
@@ -319,7 +320,7 @@ class Script:
             elif word in ("simultaneous", "exclusive"):
                 policies[word] = True
             elif key == "in_doubt":
-                policies[key] = InDoubt(value)
+                policies[key] = InDoubtPolicy(value)
             elif is_policy:
                 policies["blocked_fail_after_us"] = round(float(value) * 1e6)
             elif ".." in word:

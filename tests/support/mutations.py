@@ -158,8 +158,8 @@ def stale_claims_stay_valid() -> Iterator[None]:
     original = coalitions._has_enough
     with (
         mock.patch.object(coalitions, "_has_enough", has_enough),
-        mock.patch.object(coalitions, "is_in", return_value=True),
-        mock.patch.object(demands, "is_in", return_value=True),
+        mock.patch.object(coalitions, "is_still_in", return_value=True),
+        mock.patch.object(demands, "is_still_in", return_value=True),
     ):
         yield
 

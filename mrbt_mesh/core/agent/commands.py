@@ -8,9 +8,9 @@ from typing import Any
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.agent.reports import Reports
-from mrbt_mesh.core.bt.activation import parse_scope
+from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import OrderKind, Token
+from mrbt_mesh.core.facts.records import CoalitionId, OrderKind
 
 FAULT, RESTORE, LEAVE, ORDER, DECIDE = "fault", "restore", "leave", "order", "decide"
 MAX_ARGUMENT = 1_024
@@ -80,12 +80,13 @@ class Commands:
         self._reports.order(kind, now_us)
         return True, f"{kind} is the team's order"
 
-    def _in_doubt(self) -> list[tuple[str, list[Token]]]:
+    def _in_doubt(self) -> list[tuple[str, list[CoalitionId]]]:
         """Requested exclusive activations that are in doubt, and the coalitions that left them."""
         facts, plan = self._context.facts, self._planner.plan
         requests = plan.evaluation.requests if plan is not None else ()
         doubts = [
-            (r.activation, facts.coalitions(r.activation).doubted(facts.givers)) for r in requests
+            (r.activation, facts.coalitions(r.activation).in_doubt(facts.grantors))
+            for r in requests
         ]
         return [(activation, tokens) for activation, tokens in doubts if tokens]
 
@@ -97,9 +98,11 @@ class Commands:
         except ValueError:
             return False, f"no decision {word!r}; there is {', '.join(Decision)}"
         doubts = self._in_doubt()
-        found = [name for name, _ in doubts if parse_scope(name).subject == subject]
+        found = [name for name, _ in doubts if parse_activation(name).subject == subject]
         if not found:
-            listed = ", ".join(sorted({parse_scope(name).subject for name, _ in doubts})) or "none"
+            listed = (
+                ", ".join(sorted({parse_activation(name).subject for name, _ in doubts})) or "none"
+            )
             return False, f"{subject!r} is not in doubt (in doubt: {listed})"
         writes: list[tuple[str, Any]] = []
         for activation, tokens in doubts:

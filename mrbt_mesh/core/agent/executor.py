@@ -14,8 +14,8 @@ from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.coalitions import is_enough, ready_members, standing_coalition
-from mrbt_mesh.core.facts.records import Claim, Coalition, Phase, Token
+from mrbt_mesh.core.facts.coalitions import are_enough, coalition_at_work, ready_members
+from mrbt_mesh.core.facts.records import Claim, Coalition, CoalitionId, Phase
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.leases import Leases
 from mrbt_mesh.core.membership.wire import Heartbeat
@@ -41,7 +41,7 @@ class Executor:
         if effects:
             context.emit(*effects)
         writes = self.given_up(before) if changed and before is not None else []
-        token: Token | None = None
+        token: CoalitionId | None = None
         is_waiting = work.is_waiting
         is_cleared = work.claim is not None and not is_waiting
         if is_waiting and self._may_start(now_us):
@@ -72,7 +72,7 @@ class Executor:
         assert plan is not None
         return plan
 
-    def _start(self, plan: Plan, token: Token | None) -> StartAction:
+    def _start(self, plan: Plan, token: CoalitionId | None) -> StartAction:
         context, claim = self._context, self._context.work.claim
         assert claim is not None
         declared = performance(context.config.capabilities, claim.local_task)
@@ -114,16 +114,16 @@ class Executor:
 
     # -- coalitions ---------------------------------------------------------------------------
 
-    def _token_sought(self) -> Token | None:
+    def _token_sought(self) -> CoalitionId | None:
         """The coalition that this robot is ready for, or runs with; None without any."""
         context, facts, work = self._context, self._context.facts, self._context.work
         line, claim = work.line, work.claim
         if line is None or claim is None or not line.leader or claim.phase is Phase.CLAIMED:
             return None
         if claim.coalition:
-            return Token.parse(claim.coalition)
+            return CoalitionId.parse(claim.coalition)
         if line.leader == context.me:
-            return Token(claim.since, context.me, *context.replica.incarnation)
+            return CoalitionId(claim.since, context.me, *context.replica.incarnation)
         leaders = facts.valid_claim(line.leader)
         if (
             leaders is None
@@ -131,11 +131,11 @@ class Executor:
             or leaders.phase is Phase.CLAIMED
         ):
             return None
-        return Token(leaders.since, line.leader, *facts.members[line.leader][1])
+        return CoalitionId(leaders.since, line.leader, *facts.members[line.leader][1])
 
     def _coalition(
         self, task: GlobalTask, now_us: int
-    ) -> tuple[Token | None, list[tuple[str, Any]]]:
+    ) -> tuple[CoalitionId | None, list[tuple[str, Any]]]:
         """The coalition with which this robot may start now, and what to write with it."""
         context, facts, plan = self._context, self._context.facts, self._plan
         line, claim = context.work.line, context.work.claim
@@ -150,7 +150,7 @@ class Executor:
         lines = plan.lines.values()
         planned = {x.robot: x.local_task for x in lines if x.activation == line.activation}
         members = ready_members(facts, line.activation, planned)
-        if not is_enough(task, members):
+        if not are_enough(task, members):
             return None, []
         if len(members) < len(planned) and now_us < self.grace_ends_us:
             return None, []  # the others may be ready in a moment
@@ -159,11 +159,11 @@ class Executor:
 
     def _written_down(
         self, task: GlobalTask, activation: str, claim: Claim, now_us: int
-    ) -> Token | None:
+    ) -> CoalitionId | None:
         """The standing coalition, if its leader has written down this robot's present claim."""
         context, facts = self._context, self._context.facts
         found = facts.coalitions(activation)
-        token = standing_coalition(facts, task, activation, context.alive())
+        token = coalition_at_work(facts, task, activation, context.alive())
         if token is None or (task.exclusive and not self.leases.holds(activation, token, now_us)):
             return None
         mine = (claim.since, context.me, context.replica.incarnation)
@@ -183,10 +183,10 @@ class Executor:
         activation = claim.activation
         if claim.phase is Phase.RUNNING:
             doubts = facts.coalitions(activation).doubts
-            if context.me in doubts.get(Token.parse(claim.coalition), ()):
+            if context.me in doubts.get(CoalitionId.parse(claim.coalition), ()):
                 return []
             return [(f"{records.DOUBT}/{activation}/{claim.coalition}", True)]
-        token = Token(claim.since, context.me, *context.replica.incarnation)
+        token = CoalitionId(claim.since, context.me, *context.replica.incarnation)
         if self.leases.seeks == (activation, str(token)):
             return [(f"{records.CLEARED}/{activation}/{token}", True)]
         return []
@@ -211,7 +211,7 @@ class Executor:
             return
         if not context.mission.global_tasks[claim.global_task].exclusive:
             return
-        token = Token.parse(claim.coalition)
+        token = CoalitionId.parse(claim.coalition)
         found = context.facts.coalitions(claim.activation)
         ended = token in found.broken or context.me in found.doubts.get(token, ())
         if not ended and not self.leases.holds(claim.activation, token, now_us):
@@ -225,12 +225,12 @@ class Executor:
         if writes:
             self._context.write(writes, now_us)
 
-    def may_grant(self, activation: str, token: Token) -> bool:
+    def may_grant(self, activation: str, token: CoalitionId) -> bool:
         """Whether this robot's own view speaks for giving `activation` to this coalition."""
         context, facts, plan = self._context, self._context.facts, self._planner.plan
         if context.joining is not None or context.is_leaving or plan is None:
             return False
-        if facts.coalitions(activation).unended(facts.givers)[:1] == [token]:
+        if facts.coalitions(activation).unended(facts.grantors)[:1] == [token]:
             return True
         line = plan.lines.get(token.leader)
         life = (token.counter, token.nonce)

@@ -142,8 +142,8 @@ class Planner:
             (f"{records.ATTEMPT}/{scope}", number) for scope, number in evaluation.attempts
         ]
         latched += [
-            (f"{records.PASSED}/{scope}/{position}", success)
-            for scope, position, success in evaluation.passed
+            (f"{records.CHILD_RESULT}/{scope}/{position}", success)
+            for scope, position, success in evaluation.child_results
         ]
         for activation in evaluation.failures:
             if not facts.has_verdict(activation):

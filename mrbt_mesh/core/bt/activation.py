@@ -23,7 +23,7 @@ Guard = tuple[str, bool]
 
 
 @dataclass(frozen=True, slots=True)
-class ScopeName:
+class Activation:
     """The parts of an activation's or attempt counter's name, for comparison."""
 
     run: str
@@ -38,11 +38,11 @@ class ScopeName:
 
 
 @lru_cache(maxsize=4_096)
-def parse_scope(text: str) -> ScopeName:
+def parse_activation(text: str) -> Activation:
     """The inverse of `str(ScopeName)`; raises ValueError if it is none."""
     run, node, subject, attempts, turns = text.split(":")
     numbers = tuple(int(part) for part in attempts.split(".")) if attempts else ()
-    return ScopeName(run, int(node), subject, numbers, int(turns))
+    return Activation(run, int(node), subject, numbers, int(turns))
 
 
 class ActivationNames:
@@ -139,7 +139,7 @@ class ActivationNames:
     # -- the attempts -------------------------------------------------------------------------
 
     @cached_property
-    def loops(self) -> list[tuple[int, ...]]:
+    def enclosing_loops(self) -> list[tuple[int, ...]]:
         """By node: the Retry and Repeat nodes around it, outermost first."""
         found: list[tuple[int, ...]] = [()] * len(self.tree.nodes)
         for node in self.tree.nodes:
@@ -160,33 +160,35 @@ class ActivationNames:
 
     # -- the names ----------------------------------------------------------------------------
 
-    def scope(self, node: int, attempts: Sequence[int], facts: EvaluationFacts) -> ScopeName:
+    def activation(self, node: int, attempts: Sequence[int], facts: EvaluationFacts) -> Activation:
         """The name of what happens at `node` under these facts and attempt numbers."""
         subject = self.tree.nodes[node].subject
-        return ScopeName(facts.run, node, subject, tuple(attempts), self.turns_at(node, facts))
+        return Activation(facts.run, node, subject, tuple(attempts), self.turns_at(node, facts))
 
-    def memory_scope(self, node: int, attempts: Sequence[int], facts: EvaluationFacts) -> ScopeName:
+    def memory_activation(
+        self, node: int, attempts: Sequence[int], facts: EvaluationFacts
+    ) -> Activation:
         """The name under which a node with memory remembers.
 
         A Retry changes nothing for one that remembers until it succeeds.
         """
         if self.tree.nodes[node].memory is Memory.UNTIL_SUCCESS:
-            outer = zip(self.loops[node], attempts, strict=True)
+            outer = zip(self.enclosing_loops[node], attempts, strict=True)
             nodes = self.tree.nodes
             attempts = [0 if nodes[loop].kind is Kind.RETRY else number for loop, number in outer]
-        return self.scope(node, attempts, facts)
+        return self.activation(node, attempts, facts)
 
-    def current_scope(self, node: int, facts: EvaluationFacts) -> ScopeName:
+    def current_activation(self, node: int, facts: EvaluationFacts) -> Activation:
         """The name under the attempt numbers that are facts now, whether or not it is reached."""
         attempts: list[int] = []
-        for loop in self.loops[node]:
-            recorded = facts.attempt(str(self.scope(loop, attempts, facts)))
+        for loop in self.enclosing_loops[node]:
+            recorded = facts.attempts_used(str(self.activation(loop, attempts, facts)))
             attempts.append(self.attempt(loop, recorded))
         if self.remembering[node]:
-            return self.memory_scope(node, attempts, facts)
-        return self.scope(node, attempts, facts)
+            return self.memory_activation(node, attempts, facts)
+        return self.activation(node, attempts, facts)
 
-    def is_obsolete(self, name: ScopeName, facts: EvaluationFacts) -> bool:
+    def is_obsolete(self, name: Activation, facts: EvaluationFacts) -> bool:
         """Whether no evaluation, now or later, can reach this name any more.
 
         Turns only grow, and while they stand attempt numbers only grow (they begin again where a
@@ -195,7 +197,7 @@ class ActivationNames:
         """
         if name.run != facts.run or not 0 <= name.node < len(self.tree.nodes):
             return True
-        current = self.current_scope(name.node, facts)
+        current = self.current_activation(name.node, facts)
         if name.subject != current.subject or len(name.attempts) != len(current.attempts):
             return True
         return (name.turns, name.attempts) < (current.turns, current.attempts)

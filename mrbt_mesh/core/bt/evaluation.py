@@ -24,9 +24,9 @@ class EvaluationFacts(Protocol):
         """RUNNING until the activation has a result."""
         ...
 
-    def attempt(self, scope: str) -> int: ...
-    def expired(self, scope: str) -> bool: ...
-    def passed(self, scope: str, position: int) -> Status | None:
+    def attempts_used(self, activation: str) -> int: ...
+    def has_expired(self, activation: str) -> bool: ...
+    def child_result(self, activation: str, position: int) -> Status | None:
         """How that child of a node with memory ended, None if nobody has said so."""
         ...
 
@@ -45,7 +45,7 @@ class RunningTimeout:
     """A Timeout whose child runs; whoever sees `timeout_us` pass records that it expired."""
 
     node: int
-    scope: str
+    activation: str
     timeout_us: int
 
 
@@ -64,7 +64,7 @@ class Evaluation:
     timeouts: tuple[RunningTimeout, ...]
     attempts: tuple[tuple[str, int], ...]
     failures: tuple[str, ...]
-    passed: tuple[tuple[str, int, bool], ...]
+    child_results: tuple[tuple[str, int, bool], ...]
 
     @property
     def status(self) -> Status:

@@ -99,7 +99,7 @@ class _Tick:
 
     def action(self, node: Node) -> Result:
         """Paper, section III: Running, which asks for robots, until its activation has a result."""
-        activation = str(self.names.scope(node.index, self.attempts, self.facts))
+        activation = str(self.names.activation(node.index, self.attempts, self.facts))
         status = self.facts.task_status(node.subject, activation)
         if status is Status.RUNNING:
             self.requests.append(Request(node.index, node.subject, activation))
@@ -114,11 +114,11 @@ class _Tick:
 
         That the time is over is a fact, written by whoever sees it pass.
         """
-        scope = str(self.names.scope(node.index, self.attempts, self.facts))
+        scope = str(self.names.activation(node.index, self.attempts, self.facts))
         status, acted = self.tick(node.children[0])
         if status is not Status.RUNNING:
             return status, acted
-        if self.facts.expired(scope):
+        if self.facts.has_expired(scope):
             return Status.FAILURE, True
         self.timeouts.append(RunningTimeout(node.index, scope, node.timeout_us))
         return status, acted
@@ -134,8 +134,8 @@ class _Tick:
         names, child = self.names, node.children[0]
         again = Status.FAILURE if node.kind is Kind.RETRY else Status.SUCCESS
         limit = names.limit(node.index)
-        scope = str(names.scope(node.index, self.attempts, self.facts))
-        recorded = self.facts.attempt(scope)
+        scope = str(names.activation(node.index, self.attempts, self.facts))
+        recorded = self.facts.attempts_used(scope)
         attempt = names.attempt(node.index, recorded)
         while True:
             mark = len(self.failures)
@@ -167,14 +167,14 @@ class _Tick:
         outcomes would decide it again. `Memory.UNTIL_SUCCESS` keeps the successes when it fails.
         """
         names, keeps = self.names, node.memory is Memory.UNTIL_SUCCESS
-        scope = str(names.memory_scope(node.index, self.attempts, self.facts))
+        scope = str(names.memory_activation(node.index, self.attempts, self.facts))
         ended: list[tuple[str, int, bool]] = []
 
         def tick(child: int) -> Result:
             if not names.has_condition[child] and not keeps:
                 return self.tick(child)
             position = node.children.index(child)
-            before = self.facts.passed(scope, position)
+            before = self.facts.child_result(scope, position)
             if before is not None:
                 self.statuses[child] = before
                 # What an earlier attempt has done uses up no further one.

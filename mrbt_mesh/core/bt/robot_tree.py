@@ -60,12 +60,12 @@ def local_tree(local_tasks: Iterable[str]) -> Tree:
 class OwnFacts:
     """A robot's own facts for one tick: which conditions hold, how its actions stand."""
 
-    holding: frozenset[str]
+    true_conditions: frozenset[str]
     actions: Mapping[str, Status] = field(default_factory=dict)
     run: str = ""
 
     def condition(self, name: str) -> bool:
-        return name in self.holding
+        return name in self.true_conditions
 
     def turns(self, name: str, value: bool) -> int:
         return 0
@@ -73,13 +73,13 @@ class OwnFacts:
     def task_status(self, subject: str, activation: str) -> Status:
         return self.actions.get(subject, Status.RUNNING)
 
-    def attempt(self, scope: str) -> int:
+    def attempts_used(self, activation: str) -> int:
         return 0
 
-    def expired(self, scope: str) -> bool:
+    def has_expired(self, activation: str) -> bool:
         return False
 
-    def passed(self, scope: str, position: int) -> Status | None:
+    def child_result(self, activation: str, position: int) -> Status | None:
         return None
 
 

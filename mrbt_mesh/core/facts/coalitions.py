@@ -23,17 +23,17 @@ from mrbt_mesh.core.facts.records import (
     GRANT,
     Claim,
     Coalition,
+    CoalitionId,
     CoalitionMember,
     Phase,
-    Token,
 )
 from mrbt_mesh.core.facts.store import Entry, FactMap, Incarnation, Version
-from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, InDoubt, Need
+from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, InDoubtPolicy, Need
 
 
-def majority(givers: Collection[str]) -> int:
+def majority(grantors: Collection[str]) -> int:
     """How many grants a coalition needs."""
-    return len(givers) // 2 + 1
+    return len(grantors) // 2 + 1
 
 
 @dataclass(slots=True)
@@ -45,15 +45,15 @@ class Coalitions:
     the coalition and had its outcome.
     """
 
-    members: dict[Token, tuple[CoalitionMember, ...]] = field(default_factory=dict)
-    outcomes: dict[Token, dict[str, dict[str, bool]]] = field(default_factory=dict)
-    broken: dict[Token, set[str]] = field(default_factory=dict)
-    grants: dict[Token, set[str]] = field(default_factory=dict)
-    doubts: dict[Token, dict[str, Version]] = field(default_factory=dict)
-    ended: dict[Token, dict[str, Version]] = field(default_factory=dict)
-    cleared: dict[Token, set[str]] = field(default_factory=dict)
+    members: dict[CoalitionId, tuple[CoalitionMember, ...]] = field(default_factory=dict)
+    outcomes: dict[CoalitionId, dict[str, dict[str, bool]]] = field(default_factory=dict)
+    broken: dict[CoalitionId, set[str]] = field(default_factory=dict)
+    grants: dict[CoalitionId, set[str]] = field(default_factory=dict)
+    doubts: dict[CoalitionId, dict[str, Version]] = field(default_factory=dict)
+    ended: dict[CoalitionId, dict[str, Version]] = field(default_factory=dict)
+    cleared: dict[CoalitionId, set[str]] = field(default_factory=dict)
 
-    def take(self, kind: str, token: Token, entry: Entry) -> None:
+    def add(self, kind: str, token: CoalitionId, entry: Entry) -> None:
         """Take in what an author has said of a coalition."""
         if isinstance(entry.record, Coalition):
             self.members[token] = entry.record.members
@@ -63,7 +63,7 @@ class Coalitions:
             latches = {BROKEN: self.broken, GRANT: self.grants, CLEARED: self.cleared}
             latches[kind].setdefault(token, set()).add(entry.author)
 
-    def take_outcome(self, token: Token, local_task: str, entry: Entry, success: bool) -> None:
+    def add_outcome(self, token: CoalitionId, local_task: str, entry: Entry, success: bool) -> None:
         """Take in how a local task ended for a member."""
         ends = self.outcomes.setdefault(token, {}).setdefault(local_task, {})
         ends[entry.author] = success
@@ -76,11 +76,11 @@ class Coalitions:
             for found in self.outcomes.values()
         )
 
-    def outcome(self, token: Token, member: CoalitionMember) -> bool | None:
+    def outcome(self, token: CoalitionId, member: CoalitionMember) -> bool | None:
         """Success or failure of a member, None while it has neither."""
         return self.outcomes.get(token, {}).get(member.local_task, {}).get(member.robot)
 
-    def failed(self, local_task: str) -> set[str]:
+    def failed_robots(self, local_task: str) -> set[str]:
         """Robots that have failed at a local task, in whichever coalition."""
         return {
             robot
@@ -89,16 +89,16 @@ class Coalitions:
             if not success
         }
 
-    def is_resolved(self, token: Token) -> bool:
+    def is_resolved(self, token: CoalitionId) -> bool:
         """Whether all members of this coalition have said how it ended."""
         members = self.members.get(token, ())
         return bool(members) and all(self.outcome(token, m) is not None for m in members)
 
-    def is_open(self, token: Token) -> bool:
+    def is_open(self, token: CoalitionId) -> bool:
         """Whether a granted coalition's work may be half done: no outcomes, and not cleared."""
         return not self.is_resolved(token) and token not in self.cleared
 
-    def doubted(self, givers: Collection[str]) -> list[Token]:
+    def in_doubt(self, grantors: Collection[str]) -> list[CoalitionId]:
         """Coalitions that have ended and left the activation in doubt, in canonical order.
 
         The word of a member that stopped is enough; otherwise so many givers have let their
@@ -106,7 +106,7 @@ class Coalitions:
         before is only a giver: those that are still at it cannot renew its grant if it does not
         hear them.
         """
-        needed = len(givers) - majority(givers) + 1
+        needed = len(grantors) - majority(grantors) + 1
         found = []
         for token in sorted(self.doubts):
             doubts, ended = self.doubts[token], self.ended.get(token, {})
@@ -115,36 +115,36 @@ class Coalitions:
                 author not in ended or doubts[author] <= ended[author]
                 for author in members & doubts.keys()
             )
-            if self.is_open(token) and (stopped or len(doubts.keys() & set(givers)) >= needed):
+            if self.is_open(token) and (stopped or len(doubts.keys() & set(grantors)) >= needed):
                 found.append(token)
         return found
 
-    def unended(self, givers: Collection[str]) -> list[Token]:
+    def unended(self, grantors: Collection[str]) -> list[CoalitionId]:
         """The coalitions that were written down and have not ended, in canonical order."""
-        ended = {*self.broken, *self.cleared, *self.doubted(givers)}
+        ended = {*self.broken, *self.cleared, *self.in_doubt(grantors)}
         return sorted(token for token in self.members if token not in ended)
 
-    def round(self, givers: Collection[str], at_work: Token | None) -> int:
+    def round_number(self, grantors: Collection[str], at_work: CoalitionId | None) -> int:
         """How many coalitions have ended without success, before the one at work if there is."""
-        ended = {*self.broken, *self.doubted(givers)}
+        ended = {*self.broken, *self.in_doubt(grantors)}
         return sum(at_work is None or token < at_work for token in sorted(ended))
 
     def has_failed(
-        self, task: GlobalTask, able: Callable[[str], Collection[str]], givers: Collection[str]
+        self, task: GlobalTask, able: Callable[[str], Collection[str]], grantors: Collection[str]
     ) -> bool:
         """Whether the task has failed; `able` are the known robots capable of a local task.
 
         Resilient: fewer than nu capable robots have not failed yet. Paper: in one coalition
         the failures exceed the members less nu.
         """
-        if task.in_doubt is InDoubt.FAIL and self.doubted(givers):
+        if task.in_doubt is InDoubtPolicy.FAIL and self.in_doubt(grantors):
             return True
         return any(self._need_failed(task, need, able) for need in task.needs)
 
     def _need_failed(
         self, task: GlobalTask, need: Need, able: Callable[[str], Collection[str]]
     ) -> bool:
-        failed = self.failed(need.local_task)
+        failed = self.failed_robots(need.local_task)
         if not failed:
             return False
         if task.failure is FailurePolicy.RESILIENT:
@@ -162,11 +162,13 @@ class CoalitionFacts(Protocol):
     @property
     def map(self) -> FactMap: ...
     @property
-    def givers(self) -> frozenset[str]: ...
+    def grantors(self) -> frozenset[str]: ...
     def coalitions(self, activation: str) -> Coalitions: ...
 
 
-def is_in(facts: CoalitionFacts, token: Token, member: CoalitionMember, activation: str) -> bool:
+def is_still_in(
+    facts: CoalitionFacts, token: CoalitionId, member: CoalitionMember, activation: str
+) -> bool:
     """Whether a member without an outcome still holds the claim with which it was ready.
 
     A claim that is older than that has only not been replaced here yet.
@@ -184,15 +186,15 @@ def is_in(facts: CoalitionFacts, token: Token, member: CoalitionMember, activati
     )
 
 
-def standing_coalition(
+def coalition_at_work(
     facts: CoalitionFacts, task: GlobalTask, activation: str, alive: Mapping[str, Incarnation]
-) -> Token | None:
+) -> CoalitionId | None:
     """The coalition at work: the first that has enough members left.
 
     There are two after a partition has healed; the canonical order decides. That of an
     exclusive task stands until its grants have run out: it may be at work out of reach.
     """
-    for token in facts.coalitions(activation).unended(facts.givers):
+    for token in facts.coalitions(activation).unended(facts.grantors):
         if task.exclusive or _has_enough(facts, task, activation, token, alive):
             return token
     return None
@@ -204,15 +206,15 @@ def newly_broken(
     activation: str,
     alive: Mapping[str, Incarnation],
     me: str,
-) -> list[Token]:
+) -> list[CoalitionId]:
     """Coalitions with too few members left, and those that lost a conflict.
 
     Only members judge by who is alive; for others a coalition out of reach may well go on.
     """
     found = facts.coalitions(activation)
-    at_work = standing_coalition(facts, task, activation, alive)
+    at_work = coalition_at_work(facts, task, activation, alive)
     broken = []
-    for token in found.unended(facts.givers):
+    for token in found.unended(facts.grantors):
         judges = any(member.robot == me for member in found.members[token])
         enough = _has_enough(facts, task, activation, token, alive if judges else None)
         if not enough or (at_work is not None and token > at_work):
@@ -224,7 +226,7 @@ def _has_enough(
     facts: CoalitionFacts,
     task: GlobalTask,
     activation: str,
-    token: Token,
+    token: CoalitionId,
     alive: Mapping[str, Incarnation] | None,
 ) -> bool:
     """Whether nu members of each local task have succeeded or are still in (None: dead or not)."""
@@ -234,7 +236,7 @@ def _has_enough(
         outcome = found.outcome(token, member)
         life = Incarnation(member.counter, member.nonce)
         present = alive is None or alive.get(member.robot) == life
-        stays = outcome is None and present and is_in(facts, token, member, activation)
+        stays = outcome is None and present and is_still_in(facts, token, member, activation)
         left[member.local_task] += bool(outcome) or stays
     return all(left[need.local_task] >= need.min_robots for need in task.needs)
 
@@ -259,7 +261,7 @@ def ready_members(
     return ready
 
 
-def is_enough(task: GlobalTask, members: Collection[CoalitionMember]) -> bool:
+def are_enough(task: GlobalTask, members: Collection[CoalitionMember]) -> bool:
     """Whether there are nu members for each local task."""
     tasks = [member.local_task for member in members]
     return all(tasks.count(need.local_task) >= need.min_robots for need in task.needs)

@@ -171,7 +171,7 @@ def parse_claim(value: Any) -> Claim | NoClaim:
 
 
 @dataclass(frozen=True, slots=True, order=True)
-class Token:
+class CoalitionId:
     """Names one coalition: its leader, in the life and with the claim that brought it together.
 
     `since` is the stamp of the leader's claim. The order is the canonical one of claims.
@@ -186,9 +186,9 @@ class Token:
         return f"{self.leader}.{self.counter}.{self.nonce}.{self.since}"
 
     @staticmethod
-    def parse(text: str) -> Token:
+    def parse(text: str) -> CoalitionId:
         leader, counter, nonce, since = _text(text).split(".")
-        token = Token(_integer(int(since)), leader, _integer(int(counter)), nonce)
+        token = CoalitionId(_integer(int(since)), leader, _integer(int(counter)), nonce)
         if str(token) != text:
             raise ValueError(f"no coalition has the name {_shown(text)}")
         return token
@@ -322,7 +322,7 @@ class Attempt(Record):
 
 
 @dataclass(frozen=True, slots=True)
-class Passed(Record):
+class ChildResult(Record):
     """How a child of a node with memory ended; success wins."""
 
     success: bool
@@ -335,8 +335,8 @@ class Passed(Record):
         return self.success
 
     @staticmethod
-    def parse(value: Any) -> Passed:
-        return Passed(_boolean(value))
+    def parse(value: Any) -> ChildResult:
+        return ChildResult(_boolean(value))
 
 
 @dataclass(frozen=True, slots=True)
@@ -380,7 +380,7 @@ OUTCOME, CONDITION, ATTEMPT, VERDICT, EXPIRED = (
 # knows how far the work got. CLEARED: it never began, or the operator lets it be tried again.
 COALITION, BROKEN, GRANT, DOUBT, CLEARED = "coalition", "broken", "grant", "doubt", "cleared"
 # A child of a node with memory has ended: scope of the node, position of the child.
-PASSED = "passed"
+CHILD_RESULT = "passed"
 # The operator's word that an activation in doubt was done.
 DONE = "done"
 # For one local task of an activation: the author's bid; nobody's bid is waited for any more.
@@ -395,7 +395,7 @@ _PARSERS: Mapping[str, Callable[[Any], Record]] = {
     ATTEMPT: Attempt.parse,
     VERDICT: Latch.parse,
     EXPIRED: Latch.parse,
-    PASSED: Passed.parse,
+    CHILD_RESULT: ChildResult.parse,
     COALITION: Coalition.parse,
     BROKEN: Latch.parse,
     GRANT: Latch.parse,
@@ -414,7 +414,7 @@ _PARTS: Mapping[str, tuple[int, ...]] = {
     CLAIM: (1,),
     ORDER: (1,),
     OUTCOME: (3, 4),
-    PASSED: (3,),
+    CHILD_RESULT: (3,),
     **dict.fromkeys(sorted(COALITION_KINDS | BID_KINDS), (3,)),
 }
 

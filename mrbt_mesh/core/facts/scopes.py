@@ -6,7 +6,7 @@ from bisect import bisect_left, bisect_right, insort
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from mrbt_mesh.core.bt.activation import ActivationNames, ScopeName, parse_scope
+from mrbt_mesh.core.bt.activation import Activation, ActivationNames, parse_activation
 from mrbt_mesh.core.bt.evaluation import EvaluationFacts
 
 # Author and name of an entry.
@@ -24,14 +24,14 @@ class FactChanges:
 
     conditions: dict[str, None] = field(default_factory=dict)
     nodes: dict[int, None] = field(default_factory=dict)
-    passed: dict[tuple[int, int], None] = field(default_factory=dict)
+    child_results: dict[tuple[int, int], None] = field(default_factory=dict)
 
     def __bool__(self) -> bool:
-        return bool(self.conditions or self.nodes or self.passed)
+        return bool(self.conditions or self.nodes or self.child_results)
 
     def clear(self) -> None:
         """Begin anew."""
-        for each in (self.conditions, self.nodes, self.passed):
+        for each in (self.conditions, self.nodes, self.child_results):
             each.clear()
 
 
@@ -43,7 +43,7 @@ class TurningFacts(EvaluationFacts, Protocol):
 
 @dataclass(slots=True)
 class _Scope:
-    name: ScopeName
+    name: Activation
     keys: dict[Key, None] = field(default_factory=dict)
 
 
@@ -66,7 +66,7 @@ class ScopedEntries:
         """Take in an entry; returns the node."""
         known = self.by_scope.get(scope)
         if known is None:
-            known = self.by_scope[scope] = _Scope(parse_scope(scope))
+            known = self.by_scope[scope] = _Scope(parse_activation(scope))
             node = known.name.node
             if node not in self._at:
                 self._at[node] = {}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from mrbt_mesh.core.bt.activation import ScopeName, parse_scope
+from mrbt_mesh.core.bt.activation import Activation, parse_activation
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import ATTEMPT_KINDS, CONTROLS, Kind, Memory, Status
 from mrbt_mesh.core.facts import records
@@ -16,8 +16,10 @@ from mrbt_mesh.core.facts.coalitions import Coalitions
 from mrbt_mesh.core.facts.records import (
     Attempt,
     Bid,
+    ChildResult,
     Claim,
     Coalition,
+    CoalitionId,
     ConditionValue,
     Latch,
     Member,
@@ -25,8 +27,6 @@ from mrbt_mesh.core.facts.records import (
     Order,
     OrderKind,
     Outcome,
-    Passed,
-    Token,
 )
 from mrbt_mesh.core.facts.scopes import FactChanges, ScopedEntries
 from mrbt_mesh.core.facts.store import Entry, FactMap, Incarnation
@@ -45,7 +45,7 @@ _SCOPED = {
     records.VERDICT: frozenset({Kind.ACTION}),
     records.ATTEMPT: ATTEMPT_KINDS,
     records.EXPIRED: frozenset({Kind.TIMEOUT}),
-    records.PASSED: CONTROLS,
+    records.CHILD_RESULT: CONTROLS,
     records.DONE: frozenset({Kind.ACTION}),
     **dict.fromkeys(sorted(records.COALITION_KINDS | records.BID_KINDS), frozenset({Kind.ACTION})),
 }
@@ -90,7 +90,7 @@ class TeamFacts:
         self._bids: dict[tuple[str, str], dict[str, int | None]] = {}
         # By activation, a sum of hashes over its bids and whether they are closed.
         self._bid_states: dict[str, int] = {}
-        self.givers = frozenset(mission.robots)
+        self.grantors = frozenset(mission.robots)
 
     # -- EvaluationFacts ------------------------------------------------------------------
 
@@ -135,7 +135,7 @@ class TeamFacts:
         found = self.coalitions(activation)
         if found.has_succeeded(task) or f"{records.DONE}/{activation}" in self._latches:
             return Status.SUCCESS
-        if self.has_verdict(activation) or found.has_failed(task, self._known_able, self.givers):
+        if self.has_verdict(activation) or found.has_failed(task, self._known_able, self.grantors):
             return Status.FAILURE
         return Status.RUNNING
 
@@ -144,21 +144,24 @@ class TeamFacts:
         members = self.members.items()
         return [r for r, (m, _) in members if performance(m.capabilities, local_task)]
 
-    def attempt(self, scope: str) -> int:
+    def attempts_used(self, activation: str) -> int:
         """The number of attempts that are used up, over all authors."""
-        if scope not in self._scoped.by_scope:
+        if activation not in self._scoped.by_scope:
             return 0
-        return max(self._latches.get(f"{records.ATTEMPT}/{scope}", {}).values(), default=0)
+        return max(self._latches.get(f"{records.ATTEMPT}/{activation}", {}).values(), default=0)
 
-    def expired(self, scope: str) -> bool:
+    def has_expired(self, activation: str) -> bool:
         """Whether anybody has seen this Timeout's deadline pass."""
-        return scope in self._scoped.by_scope and f"{records.EXPIRED}/{scope}" in self._latches
+        return (
+            activation in self._scoped.by_scope
+            and f"{records.EXPIRED}/{activation}" in self._latches
+        )
 
-    def passed(self, scope: str, position: int) -> Status | None:
+    def child_result(self, activation: str, position: int) -> Status | None:
         """How that child of a node with memory ended; success, if anybody says so."""
-        if scope not in self._scoped.by_scope:
+        if activation not in self._scoped.by_scope:
             return None
-        said = self._latches.get(f"{records.PASSED}/{scope}/{position}")
+        said = self._latches.get(f"{records.CHILD_RESULT}/{activation}/{position}")
         if said is None:
             return None
         return Status.SUCCESS if any(said.values()) else Status.FAILURE
@@ -190,9 +193,9 @@ class TeamFacts:
         found = self._coalitions.get(activation)
         if found is None:
             return self.outcomes.get(activation, {}).get(local_task, {})
-        unended = found.unended(self.givers)
+        unended = found.unended(self.grantors)
         ends = found.outcomes.get(unended[0], {}) if unended else {}
-        return dict.fromkeys(found.failed(local_task), False) | {
+        return dict.fromkeys(found.failed_robots(local_task), False) | {
             robot: True for robot, success in ends.get(local_task, {}).items() if success
         }
 
@@ -229,7 +232,7 @@ class TeamFacts:
     def task_of(self, activation: str) -> GlobalTask | None:
         """The global task of an activation, None if there is none of that name."""
         try:
-            return self.mission.global_tasks.get(parse_scope(activation).subject)
+            return self.mission.global_tasks.get(parse_activation(activation).subject)
         except ValueError:
             return None
 
@@ -290,14 +293,14 @@ class TeamFacts:
                 return f"condition {parts[1]!r}: value and revision {record.revision} disagree"
         elif parts[0] in _SCOPED:
             try:
-                scope = parse_scope(parts[1])
+                scope = parse_activation(parts[1])
             except ValueError:
                 return f"{parts[1]!r:.80} names no activation"
             if scope.run != self.run:
                 return f"{parts[1]!r:.80} belongs to another run"
             if str(scope) != parts[1] or not self._fits(parts[0], scope):
                 return f"{parts[1]!r:.80} names no node of this mission's tree"
-            if parts[0] == records.PASSED:
+            if parts[0] == records.CHILD_RESULT:
                 node = self.mission.tree.nodes[scope.node]
                 if node.memory is Memory.NONE or parts[2] not in map(
                     str, range(len(node.children))
@@ -326,7 +329,7 @@ class TeamFacts:
             return f"{task.id!r} has no coalitions"
         if kind in records.COALITION_KINDS or len(names) == 3:
             try:
-                token = Token.parse(names[-1])
+                token = CoalitionId.parse(names[-1])
             except ValueError:
                 return f"{names[-1]!r:.80} names no coalition"
             if isinstance(entry.record, Coalition) and (
@@ -336,7 +339,7 @@ class TeamFacts:
                 return f"{names[-1]!r:.80}: no coalition of {task.id!r}"
         return None
 
-    def _fits(self, kind: str, scope: ScopeName) -> bool:
+    def _fits(self, kind: str, scope: Activation) -> bool:
         """Whether some evaluation could use this name for an entry of this kind."""
         nodes = self.mission.tree.nodes
         if not 0 <= scope.node < len(nodes) or min((scope.turns, *scope.attempts)) < 0:
@@ -371,8 +374,8 @@ class TeamFacts:
             case Outcome():
                 self._ended(parts, entry, record)
             case Coalition() | Latch() if parts[0] in records.COALITION_KINDS:
-                token = Token.parse(parts[2])
-                self._coalition(parts).take(parts[0], token, entry)
+                token = CoalitionId.parse(parts[2])
+                self._coalition(parts).add(parts[0], token, entry)
                 self.max_stamp = max(self.max_stamp, token.since)
             case ConditionValue():
                 self._condition_changes(parts[1])
@@ -387,15 +390,15 @@ class TeamFacts:
                 self.max_stamp = max(self.max_stamp, record.stamp)
             case Bid(number):
                 self._bids.setdefault((parts[1], parts[2]), {})[author] = number
-            case Attempt() | Latch() | Passed():
+            case Attempt() | Latch() | ChildResult():
                 self._latched(entry, record)
 
     def _scope_changed(self, parts: tuple[str, ...], entry: Entry, is_dropped: bool) -> None:
         change = self._scoped.remove if is_dropped else self._scoped.add
         node = change(parts[1], (entry.author, entry.name))
-        if parts[0] == records.PASSED:
+        if parts[0] == records.CHILD_RESULT:
             for changes in self._followers:
-                changes.passed[node, int(parts[2])] = None
+                changes.child_results[node, int(parts[2])] = None
             return
         if parts[0] in records.BID_KINDS:
             return  # no tree reads them
@@ -434,7 +437,7 @@ class TeamFacts:
         """By the paper's policy a claim, as long as it is valid, counts as an assignment."""
         if self._tree_reads_claims and robot in self.claims:
             try:
-                self._nodes_change(parse_scope(self.claims[robot][0].activation).node)
+                self._nodes_change(parse_activation(self.claims[robot][0].activation).node)
             except ValueError:
                 return  # of nothing that a tree could name
 
@@ -447,8 +450,8 @@ class TeamFacts:
     def _ended(self, parts: tuple[str, ...], entry: Entry, outcome: Outcome) -> None:
         self.outcome_changes += 1
         if len(parts) == 4:
-            token = Token.parse(parts[3])
-            self._coalition(parts).take_outcome(token, parts[2], entry, outcome.success)
+            token = CoalitionId.parse(parts[3])
+            self._coalition(parts).add_outcome(token, parts[2], entry, outcome.success)
         else:
             tasks = self.outcomes.get(parts[1], {})
             ends = {**tasks.get(parts[2], {}), entry.author: outcome.success}
@@ -463,9 +466,9 @@ class TeamFacts:
         else:
             self._succeeded.discard(activation)
 
-    def _latched(self, entry: Entry, record: Attempt | Latch | Passed) -> None:
+    def _latched(self, entry: Entry, record: Attempt | Latch | ChildResult) -> None:
         match record:
-            case Attempt(number=number) | Passed(success=number):
+            case Attempt(number=number) | ChildResult(success=number):
                 self._latches.setdefault(entry.name, {})[entry.author] = int(number)
             case Latch():
                 self._latches.setdefault(entry.name, {})[entry.author] = 1

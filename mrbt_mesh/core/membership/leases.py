@@ -16,11 +16,11 @@ from typing import Any, TypeAlias
 
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import majority
-from mrbt_mesh.core.facts.records import Token
+from mrbt_mesh.core.facts.records import CoalitionId
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Heartbeat, LeaseGrant
-from mrbt_mesh.core.mission.mission import InDoubt
+from mrbt_mesh.core.mission.mission import InDoubtPolicy
 
 _Writes: TypeAlias = list[tuple[str, Any]]
 
@@ -33,7 +33,7 @@ class _Given:
     known from others' grants: this robot says when it would have run out.
     """
 
-    token: Token
+    token: CoalitionId
     expires_us: int
     granted: bool
     echoes: dict[str, int] = field(default_factory=dict)
@@ -59,7 +59,7 @@ class Leases:
 
     # -- the holder ---------------------------------------------------------------------------
 
-    def seek(self, activation: str, token: Token | None) -> None:
+    def seek(self, activation: str, token: CoalitionId | None) -> None:
         """Ask for, or keep, the grants of one coalition; None: of none."""
         wanted = (activation, str(token)) if token is not None else None
         if wanted != self.seeks:
@@ -68,17 +68,19 @@ class Leases:
 
     def held_until_us(self) -> int:
         """Until when a majority's grants last, by this robot's own count; 0: there is none."""
-        needed = majority(self._facts.givers)
+        needed = majority(self._facts.grantors)
         newest = sorted(self._confirmed_us.values(), reverse=True)
         if len(newest) < needed:
             return 0
         return newest[needed - 1] + self._timing.hold_us
 
-    def holds(self, activation: str, token: Token, now_us: int) -> bool:
+    def holds(self, activation: str, token: CoalitionId, now_us: int) -> bool:
         """Whether this robot may work on the activation now."""
         return self.seeks == (activation, str(token)) and now_us < self.held_until_us()
 
-    def sent(self, number: int, now_us: int, may_grant: Callable[[str, Token], bool]) -> _Writes:
+    def sent(
+        self, number: int, now_us: int, may_grant: Callable[[str, CoalitionId], bool]
+    ) -> _Writes:
         """This robot's beat goes out: it is a request, and this robot answers itself first."""
         if self.seeks is None:
             self._sent_us.clear()
@@ -102,10 +104,14 @@ class Leases:
     # -- the giver ----------------------------------------------------------------------------
 
     def heard(
-        self, robot: str, beat: Heartbeat, now_us: int, may_grant: Callable[[str, Token], bool]
+        self,
+        robot: str,
+        beat: Heartbeat,
+        now_us: int,
+        may_grant: Callable[[str, CoalitionId], bool],
     ) -> _Writes:
         """A beat of another robot: its request, and its answers to this robot's requests."""
-        if robot in self._facts.givers:
+        if robot in self._facts.grantors:
             self._confirm(robot, [grant for grant in beat.lease_grants if grant.member == self._me])
         if beat.lease_request is None or not beat.report.has_joined:
             return []
@@ -117,12 +123,12 @@ class Leases:
         number: int,
         sought: tuple[str, str],
         now_us: int,
-        may_grant: Callable[[str, Token], bool],
+        may_grant: Callable[[str, CoalitionId], bool],
     ) -> _Writes:
         """Renew or give a grant; what is written must be on disk before the answer goes out."""
         activation = sought[0]
         try:
-            token = Token.parse(sought[1])
+            token = CoalitionId.parse(sought[1])
         except ValueError:
             return []
         given = self._given.get(activation)
@@ -133,7 +139,7 @@ class Leases:
             return []
         if given is not None and given.token != token:
             return []
-        if self._me not in self._facts.givers or now_us < self._silent_until_us:
+        if self._me not in self._facts.grantors or now_us < self._silent_until_us:
             return []
         if not may_grant(activation, token) or not self._is_free(activation, token):
             return []
@@ -141,7 +147,7 @@ class Leases:
         self._given[activation] = _Given(token, expires_us, True, {member: number})
         return [(f"{records.GRANT}/{activation}/{token}", True)]
 
-    def _is_free(self, activation: str, token: Token) -> bool:
+    def _is_free(self, activation: str, token: CoalitionId) -> bool:
         """Whether nothing that this robot has granted or doubted speaks against it.
 
         A coalition that may have left the work half done excludes every other for good, unless
@@ -151,7 +157,7 @@ class Leases:
         if token in found.broken or token in found.doubts or token in found.cleared:
             return False
         task = self._facts.task_of(activation)
-        if task is None or task.in_doubt is InDoubt.RETRY:
+        if task is None or task.in_doubt is InDoubtPolicy.RETRY:
             return True
         mine = (other for other in found.grants if self._me in found.grants[other])
         return not any(found.is_open(other) for other in mine if other != token)
@@ -195,7 +201,7 @@ class Leases:
         among them.
         """
         for activation, found in self._facts.granted():
-            if activation in self._given or self._me not in self._facts.givers:
+            if activation in self._given or self._me not in self._facts.grantors:
                 continue
             for token in sorted(found.grants):
                 if found.is_open(token) and self._me not in found.doubts.get(token, ()):

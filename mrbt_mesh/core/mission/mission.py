@@ -49,14 +49,14 @@ class FailurePolicy(enum.StrEnum):
     RESILIENT = "resilient"
 
 
-class Assignment(enum.StrEnum):
+class AssignmentPolicy(enum.StrEnum):
     """Which robots a request may have: all that are capable, or those that are needed least."""
 
     ANY = "any"
     SPARE_SCARCE = "spare_scarce"
 
 
-class InDoubt(enum.StrEnum):
+class InDoubtPolicy(enum.StrEnum):
     """What becomes of an exclusive task that was begun and ended without an outcome.
 
     It is held for the operator, counts as failed, or is tried again.
@@ -134,7 +134,7 @@ class GlobalTask:
     preemptive: bool = False
     simultaneous: bool = False
     exclusive: bool = False
-    in_doubt: InDoubt = InDoubt.HOLD
+    in_doubt: InDoubtPolicy = InDoubtPolicy.HOLD
     by_coalition: bool = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -240,7 +240,7 @@ class Mission:
     conditions: Mapping[str, ConditionType]
     global_tasks: Mapping[GlobalTaskId, GlobalTask]
     tree: Tree
-    assignment: Assignment = Assignment.ANY
+    assignment: AssignmentPolicy = AssignmentPolicy.ANY
     parameters: Mapping[str, Any] = field(default_factory=dict)
     program: str | None = None
     costs: Costs = field(default_factory=Costs)
@@ -291,7 +291,7 @@ class Mission:
         The usual assignment is left out, as are constraints where there are none: missions
         without them keep their digests.
         """
-        usual = self.assignment is Assignment.ANY
+        usual = self.assignment is AssignmentPolicy.ANY
         limited = [constraint_to_json(constraint) for constraint in self.constraints]
         return {
             **({"constraints": limited} if limited else {}),
@@ -366,7 +366,7 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
                     preemptive,
                     simultaneous,
                     exclusive,
-                    InDoubt(in_doubt),
+                    InDoubtPolicy(in_doubt),
                 )
                 for (
                     i,
@@ -380,7 +380,7 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
                 ) in data["global_tasks"]
             },
             tree=build_tree(_spec_from_json(data["tree"])),
-            assignment=Assignment(data.get("assignment", Assignment.ANY)),
+            assignment=AssignmentPolicy(data.get("assignment", AssignmentPolicy.ANY)),
             parameters=data["parameters"],
             program=data["program"],
             costs=Costs(*data.get("costs", ())),  # missions compiled before there were costs

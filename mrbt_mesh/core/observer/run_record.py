@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from mrbt_mesh.core.bt.activation import parse_scope
+from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Bid, Claim, ConditionValue, Member, NoClaim, Outcome, Phase
@@ -297,14 +297,14 @@ class RunRecord:
     ) -> None:
         bidding = self.biddings.get((activation, local_task))
         if bidding is None:
-            bidding = BiddingRecord(parse_scope(activation).subject, local_task, now_us)
+            bidding = BiddingRecord(parse_activation(activation).subject, local_task, now_us)
             self.biddings[activation, local_task] = bidding
         bidding.bids[robot] = None if number is None else number / MICRO
         words = "has no bid" if number is None else f"bids {number / MICRO:g}"
         self.say(now_us, f"{robot}: {words} for {local_task}")
 
     def _took_part(self, robot: str, activation: str) -> None:
-        task = self.tasks.get(parse_scope(activation).subject)
+        task = self.tasks.get(parse_activation(activation).subject)
         if task is not None:
             task.robots.add(robot)
 

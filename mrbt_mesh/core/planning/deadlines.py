@@ -27,7 +27,9 @@ class Deadlines:
         """Follow a plan; returns the facts to write for deadlines that have passed."""
         if not (plan.evaluation.timeouts or plan.waiting or self._due_us):
             return []
-        running = {f"{records.EXPIRED}/{t.scope}": t.timeout_us for t in plan.evaluation.timeouts}
+        running = {
+            f"{records.EXPIRED}/{t.activation}": t.timeout_us for t in plan.evaluation.timeouts
+        }
         for waiting in plan.waiting:
             limit_us = facts.mission.global_tasks[waiting.global_task].blocked_fail_after_us
             if waiting.shortages and limit_us is not None:

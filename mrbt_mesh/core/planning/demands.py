@@ -13,11 +13,11 @@ from typing import TypeAlias
 from mrbt_mesh.core.bt.activation import ActivationNames
 from mrbt_mesh.core.bt.evaluation import Request
 from mrbt_mesh.core.bt.tree import Kind
-from mrbt_mesh.core.facts.coalitions import Coalitions, is_in, majority, standing_coalition
-from mrbt_mesh.core.facts.records import Phase, Token
+from mrbt_mesh.core.facts.coalitions import Coalitions, coalition_at_work, is_still_in, majority
+from mrbt_mesh.core.facts.records import CoalitionId, Phase
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.mission.mission import GlobalTask, InDoubt, Need, SameRobotAs
+from mrbt_mesh.core.mission.mission import GlobalTask, InDoubtPolicy, Need, SameRobotAs
 from mrbt_mesh.core.planning.capabilities import Capabilities, Worker
 
 
@@ -103,7 +103,7 @@ def _did(
     nodes = facts.mission.tree.nodes
     for node in range(request.node - 1, -1, -1):
         if nodes[node].kind is Kind.ACTION and nodes[node].subject == before.global_task:
-            activation = str(names.current_scope(node, facts))
+            activation = str(names.current_activation(node, facts))
             results = facts.results(activation, before.local_task)
             robots = sorted(robot for robot, success in results.items() if success)
             if robots:
@@ -163,11 +163,11 @@ def _coalition_demands(
 ) -> tuple[Demand, ...]:
     """Who has started goes on, and nobody joins; without a coalition the bounds are nu and mu."""
     team, found = capabilities.team, facts.coalitions(request.activation)
-    token = standing_coalition(facts, task, request.activation, incarnations(team))
+    token = coalition_at_work(facts, task, request.activation, incarnations(team))
     at_work = _at_work(facts, request, found, token, team) if token is not None else {}
     result = []
     for need, those in zip(task.needs, did, strict=True):
-        failed = found.failed(need.local_task)
+        failed = found.failed_robots(need.local_task)
         able = capabilities.able(need.local_task)
         candidates = {
             robot: value
@@ -186,7 +186,11 @@ def _coalition_demands(
 
 
 def _at_work(
-    facts: TeamFacts, request: Request, found: Coalitions, token: Token, team: Mapping[str, Worker]
+    facts: TeamFacts,
+    request: Request,
+    found: Coalitions,
+    token: CoalitionId,
+    team: Mapping[str, Worker],
 ) -> dict[str, str]:
     """Robot -> local task, for the members of a coalition that have not finished."""
     return {
@@ -195,7 +199,7 @@ def _at_work(
         if member.robot in team
         and team[member.robot].incarnation == (member.counter, member.nonce)
         and found.outcome(token, member) is None
-        and is_in(facts, token, member, request.activation)
+        and is_still_in(facts, token, member, request.activation)
     }
 
 
@@ -212,19 +216,19 @@ def obstacle(
     if not task.exclusive:
         return ""
     found = facts.coalitions(request.activation)
-    doubted = found.doubted(facts.givers)
-    if doubted and task.in_doubt is not InDoubt.RETRY:
+    doubted = found.in_doubt(facts.grantors)
+    if doubted and task.in_doubt is not InDoubtPolicy.RETRY:
         names = ", ".join(sorted({token.leader for token in doubted}))
         return f"in doubt: nobody knows how far {names} got; `mrbt decide` says how it goes on"
-    token = standing_coalition(facts, task, request.activation, incarnations(team))
+    token = coalition_at_work(facts, task, request.activation, incarnations(team))
     if token is not None:
         if any(demand.pinned for demand in group):
             return ""
         return f"{token.leader} is out of reach and may still be at it"
-    present = sum(robot in facts.givers for robot in team)
-    needed = majority(facts.givers)
+    present = sum(robot in facts.grantors for robot in team)
+    needed = majority(facts.grantors)
     if present < needed:
         return (
-            f"exclusive: needs grants from {needed} of {len(facts.givers)} robots, {present} here"
+            f"exclusive: needs grants from {needed} of {len(facts.grantors)} robots, {present} here"
         )
     return ""

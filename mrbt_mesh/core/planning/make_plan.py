@@ -11,11 +11,11 @@ from dataclasses import replace
 from mrbt_mesh.core.assignment.named import NamedDemand, NamedProblem
 from mrbt_mesh.core.assignment.solve import within
 from mrbt_mesh.core.bt.evaluation import Request
-from mrbt_mesh.core.facts.coalitions import standing_coalition
+from mrbt_mesh.core.facts.coalitions import coalition_at_work
 from mrbt_mesh.core.facts.records import OrderKind
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.mission.mission import Assignment, Mission
+from mrbt_mesh.core.mission.mission import AssignmentPolicy, Mission
 from mrbt_mesh.core.planning.capabilities import Worker
 from mrbt_mesh.core.planning.demands import Demand, Group, incarnations, obstacle
 from mrbt_mesh.core.planning.plan import Line, Plan, Waiting
@@ -50,7 +50,7 @@ def make_plan(
     demands = bids.groups
     obstacles = _obstacles(facts, requests, demands, team)
     offered: Sequence[Group] = demands
-    if mission.assignment is Assignment.SPARE_SCARCE:
+    if mission.assignment is AssignmentPolicy.SPARE_SCARCE:
         offered = spare_scarce(facts, evaluation, demands, team)
 
     # *Check Consistency*, then *Assign Agents*: robots at work go on, the others are assigned.
@@ -164,8 +164,8 @@ def _with_leaders(
         task = facts.mission.global_tasks[line.global_task]
         if task.by_coalition:
             if line.activation not in leaders:
-                token = standing_coalition(facts, task, line.activation, incarnations(team))
-                number = facts.coalitions(line.activation).round(facts.givers, token)
+                token = coalition_at_work(facts, task, line.activation, incarnations(team))
+                number = facts.coalitions(line.activation).round_number(facts.grantors, token)
                 leaders[line.activation] = (token.leader if token is not None else robot, number)
             leader, number = leaders[line.activation]
             line = replace(line, leader=leader, round=number)

@@ -14,7 +14,7 @@ from mrbt_mesh.core.agent.effects import Effect, Persist, StartAction
 from mrbt_mesh.core.agent.inputs import ActionFinished, ActionStopped, Input
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.facts.records import GRANT, split_name
-from mrbt_mesh.core.mission.mission import GlobalTask, InDoubt
+from mrbt_mesh.core.mission.mission import GlobalTask, InDoubtPolicy
 from mrbt_mesh.sim.checkers.findings import Findings
 from mrbt_mesh.sim.engine.process import SimProcess
 
@@ -94,7 +94,7 @@ class Exclusive:
                 text = f"{who} while {', '.join(others)} are at it ({token})"
             elif other.has_succeeded(task):
                 text = f"{who}, which was finished ({token})"
-            elif not other.is_resolved() and task.in_doubt is not InDoubt.RETRY:
+            elif not other.is_resolved() and task.in_doubt is not InDoubtPolicy.RETRY:
                 text = f"{who}, which was left in doubt ({token})"
             else:
                 continue

@@ -8,16 +8,16 @@ from collections.abc import Mapping, Sequence
 from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.inputs import Input, TimerFired
 from mrbt_mesh.core.agent.view import AgentView
-from mrbt_mesh.core.bt.activation import parse_scope
+from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import (
     ATTEMPT,
     BID_KINDS,
+    CHILD_RESULT,
     COALITION_KINDS,
     DONE,
     EXPIRED,
     OUTCOME,
-    PASSED,
     VERDICT,
     Outcome,
     split_name,
@@ -26,7 +26,7 @@ from mrbt_mesh.core.facts.store import Entry, FactMap, join
 from mrbt_mesh.sim.checkers.findings import Findings, is_connected, joined
 from mrbt_mesh.sim.engine.process import SimProcess
 
-_SCOPED = COALITION_KINDS | BID_KINDS | {OUTCOME, VERDICT, ATTEMPT, EXPIRED, PASSED, DONE}
+_SCOPED = COALITION_KINDS | BID_KINDS | {OUTCOME, VERDICT, ATTEMPT, EXPIRED, CHILD_RESULT, DONE}
 
 
 class Convergence:
@@ -130,7 +130,7 @@ def is_obsolete(agent: AgentView, entry: Entry) -> bool:
     parts = split_name(entry.name)
     if parts[0] not in _SCOPED:
         return False
-    return agent.mission.evaluator.is_obsolete(parse_scope(parts[1]), agent.facts)
+    return agent.mission.evaluator.is_obsolete(parse_activation(parts[1]), agent.facts)
 
 
 class NothingUndone:
@@ -162,13 +162,13 @@ class NothingUndone:
         for key, success in self._outcomes.get(process, {}).items():
             if now.get(key, False) < success or key not in now:
                 robot, name = key
-                if not evaluator.is_obsolete(parse_scope(split_name(name)[1]), facts):
+                if not evaluator.is_obsolete(parse_activation(split_name(name)[1]), facts):
                     self._findings.say("I3", f"{agent.robot} has lost {name} of {robot}")
         self._outcomes[process] = now
         self._findings.checks["I3"] += len(now)
         finished = self._finished.setdefault(process, set())
         for activation in sorted(finished | facts.begun()):
-            scope = parse_scope(activation)
+            scope = parse_activation(activation)
             if facts.task_status(scope.subject, activation) is Status.SUCCESS:
                 if activation not in finished:
                     finished.add(activation)

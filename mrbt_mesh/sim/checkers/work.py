@@ -24,7 +24,7 @@ from mrbt_mesh.core.facts.records import (
 )
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
-from mrbt_mesh.core.mission.mission import MICRO, InDoubt, Mission, performance, type_name
+from mrbt_mesh.core.mission.mission import MICRO, InDoubtPolicy, Mission, performance, type_name
 from mrbt_mesh.core.planning.capabilities import capabilities_of, workers
 from mrbt_mesh.core.planning.demands import demands_of
 from mrbt_mesh.core.planning.plan import Plan
@@ -321,7 +321,7 @@ def _is_excepted(facts: TeamFacts, request: Request, alive: Mapping[str, Incarna
         return False
     present = sum(robot in facts.mission.robots for robot in alive)
     granted = bool(facts.coalitions(request.activation).grants)
-    held = granted and task.in_doubt is InDoubt.HOLD
+    held = granted and task.in_doubt is InDoubtPolicy.HOLD
     return held or 2 * present <= len(facts.mission.robots)
 
 

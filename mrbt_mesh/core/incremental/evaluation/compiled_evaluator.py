@@ -83,7 +83,7 @@ def timeout_of(tick: Tick, rank: int) -> RunningTimeout:
     """What the Timeout with this rank waits for."""
     node = tick.layout.by_rank[rank]
     name, known = tick.names[node], tick.watched[node]
-    if known is None or known.scope is not name:
+    if known is None or known.activation is not name:
         timeout_us = tick.layout.tree.nodes[node].timeout_us
         known = tick.watched[node] = RunningTimeout(node, name, timeout_us)
     return known

@@ -64,7 +64,7 @@ class IncrementalEvaluator(CompiledEvaluator):
             self._state = None  # in case that reading the facts raises
             state.update.read(self._set)
             state.update.restart(self._turned)
-            state.update.look_at(changes.nodes, changes.passed)
+            state.update.look_at(changes.nodes, changes.child_results)
             state.update.run()
             state.take()
         self._state = state

@@ -187,7 +187,7 @@ class Tick:
         """
         scope, child = self.names[node], self.layout.children[node][0]
         function, again = self.functions.ticks[child], self.functions.passing[node]
-        limit, recorded = self.layout.limits[node], self.facts.attempt(scope)
+        limit, recorded = self.layout.limits[node], self.facts.attempts_used(scope)
         attempt = recorded if limit < 0 else min(recorded, limit - 1)
         while True:
             self.texts[node] = inner = f"{text}.{attempt}" if text else str(attempt)
@@ -419,7 +419,7 @@ def _timeout(tick: Tick, node: int, turns: int, text: str) -> int:
     child = tick.layout.children[node][0]
     code = tick.functions.ticks[child](tick, child, turns, text)
     if code & STATUS_BITS == RUNNING:
-        if tick.facts.expired(tick.names[node]):
+        if tick.facts.has_expired(tick.names[node]):
             tick.hides = True
             code = FAILURE | ACTED
         else:
@@ -448,7 +448,7 @@ def _remembering(tick: Tick, node: int, turns: int, text: str) -> int:
 def _recalled(tick: Tick, node: int, turns: int, text: str) -> int:
     """A child of such a node."""
     parent, position = tick.layout.parents[node], tick.layout.positions[node]
-    before = tick.facts.passed(tick.names[parent], position)
+    before = tick.facts.child_result(tick.names[parent], position)
     if before is not None:
         tick.skipped[node] = 1
         tick.statuses[node] = before

@@ -198,7 +198,7 @@ class TickUpdate:
         parent, position = layout.parents[node], layout.positions[node]
         if not layout.recalled[node]:
             return False
-        said = tick.facts.passed(tick.names[parent], position)
+        said = tick.facts.child_result(tick.names[parent], position)
         if said is None and not tick.skipped[node]:
             return False
         before, acted_before = tick.statuses[node], tick.acted[node]
@@ -234,7 +234,7 @@ class TickUpdate:
         tick, layout = self._tick, self._layout
         child = layout.children[node][0]
         status, acted = tick.statuses[child], tick.acted[child]
-        if status == RUNNING and tick.facts.expired(tick.names[node]):
+        if status == RUNNING and tick.facts.has_expired(tick.names[node]):
             status, acted = FAILURE, 1
         running = tick.statuses[node] == RUNNING
         _keep(tick.watching, layout.ranks[node], running, status == RUNNING)
@@ -243,7 +243,7 @@ class TickUpdate:
     def _loop(self, node: int) -> None:
         tick, layout = self._tick, self._layout
         child, limit = layout.children[node][0], layout.limits[node]
-        recorded = tick.facts.attempt(tick.names[node])
+        recorded = tick.facts.attempts_used(tick.names[node])
         attempt = recorded if limit < 0 else min(recorded, limit - 1)
         status, acted = tick.statuses[child], tick.acted[child]
         is_used_up = status == tick.functions.passing[node] and acted and attempt + 1 != limit
