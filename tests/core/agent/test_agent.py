@@ -24,8 +24,9 @@ from mrbt_mesh.core.membership.wire import (
     pack_heartbeat,
 )
 from tests.support import harness, inside
-from tests.support.harness import MS, Script
+from tests.support.harness import MS
 from tests.support.plain_data import mutations, plain
+from tests.support.script import Script
 
 TEAM = """
 robot A weld

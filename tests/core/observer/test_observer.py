@@ -12,7 +12,7 @@ from mrbt_mesh.core.membership.membership import State
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import MessageKind, encode
 from mrbt_mesh.core.observer.observer import Observer
-from tests.support.harness import Script
+from tests.support.script import Script
 
 TEAM = """
 robot A weld lift

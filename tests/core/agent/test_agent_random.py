@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.bt.tree import Status
-from tests.support.harness import Script
+from tests.support.script import Script
 
 ROBOTS = ("A", "B", "C")
 PAIRS = ("A B", "A C", "B C")

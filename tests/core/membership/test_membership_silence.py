@@ -1,0 +1,127 @@
+"""How long a robot may be silent: that follows from how regularly news of it came."""
+
+from __future__ import annotations
+
+from mrbt_mesh.core.facts.store import Incarnation
+from tests.support.membership_view import ALIVE, DEAD, MS, SUSPECT, TIMING, View
+
+
+def test_a_robot_that_is_heard_badly_may_be_silent_for_longer() -> None:
+    view = View("A", "B", "C")
+    last_ms = {}
+    for step in range(120):
+        view.ms = 100 * step
+        for robot in "ABC" if step % 3 == 0 else "BC":
+            view.hear(robot)
+            last_ms[robot] = view.ms
+    limit_ms = TIMING.silence_limit_us(view.members.peers["A"].arrivals.overdue_permille) // MS
+    assert 1_500 < limit_ms <= 3_000
+    for ms in range(view.ms, last_ms["A"] + limit_ms, 100):
+        view.ms = ms
+        view.hear("B")
+        view.hear("C")
+        assert view["A"] is (SUSPECT if ms >= last_ms["A"] + limit_ms // 2 else ALIVE)
+    view.ms = last_ms["A"] + limit_ms
+    view.hear("B")
+    assert view["A"] is DEAD
+
+
+def test_a_new_life_is_heard_over_the_same_network() -> None:
+    view = View("A", "B")
+    hearing = view.members.peers["A"].arrivals
+    view.hear("A", life=2, number=1)
+    assert view.members.peers["A"].arrivals is hearing
+
+
+def test_an_outage_that_ended_in_a_verdict_is_no_measure_of_the_network() -> None:
+    view = View("A", "B")
+    view.ms = 900
+    view.hear("B")
+    before = view.members.peers["A"].arrivals.observed_us
+    view.at(1_000)
+    view.ms = 9_000
+    view.hear("A")
+    assert view["A"] is ALIVE
+    assert view.members.peers["A"].arrivals.observed_us == before
+
+
+def test_a_verdict_follows_that_of_another_robot_if_there_was_silence_here_as_well() -> None:
+    view = View("A", "B", "C")
+    for _ in range(40):
+        view.ms += 300  # two beats of three are lost
+        for robot in "ABC":
+            view.hear(robot)
+    start_ms = view.ms
+    assert view.members.peers["A"].silence_limit_us > 2_000 * MS
+    for ms in range(200, 1_600, 200):
+        view.ms = start_ms + ms
+        view.hear("C")
+        view.hear("B", buries="A")
+        assert view["A"] is (
+            DEAD if ms * MS >= view.members.peers["A"].silence_limit_us // 2 else ALIVE
+        )
+
+
+def test_a_verdict_of_another_robot_alone_kills_nobody() -> None:
+    view = View("A", "B", "C")
+    for ms in range(100, 3_000, 100):
+        view.ms = ms
+        view.hear("A")
+        view.hear("B", buries="A")
+        assert view["A"] is ALIVE
+    view.at(view.ms + 999)
+    view.hear("C")
+    assert view["A"] is SUSPECT
+
+
+def test_half_of_the_limit_without_news_and_a_robot_is_sought() -> None:
+    view = View("A", "B")
+    view.ms = 499
+    view.hear("B")
+    assert not view.members.is_probing
+    view.at(500)
+    assert view.members.is_probing
+    assert [(a.robot, a.is_probe) for a in view.members.suspicions()] == [("A", True)]
+    view.hear("A")
+    assert not view.members.is_probing
+
+
+def test_the_dead_are_sought_no_more() -> None:
+    view = View("A", "B")
+    view.ms = 900
+    view.hear("B")
+    view.at(1_000)
+    assert view["A"] is DEAD
+    assert not view.members.is_probing
+    assert [(a.is_dead, a.is_probe) for a in view.members.suspicions()] == [(True, False)]
+
+
+def test_a_robot_whose_token_is_lost_but_whose_beats_come_is_not_sought() -> None:
+    view = View("A", "B")
+    view.lose_token("A")
+    assert view["A"] is SUSPECT
+    assert not view.members.is_probing
+
+
+def test_who_has_news_of_a_sought_robot_is_asked_for_it() -> None:
+    view = View("A", "B")
+    view.hear("B", seeks="A")
+    assert view.asked
+    view.hear("B", seeks="Z")
+    assert not view.asked, "of whom it knows nothing"
+    view.hear("B", accuses="A", buries="A")
+    assert not view.asked, "nobody seeks it"
+    view.ms = 600
+    view.hear("B", seeks="A")
+    assert view["A"] is SUSPECT
+    view.hear("B", seeks="A")
+    assert not view.asked, "it has no news either"
+
+
+def test_a_robot_that_is_sought_itself_is_asked_if_this_life_of_it_is_meant() -> None:
+    view = View("B")
+    view.hear("B", seeks="M")
+    assert not view.asked, "an earlier life"
+    beat = view.members.peers["B"].heartbeat
+    assert beat is not None
+    assert view.members.can_answer_probe(beat, Incarnation(1, "n"))

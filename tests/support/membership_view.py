@@ -1,0 +1,87 @@
+"""One robot's view of who is alive, told what it hears."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.membership import Membership, State
+from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport, Suspicion
+
+MS = 1_000
+TIMING = Timing(heartbeat_us=100 * MS, detection_us=1_000 * MS)
+ALIVE, SUSPECT, DEAD, LEFT = State.ALIVE, State.SUSPECT, State.DEAD, State.LEFT
+PLAN = b"planplan"
+
+
+class View:
+    """Robot M's view of the others, told what it hears at which millisecond."""
+
+    def __init__(self, *robots: str) -> None:
+        self.members = Membership("M", TIMING)
+        self.ms = 0
+        self.numbers: dict[str, int] = {}
+        self.asked = False
+        for robot in robots:
+            self.hear(robot)
+
+    def at(self, ms: int) -> View:
+        """Let time pass, and judge."""
+        self.ms = ms
+        self.members.detect_failures(ms * MS)
+        return self
+
+    def hear(
+        self,
+        robot: str,
+        *,
+        accuses: Iterable[str] = (),
+        seeks: Iterable[str] = (),
+        buries: Iterable[str] = (),
+        relays: dict[str, int] | None = None,
+        life: int = 1,
+        number: int | None = None,
+        joined: bool = True,
+        leaving: bool = False,
+        plan: bytes = PLAN,
+        result: Status = Status.RUNNING,
+    ) -> bool:
+        """A beat of `robot`; it accuses robots whose token it lost, seeks those it has no news of,
+        buries those that it holds for dead, and relays newer beats.
+        """
+        self.numbers[robot] = self.numbers.get(robot, 0) + 1 if number is None else number
+        one = Incarnation(1, "n")
+        accusations = (
+            *(Suspicion(each, one, True, False, False) for each in accuses),
+            *(Suspicion(each, one, False, False, True) for each in seeks),
+            *(Suspicion(each, one, False, True, False) for each in buries),
+        )
+        heard = {
+            each: SelfReport(Incarnation(1, "n"), n, plan, True, int(result))
+            for each, n in (relays or {}).items()
+        }
+        beat = Heartbeat(
+            SelfReport(Incarnation(life, "n"), self.numbers[robot], plan, joined, int(result)),
+            leaving,
+            b"f" * 8,
+            (0, 0, 0, 0),
+            0,
+            accusations,
+            heard,
+        )
+        news = self.members.receive_heartbeat(robot, beat, self.ms * MS)
+        self.asked = self.members.can_answer_probe(beat, Incarnation(5, "m"))
+        self.members.detect_failures(self.ms * MS)
+        return news
+
+    def lose_token(self, robot: str, life: int = 1) -> None:
+        self.members.receive_token(robot, Incarnation(life, "n"), False)
+        self.members.detect_failures(self.ms * MS)
+
+    def __getitem__(self, robot: str) -> State:
+        return self.members.states()[robot]
+
+    def states(self, robots: str) -> list[State]:
+        return [self[robot] for robot in robots]
