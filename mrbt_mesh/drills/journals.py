@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from mrbt_mesh.core.facts.records import OUTCOME, Outcome, split_name
+from mrbt_mesh.core.facts.records import OUTCOME, Outcome
 from mrbt_mesh.runtime.journal import read_journals
 
 
@@ -29,7 +29,7 @@ def read(
     """Robot -> the successes that its journal holds, whoever's they are."""
     return {
         robot: frozenset(
-            Done(entry.author, *split_name(entry.name)[1:])
+            Done(entry.author, *entry.parts[1:])
             for entry in entries
             if entry.name.startswith(f"{OUTCOME}/")
             and isinstance(entry.record, Outcome)

@@ -433,6 +433,7 @@ def _split(name: str) -> tuple[str, ...]:
     return parts
 
 
-def parse_record(name: str, value: Any) -> Record:
-    """The record of an entry; raises ValueError if name or value are malformed."""
-    return _PARSERS[split_name(name)[0]](value)
+def parse_record(name: str, value: Any) -> tuple[tuple[str, ...], Record]:
+    """The parts of an entry's name, and its record; raises ValueError if one is malformed."""
+    parts = split_name(name)
+    return parts, _PARSERS[parts[0]](value)

@@ -8,9 +8,9 @@ is in `records`, and how the team reads them in `team`.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import msgpack
 
@@ -44,11 +44,13 @@ class Version(NamedTuple):
 class Entry:
     """One fact: `value` is plain data as on the wire, `record` what it means.
 
-    `hash`: 128 bits over author, name, version and value.
+    `parts` are those of its name, the kind first. `hash`: 128 bits over author, name, version and
+    value.
     """
 
     author: str
     name: str
+    parts: tuple[str, ...]
     version: Version
     value: Any
     record: Record
@@ -58,7 +60,7 @@ class Entry:
 
 def make_entry(author: str, name: str, version: Version, value: Any) -> Entry:
     """Parse and pack one entry; raises ValueError if the value is none of its kind."""
-    record = parse_record(name, value)
+    parts, record = parse_record(name, value)
     try:
         packed = msgpack.packb(value)
     except (TypeError, OverflowError) as error:
@@ -68,7 +70,8 @@ def make_entry(author: str, name: str, version: Version, value: Any) -> Entry:
     (counter, nonce), sequence = version
     head = msgpack.packb([author, name, counter, nonce, sequence])
     digest = hashlib.blake2b(head + packed, digest_size=16).digest()
-    return Entry(author, name, version, value, record, packed, int.from_bytes(digest, "big"))
+    number = int.from_bytes(digest, "big")
+    return Entry(author, name, parts, version, value, record, packed, number)
 
 
 def join(mine: Entry | None, other: Entry) -> Entry:
@@ -88,13 +91,17 @@ def join(mine: Entry | None, other: Entry) -> Entry:
     return oldest if mine.record.first_stands else newest
 
 
+# What an entry was and what it is.
+Change: TypeAlias = tuple[Entry | None, Entry | None]
+
+
 class FactMap:
     """All entries, with a digest per author that is kept up to date entry by entry.
 
-    `on_change(old, new)` is called for every change, with None for absent.
+    `on_change` is called with all (old, new) that a batch has changed, None for absent.
     """
 
-    def __init__(self, on_change: Callable[[Entry | None, Entry | None], None]) -> None:
+    def __init__(self, on_change: Callable[[Sequence[Change]], None]) -> None:
         self._entries: dict[tuple[str, str], Entry] = {}
         self._digests: dict[str, int] = {}
         self._digest: bytes | None = None
@@ -112,7 +119,7 @@ class FactMap:
 
     def merge(self, entries: Iterable[Entry]) -> list[Entry]:
         """Join entries in; returns those that changed the map."""
-        changed = []
+        changes: list[tuple[Entry | None, Entry]] = []
         for entry in entries:
             key = (entry.author, entry.name)
             old = self._entries.get(key)
@@ -121,16 +128,17 @@ class FactMap:
                 continue
             self._entries[key] = new
             self._count(new.author, new.hash - (old.hash if old else 0))
-            self._on_change(old, new)
-            changed.append(new)
-        return changed
+            changes.append((old, new))
+        if changes:
+            self._on_change(changes)
+        return [new for _, new in changes]
 
     def drop(self, author: str, name: str) -> None:
         """Forget an entry that no evaluation can reach any more."""
         entry = self._entries.pop((author, name), None)
         if entry is not None:
             self._count(author, -entry.hash)
-            self._on_change(entry, None)
+            self._on_change([(entry, None)])
 
     def _count(self, author: str, change: int) -> None:
         self._digest = None

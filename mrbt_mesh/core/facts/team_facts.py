@@ -6,7 +6,7 @@ planning need; it provides `EvaluationFacts` for T_G.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from mrbt_mesh.core.bt.activation import Activation, parse_activation
 from mrbt_mesh.core.bt.evaluator import Evaluator
@@ -29,7 +29,7 @@ from mrbt_mesh.core.facts.records import (
     Outcome,
 )
 from mrbt_mesh.core.facts.scopes import FactChanges, ScopedEntries
-from mrbt_mesh.core.facts.store import Entry, FactMap, Incarnation
+from mrbt_mesh.core.facts.store import Change, Entry, FactMap, Incarnation
 from mrbt_mesh.core.mission.mission import (
     FailurePolicy,
     GlobalTask,
@@ -282,7 +282,7 @@ class TeamFacts:
 
     def accepts(self, entry: Entry) -> str | None:
         """Why this entry has no place in this mission, or None if it has one."""
-        parts = records.split_name(entry.name)
+        parts = entry.parts
         if parts[0] == records.CONDITION:
             if not self.mission.knows_condition(parts[1]):
                 return f"condition {parts[1]!r} is not declared"
@@ -353,11 +353,15 @@ class TeamFacts:
             outer = nodes[outer].parent
         return len(scope.attempts) == attempts
 
-    def _changed(self, old: Entry | None, new: Entry | None) -> None:
-        self.changes += 1
+    def _changed(self, changes: Sequence[Change]) -> None:
+        for old, new in changes:
+            self.changes += 1
+            self._index(old, new)
+
+    def _index(self, old: Entry | None, new: Entry | None) -> None:
         entry = new or old
         assert entry is not None
-        parts = records.split_name(entry.name)
+        parts = entry.parts
         author, record = entry.author, entry.record
         if parts[0] in records.BID_KINDS:
             self._bids_change(parts[1], old, new)

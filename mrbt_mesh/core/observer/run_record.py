@@ -188,16 +188,16 @@ class RunRecord:
             case NoClaim():
                 self._claims.pop(robot, None)
             case Outcome() as outcome:
-                _, activation, local_task, *_ = records.split_name(entry.name)
+                _, activation, local_task, *_ = entry.parts
                 self._took_part(robot, activation)
                 how = "done" if outcome.success else "failed"
                 self.say(now_us, f"{robot}: {local_task} {how}")
             case ConditionValue() as condition:
-                name = records.split_name(entry.name)[1]
+                name = entry.parts[1]
                 self.conditions.append((now_us, name, condition.value))
                 self.say(now_us, f"{robot}: {name} is {str(condition.value).lower()}")
             case Bid(number):
-                _, activation, local_task = records.split_name(entry.name)
+                _, activation, local_task = entry.parts
                 self._bid(robot, activation, local_task, number, now_us)
             case records.Order() as order:
                 self.say(now_us, f"operator: {order.kind}")

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from mrbt_mesh.core.agent.effects import Effect, Persist, StartAction
 from mrbt_mesh.core.agent.inputs import ActionFinished, ActionStopped, Input
 from mrbt_mesh.core.agent.view import AgentView
-from mrbt_mesh.core.facts.records import GRANT, split_name
+from mrbt_mesh.core.facts.records import GRANT
 from mrbt_mesh.core.mission.mission import GlobalTask, InDoubtPolicy
 from mrbt_mesh.sim.checkers.findings import Findings
 from mrbt_mesh.sim.engine.process import SimProcess
@@ -72,7 +72,7 @@ class Exclusive:
                 self._start(process, effect)
             elif isinstance(effect, Persist) and effect.synced:
                 for entry in effect.entries:
-                    kind, *scope = split_name(entry.name)
+                    kind, *scope = entry.parts
                     if kind == GRANT:
                         activation, token = scope
                         self._givers.setdefault((activation, token), set()).add(process.robot)

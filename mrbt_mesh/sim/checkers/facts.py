@@ -104,7 +104,7 @@ class Convergence:
 
     def _note(self, agents: Sequence[AgentView], now_us: int) -> None:
         self._noted_us, self._holders = now_us, list(agents)
-        self._noted = FactMap(lambda old, new: None)
+        self._noted = FactMap(lambda changes: None)
         for agent in agents:
             self._noted.merge(agent.facts.map)
 
@@ -127,7 +127,7 @@ def stands(agent: AgentView, entry: Entry) -> bool:
 
 def is_obsolete(agent: AgentView, entry: Entry) -> bool:
     """Whether the agent may have dropped this entry, because nothing can reach it any more."""
-    parts = split_name(entry.name)
+    parts = entry.parts
     if parts[0] not in _SCOPED:
         return False
     return agent.mission.evaluator.is_obsolete(parse_activation(parts[1]), agent.facts)

@@ -20,7 +20,6 @@ from mrbt_mesh.core.facts.records import (
     OrderKind,
     Outcome,
     Phase,
-    split_name,
 )
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
@@ -204,7 +203,7 @@ class Progress:
 
     def _is_progress(self, entry: Entry) -> bool:
         """Not that a coalition forms or breaks, nor that it repeats what another one has done."""
-        kind, *scope = split_name(entry.name)
+        kind, *scope = entry.parts
         if isinstance(entry.record, Outcome):
             done = (entry.author, *scope[:2], entry.record.success)
             is_new = done not in self._done

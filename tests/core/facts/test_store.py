@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.facts.store import Entry, FactMap, Incarnation, Version, join, make_entry
+from mrbt_mesh.core.facts.store import (
+    Change,
+    Entry,
+    FactMap,
+    Incarnation,
+    Version,
+    join,
+    make_entry,
+)
 
 AUTHORS = ("A1", "B1")
 SCOPE = "r1:0:a::0"
@@ -49,7 +57,7 @@ batches = st.lists(entries, max_size=12)
 
 
 def fact_map(given_entries: Iterable[Entry] = ()) -> FactMap:
-    facts = FactMap(lambda old, new: None)
+    facts = FactMap(lambda changes: None)
     facts.merge(given_entries)
     return facts
 
@@ -205,13 +213,14 @@ def test_an_author_whose_entries_are_all_dropped_is_in_no_digest() -> None:
 def test_every_change_is_told_once_and_nothing_else_is(batch: list[Entry]) -> None:
     told: dict[tuple[str, str], Entry] = {}
 
-    def change(old: Entry | None, new: Entry | None) -> None:
-        assert new is not None
-        assert old == told.get((new.author, new.name))
-        assert old != new
-        told[new.author, new.name] = new
+    def note(changes: Sequence[Change]) -> None:
+        for old, new in changes:
+            assert new is not None
+            assert old == told.get((new.author, new.name))
+            assert old != new
+            told[new.author, new.name] = new
 
-    facts = FactMap(change)
+    facts = FactMap(note)
     changed = facts.merge(batch)
     assert {(e.author, e.name): e for e in changed} == told
     assert list(facts) == [told[key] for key in sorted(told)]
@@ -219,7 +228,7 @@ def test_every_change_is_told_once_and_nothing_else_is(batch: list[Entry]) -> No
 
 def test_dropping_tells_what_is_gone_and_dropping_the_unknown_tells_nothing() -> None:
     told: list[tuple[Entry | None, Entry | None]] = []
-    facts = FactMap(lambda old, new: told.append((old, new)))
+    facts = FactMap(told.extend)
     gone = entry(None, "claim")
     facts.merge([gone])
     facts.drop("A1", "claim")

@@ -127,7 +127,7 @@ def test_an_outcome_may_carry_any_plain_data(value: Any) -> None:
 
 @pytest.mark.parametrize(("name", "value"), GOOD_VALUES)
 def test_what_is_written_is_what_was_parsed(name: str, value: Any) -> None:
-    record = parse_record(name, value)
+    _, record = parse_record(name, value)
     if hasattr(record, "to_value"):
         assert record.to_value() == value
 
@@ -199,7 +199,7 @@ def test_a_message_with_flipped_bytes_is_read_or_refused(data: st.DataObject) ->
 @given(st.sampled_from([*NAMES, "claim/x", "nonsense", "", "outcome/a", "member/"]), plain)
 def test_a_record_is_parsed_or_a_value_error(name: str, value: Any) -> None:
     try:
-        record = parse_record(name, value)
+        _, record = parse_record(name, value)
     except ValueError as error:
         assert str(error)  # noqa: PT017 - refusing is as good as reading
     else:
