@@ -13,8 +13,9 @@ from mrbt_mesh import RobotProgram, TaskContext, TaskFailedError
 from mrbt_mesh.formats.team_file import load_team
 from mrbt_mesh.formats.template import template_files, write_files
 from mrbt_mesh.runtime.program_loader import load_program
+from tests.support.paths import ROOT
 
-AGENTS = Path(__file__).parents[2] / "agents"
+AGENTS = ROOT / "agents"
 
 
 @pytest.fixture(autouse=True)

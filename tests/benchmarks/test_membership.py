@@ -12,6 +12,7 @@ from benchmarks.membership.networks import BAD, SECOND_US, TIMING, Net, name
 from benchmarks.membership.results import markdown, summary
 from benchmarks.membership.verdicts import verdicts
 from benchmarks.report import grid, marks, write_docs
+from tests.support.paths import ROOT
 
 
 def test_both_detectors_find_frozen_robots_and_only_the_plain_one_errs_on_a_bad_network() -> None:
@@ -75,5 +76,5 @@ def test_tables_take_the_place_of_the_former_ones(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("page", ["membership.md", "robustness.md"])
 def test_the_pages_have_a_place_for_what_is_measured(page: str) -> None:
-    text = (Path(__file__).parents[2] / "docs" / page).read_text()
+    text = (ROOT / "docs" / page).read_text()
     assert [text.count(mark) for mark in marks()] == [1, 1]

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.cli.app import app
 from mrbt_mesh.core.assignment.solvers import SOLVERS
-from tests.support.command import COURIERS, EXPLORE, REPAIR, ROOT, mrbt
+from tests.support.command import COURIERS, EXPLORE, REPAIR, mrbt
+from tests.support.paths import ROOT
 
 
 def assign(tmp_path: Path, problem: Any) -> tuple[int, dict[str, Any]]:

@@ -9,8 +9,7 @@ import pytest
 from mrbt_mesh.drills.drill_file import drill_files, drill_folder, load_drills
 from mrbt_mesh.drills.model import RoleModel, StepModel
 from mrbt_mesh.formats.problems import MissionError, Problem
-
-ROOT = Path(__file__).resolve().parents[2]
+from tests.support.paths import ROOT, mission_file
 
 # Line numbers below count from the first line of this text, which is line 1.
 GOOD = """\
@@ -56,7 +55,7 @@ expect:
 
 
 def written(folder: Path, text: str) -> Path:
-    mission = ROOT / "examples" / "vehicle_repair" / "mission.yaml"
+    mission = mission_file("vehicle_repair")
     path = folder / "drill.yaml"
     path.write_text(text.replace("MISSION", str(mission)))
     return path

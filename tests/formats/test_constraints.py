@@ -16,8 +16,9 @@ from mrbt_mesh.formats.assignment_file import problem_from_file
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.compiled import mission_from_compiled
 from mrbt_mesh.formats.mission_file import MissionError, compile_mission
+from tests.support.paths import ROOT
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "solvers.md"
+DOCUMENT = ROOT / "docs" / "solvers.md"
 CARRY = """
 mission: carry
 local_tasks: {pick: {parameters: [item]}, place: {parameters: [item]}}

@@ -29,8 +29,8 @@ from mrbt_mesh.formats.mission_file import (
     load_mission,
     mission_warnings,
 )
+from tests.support.paths import ROOT
 
-ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted(ROOT.glob("examples/*/mission.yaml"))
 
 SMALL = """

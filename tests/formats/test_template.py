@@ -14,6 +14,7 @@ from mrbt_mesh.formats.template import (
     write_files,
 )
 from mrbt_mesh.runtime.program_loader import check_program, load_program
+from tests.support.paths import ROOT
 
 
 def test_the_new_mission_and_its_robots_fit_together(
@@ -83,7 +84,7 @@ def test_a_file_is_left_alone(tmp_path: Path) -> None:
     ],
 )
 def test_the_changes_that_the_guide_proposes_are_right(tmp_path: Path, old: str, new: str) -> None:
-    guide = (Path(__file__).parents[2] / "agents" / "README.md").read_text()
+    guide = (ROOT / "agents" / "README.md").read_text()
     file = write_files(tmp_path, template_files())[0]
     text = file.read_text()
     assert text.count(old) == 1

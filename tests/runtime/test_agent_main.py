@@ -20,8 +20,9 @@ from mrbt_mesh.runtime.agent_main import (
 )
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.team_address import AddressError
+from tests.support.paths import mission_file
 
-EXPLORE = Path(__file__).resolve().parents[2] / "examples" / "explore" / "mission.yaml"
+EXPLORE = mission_file("explore")
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,9 @@ import pytest
 
 from mrbt_mesh.runtime import driver
 from mrbt_mesh.runtime.agent_main import make_driver, parser
+from tests.support.paths import mission_file
 
-EXPLORE = Path(__file__).resolve().parents[2] / "examples" / "explore" / "mission.yaml"
+EXPLORE = mission_file("explore")
 
 
 class SlowTransport:

@@ -10,8 +10,8 @@ import pytest
 from mrbt_mesh import ProgramError, RobotProgram
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import check_program, load_program
+from tests.support.paths import ROOT, mission_file
 
-ROOT = Path(__file__).parents[2]
 START = "from mrbt_mesh import RobotProgram\n"
 
 
@@ -125,14 +125,14 @@ def test_the_examples_robots_can_do_what_they_claim(name: str) -> None:
 
 
 def test_missing_local_tasks_are_listed_by_type() -> None:
-    mission = load_mission(ROOT / "examples" / "vehicle_repair" / "mission.yaml")
+    mission = load_mission(mission_file("vehicle_repair"))
     program = load_program(str(ROOT / "agents" / "explore.py"))
     lacking = check_program(program, mission, ["replace_hw(2)", "move_frame", "replace_hw"])
     assert lacking == ["local task move_frame", "local task replace_hw"]
 
 
 def test_a_program_for_everything_lacks_nothing() -> None:
-    mission = load_mission(ROOT / "examples" / "vehicle_repair" / "mission.yaml")
+    mission = load_mission(mission_file("vehicle_repair"))
     program = RobotProgram()
 
     @program.local_task("*")

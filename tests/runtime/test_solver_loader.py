@@ -12,8 +12,9 @@ import pytest
 from mrbt_mesh.core.assignment.problem import SolverError
 from mrbt_mesh.core.assignment.solvers import SOLVERS, default_solver
 from mrbt_mesh.runtime.solver_loader import GROUP, load_solver
+from tests.support.paths import ROOT
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "solvers.md"
+DOCUMENT = ROOT / "docs" / "solvers.md"
 GOOD = (
     "from mrbt_mesh.core.assignment.solvers import min_cost_flow\n"
     "def good(p): return min_cost_flow(p)\n"

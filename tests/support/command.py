@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from typer.testing import CliRunner
 
 from mrbt_mesh.cli.app import app
+from tests.support.paths import mission_file
 
-ROOT = Path(__file__).resolve().parents[2]
-REPAIR = str(ROOT / "examples" / "vehicle_repair" / "mission.yaml")
-EXPLORE = str(ROOT / "examples" / "explore" / "mission.yaml")
-COURIERS = str(ROOT / "examples" / "couriers" / "mission.yaml")
+REPAIR = str(mission_file("vehicle_repair"))
+EXPLORE = str(mission_file("explore"))
+COURIERS = str(mission_file("couriers"))
 
 
 def mrbt(*arguments: str) -> tuple[int, str, str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any, Protocol
 
 from mrbt_mesh.core.mission.mission import Mission
@@ -14,8 +13,7 @@ from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import NetworkKnobs, Schedule, SimulationResult, simulate
 from mrbt_mesh.sim.chaos.campaign import Source
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
+from tests.support.paths import EXAMPLES
 
 
 @functools.cache

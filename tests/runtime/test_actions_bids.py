@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import anyio
@@ -18,8 +17,9 @@ from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime import actions
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.runtime.program_loader import check_program
+from tests.support.paths import mission_file
 
-COURIERS = Path(__file__).resolve().parents[2] / "examples" / "couriers" / "mission.yaml"
+COURIERS = mission_file("couriers")
 PARCELS = ("bread", "keys", "flowers")
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -28,8 +27,7 @@ from tests.support.build import (
     task,
     timeout,
 )
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
+from tests.support.paths import EXAMPLES
 
 
 def analysed(name: str, costs: Costs | None = None) -> Analysis:

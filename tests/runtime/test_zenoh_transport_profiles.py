@@ -17,9 +17,9 @@ from mrbt_mesh.runtime.run_dir import Place, RunDir, RunDirError, RunInfo
 from mrbt_mesh.runtime.team import new_run
 from mrbt_mesh.runtime.team_key import write_team_key
 from mrbt_mesh.runtime.zenoh_transport import TransportConfig, TransportError, session_config
+from tests.support.paths import ROOT, mission_file
 
-ROOT = Path(__file__).resolve().parents[2]
-REPAIR = ROOT / "examples" / "vehicle_repair" / "mission.yaml"
+REPAIR = mission_file("vehicle_repair")
 PLACES = {r: Place(f"198.18.0.{i}", ("enter", r)) for i, r in enumerate(("A1", "A2", "B1"), 1)}
 
 
