@@ -145,7 +145,7 @@ class Team:
     def flip(self, name: str) -> None:
         facts = self.facts
         value = ConditionValue(
-            not facts.condition(name), facts.revision(name) + 1, facts.max_stamp + 1
+            not facts.condition(name), facts.conditions.revision(name) + 1, facts.max_stamp + 1
         )
         self.write("R0", f"condition/{name}", [value.value, value.revision, value.stamp])
 

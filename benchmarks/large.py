@@ -126,5 +126,5 @@ class LargeTeam:
 
     def turn(self, name: str, value: bool, robot: str) -> None:
         """A robot sees a condition change."""
-        row = [value, self.facts.revision(name) + 1, self.facts.max_stamp + 1]
+        row = [value, self.facts.conditions.revision(name) + 1, self.facts.max_stamp + 1]
         self.write(robot, (f"{records.CONDITION}/{name}", row))

@@ -103,7 +103,7 @@ class Others:
     def turn(self, name: str, robot: str) -> inputs.MessageReceived:
         """A robot sees a condition change."""
         facts = self.replica.facts
-        row = [not facts.condition(name), facts.revision(name) + 1, facts.max_stamp + 1]
+        row = [not facts.condition(name), facts.conditions.revision(name) + 1, facts.max_stamp + 1]
         return self.facts(robot, (f"{records.CONDITION}/{name}", row))
 
     def state(self) -> Iterator[inputs.AnswerReceived]:

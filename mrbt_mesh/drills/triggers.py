@@ -70,8 +70,8 @@ class Sight:
             record.claims,
             frozenset(
                 (robot, local_task)
-                for tasks in facts.outcomes.values()
-                for local_task, robots in tasks.items()
+                for said in facts.activations.values()
+                for local_task, robots in said.outcomes.items()
                 for robot in robots
             ),
             {robot: observer.robot_state(robot) for robot in observer.robots()},

@@ -125,7 +125,7 @@ class _Builder:
             elif not isinstance(holds, bool):
                 self._report.add(here, f"true or false expected, found {found(holds)}")
             elif self.facts.condition(name) != holds:
-                revision = self.facts.revision(name) + 1
+                revision = self.facts.conditions.revision(name) + 1
                 self._write(self._first, f"{records.CONDITION}/{name}", [holds, revision, 1])
 
     def _ended(self, path: SourcePath, value: Any, *, success: bool) -> None:
@@ -196,7 +196,7 @@ class _Builder:
             here = (*path, robot)
             if not self._is_robot(here, robot) or not self._is_task(here, task):
                 continue
-            member = self.facts.members[robot][0]
+            member = self.facts.members[robot].member
             needs = self.mission.global_tasks[task].needs
             able = [n.local_task for n in needs if capability(member, n.local_task) is not None]
             activations = self._activations(task)

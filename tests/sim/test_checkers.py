@@ -305,7 +305,7 @@ def test_i4_successes_of_different_coalitions(team: Team, other: str, found: lis
     (request,) = agent.view.plan.evaluation.requests
     for robot, token in (("C1", "C1.1.n.1"), ("C2", other)):
         name = f"{OUTCOME}/{request.activation}/move_frame/{token}"
-        version = Version(agent.view.facts.members[robot][1], 10_000)
+        version = Version(agent.view.facts.members[robot].incarnation, 10_000)
         agent.view.facts.map.merge([make_entry(robot, name, version, [True, None])])
     with MUTATIONS["rounds_are_mixed"]():
         team.checkers.i3.check(team.processes[0], agent.view)  # type: ignore[arg-type]

@@ -60,7 +60,9 @@ def outcomes_in_the_journal(run: Run, killed_us: int) -> int:
     timeout_us = killed_us + 3 * SECOND_US
     result = run("vehicle_repair", 3, schedule=schedule, expect=None, timeout_us=timeout_us)
     facts = result.agents["B1"].view.facts
-    return sum(len(robots) for tasks in facts.outcomes.values() for robots in tasks.values())
+    return sum(
+        len(robots) for said in facts.activations.values() for robots in said.outcomes.values()
+    )
 
 
 def test_a_killed_robot_forgets_what_it_heard_a_moment_ago_but_not_what_it_said(run: Run) -> None:
@@ -84,7 +86,7 @@ def test_a_robot_that_dies_of_its_work_has_told_how_its_last_action_ended(
     assert [fault["robot"] for fault in result.summary["faults"]] == ["B1"]
     assert result.summary["faults"][0]["at_s"] == pytest.approx(died_s, abs=0.1)
     facts = result.agents["A1"].view.facts
-    told = [outcomes for of_task in facts.outcomes.values() for outcomes in of_task.values()]
+    told = [ends for said in facts.activations.values() for ends in said.outcomes.values()]
     assert sum("B1" in outcomes for outcomes in told) == actions
     assert result.done_twice == 0
 

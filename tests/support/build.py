@@ -16,6 +16,7 @@ from mrbt_mesh.core.facts.coalitions import ready_members
 from mrbt_mesh.core.facts.records import Claim, Coalition, CoalitionId, Member, Phase
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.facts.validation import refusal_reason
 from mrbt_mesh.core.mission.mission import (
     MICRO,
     ConditionType,
@@ -139,6 +140,11 @@ def micro(capabilities: Mapping[str, float]) -> dict[str, int]:
 # -- facts ------------------------------------------------------------------------------------
 
 
+def refusal(facts: TeamFacts, entry: Entry) -> str | None:
+    """Why these facts would not take in an entry, None if they would."""
+    return refusal_reason(entry, facts.mission, facts.run)
+
+
 class World:
     """A team's facts, written as its robots would write them.
 
@@ -166,7 +172,7 @@ class World:
         self._sequence += 1
         version = Version(self.alive.get(author, Incarnation(1, "n")), self._sequence)
         batch = [make_entry(author, name, version, value) for name, value in values]
-        refusals = [self.facts.accepts(entry) for entry in batch]
+        refusals = [refusal(self.facts, entry) for entry in batch]
         assert not any(refusals), refusals
         self.entries += batch
         self.facts.map.merge(batch)
@@ -181,11 +187,11 @@ class World:
 
     def lose(self, robot: str, *local_tasks: str) -> None:
         """A minor fault."""
-        self.join(robot, self.facts.members[robot][0].capabilities, local_tasks)
+        self.join(robot, self.facts.members[robot].member.capabilities, local_tasks)
 
     def leave(self, robot: str) -> None:
         """A robot hands its work over."""
-        member = self.facts.members[robot][0]
+        member = self.facts.members[robot].member
         row = Member("T", member.capabilities, member.lost, True, "", "", 0)
         self.write(robot, (records.MEMBER, row.to_value()), (records.CLAIM, None))
 
@@ -196,7 +202,7 @@ class World:
     def set(self, name: str, value: bool, author: str = "R1") -> None:
         """Someone sees a condition change; nothing is written where it is so already."""
         if self.facts.condition(name) != value:
-            row = [value, self.facts.revision(name) + 1, self.facts.max_stamp + 1]
+            row = [value, self.facts.conditions.revision(name) + 1, self.facts.max_stamp + 1]
             self.write(author, (f"{records.CONDITION}/{name}", row))
 
     def outcome(self, activation: str, success: bool, robot: str = "R1", local: str = "") -> None:

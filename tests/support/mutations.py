@@ -17,7 +17,8 @@ from mrbt_mesh.core.agent.commands import Commands
 from mrbt_mesh.core.agent.effects import Persist
 from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.assignment import canonical, problem
-from mrbt_mesh.core.facts import coalitions
+from mrbt_mesh.core.facts import coalitions, task_status
+from mrbt_mesh.core.facts.activation_facts import ActivationFacts
 from mrbt_mesh.core.facts.records import GRANT, ConditionValue, OrderKind, Outcome
 from mrbt_mesh.core.facts.store import Entry, FactMap, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
@@ -26,6 +27,7 @@ from mrbt_mesh.core.membership import leases
 from mrbt_mesh.core.membership.anti_entropy import Replica
 from mrbt_mesh.core.membership.leases import Leases
 from mrbt_mesh.core.membership.membership import Membership
+from mrbt_mesh.core.mission.mission import GlobalTask
 from mrbt_mesh.core.planning import bids, capabilities, demands
 
 Mutation = Callable[[], contextlib.AbstractContextManager[Any]]
@@ -274,14 +276,17 @@ def grants_not_synced() -> Iterator[None]:
 def rounds_are_mixed() -> Iterator[None]:
     """Successes of different coalitions count together."""
 
-    def has_succeeded(self: coalitions.Coalitions, task: Any) -> bool:
+    def has_succeeded(task: GlobalTask, said: ActivationFacts) -> bool:
+        if said.coalitions is None:
+            return original(task, said)
+        outcomes = said.coalitions.outcomes.values()
         return all(
-            sum(sum(found.get(n.local_task, {}).values()) for found in self.outcomes.values())
-            >= n.min_robots
+            sum(sum(found.get(n.local_task, {}).values()) for found in outcomes) >= n.min_robots
             for n in task.needs
         )
 
-    with mock.patch.object(coalitions.Coalitions, "has_succeeded", has_succeeded):
+    original = task_status.has_succeeded
+    with mock.patch.object(task_status, "has_succeeded", has_succeeded):
         yield
 
 

@@ -131,7 +131,7 @@ class Executor:
             or leaders.phase is Phase.CLAIMED
         ):
             return None
-        return CoalitionId(leaders.since, line.leader, *facts.members[line.leader][1])
+        return CoalitionId(leaders.since, line.leader, *facts.members[line.leader].incarnation)
 
     def _coalition(
         self, task: GlobalTask, now_us: int

@@ -94,7 +94,7 @@ class Reports:
             if not context.mission.knows_condition(name):
                 context.log("error", "condition_not_declared", condition=name)
             elif facts.condition(name) != value:
-                revision = facts.revision(name) + 1
+                revision = facts.conditions.revision(name) + 1
                 writes[f"{records.CONDITION}/{name}"] = [value, revision, stamp]
             else:
                 writes.pop(f"{records.CONDITION}/{name}", None)

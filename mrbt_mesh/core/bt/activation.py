@@ -11,7 +11,7 @@ Attempt counters, expired Timeouts and what nodes with memory remember have name
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -201,11 +201,3 @@ class ActivationNames:
         if name.subject != current.subject or len(name.attempts) != len(current.attempts):
             return True
         return (name.turns, name.attempts) < (current.turns, current.attempts)
-
-    def renamed(self, turned: Iterable[Guard], loops: Iterable[int]) -> list[tuple[int, int]]:
-        """First and last nodes of ranges that hold all whose names may have changed.
-
-        `turned`: conditions that have turned to these values; `loops`: Retry and Repeat nodes whose
-        attempt numbers have changed. Here always the whole tree.
-        """
-        return [(0, len(self.tree.nodes) - 1)]

@@ -7,10 +7,10 @@ BehaviorTree.CPP 4. What is faster gives the same evaluations (`core.incremental
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TypeAlias
 
-from mrbt_mesh.core.bt.activation import ActivationNames
+from mrbt_mesh.core.bt.activation import Activation, ActivationNames
 from mrbt_mesh.core.bt.evaluation import Evaluation, EvaluationFacts, Request, RunningTimeout
 from mrbt_mesh.core.bt.tree import Kind, Memory, Node, Status, parallel_status
 
@@ -25,6 +25,12 @@ class Evaluator(ActivationNames):
     def evaluate(self, facts: EvaluationFacts) -> Evaluation:
         """Tick the tree once."""
         return _Tick(self, facts).run()
+
+    def find_obsolete(
+        self, known: Iterable[Activation], facts: EvaluationFacts
+    ) -> Iterable[Activation]:
+        """Those of the known activations that no evaluation can reach any more."""
+        return [activation for activation in known if self.is_obsolete(activation, facts)]
 
     def forget(self) -> None:
         """Start from scratch next time, as it always does."""

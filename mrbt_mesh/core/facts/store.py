@@ -1,8 +1,9 @@
-"""Replicated facts: a map of single-writer entries that joins like a state-based CRDT.
+"""The map of facts: single-writer entries that join as a state-based CRDT.
 
-Joining is commutative, associative and idempotent, so loss, duplication and reordering only
-delay agreement. This module knows keys, versions, joining and digests; what the entries mean
-is in `records`, and how the team reads them in `team`.
+Joining is commutative, associative and idempotent, so loss, duplication and reordering of messages
+only delay agreement (Shapiro, Preguica, Baquero, Zawirski: Conflict-free replicated data types,
+2011). This module knows keys, versions, joining and digests. What the entries mean is in
+`records`, how the team reads them in `team_facts`.
 """
 
 from __future__ import annotations
@@ -91,21 +92,19 @@ def join(mine: Entry | None, other: Entry) -> Entry:
     return oldest if mine.record.first_stands else newest
 
 
-# What an entry was and what it is.
+# What an entry was and what it is; None stands for absent.
 Change: TypeAlias = tuple[Entry | None, Entry | None]
+Listener: TypeAlias = Callable[[Sequence[Change]], None]
 
 
 class FactMap:
-    """All entries, with a digest per author that is kept up to date entry by entry.
+    """All entries, with a digest per author that is kept up to date entry by entry."""
 
-    `on_change` is called with all (old, new) that a batch has changed, None for absent.
-    """
-
-    def __init__(self, on_change: Callable[[Sequence[Change]], None]) -> None:
+    def __init__(self) -> None:
         self._entries: dict[tuple[str, str], Entry] = {}
         self._digests: dict[str, int] = {}
         self._digest: bytes | None = None
-        self._on_change = on_change
+        self._listeners: list[Listener] = []
 
     def __len__(self) -> int:
         return len(self._entries)
@@ -114,7 +113,12 @@ class FactMap:
         """Entries sorted by author and name."""
         return (self._entries[key] for key in sorted(self._entries))
 
+    def subscribe(self, listener: Listener) -> None:
+        """Have `listener` called with all that a batch has changed, after it has."""
+        self._listeners.append(listener)
+
     def get(self, author: str, name: str) -> Entry | None:
+        """The entry of this author with this name."""
         return self._entries.get((author, name))
 
     def merge(self, entries: Iterable[Entry]) -> list[Entry]:
@@ -127,20 +131,24 @@ class FactMap:
             if old is not None and (new.version, new.packed) == (old.version, old.packed):
                 continue
             self._entries[key] = new
-            self._count(new.author, new.hash - (old.hash if old else 0))
+            self._add_to_digest(new.author, new.hash - (old.hash if old else 0))
             changes.append((old, new))
         if changes:
-            self._on_change(changes)
+            self._notify(changes)
         return [new for _, new in changes]
 
     def drop(self, author: str, name: str) -> None:
         """Forget an entry that no evaluation can reach any more."""
         entry = self._entries.pop((author, name), None)
         if entry is not None:
-            self._count(author, -entry.hash)
-            self._on_change([(entry, None)])
+            self._add_to_digest(author, -entry.hash)
+            self._notify([(entry, None)])
 
-    def _count(self, author: str, change: int) -> None:
+    def _notify(self, changes: Sequence[Change]) -> None:
+        for listener in self._listeners:
+            listener(changes)
+
+    def _add_to_digest(self, author: str, change: int) -> None:
         self._digest = None
         total = (self._digests.get(author, 0) + change) % _DIGEST_MODULUS
         if total:

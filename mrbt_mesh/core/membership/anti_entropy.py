@@ -9,6 +9,7 @@ from typing import Any
 
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.facts.validation import refusal_reason
 from mrbt_mesh.core.membership.timing import NEVER_US, Timing
 from mrbt_mesh.core.membership.wire import (
     Header,
@@ -144,7 +145,7 @@ class Replica:
         received = Received(refused=malformed, reason="malformed entry" if malformed else "")
         fitting = []
         for entry in entries:
-            reason = self.facts.accepts(entry)
+            reason = refusal_reason(entry, self.facts.mission, self.facts.run)
             if reason is None:
                 fitting.append(entry)
             else:

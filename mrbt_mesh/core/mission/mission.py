@@ -262,6 +262,11 @@ class Mission:
         return hashlib.sha256(text.encode()).hexdigest()
 
     @cached_property
+    def robot_ids(self) -> frozenset[RobotId]:
+        """The robots that the mission names."""
+        return frozenset(self.robots)
+
+    @cached_property
     def has_bids(self) -> bool:
         """Whether any performance is known only to the robots."""
         return any(need.by_bid for task in self.global_tasks.values() for need in task.needs)

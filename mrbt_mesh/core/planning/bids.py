@@ -103,7 +103,7 @@ def bids_for(facts: TeamFacts, groups: Sequence[Group], team: Mapping[str, Worke
 def is_begun(facts: TeamFacts, group: Group, begun: frozenset[str]) -> bool:
     """Whether somebody is at the group's request, or has ended there."""
     activation = group[0].request.activation
-    return activation in begun or facts.is_begun(activation)
+    return activation in begun or facts.has_outcome(activation)
 
 
 def begun_activations(facts: TeamFacts, team: Mapping[str, Worker]) -> frozenset[str]:
@@ -143,7 +143,8 @@ def _worth(bid: int | None) -> int:
 
 def _bidding(facts: TeamFacts, demand: Demand, need: Need, has_begun: bool) -> Bidding:
     activation, local_task = demand.request.activation, demand.local_task
-    known = facts.bids(activation, local_task)
+    said = facts.bids(activation)
+    known = said.of(local_task)
     silent: tuple[str, ...] = ()
     if demand.upper > len(demand.pinned):
         silent = tuple(robot for robot in demand.candidates if robot not in known)
@@ -153,6 +154,6 @@ def _bidding(facts: TeamFacts, demand: Demand, need: Need, has_begun: bool) -> B
         local_task,
         {robot: known[robot] for robot in demand.candidates if robot in known},
         silent,
-        bool(silent) and not has_begun and not facts.is_closed(activation, local_task),
+        bool(silent) and not has_begun and local_task not in said.closed,
         need.bid_within_us,
     )

@@ -122,7 +122,7 @@ def request_demands(
     task = facts.mission.global_tasks[request.subject]
     if task.by_coalition:
         return _coalition_demands(facts, request, task, capabilities, did)
-    ends = facts.outcomes.get(request.activation, {})
+    ends = facts.outcomes(request.activation)
     able = [capabilities.able(need.local_task) for need in task.needs]
     return tuple(
         _demand(request, *each, ends, running) for each in zip(task.needs, able, did, strict=True)

@@ -11,22 +11,14 @@ from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import (
-    ATTEMPT,
-    BID_KINDS,
-    CHILD_RESULT,
-    COALITION_KINDS,
     DONE,
-    EXPIRED,
-    OUTCOME,
-    VERDICT,
     Outcome,
     split_name,
 )
 from mrbt_mesh.core.facts.store import Entry, FactMap, join
+from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS
 from mrbt_mesh.sim.checkers.findings import Findings, is_connected, joined
 from mrbt_mesh.sim.engine.process import SimProcess
-
-_SCOPED = COALITION_KINDS | BID_KINDS | {OUTCOME, VERDICT, ATTEMPT, EXPIRED, CHILD_RESULT, DONE}
 
 
 class Convergence:
@@ -104,7 +96,7 @@ class Convergence:
 
     def _note(self, agents: Sequence[AgentView], now_us: int) -> None:
         self._noted_us, self._holders = now_us, list(agents)
-        self._noted = FactMap(lambda changes: None)
+        self._noted = FactMap()
         for agent in agents:
             self._noted.merge(agent.facts.map)
 
@@ -128,7 +120,7 @@ def stands(agent: AgentView, entry: Entry) -> bool:
 def is_obsolete(agent: AgentView, entry: Entry) -> bool:
     """Whether the agent may have dropped this entry, because nothing can reach it any more."""
     parts = entry.parts
-    if parts[0] not in _SCOPED:
+    if parts[0] not in ACTIVATION_KINDS:
         return False
     return agent.mission.evaluator.is_obsolete(parse_activation(parts[1]), agent.facts)
 
@@ -167,7 +159,8 @@ class NothingUndone:
         self._outcomes[process] = now
         self._findings.checks["I3"] += len(now)
         finished = self._finished.setdefault(process, set())
-        for activation in sorted(finished | facts.begun()):
+        begun = {name for name, said in facts.activations.items() if said.has_outcome}
+        for activation in sorted(finished | begun):
             scope = parse_activation(activation)
             if facts.task_status(scope.subject, activation) is Status.SUCCESS:
                 if activation not in finished:

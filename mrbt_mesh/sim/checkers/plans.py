@@ -105,10 +105,11 @@ class BidsFirst:
         if any(facts.results(activation, need.local_task) for need in needs):
             return
         for need in needs:
-            if not need.by_bid or facts.is_closed(activation, need.local_task):
+            said = facts.bids(activation)
+            if not need.by_bid or need.local_task in said.closed:
                 continue
             self._findings.checks["I7"] += 1
-            bids = facts.bids(activation, need.local_task)
+            bids = said.of(need.local_task)
             for robot in sorted(alive.keys() - bids.keys()):
                 member, life = facts.members[robot]
                 able = capability(member, need.local_task) is not None

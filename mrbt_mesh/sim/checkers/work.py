@@ -54,7 +54,7 @@ class Bounds:
             return
         if agent.is_joining or agent.is_leaving or not is_served(plan, claim.activation):
             return
-        member, results = facts.members[agent.robot][0], facts.results(*_place(claim))
+        member, results = facts.members[agent.robot].member, facts.results(*_place(claim))
         if agent.robot in results or capability(member, claim.local_task) is None:
             return
         needs = agent.mission.global_tasks[claim.global_task].needs
@@ -63,7 +63,7 @@ class Bounds:
         before = 0
         for robot in workers(facts, agent.alive()):
             other, life = facts.claims.get(robot, (None, None))
-            if other is None or life != facts.members[robot][1]:
+            if other is None or life != facts.members[robot].incarnation:
                 continue  # of an earlier life
             if robot not in results and _place(other) == _place(claim):
                 running = other.phase is Phase.RUNNING and robot != agent.robot
@@ -73,7 +73,7 @@ class Bounds:
             self._findings.say("I4", f"{text}, which it runs and the plan serves")
 
     def started(self, agent: AgentView, start: StartAction) -> None:
-        member = agent.facts.members[agent.robot][0]
+        member = agent.facts.members[agent.robot].member
         if capability(member, start.local_task) is None:
             text = f"{agent.robot} starts {start.local_task}, which it cannot do"
             self._findings.say("I4", text)

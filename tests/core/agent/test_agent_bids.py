@@ -36,10 +36,11 @@ def test_a_bid_for_what_is_no_longer_wanted_is_not_told() -> None:
     (asked,) = process.asked
     script.block(["tell A order abort"])
     script.team.give(process, BidsMade((BidMade(asked.activation, asked.local_task, 5),)))
-    assert not script.team.processes["A"].agent.view.facts.bids(asked.activation, asked.local_task)
+    facts = script.team.processes["A"].agent.view.facts
+    assert not facts.bids(asked.activation).of(asked.local_task)
     other = BidMade(asked.activation, "swim", 5)
     script.team.give(process, BidsMade((other,)))
-    assert not script.team.processes["A"].agent.view.facts.bids(asked.activation, "swim")
+    assert not script.team.processes["A"].agent.view.facts.bids(asked.activation).of("swim")
 
 
 def test_a_bid_beyond_all_limits_is_no_bid_and_counted() -> None:
@@ -49,7 +50,7 @@ def test_a_bid_beyond_all_limits_is_no_bid_and_counted() -> None:
     (asked,) = process.asked
     bid = BidMade(asked.activation, asked.local_task, 10 * MAX_PERFORMANCE)
     script.team.give(process, BidsMade((bid,)))
-    assert process.agent.view.facts.bids(asked.activation, asked.local_task) == {"A": None}
+    assert process.agent.view.facts.bids(asked.activation).of(asked.local_task) == {"A": None}
     (reason,) = process.agent.view.refused
     assert reason.startswith("bid for drive: integer from")
 

@@ -15,7 +15,7 @@ from mrbt_mesh.core.facts.coalitions import coalition_at_work, newly_broken
 from mrbt_mesh.core.facts.records import BROKEN, CLEARED, DONE, DOUBT, GRANT, CoalitionId
 from mrbt_mesh.core.facts.store import Version, make_entry
 from mrbt_mesh.core.mission.mission import FailurePolicy, InDoubtPolicy
-from tests.support.build import World, action, fallback, make_mission, sequence, task
+from tests.support.build import World, action, fallback, make_mission, refusal, sequence, task
 
 COVER = "r1:0:cover::0"
 DOSE = "r1:1:dose::0"
@@ -355,7 +355,7 @@ TOKEN = "A.1.n.1"
 def test_what_fits_no_coalition_is_refused(author: str, name: str, value: Any) -> None:
     world = cover()
     entry = make_entry(author, name, Version(world.alive["A"], 50), value)
-    assert world.facts.accepts(entry) is not None
+    assert refusal(world.facts, entry) is not None
 
 
 def test_an_ordinary_task_has_no_coalitions() -> None:
@@ -365,7 +365,7 @@ def test_an_ordinary_task_has_no_coalitions() -> None:
         (f"broken/{COVER}/{TOKEN}", True),
     ):
         entry = make_entry("A", name, Version(world.alive["A"], 50), value)
-        assert world.facts.accepts(entry) is not None
+        assert refusal(world.facts, entry) is not None
 
 
 @pytest.mark.parametrize("text", ["", "A", "A.x.n.1", "A.1.n.-1", "A.1.n.1.2", "A.1.n. 1"])

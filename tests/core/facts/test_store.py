@@ -57,7 +57,7 @@ batches = st.lists(entries, max_size=12)
 
 
 def fact_map(given_entries: Iterable[Entry] = ()) -> FactMap:
-    facts = FactMap(lambda changes: None)
+    facts = FactMap()
     facts.merge(given_entries)
     return facts
 
@@ -220,7 +220,8 @@ def test_every_change_is_told_once_and_nothing_else_is(batch: list[Entry]) -> No
             assert old != new
             told[new.author, new.name] = new
 
-    facts = FactMap(note)
+    facts = FactMap()
+    facts.subscribe(note)
     changed = facts.merge(batch)
     assert {(e.author, e.name): e for e in changed} == told
     assert list(facts) == [told[key] for key in sorted(told)]
@@ -228,7 +229,8 @@ def test_every_change_is_told_once_and_nothing_else_is(batch: list[Entry]) -> No
 
 def test_dropping_tells_what_is_gone_and_dropping_the_unknown_tells_nothing() -> None:
     told: list[tuple[Entry | None, Entry | None]] = []
-    facts = FactMap(told.extend)
+    facts = FactMap()
+    facts.subscribe(told.extend)
     gone = entry(None, "claim")
     facts.merge([gone])
     facts.drop("A1", "claim")

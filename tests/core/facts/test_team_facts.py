@@ -17,6 +17,7 @@ from tests.support.build import (
     condition,
     fallback,
     make_mission,
+    refusal,
     repeat,
     retry,
     sequence,
@@ -50,7 +51,7 @@ def play(world: World, script: str) -> Status:
             case "~":
                 world.lose(robot, "lift")
             case "*":
-                world.join(robot, world.facts.members[robot][0].capabilities, life=2)
+                world.join(robot, world.facts.members[robot].member.capabilities, life=2)
     return world.facts.task_status("lift", ACTIVATION)
 
 
@@ -180,7 +181,7 @@ def test_the_greatest_revision_counts_then_the_stamp_then_the_author() -> None:
     assert not world.facts.condition("open")
     tell(world, "C", True, 1, 99)
     assert not world.facts.condition("open")
-    assert world.facts.revision("open") == 2
+    assert world.facts.conditions.revision("open") == 2
     assert world.facts.max_stamp == 99
 
 
@@ -199,7 +200,7 @@ def test_a_value_that_disagrees_with_its_revision_is_not_accepted() -> None:
     world = open_door()
     version = Version(Incarnation(1, "n"), 1)
     wrong = make_entry("A", "condition/open", version, [True, 2, 1])
-    reason = world.facts.accepts(wrong)
+    reason = refusal(world.facts, wrong)
     assert reason is not None
     assert "revision 2 disagree" in reason
 
@@ -242,7 +243,7 @@ def test_a_claim_is_void_once_its_author_has_a_new_incarnation() -> None:
 def test_a_capability_is_lost_by_its_type_or_for_one_argument() -> None:
     world = World(make_mission(action("go")), joined=False)
     world.join("A", {"fix": 5, "fix(2)": 9, "look": 1}, lost=("fix(3)", "look"))
-    member = world.facts.members["A"][0]
+    member = world.facts.members["A"].member
     asked = ("fix(1)", "fix(2)", "fix(3)", "look", "fly")
     assert [capability(member, name) for name in asked] == [5, 9, None, None, None]
 
@@ -317,7 +318,7 @@ def test_entries_that_have_no_place_in_the_mission_are_not_accepted(
 ) -> None:
     tree = sequence(condition("c"), action("a"), retry(3, timeout(1, action("d"))))
     facts = TeamFacts(make_mission(tree), "r1")
-    found = facts.accepts(make_entry("Z", name, Version(Incarnation(1, "n"), 1), value))
+    found = refusal(facts, make_entry("Z", name, Version(Incarnation(1, "n"), 1), value))
     assert (found is None) == (reason is None)
     assert (reason or "") in (found or "")
 
@@ -330,6 +331,6 @@ def test_facts_are_indexed_the_same_after_entries_came_and_went() -> None:
         world.tick()
         world.facts.prune(world.evaluator)
     fresh = world.replayed(list(world.facts.map))
-    assert fresh.facts.outcomes == world.facts.outcomes
+    assert fresh.facts.activations == world.facts.activations
     assert fresh.evaluator.evaluate(fresh.facts) == world.tick()
     assert fresh.facts.map.digest() == world.facts.map.digest()

@@ -13,7 +13,9 @@ from hypothesis import strategies as st
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.bt.tree import NodeSpec, Status
 from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.activation_facts import NO_BIDS
 from mrbt_mesh.core.facts.store import Version, make_entry
+from mrbt_mesh.core.incremental.evaluation.fact_changes import FactChanges
 from mrbt_mesh.core.incremental.planning.steps import IncrementalSteps
 from mrbt_mesh.core.mission.mission import (
     MAX_PERFORMANCE,
@@ -26,7 +28,16 @@ from mrbt_mesh.core.planning.bids import LAST_RESORT
 from mrbt_mesh.core.planning.deadlines import Deadlines
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Bidding
-from tests.support.build import World, action, make_mission, parallel, retry, sequence, task
+from tests.support.build import (
+    World,
+    action,
+    make_mission,
+    parallel,
+    refusal,
+    retry,
+    sequence,
+    task,
+)
 
 DRIVE = ("drive", 1, 1, True)
 
@@ -300,13 +311,13 @@ def random_step(world: World, pick: random.Random) -> None:
         if robot in world.alive:
             world.die(robot)
         else:
-            life = world.facts.members[robot][1].counter + 1
+            life = world.facts.members[robot].incarnation.counter + 1
             world.join(robot, world.mission.robots[robot].capabilities, life=life)
     elif requests and robot in world.alive:
         request = pick.choice(requests)
         need = pick.choice(world.mission.global_tasks[request.subject].needs)
         place = request.activation, need.local_task
-        if step == "bid" and need.by_bid and robot not in world.facts.bids(*place):
+        if step == "bid" and need.by_bid and robot not in world.facts.bids(place[0]).of(place[1]):
             world.bid(robot, *place, pick.choice([None, -2, -1, 0, 1]))
         elif step == "close" and need.by_bid:
             world.close(*place, robot)
@@ -365,8 +376,7 @@ def test_bids_are_dropped_with_their_activation() -> None:
     world.facts.prune(world.evaluator)
     assert world.activation("fetch") != first
     assert not any(entry.name.startswith(("bid/", "closed/")) for entry in world.facts.map)
-    assert (world.facts.bids(first, "drive"), world.facts.bid_state(first)) == ({}, 0)
-    assert not world.facts.is_closed(first, "drive")
+    assert world.facts.bids(first) is NO_BIDS
     assert reasons(world) == ["waiting for bids of A"]
 
 
@@ -384,14 +394,14 @@ def test_bids_for_what_is_not_by_bid_are_refused() -> None:
     for subject, local_task in (("see", "look"), ("fetch", "look"), ("fetch", "swim")):
         for kind, value in (("bid", 1), ("closed", True)):
             name = f"{kind}/{world.activation(subject)}/{local_task}"
-            refusal = world.facts.accepts(make_entry("A", name, version, value))
-            assert refusal == f"{subject!r}: {local_task!r} is not for bids"
+            reason = refusal(world.facts, make_entry("A", name, version, value))
+            assert reason == f"{subject!r}: {local_task!r} is not for bids"
 
 
 def test_evaluation_takes_no_notice_of_bids() -> None:
     world = town("AB")
     world.tick()
-    changes = world.facts.follow()
+    changes = FactChanges(world.facts)
     bid_all(world, A=-1)
     world.close(world.activation("fetch"), "drive", "A")
     assert [*changes.nodes, *changes.conditions, *changes.child_results] == []

@@ -251,7 +251,7 @@ def test_a_plan_keeps_every_bound_and_asks_nobody_for_what_it_cannot_do(world: W
             if request.activation not in waiting:
                 assert len(on_it) >= lower
             for robot in on_it:
-                assert need.local_task in world.facts.members[robot][0].capabilities
+                assert need.local_task in world.facts.members[robot].member.capabilities
                 assert robot in world.alive
     assert plan.feasible
     assert set(plan.lines) | set(plan.idle) == set(world.alive)

@@ -24,7 +24,14 @@ class CompiledEvaluator(Evaluator):
         guards = self.layout.guards
         return sum(facts.turns(*guards[number]) for number in self.layout.guards_at(node))
 
-    def renamed(self, turned: Iterable[Guard], loops: Iterable[int]) -> list[tuple[int, int]]:
+    def renamed_ranges(
+        self, turned: Iterable[Guard], loops: Iterable[int]
+    ) -> list[tuple[int, int]]:
+        """First and last nodes of ranges that hold all whose activations may have other names.
+
+        `turned`: conditions that have turned to these values; `loops`: Retry and Repeat nodes whose
+        attempt numbers have changed.
+        """
         layout = self.layout
         found = [(loop + 1, layout.ends[loop]) for loop in loops]
         for guard in turned:

@@ -1,7 +1,7 @@
 """Evaluating again: only what changed facts can influence is looked at.
 
-`Reevaluator` follows one team's facts and keeps what its last tick has found. Leaves that read a
-changed fact are looked at again; a node whose status changes tells its parent, which goes on
+`IncrementalEvaluator` follows one team's facts and keeps what its last tick has found. Leaves that
+read a changed fact are looked at again; a node whose status changes tells its parent, which goes on
 from what it knows of its other children. Whatever is reached anew, or under another name, is
 ticked as from scratch. The result is that of `Evaluator`, which is the definition.
 """
@@ -12,6 +12,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable
 from typing import Generic, TypeVar
 
+from mrbt_mesh.core.bt.activation import Activation
 from mrbt_mesh.core.bt.evaluation import Evaluation, EvaluationFacts
 from mrbt_mesh.core.bt.tree import Tree
 from mrbt_mesh.core.facts.team_facts import TeamFacts
@@ -22,6 +23,7 @@ from mrbt_mesh.core.incremental.evaluation.compiled_evaluator import (
     request_of,
     timeout_of,
 )
+from mrbt_mesh.core.incremental.evaluation.fact_changes import FactChanges, PruneCandidates
 from mrbt_mesh.core.incremental.evaluation.tick import Tick
 from mrbt_mesh.core.incremental.evaluation.turn_sums import TurnSums
 from mrbt_mesh.core.incremental.evaluation.update import Ranks, TickUpdate
@@ -35,11 +37,19 @@ class IncrementalEvaluator(CompiledEvaluator):
     def __init__(self, tree: Tree, facts: TeamFacts) -> None:
         super().__init__(tree)
         self._facts = facts
-        self._changes = facts.follow()
+        self._changes = FactChanges(facts)
+        self._candidates = PruneCandidates(facts)
         self._sums = TurnSums(self.layout)
         self._set: dict[str, None] = {}
         self._turned: dict[int, None] = {}
         self._state: _State | None = None
+
+    def find_obsolete(
+        self, known: Iterable[Activation], facts: EvaluationFacts
+    ) -> Iterable[Activation]:
+        if facts is self._facts:
+            known = self._candidates.take(self.renamed_ranges)
+        return super().find_obsolete(known, facts)
 
     def forget(self) -> None:
         """Start from scratch next time."""

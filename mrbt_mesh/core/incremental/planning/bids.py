@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from mrbt_mesh.core.facts.activation_facts import KnownBids
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.planning.bids import Bids, GroupBids, begun_activations, is_begun, with_bids
 from mrbt_mesh.core.planning.capabilities import Worker
@@ -16,7 +17,8 @@ class _Known:
     """What the bids make of one request's demands, and from what that follows."""
 
     declared: Group
-    state: tuple[int, bool]
+    said: KnownBids
+    has_begun: bool
     bids: GroupBids
 
 
@@ -35,10 +37,15 @@ class FollowedBids:
         found = []
         for group in groups:
             activation = group[0].request.activation
-            state = facts.bid_state(activation), is_begun(facts, group, begun)
+            said, has_begun = facts.bids(activation), is_begun(facts, group, begun)
             known = before.get(activation)
-            if known is None or known.declared is not group or known.state != state:
-                known = _Known(group, state, with_bids(facts, group, state[1]))
+            if (
+                known is None
+                or known.declared is not group
+                or known.said is not said
+                or known.has_begun is not has_begun
+            ):
+                known = _Known(group, said, has_begun, with_bids(facts, group, has_begun))
             self._known[activation] = known
             found.append(known.bids)
         return Bids.of(found, begun)

@@ -89,7 +89,7 @@ class FollowedDemands:
     ) -> list[Group]:
         """`demands_of` these requests."""
         self._running.follow(facts, capabilities.team)
-        tasks, outcomes, running = facts.mission.global_tasks, facts.outcomes, self._running.at
+        tasks, running = facts.mission.global_tasks, self._running.at
         before, self._known = self._known, {}
         result = []
         for request in requests:
@@ -101,7 +101,7 @@ class FollowedDemands:
                 continue
             known = before.get(activation)
             able = [capabilities.able(need.local_task) for need in task.needs]
-            ends = outcomes.get(activation, _NONE)
+            ends = facts.outcomes(activation)
             if (
                 known is None
                 or known.ends is not ends

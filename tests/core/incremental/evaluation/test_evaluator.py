@@ -112,7 +112,7 @@ class Facts:
 
     def _set(self, name: str, robot: str) -> None:
         facts = self.world.facts
-        revision = facts.revision(name) + self.number(1, 3)
+        revision = facts.conditions.revision(name) + self.number(1, 3)
         value = facts.mission.condition_default(name) ^ bool(revision % 2)
         row = [value, revision, facts.max_stamp + 1]
         self.world.write(robot, (f"{records.CONDITION}/{name}", row))
@@ -368,7 +368,7 @@ def test_by_the_papers_policy_a_claim_counts() -> None:
     assert again.evaluate(world.facts).status is Status.FAILURE
     world.claim("R2", activation)
     assert again.evaluate(world.facts).status is Status.RUNNING
-    world.join("R2", world.facts.members["R2"][0].capabilities, life=2)
+    world.join("R2", world.facts.members["R2"].member.capabilities, life=2)
     assert again.evaluate(world.facts).status is Status.FAILURE, "a claim of another life"
 
 

@@ -1,0 +1,110 @@
+"""What the team has said of one activation: the index that task statuses and plans read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+from mrbt_mesh.core.bt.activation import Activation
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.coalitions import Coalitions
+from mrbt_mesh.core.facts.records import Attempt, Bid, ChildResult, CoalitionId, Outcome
+from mrbt_mesh.core.facts.store import Entry
+
+# Local task -> robot -> success.
+Outcomes: TypeAlias = Mapping[str, Mapping[str, bool]]
+
+
+@dataclass(frozen=True, slots=True)
+class KnownBids:
+    """The bids of one activation.
+
+    `by_task`: local task -> robot -> bid in micro-units; None: it has no bid. `closed`: local tasks
+    for whose bids nobody waits any more.
+    """
+
+    by_task: Mapping[str, Mapping[str, int | None]] = field(default_factory=dict)
+    closed: frozenset[str] = frozenset()
+
+    def of(self, local_task: str) -> Mapping[str, int | None]:
+        """Robot -> its bid for this local task."""
+        return self.by_task.get(local_task, {})
+
+    def with_bid(self, local_task: str, robot: str, bid: int | None) -> KnownBids:
+        """These, and one more."""
+        bids = {**self.of(local_task), robot: bid}
+        return KnownBids({**self.by_task, local_task: bids}, self.closed)
+
+    def with_closed(self, local_task: str) -> KnownBids:
+        """These, where nobody waits for more for this local task."""
+        return KnownBids(self.by_task, self.closed | {local_task})
+
+
+NO_BIDS = KnownBids()
+
+
+@dataclass(slots=True)
+class ActivationFacts:
+    """Everything that the entries of one activation say. They are dropped all together.
+
+    `keys`: (author, name) of its entries. `coalitions`: None while none was named; then the
+    outcomes are theirs, otherwise they are in `outcomes`. `child_results`: position of the child ->
+    success. `is_done`: the operator's word. `outcomes` and `bids` are replaced when they change,
+    never altered: equal objects say the same.
+    """
+
+    activation: Activation
+    keys: dict[tuple[str, str], None] = field(default_factory=dict)
+    outcomes: Outcomes = field(default_factory=dict)
+    coalitions: Coalitions | None = None
+    bids: KnownBids = NO_BIDS
+    attempts_used: int = 0
+    child_results: dict[int, bool] = field(default_factory=dict)
+    has_verdict: bool = False
+    has_expired: bool = False
+    is_done: bool = False
+
+    def add(self, entry: Entry) -> None:
+        """Take in one of its entries."""
+        self.keys[entry.author, entry.name] = None
+        parts, record = entry.parts, entry.record
+        kind = parts[0]
+        if kind in records.COALITION_KINDS:
+            self._with_coalitions().add(kind, CoalitionId.parse(parts[2]), entry)
+        elif isinstance(record, Outcome):
+            self._add_outcome(entry, record.success)
+        elif isinstance(record, Bid):
+            self.bids = self.bids.with_bid(parts[2], entry.author, record.performance)
+        elif isinstance(record, Attempt):
+            self.attempts_used = max(self.attempts_used, record.number)
+        elif isinstance(record, ChildResult):
+            position = int(parts[2])
+            self.child_results[position] = record.success or self.child_results.get(position, False)
+        elif kind == records.CLOSED:
+            self.bids = self.bids.with_closed(parts[2])
+        elif kind == records.VERDICT:
+            self.has_verdict = True
+        elif kind == records.EXPIRED:
+            self.has_expired = True
+        elif kind == records.DONE:
+            self.is_done = True
+
+    def _add_outcome(self, entry: Entry, success: bool) -> None:
+        parts = entry.parts
+        if len(parts) == 4:
+            coalition = CoalitionId.parse(parts[3])
+            self._with_coalitions().add_outcome(coalition, parts[2], entry, success)
+        else:
+            ends = {**self.outcomes.get(parts[2], {}), entry.author: success}
+            self.outcomes = {**self.outcomes, parts[2]: ends}
+
+    def _with_coalitions(self) -> Coalitions:
+        if self.coalitions is None:
+            self.coalitions = Coalitions()
+        return self.coalitions
+
+    @property
+    def has_outcome(self) -> bool:
+        """Whether some robot has ended here."""
+        return bool(self.outcomes or (self.coalitions is not None and self.coalitions.outcomes))

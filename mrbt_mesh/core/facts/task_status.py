@@ -1,0 +1,106 @@
+"""When a global task has succeeded, and when it has failed.
+
+This is the paper's *Perform Global Task g* (section IV, definition of T_G): the status of the
+action leaf, computed from the outcomes of its activation. Where the paper is silent or
+contradicts itself, docs/decisions says what was decided. Never a function of who is thought alive:
+lack of living robots is *blocked*, not failure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Protocol
+
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts.activation_facts import ActivationFacts
+from mrbt_mesh.core.facts.coalitions import Coalitions
+from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, InDoubtPolicy, Need
+
+
+class TeamMembers(Protocol):
+    """What a task's failure depends on beside the outcomes."""
+
+    @property
+    def grantors(self) -> frozenset[str]: ...
+    def robots_with(self, local_task: str) -> Collection[str]:
+        """All known robots with the capability; dead ones, and ones that lost it, included."""
+        ...
+
+    def claimants(self, activation: str, local_task: str) -> Collection[str]:
+        """The robots with a valid claim on this local task of this activation."""
+        ...
+
+
+def task_status(task: GlobalTask, said: ActivationFacts, team: TeamMembers) -> Status:
+    """Success goes before failure: one that arrives late still counts.
+
+    The operator's word (`is_done`) and a latched failure (`has_verdict`) count like outcomes.
+    """
+    if said.is_done or has_succeeded(task, said):
+        return Status.SUCCESS
+    if said.has_verdict or has_failed(task, said, team):
+        return Status.FAILURE
+    return Status.RUNNING
+
+
+def has_succeeded(task: GlobalTask, said: ActivationFacts) -> bool:
+    """At least nu successes of each local task; of one and the same coalition if it has any."""
+    if said.coalitions is not None:
+        return any(_are_enough(task, found) for found in said.coalitions.outcomes.values())
+    return bool(said.outcomes) and _are_enough(task, said.outcomes)
+
+
+def _are_enough(task: GlobalTask, outcomes: Mapping[str, Mapping[str, bool]]) -> bool:
+    return all(
+        sum(outcomes.get(need.local_task, {}).values()) >= need.min_robots for need in task.needs
+    )
+
+
+def has_failed(task: GlobalTask, said: ActivationFacts, team: TeamMembers) -> bool:
+    """One need has failed; or the activation is in doubt, and the mission counts that as failed."""
+    coalitions = said.coalitions
+    if coalitions is None:
+        return any(_need_failed(task, need, said, team) for need in task.needs)
+    if task.in_doubt is InDoubtPolicy.FAIL and coalitions.in_doubt(team.grantors):
+        return True
+    return any(_coalitions_failed(task, need, coalitions, team) for need in task.needs)
+
+
+def _need_failed(task: GlobalTask, need: Need, said: ActivationFacts, team: TeamMembers) -> bool:
+    """There is a failure, and
+
+    policy `paper`: failures exceed assigned - nu, where assigned = outcomes + valid claims;
+    policy `resilient`: successes and robots that may still try are fewer than nu.
+    """
+    results = said.outcomes.get(need.local_task, {})
+    failures = sum(not success for success in results.values())
+    if not failures:
+        return False
+    if task.failure is FailurePolicy.PAPER:
+        claimants = team.claimants(str(said.activation), need.local_task)
+        assigned = len(results) + sum(robot not in results for robot in claimants)
+        return failures > assigned - need.min_robots
+    successes = len(results) - failures
+    may_try = sum(robot not in results for robot in team.robots_with(need.local_task))
+    return successes + may_try < need.min_robots
+
+
+def _coalitions_failed(
+    task: GlobalTask, need: Need, coalitions: Coalitions, team: TeamMembers
+) -> bool:
+    """There is a failure, and
+
+    policy `paper`: in one coalition the failures exceed its members - nu;
+    policy `resilient`: the robots that have not failed, in any coalition, are fewer than nu.
+    """
+    failed = coalitions.failed_robots(need.local_task)
+    if not failed:
+        return False
+    if task.failure is FailurePolicy.RESILIENT:
+        return len(set(team.robots_with(need.local_task)) - failed) < need.min_robots
+    for coalition, members in coalitions.members.items():
+        there = [member for member in members if member.local_task == need.local_task]
+        ends = [coalitions.outcome(coalition, member) for member in there]
+        if ends.count(False) > len(ends) - need.min_robots:
+            return True
+    return False

@@ -1,0 +1,116 @@
+"""What is accepted: whether a well-formed entry has a place in this mission and run.
+
+`records` has checked the form of name and value before. Whatever is refused here is not joined,
+so that no robot can write about conditions, nodes or tasks that the mission does not have.
+"""
+
+from __future__ import annotations
+
+from mrbt_mesh.core.bt.activation import Activation, parse_activation
+from mrbt_mesh.core.bt.tree import ATTEMPT_KINDS, CONTROLS, Kind, Memory
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.records import Coalition, CoalitionId, ConditionValue
+from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.mission.mission import GlobalTask, Mission
+
+# Kinds of entry that belong to an activation -> the kinds of node whose activations have them.
+ACTIVATION_KINDS = {
+    records.OUTCOME: frozenset({Kind.ACTION}),
+    records.VERDICT: frozenset({Kind.ACTION}),
+    records.ATTEMPT: ATTEMPT_KINDS,
+    records.EXPIRED: frozenset({Kind.TIMEOUT}),
+    records.CHILD_RESULT: CONTROLS,
+    records.DONE: frozenset({Kind.ACTION}),
+    **dict.fromkeys(sorted(records.COALITION_KINDS | records.BID_KINDS), frozenset({Kind.ACTION})),
+}
+
+
+def refusal_reason(entry: Entry, mission: Mission, run: str) -> str | None:
+    """Why this entry has no place in this run of the mission, or None if it has one."""
+    parts = entry.parts
+    if parts[0] == records.CONDITION:
+        return _refuse_condition(entry, parts[1], mission)
+    if parts[0] in ACTIVATION_KINDS:
+        return _refuse_of_activation(entry, parts, mission, run)
+    return None
+
+
+def _refuse_condition(entry: Entry, name: str, mission: Mission) -> str | None:
+    """A boolean alternates from its default, so value and revision must agree."""
+    if not mission.knows_condition(name):
+        return f"condition {name!r} is not declared"
+    record = entry.record
+    assert isinstance(record, ConditionValue)
+    if record.value != (mission.condition_default(name) ^ bool(record.revision % 2)):
+        return f"condition {name!r}: value and revision {record.revision} disagree"
+    return None
+
+
+def _refuse_of_activation(
+    entry: Entry, parts: tuple[str, ...], mission: Mission, run: str
+) -> str | None:
+    kind, text = parts[0], parts[1]
+    try:
+        activation = parse_activation(text)
+    except ValueError:
+        return f"{text!r:.80} names no activation"
+    if activation.run != run:
+        return f"{text!r:.80} belongs to another run"
+    if str(activation) != text or not _could_exist(kind, activation, mission):
+        return f"{text!r:.80} names no node of this mission's tree"
+    if kind == records.CHILD_RESULT:
+        node = mission.tree.nodes[activation.node]
+        positions = map(str, range(len(node.children)))
+        if node.memory is Memory.NONE or parts[2] not in positions:
+            return f"{text!r:.80} has no child {parts[2]!r:.20} to remember"
+    if ACTIVATION_KINDS[kind] == {Kind.ACTION}:
+        return _refuse_of_task(entry, parts, mission.global_tasks[activation.subject])
+    return None
+
+
+def _could_exist(kind: str, activation: Activation, mission: Mission) -> bool:
+    """Whether some evaluation could use this name for an entry of this kind."""
+    nodes = mission.tree.nodes
+    if not 0 <= activation.node < len(nodes):
+        return False
+    if min((activation.turns, *activation.attempts)) < 0:
+        return False
+    node = nodes[activation.node]
+    if node.kind not in ACTIVATION_KINDS[kind] or node.subject != activation.subject:
+        return False
+    enclosing_loops, outer = 0, node.parent
+    while outer >= 0:
+        enclosing_loops += nodes[outer].kind in ATTEMPT_KINDS
+        outer = nodes[outer].parent
+    return len(activation.attempts) == enclosing_loops
+
+
+def _refuse_of_task(entry: Entry, parts: tuple[str, ...], task: GlobalTask) -> str | None:
+    """Why an entry has no place in an activation of this global task."""
+    kind, *names = parts
+    local_tasks = {need.local_task for need in task.needs}
+    if kind == records.OUTCOME:
+        if names[1] not in local_tasks:
+            return f"{task.id!r} needs no {names[1]!r:.80}"
+        if (len(names) == 3) != task.by_coalition:
+            return f"{task.id!r}: an outcome names a coalition if the task has any"
+    elif kind in records.BID_KINDS:
+        need = task.need(names[1])
+        if need is None or not need.by_bid:
+            return f"{task.id!r}: {names[1]!r:.80} is not for bids"
+    elif kind in records.EXCLUSIVE_KINDS and not task.exclusive:
+        return f"{task.id!r} is not exclusive"
+    elif kind in records.COALITION_KINDS and not task.by_coalition:
+        return f"{task.id!r} has no coalitions"
+    if kind not in records.COALITION_KINDS and len(names) != 3:
+        return None
+    try:
+        coalition = CoalitionId.parse(names[-1])
+    except ValueError:
+        return f"{names[-1]!r:.80} names no coalition"
+    if isinstance(entry.record, Coalition) and (
+        entry.author != coalition.leader
+        or any(member.local_task not in local_tasks for member in entry.record.members)
+    ):
+        return f"{names[-1]!r:.80}: no coalition of {task.id!r}"
+    return None
