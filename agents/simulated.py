@@ -4,13 +4,18 @@
 """
 
 import functools
+import os
 from collections.abc import Awaitable, Callable
+from pathlib import Path
 
 import anyio
 
 from mrbt_mesh import TaskContext
 
 STEPS = 20
+# Names a file that says what is held: see `held`.
+HOLD_VARIABLE = "MRBT_HOLD"
+HOLD_POLL_S = 0.02
 
 
 async def work(task: TaskContext) -> None:
@@ -21,18 +26,42 @@ async def work(task: TaskContext) -> None:
         task.report_progress(step / STEPS)
 
 
+async def held(task: TaskContext) -> None:
+    """Wait while a line of the file $MRBT_HOLD names this robot, its local task (ground, or only
+    the type) or its global task.
+
+    So drills and tests have the moment that they mean, however fast the machine is.
+    """
+    kind = task.local_task.partition("(")[0]
+    names = {task.robot, task.local_task, kind, task.global_task}
+    while not names.isdisjoint(_held_names()):
+        await anyio.sleep(HOLD_POLL_S)
+
+
+def _held_names() -> list[str]:
+    path = os.environ.get(HOLD_VARIABLE)
+    if path is None:
+        return []
+    try:
+        return Path(path).read_text().splitlines()
+    except FileNotFoundError:
+        return []
+
+
 def physical(
     function: Callable[..., Awaitable[bool | None]],
 ) -> Callable[..., Awaitable[bool | None]]:
     """Decorate a local task: exactly one line for its start and one for its end or cancellation.
 
-    Returning False or raising is an end with failure. What is raised passes through.
+    Returning False or raising is an end with failure. What is raised passes through. While it
+    is held, it has started and does not go on.
     """
 
     @functools.wraps(function)
     async def recorded(task: TaskContext, *arguments: str) -> bool | None:
         _record(task, "start")
         try:
+            await held(task)
             result = await function(task, *arguments)
         except Exception:
             _record(task, "end", "failure")

@@ -41,6 +41,7 @@ EXIT_OF_RESULT = {
     "failure": FAILURE,
     "timeout": NOT_FINISHED,
     "blocked": NOT_FINISHED,
+    "not_started": NOT_FINISHED,
 }
 
 console = Console()

@@ -14,6 +14,7 @@ RESULTS = {
     "failure": ("✘", "bold red", "mission failed"),
     "timeout": ("⧗", "bold yellow", "mission not finished in time"),
     "blocked": ("■", "bold yellow", "mission blocked"),
+    "not_started": ("…", "bold yellow", "mission not started: its team has not gathered"),
 }
 PLAIN = "not bold"
 MOST_BIDS = 20

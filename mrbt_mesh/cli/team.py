@@ -32,12 +32,13 @@ from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import is_robot_id
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.run_dir import RunDir
-from mrbt_mesh.runtime.team import Team
+from mrbt_mesh.runtime.team import Team, address_of
 from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.runtime.watcher import Watcher, watching
 from mrbt_mesh.runtime.zenoh_transport import TransportError
 
-CONNECT_TIMEOUT_S = 3.0
+CONNECT_TIMEOUT_S = 10.0
+JOIN_TIMEOUT_S = 30.0
 SETTLE_BEATS = 2
 
 RobotArgument = Annotated[str, typer.Argument(help="A robot's id.", metavar="ROBOT")]
@@ -242,16 +243,26 @@ def join(
         team = Team(found, info, mission)
 
     async def start() -> int | None:
+        """The robot's exit status if it ends instead of joining, None if it has joined."""
         process = await team.start(robot, robot_type=robot_type, takeover=takeover)
-        with anyio.move_on_after(2 * info.detection_s):
-            return await process.wait()
-        return None
+        async with watching(address_of(found)) as watcher:
+            with anyio.fail_after(JOIN_TIMEOUT_S):
+                while process.returncode is None:
+                    await watcher.wait_for_change(watcher.timing.heartbeat_us / SECOND_US)
+                    member = watcher.observer.facts.members.get(robot)
+                    if member is not None and member[0].pid == process.pid:
+                        return None
+        return process.returncode
 
-    with input_errors():
-        code = anyio.run(start)
+    try:
+        with input_errors():
+            code = anyio.run(start)
+    except TimeoutError:
+        fail(f"{robot} runs, and has not joined within {JOIN_TIMEOUT_S:g} s", FAILURE)
     if code is not None and code != 0:
         fail((found.path / f"{robot}.out").read_text().strip().rpartition("\n")[2], code)
     console.print(f"{robot} joined", highlight=False)
+    end_process(0)
 
 
 # -- status -------------------------------------------------------------------------------

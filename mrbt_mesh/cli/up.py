@@ -97,7 +97,8 @@ def up(
 ) -> None:
     """Start one process per robot and watch the mission.
 
-    Exit status: 0 success, 1 failure, 2 bad input, 3 not finished in time or blocked.
+    Exit status: 0 success, 1 failure, 2 bad input, 3 not finished in time, blocked, or ended
+    before the team had gathered.
 
     Example: mrbt up examples/vehicle_repair/mission.yaml --speed 2
     """
@@ -281,12 +282,12 @@ def _report(team: Team | None, watcher: Watcher, show: str, why: str | None) -> 
         for text in refused:
             errors.print(text, soft_wrap=True, markup=False)
         return BAD_INPUT
-    if team is not None and observer.record.result is None and not team.living():
-        # A short mission may be over before it could be watched; its journals know how it went.
-        journals = team.journals()
-        observer.read((entry for kept in journals.values() for entry in kept), boottime_us())
-    result = observer.result
-    summary = observer.record.summary(result, boottime_us())
+    now_us = boottime_us()
+    if team is not None:
+        result = team.result(observer, now_us)
+    else:
+        result = observer.result(anybody_lives=bool(observer.membership.alive_set()))
+    summary = observer.record.summary(result, now_us)
     if why is not None:
         summary["ended_because"] = why
     if team is not None:

@@ -205,7 +205,9 @@ class StepModel(FileModel):
     """Faults, and the moment: `at` (s from the start of the run), `when`, `after` (s).
 
     `after` counts from the trigger, or, where it stands alone, from the step before. Steps are
-    carried out one after the other, in the order of the list.
+    carried out one after the other, in the order of the list. A task that the next step waits to
+    see running does not end before that step, nor does one that it names as `performing` without
+    a trigger: the simulated robots of `agents/` hold it, so that no step comes too late.
     """
 
     at: Seconds | None = None
@@ -373,7 +375,7 @@ class DrillModel(FileModel):
     robots: Annotated[list[RobotName], Field(min_length=1)] | None = None
     speed: Annotated[float, Field(gt=0, le=1_000)] = 1.0
     timing: TimingModel = TimingModel()
-    timeout_s: Annotated[float, Field(gt=0, le=MAX_SECONDS)] = 60.0
+    timeout_s: Annotated[float, Field(gt=0, le=MAX_SECONDS)] = 120.0
     transport: Profiles = "wired"
     network: Literal["loopback", "namespaces"] = "loopback"
     steps: Annotated[list[StepOrCycle], Field(max_length=MAX_STEPS)] = []

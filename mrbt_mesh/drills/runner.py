@@ -24,11 +24,13 @@ from mrbt_mesh.drills.triggers import Schedule, Sight
 from mrbt_mesh.formats.mission_file import compile_mission
 from mrbt_mesh.runtime.driver import EVENTS_FILE
 from mrbt_mesh.runtime.fencing import boottime_us
-from mrbt_mesh.runtime.run_dir import Place, RunDir, RunInfo
+from mrbt_mesh.runtime.run_dir import Place, RunDir, RunInfo, write_atomically
 from mrbt_mesh.runtime.team import Team, address_of, new_run
 from mrbt_mesh.runtime.watcher import Watcher, watching
 
 FRAME_S = 0.1
+# Names the file that says what simulated robots hold: agents/simulated.py.
+HOLD_VARIABLE, HOLD_FILE = "MRBT_HOLD", "hold"
 
 
 @dataclass(frozen=True)
@@ -73,8 +75,9 @@ async def run_drill(
     with places(drill.model.network, sorted(drill.mission.robots)) as (network, found):
         info = _new_run(drill, profile, found)
         run_dir = RunDir.create(folder, info, compile_mission(drill.mission))
-        team = Team(run_dir, info, drill.mission)
-        run = _Run(drill, team, network, tell)
+        hold = run_dir.path / HOLD_FILE
+        team = Team(run_dir, info, drill.mission, {HOLD_VARIABLE: str(hold)})
+        run = _Run(drill, team, network, hold, tell)
         try:
             for robot in drill.robots:
                 await team.start(robot)
@@ -117,16 +120,22 @@ def _new_run(drill: Drill, profile: Profile, found: Mapping[str, Place]) -> RunI
 
 
 class _Run:
+    """One run of a drill. The simulated robots do not go on with what stands in the file `hold`."""
+
     def __init__(
         self,
         drill: Drill,
         team: Team,
         network: LinkFaults | None,
+        hold: Path,
         tell: Callable[[TimelineEntry], None],
     ) -> None:
         self.drill = drill
         self.team = team
         self.network = network
+        self.hold = hold
+        self.schedule = Schedule(drill.steps)
+        self._hold_tasks()
         self.timeline: list[TimelineEntry] = []
         self._tell = tell
         self._told = 0
@@ -137,16 +146,16 @@ class _Run:
     async def to_the_end(self, watcher: Watcher) -> Evidence:
         """Follow the team, carry steps out, and collect what the judge needs."""
         observer = watcher.observer
-        schedule = Schedule(self.drill.steps)
+        schedule = self.schedule
         injector = DrillInjector(
             self.team, watcher, self.network, lambda deed: self._deed(observer, deed)
         )
         async with anyio.create_task_group() as group:
             group.start_soon(self.team.note_exits, watcher)
-            why = await self._until_over(watcher, schedule, injector)
+            why = await self._until_over(watcher, injector)
             group.cancel_scope.cancel()
         self._news(observer)
-        result = observer.result
+        result = self.team.result(observer, boottime_us())
         record = observer.record
         deeds = injector.deeds
         deeds.problems += self.team.refusals()
@@ -171,11 +180,9 @@ class _Run:
             ),
         )
 
-    async def _until_over(
-        self, watcher: Watcher, schedule: Schedule, injector: DrillInjector
-    ) -> str | None:
+    async def _until_over(self, watcher: Watcher, injector: DrillInjector) -> str | None:
         """Why the run ended before the mission did, or None if the mission is over."""
-        observer, fates = watcher.observer, injector.deeds.fates
+        schedule, observer, fates = self.schedule, watcher.observer, injector.deeds.fates
         deadline_s = time.monotonic() + self.drill.model.timeout_s
         wait_s = FRAME_S
         while True:
@@ -186,6 +193,7 @@ class _Run:
             if step is not None:
                 await injector.carry_out(step, sight)
                 schedule.carried_out(sight.now_us)
+                self._hold_tasks()
                 wait_s = 0.0
                 continue
             if observer.record.result is not None:
@@ -200,6 +208,9 @@ class _Run:
             wait_s = FRAME_S
             if due_us is not None:
                 wait_s = min(FRAME_S, max(0.0, (due_us - boottime_us()) / 1e6))
+
+    def _hold_tasks(self) -> None:
+        write_atomically(self.hold, "".join(f"{task}\n" for task in sorted(self.schedule.held())))
 
     def _is_blocked_for_good(self, sight: Sight, observer: Observer) -> bool:
         """Whether the block that is expected has stood for a detection time."""

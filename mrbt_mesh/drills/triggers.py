@@ -181,6 +181,10 @@ class Schedule:
         """Whether all steps have been carried out."""
         return self.next == len(self.steps)
 
+    def held(self) -> frozenset[str]:
+        """Tasks that the next step means to meet running: they must not end before it."""
+        return frozenset() if self.is_over else _met_running(self.steps[self.next])
+
     def due(self, sight: Sight, fates: Fates) -> StepModel | None:
         """The next step, if its moment has come. Say `carried_out` before asking again."""
         if self.is_over or sight.started_us is None:
@@ -211,6 +215,25 @@ class Schedule:
         """The step that was due has been carried out, from `begun_us` on."""
         self.next += 1
         self._previous_us, self._triggered_us = begun_us, None
+
+
+def _met_running(step: StepModel) -> frozenset[str]:
+    """The local or global task whose running a step waits for, or by time alone takes for granted.
+
+    With another trigger, one that is `performing` may have to end before it holds.
+    """
+    match step.when:
+        case LocalTaskTrigger(local_task=task, phase=phase) if phase != DONE:
+            return frozenset({task})
+        case GlobalTaskTrigger(global_task=task, status="running"):
+            return frozenset({task})
+        case TakeoverTrigger(takeover=task):
+            return frozenset({task})
+        case None:
+            roles = [robots for robots in _robots_of(step) if isinstance(robots, RoleModel)]
+            return frozenset(role.performing for role in roles if role.performing is not None)
+        case _:
+            return frozenset()
 
 
 def _robots_of(step: StepModel) -> list[Robots]:

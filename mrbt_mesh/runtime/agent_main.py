@@ -19,6 +19,7 @@ from typing import Any, NoReturn
 from mrbt_mesh import __version__
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.assignment.problem import SolverError
+from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import Mission, is_robot_id
 from mrbt_mesh.formats.mission_file import MissionError, load_mission
 from mrbt_mesh.runtime.driver import Driver, RobotSetup
@@ -40,6 +41,8 @@ from mrbt_mesh.runtime.team_address import (
 )
 from mrbt_mesh.runtime.zenoh_transport import PROTOCOLS, WIRED, TransportError
 
+# A robot that is the first of its team to be there waits so long for the others to start.
+DEFAULT_GATHER_S, MAX_GATHER_S = 10.0, 86_400.0
 # From so many on, planning may take longer than the event loop may stand still.
 LARGE_ROBOTS = 100
 LARGE_NODES = 2_000
@@ -84,6 +87,8 @@ def parser() -> argparse.ArgumentParser:
     text = "run id; robots of different runs ignore each other; default: one of the mission"
     add("--run", default=variable(RUN_VARIABLE), help=text)
     add("--expect", help="robots to hear before starting, A1,B1; default: all of the mission")
+    text = f"wait so long for them, in s, while no team is there (default {DEFAULT_GATHER_S:g})"
+    add("--gather", type=float, default=DEFAULT_GATHER_S, help=text)
     transport = "wired: TCP (default); wireless: QUIC, for lossy networks, needs --key"
     add("--transport", choices=tuple(PROTOCOLS), default=WIRED, help=transport)
     add("--key", type=Path, help="the team's key, made by `mrbt key FILE`")
@@ -149,6 +154,8 @@ def make_driver(options: argparse.Namespace) -> Driver:
         key=options.key,
     )
     journal = open_journal(options.run_dir, mission, address.run, options.robot)
+    if not 0 <= options.gather <= MAX_GATHER_S:
+        raise AgentInputError(f"--gather {options.gather:g}: 0 to {MAX_GATHER_S:g} s")
     expected = options.expect.split(",") if options.expect else list(mission.robots)
     solver = solver_for(mission, options.solver)
     is_large = len(mission.robots) >= LARGE_ROBOTS or len(mission.tree.nodes) >= LARGE_NODES
@@ -163,6 +170,7 @@ def make_driver(options: argparse.Namespace) -> Driver:
         engine=chosen_engine(),
         timing=address.timing,
         expected=frozenset(expected),
+        gather_us=round(options.gather * SECOND_US),
         takeover=options.takeover,
         exit_when_done=options.exit_when_done,
         software=__version__,

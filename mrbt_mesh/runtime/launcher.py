@@ -8,7 +8,7 @@ import select
 import socket
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import anyio
@@ -21,19 +21,32 @@ from mrbt_mesh.runtime.zenoh_transport import PROTOCOLS, WIRED, WIRELESS, Transp
 
 HOST = "127.0.0.1"
 PORT = 7447
+# Ports of robots that were or will be started from here.
+_reserved: list[socket.socket] = []
 
 
 def free_endpoints(count: int, transport: str) -> list[str]:
-    """Loopback endpoints that are free now; the ports are held until all are found."""
+    """Loopback endpoints that are free now.
+
+    On Linux no other launcher gets the TCP ports while this process lives: robots take a while
+    to start, and teams may start side by side.
+    """
     kind = socket.SOCK_STREAM if transport == WIRED else socket.SOCK_DGRAM
     sockets = [socket.socket(type=kind) for _ in range(count)]
     try:
         for item in sockets:
             item.bind((HOST, 0))
-        return [f"{PROTOCOLS[transport]}/{HOST}:{item.getsockname()[1]}" for item in sockets]
+        ports = [item.getsockname()[1] for item in sockets]
+        if transport == WIRED and sys.platform == "linux":
+            for item in sockets:
+                # Zenoh sets this as well, and so may listen; who asks for any port may not have it.
+                item.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            _reserved.extend(sockets)
+            sockets = []
     finally:
         for item in sockets:
             item.close()
+    return [f"{PROTOCOLS[transport]}/{HOST}:{port}" for port in ports]
 
 
 def ensure_key(run_dir: RunDir, info: RunInfo) -> None:
@@ -119,14 +132,20 @@ def _next_endpoint(info: RunInfo, robot: str) -> str:
     return f"{PROTOCOLS[info.transport]}/{info.places[robot].address}:{port}"
 
 
-async def start_robot(run_dir: RunDir, robot: str, command: list[str]) -> anyio.abc.Process:
-    """Start a robot in a session of its own, so that it outlives the terminal."""
+async def start_robot(
+    run_dir: RunDir, robot: str, command: list[str], environment: Mapping[str, str]
+) -> anyio.abc.Process:
+    """Start a robot in a session of its own, so that it outlives the terminal.
+
+    `environment` are variables that it gets besides those of this process.
+    """
     with (run_dir.path / f"{robot}.out").open("ab") as output:
         return await anyio.open_process(
             command,
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,
+            env=os.environ | environment,
             start_new_session=True,
         )
 

@@ -15,6 +15,7 @@ import psutil
 
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.journal import read_journals
 from mrbt_mesh.runtime.launcher import (
@@ -97,12 +98,22 @@ def address_of(run_dir: RunDir) -> TeamAddress:
 
 
 class Team:
-    """The processes of one run. `processes` are those that were started from here."""
+    """The processes of one run. `processes` are those that were started from here.
 
-    def __init__(self, run_dir: RunDir, info: RunInfo, mission: Mission) -> None:
+    `environment` are variables that their processes get besides those of this one.
+    """
+
+    def __init__(
+        self,
+        run_dir: RunDir,
+        info: RunInfo,
+        mission: Mission,
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
         self.run_dir = run_dir
         self.info = info
         self.mission = mission
+        self.environment = dict(environment or {})
         self.processes: dict[str, anyio.abc.Process] = {}
 
     async def start(
@@ -120,7 +131,7 @@ class Team:
         command = agent_command(
             self.run_dir, self.info, robot, robot_type=robot_type, takeover=takeover
         )
-        self.processes[robot] = await start_robot(self.run_dir, robot, command)
+        self.processes[robot] = await start_robot(self.run_dir, robot, command, self.environment)
         return self.processes[robot]
 
     def process(self, robot: str) -> psutil.Process | None:
@@ -143,6 +154,17 @@ class Team:
         """Robot -> what its journal holds."""
         robots = sorted({*self.run_dir.robots(), *self.processes})
         return read_journals(self.run_dir.path, robots, self.mission.digest, self.info.run)
+
+    def result(self, observer: Observer, now_us: int) -> str:
+        """The run's result if it ends now, by what the observer knows and the journals.
+
+        A short mission may be over before it could be watched; its journals know how it went.
+        """
+        lives = bool(self.living())
+        if observer.record.result is None and not lives:
+            entries = (entry for kept in self.journals().values() for entry in kept)
+            observer.read(entries, now_us)
+        return observer.result(lives)
 
     def refusals(self) -> list[str]:
         """What robots printed that were started from here and refused their input."""

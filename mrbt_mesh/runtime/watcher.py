@@ -23,7 +23,7 @@ from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
 
 CLOSE_TIMEOUT_S = 0.5
-COMMAND_TIMEOUT_S = 2.0
+COMMAND_TIMEOUT_S = 10.0
 
 
 class Watcher:

@@ -13,7 +13,6 @@ import anyio
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.assignment.solvers import default_solver
-from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.observer import Observer
@@ -162,12 +161,7 @@ def _result(world: World) -> SimulationResult:
         world.inspection.never_stopped()
     if world.timed_out and observer.record.result is None:
         world.inspection.timed_out()
-    plan = observer.plan
-    if observer.record.result is not None:
-        result = "success" if observer.record.result is Status.SUCCESS else "failure"
-    else:
-        blocked = plan is not None and any(waiting.is_blocked for waiting in plan.waiting)
-        result = "blocked" if blocked or not world.living() else "timeout"
+    result = observer.result(anybody_lives=bool(world.living()))
     processes = world.processes
     return SimulationResult(
         seed=world.setup.seed,

@@ -210,6 +210,33 @@ async def test_the_result_is_recorded_and_passed_on(result: bool | None, outcome
     assert outcomes(port) == [("start", None), ("end", outcome)]
 
 
+@pytest.mark.parametrize("name", ["A1", "x(2)", "x", "goal"])
+async def test_what_is_held_has_started_and_goes_on_when_it_is_let_go(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hold = tmp_path / "hold"
+    hold.write_text(f"A2\nx(3)\n{name}\n")
+    monkeypatch.setenv("MRBT_HOLD", str(hold))
+    turns = anyio.Semaphore(0)
+
+    async def sleep(_: float) -> None:
+        await turns.acquire()
+
+    monkeypatch.setattr(anyio, "sleep", sleep)
+
+    async def x(task: TaskContext, part: str) -> None: ...
+
+    port, program = FakePort(), physical_program(x)
+    async with anyio.create_task_group() as group:
+        group.start_soon(run, program, context(port, "x(2)", "2"))
+        turns.release()
+        await anyio.wait_all_tasks_blocked()
+        assert outcomes(port) == [("start", None)]
+        hold.unlink() if name == "A1" else hold.write_text("A2\nx(3)\n")
+        turns.release()
+    assert outcomes(port) == [("start", None), ("end", "success")]
+
+
 async def test_an_exception_is_a_failure_and_passes_through() -> None:
     async def x(task: TaskContext) -> None:
         raise ZeroDivisionError("bug")

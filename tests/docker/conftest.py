@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.support import docker_engine as docker
-from tests.support.docker_compose import PROJECT, Compose
+from tests.support.docker_compose import HOLD_FOLDER, OVERRIDE, PROJECT, Compose
 from tests.support.docker_engine import NoEngineError
 from tests.support.paths import ROOT
 
@@ -51,8 +51,10 @@ def project(
                 else:
                     shutil.copy(source, folder)
             shutil.copytree(found, folder / "wheels")
+            (folder / "docker-compose.override.yml").write_text(OVERRIDE)
+            (folder / HOLD_FOLDER).mkdir()
             environment |= {"COMPOSE_PROJECT_NAME": PROJECT, "COMPOSE_HTTP_TIMEOUT": "300"}
-            environment |= {"BASE": base, "MRBT_SPEED": "2"}
+            environment |= {"BASE": base, "MRBT_SPEED": "10"}
             say("building the image")
             compose = Compose(folder, environment)
             compose("build", timeout_s=400)

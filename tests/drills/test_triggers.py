@@ -171,6 +171,29 @@ def test_a_role_that_nobody_plays_yet_is_waited_for() -> None:
     assert schedule.due(at(6), fates) is steps[1]
 
 
+@pytest.mark.parametrize(
+    ("given", "held"),
+    [
+        ({"when": {"local_task": "weld(2)"}, "kill": "A1"}, {"weld(2)"}),
+        ({"when": {"local_task": "weld", "phase": "claimed"}, "kill": "A1"}, {"weld"}),
+        ({"when": {"local_task": "weld(2)", "phase": "done"}, "kill": "A1"}, set()),
+        ({"when": {"global_task": "fix"}, "kill": "A1"}, {"fix"}),
+        ({"when": {"global_task": "fix", "status": "success"}, "kill": "A1"}, set()),
+        ({"when": {"takeover": "weld(2)"}, "kill": {"replacement": None}}, {"weld(2)"}),
+        ({"after": 0.5, "leave": {"performing": "weld(2)"}}, {"weld(2)"}),
+        ({"when": {"condition": "wet"}, "kill": {"performing": "weld"}}, set()),
+        ({"at": 1, "kill": "A1"}, set()),
+    ],
+)
+def test_what_a_step_means_to_meet_running_is_held_until_then(
+    given: dict[str, Any], held: set[str]
+) -> None:
+    schedule = Schedule([step(**given)])
+    assert schedule.held() == held
+    schedule.carried_out(0)
+    assert schedule.held() == set()
+
+
 def test_the_sight_of_an_observer_in_the_middle_of_a_run() -> None:
     mission, program = example("vehicle_repair")
     kill = [(13 * S, Kill("A1"))]

@@ -7,17 +7,21 @@ import signal
 import pytest
 
 from mrbt_mesh.drills.physical import spans
-from tests.processes.conftest import ROOT, Team
+from tests.support.paths import mission_file
+from tests.support.team import TEST_TIMEOUT_S, Team
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
 
-COURIERS = ROOT / "examples" / "couriers" / "mission.yaml"
+COURIERS = mission_file("couriers")
 
 
 def test_couriers_bid_and_one_is_replaced_by_another_that_bid(team: Team) -> None:
-    team.up(COURIERS, "--speed", "2")
-    victim = team.wait_for_event("deliver")
+    team.hold("deliver")
+    team.up(COURIERS)
+    victim = team.wait_for_work(team.wait_for_event("deliver"))
     team.signal(victim["robot"], signal.SIGKILL)
+    team.wait_for_line(f"{victim['robot']} is dead")
+    team.release()
     code, summary = team.end()
     assert code == 0, team.logs()
     done = {s.part: s.robot for s in spans(team.events()) if s.end == "success"}

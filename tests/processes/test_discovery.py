@@ -9,9 +9,10 @@ import pytest
 
 from mrbt_mesh.runtime.launcher import free_endpoints
 from mrbt_mesh.runtime.zenoh_transport import WIRED
-from tests.processes.conftest import ROOT
+from tests.support.paths import ROOT
+from tests.support.team import TEST_TIMEOUT_S
 
-pytestmark = [pytest.mark.processes, pytest.mark.slow, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.processes, pytest.mark.slow, pytest.mark.timeout(TEST_TIMEOUT_S)]
 
 # In a process of its own: Zenoh sessions in the tests' process would outlive them.
 SESSIONS = """
@@ -41,7 +42,6 @@ def test_a_newcomer_dials_whom_it_discovers() -> None:
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=100,
         check=False,
     )
     assert done.returncode == 0, done.stderr

@@ -11,25 +11,19 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import psutil
 import pytest
 
 from mrbt_mesh.drills.drill_file import drill_files, load_drills
 from mrbt_mesh.drills.namespaces import available
-from tests.processes.conftest import REPAIR, ROOT, Team
+from tests.support.paths import ROOT
+from tests.support.team import REPAIR, TEST_TIMEOUT_S, Team
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
 
 SHIPPED = ROOT / "drills"
+# Holds the mission until it is ended from outside.
+LATER = "[{when: {local_task: use_screwdriver}, after: 1000, kill: C1}]"
 QUICK = [path for path in drill_files(SHIPPED) if load_drills(path)[0].model.quick]
-
-
-def leftovers(team: Team) -> list[psutil.Process]:
-    """Robots of this test that still run."""
-    folder = str(team.folder)
-    found = psutil.process_iter(["cmdline"])
-    mine = [p for p in found if folder in " ".join(p.info["cmdline"] or ())]
-    return [process for process in mine if "agent" in process.info["cmdline"]]
 
 
 def report(team: Team, path: Path, *options: str) -> tuple[int, dict[str, Any]]:
@@ -45,17 +39,17 @@ def test_the_short_set_is_green(team: Team, path: Path) -> None:
     code, data = report(team, path)
     assert code == 0, json.dumps(data, indent=1)
     assert data["green"] == len(data["runs"]) > 0
-    assert leftovers(team) == []
+    assert team.running() == []
     assert not any((team.folder / "drills").iterdir()), "green runs leave no directories behind"
 
 
 def small(team: Team, **changes: str) -> Path:
-    """A drill of the small example that takes three seconds."""
+    """A drill of the small example."""
     given = {
         "name": "small",
         "mission": str(ROOT / "examples" / "explore" / "mission.yaml"),
-        "speed": "5",
-        "steps": "[{when: {local_task: explore(A)}, after: 0.2, kill: {performing: explore(A)}}]",
+        "speed": "10",
+        "steps": "[{when: {local_task: explore(A)}, kill: {performing: explore(A)}}]",
         "expect": "{dead: {killed}, done: [{local_task: explore, times: 1}]}",
     } | changes
     path = team.folder / "small.yaml"
@@ -75,19 +69,16 @@ def test_what_did_not_hold_is_told_and_the_run_is_kept(team: Team) -> None:
     assert (Path(run["run_dir"]) / "events.jsonl").exists()
     (case,) = ElementTree.fromstring(junit.read_text())[0]
     assert case[0].get("message") == f"{wrong[0]['expected']}: {wrong[0]['found']}"
-    assert leftovers(team) == []
+    assert team.running() == []
 
 
 def test_a_robot_that_ends_by_an_error_is_red_with_its_last_words(team: Team) -> None:
     program = team.folder / "robot.py"
-    explore = ROOT / "agents" / "explore.py"
     program.write_text(
-        f"import os, sys\nsys.path.insert(0, {str(explore.parent)!r})\n"
-        "from explore import robot\n\n"
-        "@robot.background\n"
-        "async def fails(task):\n"
-        "    import anyio\n"
-        "    await anyio.sleep(1)\n"
+        "import os, sys\nfrom mrbt_mesh import RobotProgram\n"
+        "robot = RobotProgram()\n\n"
+        "@robot.local_task('explore')\n"
+        "async def explore(task, area):\n"
         "    if task.robot == 'R2':\n"
         "        sys.stderr.write('the battery is empty\\n')\n"
         "        sys.stderr.flush()\n"
@@ -125,31 +116,32 @@ def test_repeat_timeline_and_keep(team: Team) -> None:
 
 def test_an_interrupt_ends_all_processes(team: Team) -> None:
     command = [sys.executable, "-m", "mrbt_mesh", "drill"]
-    command += [str(small(team, mission=str(REPAIR), steps="[]", expect="{}", speed="1"))]
+    command += [str(small(team, mission=str(REPAIR), steps=LATER, expect="{}"))]
     drill = subprocess.Popen(
         command, env=team.environment, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
     try:
-        team.wait_until(lambda: len(leftovers(team)) >= 6, "six robots run")
+        team.wait_until(lambda: len(team.running()) >= 6, "six robots run")
         drill.send_signal(signal.SIGINT)
-        _, problems = drill.communicate(timeout=30)
+        _, problems = drill.communicate()
     finally:
         drill.kill()
     assert drill.returncode == 1
     assert b"stopped by the operator" in problems
     assert b"Traceback" not in problems
-    assert leftovers(team) == []
+    assert team.running() == []
 
 
 def test_a_drill_with_a_bad_network(team: Team) -> None:
     reason = available()
     if reason is not None:
         pytest.skip(reason)
-    steps = "[{when: {local_task: explore(A)}, partition: [[R1], [R2]]}, {after: 2, heal: true}]"
+    held = "when: {local_task: explore}"
+    steps = f"[{{{held}, partition: [[R1], [R2]]}}, {{{held}, after: 0.2, heal: true}}]"
     path = small(team, network="namespaces", steps=steps, expect="{alive: [R1, R2]}")
     code, data = report(team, path)
     assert code == 0, json.dumps(data, indent=1)
-    assert leftovers(team) == []
+    assert team.running() == []
 
 
 def test_what_cannot_be_run_here_is_skipped_with_the_reason(team: Team) -> None:

@@ -1,4 +1,4 @@
-"""Real Zenoh input that no robot of this project would send, and exits that must not hang."""
+"""Noise on a team's network, and a robot that is alone on it."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ import sys
 import pytest
 
 from mrbt_mesh.drills.physical import spans
-from tests.processes.conftest import REPAIR, ROOT, Team
-from tests.support.account import check_paper
+from tests.support.paper_run import check_paper, go_on_as_in_the_paper, hold_for_the_paper
+from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
 
-# Runs in a process of its own: a Zenoh session in the tests' process would outlive them.
+# Runs in a process of its own: a Zenoh session in the tests' process would outlive them. It makes
+# noise until its input ends.
 STRANGER = """
-import json, os, sys, zenoh
+import json, os, sys, threading, zenoh
 team, endpoints = sys.argv[1], sys.argv[2:]
 config = zenoh.Config()
 config.insert_json5("mode", '"peer"')
@@ -30,7 +31,9 @@ tokens = [
     session.liveliness().declare_token(f"mrbt/{team}/alive/{name}")
     for name in ("A1/1/cafe/0", "A1/x/y/z", "A1", "Z9/99999999999999999999/n/0")
 ]
-for round in range(20):
+enough = threading.Event()
+threading.Thread(target=lambda: (sys.stdin.read(), enough.set()), daemon=True).start()
+while not enough.wait(0.1):
     for data in noise:
         for robot in ("A1", "C2", "Z9", "not%a%robot"):
             session.put(f"mrbt/{team}/beat/{robot}", data)
@@ -47,36 +50,54 @@ os._exit(0)
 """
 
 
+def _refused(team: Team, robot: str) -> list[tuple[str, str]]:
+    """(source, reason) of the inputs that a robot has logged as refused."""
+    lines = [line for line in team.log(robot) if line["event"] == "input_refused"]
+    return [(line["source"], line["reason"]) for line in lines]
+
+
 def test_noise_is_counted_logged_once_per_source_and_changes_nothing(team: Team) -> None:
-    team.up(REPAIR, "--speed", "2")
-    team.wait_for_event("use_screwdriver", robot="C1")
+    hold_for_the_paper(team)
+    team.up()
+    team.wait_for_events(2, "use_screwdriver")
     info = json.loads((team.run_dir / "run.json").read_text())
-    command = [sys.executable, "-c", STRANGER, info["team"], *info["endpoints"].values()]
-    told = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
-    assert told.stdout == "done"
+    stranger = subprocess.Popen(
+        [sys.executable, "-c", STRANGER, info["team"], *info["endpoints"].values()],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        team.wait_until(
+            lambda: all(
+                {source for source, _ in _refused(team, robot)} >= {"A1", "C2", "Z9"}
+                for robot in team.robots()
+            ),
+            "every robot refuses the noise",
+        )
+        told, _ = stranger.communicate()
+    finally:
+        stranger.kill()
+    assert told == "done"
+    go_on_as_in_the_paper(team)
     code, summary = team.end()
     assert code == 0, team.logs()
     assert summary["faults"] == summary["takeovers"] == []
     assert set(summary["robots"]) == set(team.robots())
     check_paper(spans(team.events()))
     for robot in team.robots():
-        refused = [
-            (line["source"], line["reason"])
-            for line in team.log(robot)
-            if line["event"] == "input_refused"
-        ]
-        assert {source for source, _ in refused} >= {"A1", "C2", "Z9"}
+        refused = _refused(team, robot)
         assert len(refused) == len(set(refused)), "a reason was logged twice"
 
 
-def test_a_robot_without_any_peer_stops_at_once_when_told(team: Team) -> None:
-    """Closing an isolated Zenoh session takes 10 s; the process must not wait for it."""
+def test_a_robot_without_any_peer_stops_when_told(team: Team) -> None:
+    """Closing an isolated Zenoh session takes 10 s; a robot does not wait for it."""
     team.run_dir.mkdir()
-    mission = ROOT / "examples" / "explore" / "mission.yaml"
-    options = ["--listen", "tcp/127.0.0.1:0", "--run-dir", str(team.run_dir)]
-    lonely = team.agent(mission, "R1", *options)
+    team.hold("explore")
+    options = ["--listen", "tcp/127.0.0.1:0", "--run-dir", str(team.run_dir), "--expect", "R1"]
+    lonely = team.agent(EXPLORE, "R1", *options)
     team.wait_for_event("explore", robot="R1")
     lonely.send_signal(signal.SIGTERM)
-    assert lonely.wait(timeout=8) == 0
+    assert lonely.wait() == 0
     assert team.events()[-1]["event"] == "cancel"
     assert team.log("R1")[-1]["reason"] == "left"

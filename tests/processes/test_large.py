@@ -9,9 +9,10 @@ import pytest
 
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.agent_main import LARGE_NODES
-from tests.processes.conftest import ROOT, Team
+from tests.support.paths import ROOT
+from tests.support.team import TEST_TIMEOUT_S, Team
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
 
 MISSION = """
 mission: large
@@ -80,9 +81,12 @@ def test_a_robot_that_dies_is_replaced(team: Team, tmp_path: Path) -> None:
     program.write_text(PROGRAM.format(agents=ROOT / "agents"))
     mission.write_text(MISSION.format(program=program, places=places))
     assert len(load_mission(mission).tree.nodes) >= LARGE_NODES
+    team.hold("visit")
     team.up(mission)
     victim = team.wait_for_event("visit")
     team.signal(victim["robot"], signal.SIGKILL)
+    team.wait_for_replacement(victim)
+    team.release()
     code, summary = team.end()
     assert code == 0, team.logs()
     assert summary["result"] == "success"

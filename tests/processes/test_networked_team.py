@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import secrets
+import signal
 import subprocess
 from typing import Any
 
@@ -11,11 +13,9 @@ import pytest
 
 from mrbt_mesh.runtime.launcher import free_endpoints
 from mrbt_mesh.runtime.zenoh_transport import WIRED
-from tests.processes.conftest import ROOT, Team
+from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
 
-pytestmark = [pytest.mark.processes, pytest.mark.slow, pytest.mark.timeout(240)]
-
-EXPLORE = ROOT / "examples" / "explore" / "mission.yaml"
+pytestmark = [pytest.mark.processes, pytest.mark.slow, pytest.mark.timeout(TEST_TIMEOUT_S)]
 
 
 def robots(team: Team, *options: str) -> dict[str, subprocess.Popen[str]]:
@@ -38,10 +38,11 @@ def events(team: Team, robot: str) -> list[tuple[str, str | None]]:
 
 
 def test_a_team_found_by_multicast_is_watched_asked_and_told(team: Team) -> None:
-    name = ["--team", f"multicast-{id(team)}", "--run", "first", "--multicast", "lo"]
+    name = ["--team", f"multicast-{secrets.token_hex(4)}", "--run", "first", "--multicast", "lo"]
     where = ["--mission", str(EXPLORE), *name]
+    team.hold("explore")
     observer = team.start("watch", "--json", *where)
-    started = robots(team, "--speed", "0.5", *name)
+    started = robots(team, "--speed", "10", *name)
     team.wait_until(lambda: events(team, "R1") and events(team, "R2"), "both robots work")
     assert "pause is the team's order" in team.mrbt("pause", *where)
     team.wait_until(lambda: ("cancel", None) in events(team, "R1"), "R1 pauses")
@@ -57,8 +58,9 @@ def test_a_team_found_by_multicast_is_watched_asked_and_told(team: Team) -> None
     assert status(team, *where)["robots"]["R2"]["lost"] == ["explore"]
     team.mrbt("restore", "R2", *where)
     team.mrbt("resume", *where)
+    team.release()
     assert "no robot R9 (R1, R2)" in team.command("leave", "R9", *where).stderr
-    output, problems = observer.communicate(timeout=60)
+    output, problems = observer.communicate()
     assert observer.returncode == 0, problems
     summary = json.loads(output)
     assert summary["result"] == "success"
@@ -69,19 +71,20 @@ def test_a_team_found_by_multicast_is_watched_asked_and_told(team: Team) -> None
     assert late.returncode == 0
     assert "mission succeeded" in late.stdout
     team.mrbt("leave", "R1", *where)
-    assert started["R1"].wait(timeout=30) == 0
+    assert started["R1"].wait() == 0
 
 
 def test_a_team_with_endpoints_is_watched_by_dialling_them(team: Team) -> None:
+    team.hold("explore")
     first, second = free_endpoints(2, WIRED)
     for robot, options in (("R1", ["--listen", first]), ("R2", ["--listen", second])):
-        options += ["--speed", "0.1", *(["--connect", first] if robot == "R2" else [])]
+        options += ["--speed", "10", *(["--connect", first] if robot == "R2" else [])]
         team.agent(EXPLORE, robot, *options)
     where = ["--mission", str(EXPLORE), "--connect", first, "--connect", second]
     observer = team.start("watch", "--headless", *where)
     team.wait_until(lambda: len(status(team, *where)["robots"]) == 2, "both are heard")
     team.mrbt("abort", *where)
-    output, problems = observer.communicate(timeout=60)
+    output, problems = observer.communicate()
     assert observer.returncode == 1, problems
     assert output.startswith("listening for team explore, run ")
     assert re.search(r"\d\.\d\d  R1 joined", output)
@@ -89,13 +92,19 @@ def test_a_team_with_endpoints_is_watched_by_dialling_them(team: Team) -> None:
 
 
 def test_who_looks_for_another_run_is_told_so(team: Team) -> None:
-    name = ["--team", f"multicast-{id(team)}", "--multicast", "lo"]
+    name = ["--team", f"multicast-{secrets.token_hex(4)}", "--multicast", "lo"]
+    team.hold("explore")
     robots(team, "--run", "first", *name)
     team.wait_until(lambda: events(team, "R1"), "R1 works")
     where = ["--mission", str(EXPLORE), "--run", "second", *name]
     asked = team.command("status", *where)
     assert asked.returncode == 1
     assert "run second, answers; R1: run 'first' (ours is 'second')" in asked.stderr
-    watched = team.command("watch", "--timeout", "3", *where)
-    assert watched.returncode == 3
-    assert "R1 is not of this run: run 'first' (ours is 'second')" in watched.stdout
+    watching = team.start("watch", *where)
+    assert watching.stdout is not None
+    told = "R1 is not of this run: run 'first' (ours is 'second')"
+    assert any(told in line for line in watching.stdout)
+    watching.send_signal(signal.SIGINT)
+    output, _ = watching.communicate()
+    assert watching.returncode == 3
+    assert "mission not started: its team has not gathered" in output

@@ -2,40 +2,39 @@
 
 from __future__ import annotations
 
-import signal
-
 import pytest
 
 from mrbt_mesh.drills.physical import spans
-from tests.processes.conftest import REPAIR, Team
-from tests.support.account import check_order
+from tests.support.paper_run import check_order
+from tests.support.team import EXPLORE, REPAIR, TEST_TIMEOUT_S, Team
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
 
 
 @pytest.mark.parametrize(
-    ("local_task", "event"),
+    ("local_task", "next_one"),
     [
-        ("do_diagnosis", "end"),
-        pytest.param("replace_wires", "start", marks=pytest.mark.slow),
+        ("do_diagnosis", "replace_hw"),
+        pytest.param("replace_hw", "replace_wires", marks=pytest.mark.slow),
     ],
 )
 def test_the_whole_team_killed_goes_on_where_it_was(
-    team: Team, local_task: str, event: str
+    team: Team, local_task: str, next_one: str
 ) -> None:
-    team.up(REPAIR, "--speed", "2")
-    team.wait_for_event(local_task, event)
+    team.hold(next_one)
+    team.up()
+    team.wait_for_event(local_task, "end")
     # An action ends in the world a moment before its outcome is in the journal, and what ends
     # in that moment is done again. A robot's log tells of the outcome after its journal.
     done = {e["activation"] for e in team.events() if e["outcome"] == "success"}
     team.wait_until(lambda: done <= _told(team), "what has ended is known to the robots")
-    for robot in team.robots():
-        team.signal(robot, signal.SIGKILL)
+    team.kill_all()
     code, summary = team.end()
-    assert code == 3
+    assert (code, summary["result"]) == (3, "blocked")
     assert summary["ended_because"] == "no robot is left"
     before = len(team.events())
-    team.up(REPAIR, "--speed", "2", "--resume")
+    team.release()
+    team.up(REPAIR, "--resume")
     code, summary = team.end()
     assert code == 0, team.logs()
     assert summary["result"] == "success"
@@ -61,21 +60,20 @@ def _told(team: Team) -> set[str]:
 
 
 def test_resume_refuses_a_running_team_another_mission_and_no_directory(team: Team) -> None:
-    team.up(REPAIR, "--speed", "2")
-    team.wait_for_event("use_screwdriver")
-    running = team.command("up", str(REPAIR), "--run-dir", str(team.run_dir), "--resume")
+    team.hold("explore")
+    team.up(EXPLORE)
+    team.wait_for_event("explore")
+    running = team.command("up", str(EXPLORE), "--run-dir", str(team.run_dir), "--resume")
     assert running.returncode == 2
     assert "still run; see `mrbt watch`" in running.stderr
-    for robot in team.robots():
-        team.signal(robot, signal.SIGKILL)
+    team.kill_all()
     team.end()
-    explore = REPAIR.parents[1] / "explore" / "mission.yaml"
-    other = team.command("up", str(explore), "--run-dir", str(team.run_dir), "--resume")
+    other = team.command("up", str(REPAIR), "--run-dir", str(team.run_dir), "--resume")
     assert other.returncode == 2
     assert "is a run of another mission" in other.stderr
-    nowhere = team.command("up", str(REPAIR), "--resume")
+    nowhere = team.command("up", str(EXPLORE), "--resume")
     assert nowhere.returncode == 2
     assert "--resume needs the --run-dir" in nowhere.stderr
-    fresh = team.command("up", str(REPAIR), "--run-dir", str(team.run_dir))
+    fresh = team.command("up", str(EXPLORE), "--run-dir", str(team.run_dir))
     assert fresh.returncode == 2
     assert "or go on with --resume" in fresh.stderr.replace("\n", " ")

@@ -3,68 +3,77 @@
 from __future__ import annotations
 
 import json
+import secrets
 
 import pytest
 
-from tests.processes.conftest import REPAIR, ROOT, Team
+from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
-
-EXPLORE = ROOT / "examples" / "explore" / "mission.yaml"
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
 
 
 def endpoints(team: Team) -> list[str]:
     """Options that make an agent dial everybody of the running team."""
     info = json.loads((team.run_dir / "run.json").read_text())
-    result = ["--team", info["team"], "--listen", "tcp/127.0.0.1:0", "--beat", "0.2"]
+    result = ["--team", info["team"], "--listen", "tcp/127.0.0.1:0", "--beat", str(info["beat_s"])]
     for endpoint in info["endpoints"].values():
         result += ["--connect", endpoint]
     return result
 
 
 def test_a_second_robot_of_the_same_id_is_refused_and_takeover_overrides(team: Team) -> None:
-    team.up(REPAIR, "--speed", "2")
-    team.wait_for_event("use_screwdriver", robot="C1")
+    team.hold("explore")
+    team.up(EXPLORE)
+    team.wait_for_events(2, "explore")
     run = json.loads((team.run_dir / "run.json").read_text())["run"]
     mission = team.run_dir / "mission.json"
-    _, problems = team.agent(mission, "A1", "--run", run, *endpoints(team)).communicate(timeout=30)
-    assert "robot A1 is already running" in problems
+    _, problems = team.agent(mission, "R1", "--run", run, *endpoints(team)).communicate()
+    assert "robot R1 is already running" in problems
     assert "--takeover" in problems
-    refused = team.command("join", "A1")
+    refused = team.command("join", "R1")
     assert refused.returncode == 2
-    assert "robot A1 is already running (pid" in refused.stderr
-    old = team.status()["robots"]["A1"]["pid"]
-    team.mrbt("join", "A1", "--takeover")
-    team.wait_until(lambda: team.status()["robots"]["A1"]["pid"] != old, "a new A1")
+    assert "robot R1 is already running (pid" in refused.stderr
+    old = team.pid("R1")
+    team.mrbt("join", "R1", "--takeover")
+    (stopped,) = team.wait_until(lambda: _stopped(team, "R1"), "the old R1 has stopped")
+    assert "another process has taken over the id R1" in stopped["reason"]
+    new = team.pid("R1")
+    assert new != old
+    assert team.status()["robots"]["R1"]["pid"] == new
+    team.release()
     code, _ = team.end()
     assert code == 0, team.logs()
-    stopped = [line["reason"] for line in team.log("A1") if line["event"] == "stopped"]
-    assert any("another process has taken over the id A1" in reason for reason in stopped)
 
 
 @pytest.mark.slow
 def test_another_mission_is_refused_on_both_sides(team: Team) -> None:
-    team.up(REPAIR, "--speed", "2")
+    team.hold("use_screwdriver")
+    team.up()
     team.wait_for_event("use_screwdriver", robot="C1")
     run = json.loads((team.run_dir / "run.json").read_text())["run"]
     stranger = team.agent(EXPLORE, "R1", "--run", run, *endpoints(team))
-    _, problems = stranger.communicate(timeout=30)
+    _, problems = stranger.communicate()
     assert stranger.returncode == 2
     assert "mission 'vehicle_repair' with digest" in problems
     assert "all robots of a team need the same mission file" in problems
+
+    def refusals() -> list[dict[str, str]]:
+        return [line for line in team.log("C1") if line["event"] == "robot_refused"]
+
+    team.wait_until(refusals, "C1 refuses the stranger")
+    team.release()
     code, _ = team.end()
     assert code == 0, team.logs()
-    refusals = [line for line in team.log("C1") if line["event"] == "robot_refused"]
-    assert [line["source"] for line in refusals] == ["R1"]
-    assert "mission 'explore' with digest" in refusals[0]["reason"]
+    assert [line["source"] for line in refusals()] == ["R1"]
+    assert "mission 'explore' with digest" in refusals()[0]["reason"]
 
 
 def test_detached_teams_run_without_an_observer_and_end_by_themselves(team: Team) -> None:
-    told = team.mrbt("up", str(EXPLORE), "--speed", "2", "--detach", "--run-dir", str(team.run_dir))
-    assert "2 robots run" in told
-    team.wait_until(
-        lambda: len([e for e in team.events() if e["event"] == "end"]) == 2, "both areas explored"
+    told = team.mrbt(
+        "up", str(EXPLORE), "--speed", "10", "--detach", "--run-dir", str(team.run_dir)
     )
+    assert "2 robots run" in told
+    team.wait_for_events(2, "explore", "end")
     over = team.wait_until(lambda: _stopped(team, "R1"), "R1 stopped")
     assert over[-1]["reason"] == "mission success"
 
@@ -74,7 +83,7 @@ def _stopped(team: Team, robot: str) -> list[dict[str, str]]:
 
 
 def test_one_robot_explores_in_turn_and_two_at_once(team: Team) -> None:
-    team.up(EXPLORE, "--speed", "3", "--robots", "R1")
+    team.up(EXPLORE, "--robots", "R1")
     code, summary = team.end()
     assert code == 0, team.logs()
     events = [(e["event"], e["args"]) for e in team.events()]
@@ -83,13 +92,13 @@ def test_one_robot_explores_in_turn_and_two_at_once(team: Team) -> None:
 
 
 def test_pause_resume_abort(team: Team) -> None:
-    team.up(REPAIR, "--speed", "0.5")
-    team.wait_for_event("use_screwdriver", robot="C1")
+    team.hold("explore")
+    team.up(EXPLORE)
+    team.wait_for_events(2, "explore")
     assert "pause is the team's order" in team.mrbt("pause")
-    team.wait_for_event("use_screwdriver", "cancel", robot="C1")
+    team.wait_for_events(2, "explore", "cancel")
     team.mrbt("resume")
-    started = lambda: len([e for e in team.events() if e["event"] == "start"]) > 2  # noqa: E731
-    team.wait_until(started, "work after the pause")
+    team.wait_for_events(4, "explore")
     team.mrbt("abort")
     code, summary = team.end()
     assert (code, summary["result"]) == (1, "failure")
@@ -98,7 +107,7 @@ def test_pause_resume_abort(team: Team) -> None:
 def test_a_mission_of_ones_own_runs_at_once(team: Team) -> None:
     folder = team.folder / "my_team"
     team.mrbt("new", str(folder))
-    team.up(folder / "mission.yaml", "--speed", "5")
+    team.up(folder / "mission.yaml")
     code, summary = team.end()
     assert (code, summary["result"]) == (0, "success"), team.logs()
     assert team.events()
@@ -127,23 +136,18 @@ def test_a_program_that_raises_fails_its_task_and_not_the_robot(team: Team) -> N
     assert 'raise RuntimeError("the gripper is stuck")' in failure["error"]
 
 
-def test_a_time_limit_ends_the_run_with_status_3(team: Team) -> None:
-    done = team.command("up", str(REPAIR), "--timeout", "2", "--json")
-    assert done.returncode == 3
-    summary = json.loads(done.stdout)
-    assert summary["result"] == "timeout"
-    assert summary["ended_because"] == "time is up"
-
-
 @pytest.mark.slow
 def test_a_robot_that_the_mission_does_not_list_joins_with_its_type(team: Team) -> None:
-    team.up(REPAIR, "--speed", "2")
+    team.hold("use_screwdriver", "do_diagnosis")
+    team.up()
     team.wait_for_event("use_screwdriver", robot="C1")
     refused = team.command("join", "A3")
     assert refused.returncode == 2
     assert "give its --type (A, B, C)" in refused.stderr
     team.mrbt("join", "A3", "--type", "A")
+    team.release("use_screwdriver")
     team.wait_for_event("do_diagnosis", robot="A3")
+    team.release()
     code, summary = team.end()
     assert code == 0, team.logs()
     assert summary["robots"]["A3"]["type"] == "A"
@@ -152,9 +156,43 @@ def test_a_robot_that_the_mission_does_not_list_joins_with_its_type(team: Team) 
 def test_robots_find_each_other_by_multicast(team: Team) -> None:
     """Two agents with no endpoint and no launcher, as on two machines."""
     team.run_dir.mkdir()
-    options = ["--multicast", "lo", "--team", f"multicast-{id(team)}", "--speed", "5"]
-    options += ["--run-dir", str(team.run_dir), "--exit-when-done"]
+    team.hold("explore")
+    options = ["--multicast", "lo", "--team", f"multicast-{secrets.token_hex(4)}"]
+    options += ["--speed", "10", "--run-dir", str(team.run_dir), "--exit-when-done"]
     started = [team.agent(EXPLORE, robot, *options) for robot in ("R1", "R2")]
-    assert [process.wait(timeout=60) for process in started] == [0, 0], team.logs()
+    team.wait_for_event("explore", robot="R1")
+    team.wait_for_event("explore", robot="R2")
+    team.release()
+    assert [process.wait() for process in started] == [0, 0], team.logs()
     ends = [(e["robot"], e["outcome"]) for e in team.events() if e["event"] == "end"]
     assert sorted(ends) == [("R1", "success"), ("R2", "success")]
+
+
+def test_a_run_that_ends_before_its_team_has_gathered_has_not_started(team: Team) -> None:
+    """Its robots never get further than their program; only what `up` knows of them is quick."""
+    program = team.folder / "robot.py"
+    program.write_text(
+        "import sys, time\nfrom mrbt_mesh import RobotProgram\nrobot = RobotProgram()\n"
+        "@robot.local_task('explore')\nasync def explore(task, area): ...\n"
+        "while 'agent' in sys.argv:\n    time.sleep(0.1)\n"
+    )
+    options = ["--program", str(program), "--timeout", "1", "--run-dir", str(team.run_dir)]
+    done = team.command("up", str(EXPLORE), "--json", *options)
+    assert done.returncode == 3
+    summary = json.loads(done.stdout)
+    assert (summary["result"], summary["ended_because"]) == ("not_started", "time is up")
+    assert summary["duration_s"] is None
+    assert summary["robots"] == {}
+    assert summary == json.loads((team.run_dir / "summary.json").read_text())
+    assert team.running() == []
+
+
+def test_a_run_that_is_stopped_on_its_way_is_not_finished(team: Team) -> None:
+    team.hold("explore")
+    team.up(EXPLORE)
+    team.wait_for_line("R1: explore(A) for explore_area(A)")
+    team.interrupt()
+    code, summary = team.end()
+    assert (code, summary["result"]) == (3, "timeout")
+    assert summary["ended_because"] == "stopped by the operator"
+    assert "mission not finished in time" in team.lines()

@@ -18,12 +18,13 @@ import pytest
 
 from mrbt_mesh import __version__
 from mrbt_mesh.drills.physical import spans
-from tests.support.account import check_order
+from tests.support.paper_run import check_order
 from tests.support.paths import ROOT
+from tests.support.team import TEST_TIMEOUT_S
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
 
-WAIT_S = 120
+WAIT_S = 300
 
 
 class Installed:
@@ -112,7 +113,7 @@ def test_the_demo(installed: Installed) -> None:
     assert Path(where.strip()).is_relative_to(installed.environment)
     assert installed.run("mrbt", "--version").split() == ["mrbt-mesh", __version__]
 
-    summary = installed.told("demo", "--speed", "4")
+    summary = installed.told("demo", "--speed", "10")
     assert summary["result"] == "success"
     run_dir = Path(summary["run_dir"])
     assert run_dir.is_relative_to(installed.folder)
@@ -124,7 +125,7 @@ def test_the_demo(installed: Installed) -> None:
 
 def test_a_new_team(installed: Installed) -> None:
     installed.run("mrbt", "new", "my_team")
-    summary = installed.told("up", "my_team/mission.yaml", "--speed", "4")
+    summary = installed.told("up", "my_team/mission.yaml", "--speed", "10")
     assert summary["result"] == "success"
     lines = (Path(summary["run_dir"]) / "events.jsonl").read_text().splitlines()
     carried = Counter(

@@ -9,27 +9,21 @@ import pytest
 
 from mrbt_mesh.runtime.launcher import free_endpoints
 from mrbt_mesh.runtime.team_key import write_team_key
-from tests.processes.conftest import REPAIR, ROOT, Team
+from tests.support.team import EXPLORE, REPAIR, TEST_TIMEOUT_S, Team
 
-pytestmark = [pytest.mark.processes, pytest.mark.slow, pytest.mark.timeout(240)]
-
-EXPLORE = ROOT / "examples" / "explore" / "mission.yaml"
+pytestmark = [pytest.mark.processes, pytest.mark.slow, pytest.mark.timeout(TEST_TIMEOUT_S)]
 
 
 def test_a_killed_robot_is_replaced_and_comes_back(team: Team) -> None:
     """QUIC tells nobody of a death: it is noticed by missing beats alone."""
-    team.up(REPAIR, "--speed", "2", "--transport", "wireless")
-    begun = team.wait_for_event("replace_hw", args=["2"])
+    team.hold("replace_hw")
+    team.up(REPAIR, "--transport", "wireless")
+    begun = team.wait_for_work(team.wait_for_event("replace_hw", args=["2"]))
     team.signal(begun["robot"], signal.SIGKILL)
-
-    def taken_over() -> bool:
-        return any(
-            line["activation"] == begun["activation"] and line["robot"] != begun["robot"]
-            for line in team.events()
-        )
-
-    team.wait_until(taken_over, "somebody takes over")
+    team.wait_for_work(team.wait_for_replacement(begun))
     team.mrbt("join", begun["robot"])
+    team.wait_for_line(f"{begun['robot']} is back")
+    team.release()
     code, summary = team.end()
     assert code == 0, team.logs()
     assert [t["robot"] for t in summary["takeovers"]] == [begun["robot"]]
@@ -44,10 +38,10 @@ def test_robots_with_different_keys_never_meet(team: Team, tmp_path: Path) -> No
         key = tmp_path / f"{robot}.pem"
         write_team_key(key)
         options = ["--transport", "wireless", "--key", str(key), "--listen", listen, *connect]
-        options += ["--team", "keys", "--speed", "5", "--exit-when-done"]
+        options += ["--team", "keys", "--speed", "10", "--gather", "0", "--exit-when-done"]
         agents.append(team.agent(EXPLORE, robot, *options))
     for agent in agents:
-        _, told = agent.communicate(timeout=60)
+        _, told = agent.communicate()
         assert agent.returncode == 0, told
         assert told.count("local_task_finished") == 2
         assert "robot_heard" not in told

@@ -90,8 +90,11 @@ class Script:
         return build.make_mission(self.tree, self.robots, self.tasks, name=name)
 
     def do_start(self, *names: str) -> None:
-        """start A B; start A2=A takeover: a second process under the id A"""
-        options = {"takeover", "exit_when_done", "alone"}
+        """start A B; start A2=A takeover: a second process under the id A
+
+        patient: it waits up to 5 s for a team that gathers.
+        """
+        options = {"takeover", "exit_when_done", "alone", "patient"}
         mission = self.mission()
         for name in names:
             if name not in options:
@@ -119,6 +122,7 @@ class Script:
             min_cost_flow,
             TIMING,
             expected=frozenset(() if "alone" in options else self.robots),
+            gather_us=5_000_000 if "patient" in options else 0,
             takeover="takeover" in options,
             exit_when_done="exit_when_done" in options,
         )

@@ -15,7 +15,8 @@ from mrbt_mesh.core.membership.timing import Timing
 class AgentConfig:
     """One robot's configuration; performances in `capabilities` are micro-units.
 
-    `expected` are the robots of the team that should be heard at the start. `takeover`
+    `expected` are the robots of the team that should be heard at the start; where nobody has
+    joined yet, they are waited for up to `gather_us`, at least one detection time. `takeover`
     replaces a live robot of the same id. `exit_when_done` stops the agent once the whole team
     has the mission's result; otherwise it stays to serve latecomers. `restored` is what the
     robot's journal kept. `plans_apart`: plans are made outside of `Agent.handle` (`meanwhile`).
@@ -29,6 +30,7 @@ class AgentConfig:
     solver: Solver
     timing: Timing = field(default_factory=Timing)
     expected: frozenset[str] = frozenset()
+    gather_us: int = 0
     takeover: bool = False
     exit_when_done: bool = False
     software: str = ""

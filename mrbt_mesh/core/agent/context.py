@@ -42,7 +42,9 @@ class Context:
         self.replica = Replica(self.facts, header, config.timing, config.nonce, read_batch)
         self.replica.restore(config.restored)
         self.membership = Membership(self.me, config.timing)
-        self.joining: Joining | None = Joining(config.timing, config.expected - {self.me}, now_us)
+        self.joining: Joining | None = Joining(
+            config.timing, config.expected - {self.me}, now_us, gather_us=config.gather_us
+        )
         self.description = Description(
             self.me, config.type, config.capabilities, config.software, config.host, config.pid
         )

@@ -137,6 +137,7 @@ class FollowUp:
             planner.deadlines.next_deadline_us(),
             leases.next_deadline_us(),
             joining.deadline_us if joining is not None else None,
+            joining.gathers_until_us if joining is not None else None,
             self._executor.grace_ends_us if is_waiting else None,
             done_us + context.config.timing.heartbeat_us if done_us is not None else None,
         )

@@ -94,7 +94,8 @@ class Lifecycle:
         wanted = joining.still_to_ask(peers, digest, now_us)
         context.ask(context.replica.choose_to_ask(wanted, now_us), now_us)
         awaited = joining.is_first and self._duplicates.is_other_life_relayed
-        if wanted or not joining.is_done(awaited, now_us):
+        team_is_there = bool(context.membership.alive_set())
+        if wanted or not joining.is_done(awaited, team_is_there, now_us):
             return False
         if joining.is_first:
             if joining.refusal and not peers:

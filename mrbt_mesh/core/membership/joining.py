@@ -19,14 +19,22 @@ class Joining:
     """Done when facts were exchanged with every peer that is heard, and either all expected
     robots were heard or one detection time has passed.
 
-    `first`: the process has just started (not: it fenced itself). `foreign` is why the last
-    incompatible message was refused.
+    `is_first`: the process has just started (not: it fenced itself). `refusal` is why the last
+    incompatible message was refused. `gather_us`: while nobody has joined yet, the expected
+    robots are waited for so long, if that is longer: how long processes take to start has
+    nothing to do with how soon a silent one is dead.
     """
 
     def __init__(
-        self, timing: Timing, expected: frozenset[str], now_us: int, is_first: bool = True
+        self,
+        timing: Timing,
+        expected: frozenset[str],
+        now_us: int,
+        is_first: bool = True,
+        gather_us: int = 0,
     ) -> None:
         self.deadline_us = now_us + timing.detection_us
+        self.gathers_until_us = max(self.deadline_us, now_us + gather_us)
         self._patient_until_us = now_us + timing.max_silence_us
         self.is_first = is_first
         self.refusal = ""
@@ -69,12 +77,12 @@ class Joining:
             )
         ]
 
-    def is_done(self, awaited: bool, now_us: int) -> bool:
+    def is_done(self, awaited: bool, team_is_there: bool, now_us: int) -> bool:
         """Whether the robot may take its place in the team, if nobody's facts are wanted.
 
         `awaited`: others still count an earlier life of this robot among the living; they are
-        given the time to notice.
+        given the time to notice. `team_is_there`: somebody has joined already.
         """
-        if now_us >= self.deadline_us:
+        if self._expected <= self._heard and not awaited:
             return True
-        return self._expected <= self._heard and not awaited
+        return now_us >= (self.deadline_us if team_is_there else self.gathers_until_us)

@@ -86,7 +86,7 @@ class Observer:
         """Take in what robots have left behind that are no longer there to report the result."""
         by_age = sorted(entries, key=lambda entry: (entry.version.sequence, entry.author))
         changed = self.replica.restore(by_age)
-        if self.record.started_us is None:
+        if changed and self.record.started_us is None:
             self.record.started_us = now_us
         self._facts_changed(changed, now_us)
         self.update(now_us)
@@ -164,14 +164,18 @@ class Observer:
                 return result
         return None
 
-    @property
-    def result(self) -> str:
-        """The run's result as reports name it: success, failure, blocked, else timeout."""
+    def result(self, anybody_lives: bool) -> str:
+        """The run's result as reports name it, if it ends now: `success` or `failure`.
+
+        Else `not_started`: its team had not gathered, so no robot had joined. `blocked`: robots
+        are missing, or all of them. `timeout`: the mission was on its way.
+        """
         if self.record.result is not None:
             return self.record.result.name.lower()
-        waiting = self.plan.waiting if self.plan else ()
-        blocked = any(w.is_blocked for w in waiting) or not self.membership.alive_set()
-        return "blocked" if blocked else "timeout"
+        if self.record.started_us is None:
+            return "not_started"
+        is_blocked = any(episode.to_us is None for episode in self.record.blocked)
+        return "blocked" if is_blocked or not anybody_lives else "timeout"
 
     @property
     def caught_up(self) -> bool:

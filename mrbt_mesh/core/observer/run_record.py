@@ -148,7 +148,9 @@ class RunRecord:
         if fault is None and known.get("state") is not State.LEFT:
             fault = self._died(robot, incarnation, now_us)
         if fault is not None and fault.detected_us is None:
-            fault.detected_us = now_us
+            # Word of it may come later than word of the replacement, which knew of it.
+            known_us = now_us if fault.reassigned_us is None else fault.reassigned_us
+            fault.detected_us = min(now_us, known_us)
             self.say(now_us, f"{robot} is dead")
 
     def state(self, robot: str, state: State, evidence_us: int, now_us: int) -> None:
@@ -317,7 +319,7 @@ class RunRecord:
         return round((at_us - self.started_us) / 1e6, 6)
 
     def summary(self, result: str, now_us: int) -> dict[str, Any]:
-        """The summary of the run as plain data; `result` is success, failure, timeout, blocked.
+        """The summary of the run as plain data; `result` is the observer's word for it.
 
         `takeovers`: `detected_s` and `reassigned_s` count from the fault; null: never.
         """

@@ -79,8 +79,17 @@ def test_who_never_answers_is_waited_for_no_longer_than_the_longest_detection_ti
 def test_all_must_be_heard_or_one_detection_time_pass() -> None:
     new = Newcomer("AB")
     new.hear("A")
-    assert not new.joining.is_done(False, 999 * MS)
-    assert new.joining.is_done(False, 1_000 * MS)
+    assert not new.joining.is_done(False, False, 999 * MS)
+    assert new.joining.is_done(False, False, 1_000 * MS)
     new.hear("B")
-    assert new.joining.is_done(False, 10 * MS)
-    assert not new.joining.is_done(True, 10 * MS), "others still hear an earlier life"
+    assert new.joining.is_done(False, False, 10 * MS)
+    assert not new.joining.is_done(True, False, 10 * MS), "others still hear an earlier life"
+
+
+def test_a_team_that_gathers_waits_longer_and_a_newcomer_to_one_that_is_there_does_not() -> None:
+    joining = Joining(TIMING, frozenset("AB"), 0, gather_us=5_000 * MS)
+    joining.mark_heard("A")
+    assert not joining.is_done(False, False, 4_999 * MS)
+    assert joining.is_done(False, False, 5_000 * MS)
+    assert not joining.is_done(False, True, 999 * MS)
+    assert joining.is_done(False, True, 1_000 * MS)

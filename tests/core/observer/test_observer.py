@@ -154,6 +154,32 @@ def test_noise_is_noted_and_harms_nothing() -> None:
     assert observer.facts.map.digest() == before
 
 
+def test_a_run_that_ends_before_its_team_has_gathered_has_not_started() -> None:
+    """Whatever was seen by then: no robot, one that looks for the others, or that one's end."""
+    _, seen = watched()
+    observer = Observer(seen.mission, seen.facts.run, Timing(), min_cost_flow)
+    assert observer.result(anybody_lives=True) == "not_started"
+    script = Script()
+    script.block([*TEAM.strip().splitlines()[:-2], "start A", "pass 200"])
+    alone = script.team.observer
+    assert alone is not None
+    assert alone.robots() == ["A"], "heard, and still waiting for B and C"
+    for lives in (True, False):
+        assert alone.result(anybody_lives=lives) == "not_started"
+    alone.read((), script.team.now_us)
+    assert alone.result(anybody_lives=False) == "not_started", "the journals were empty"
+
+
+def test_a_run_that_ends_on_its_way_is_blocked_where_nobody_can_go_on() -> None:
+    _, observer = watched()
+    assert observer.result(anybody_lives=True) == "timeout"
+    assert observer.result(anybody_lives=False) == "blocked"
+    _, observer = watched("succeed A", "kill B", "pass 1500")
+    assert observer.result(anybody_lives=True) == "blocked"
+    _, observer = watched("succeed A", "kill B", "pass 1500", "start B", "pass 1500")
+    assert observer.result(anybody_lives=True) == "timeout"
+
+
 @pytest.mark.parametrize(
     ("steps", "result"),
     [
@@ -169,7 +195,7 @@ def test_what_a_team_left_behind_tells_the_result_of_a_run_that_nobody_saw(
     left_behind = list(script.team.processes["A"].agent.view.facts.map)
     observer = Observer(seen.mission, seen.facts.run, seen.replica.timing, min_cost_flow)
     observer.read(left_behind, 5)
-    assert observer.result == result
+    assert observer.result(anybody_lives=False) == result
     told, expected = (o.record.summary(result, 5)["global_tasks"] for o in (observer, seen))
     assert told["weld"] == expected["weld"]
     assert told["cover"]["status"] == expected["cover"]["status"]

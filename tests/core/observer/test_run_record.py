@@ -91,6 +91,7 @@ def test_a_replacement_that_is_heard_of_before_the_death_took_over_all_the_same(
     record.verdict("A", FIRST, 3 * S + 30_000)
     (fault,) = record.major
     assert (fault.replacement, fault.reassigned_us) == ("B", 3 * S + 20_000)
+    assert fault.detected_us == fault.reassigned_us, "who takes over knows of the death"
 
 
 def test_when_robots_joined_and_what_conditions_became_are_kept(record: RunRecord) -> None:

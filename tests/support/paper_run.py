@@ -3,9 +3,28 @@
 from __future__ import annotations
 
 from mrbt_mesh.drills.physical import Span, most_at_once, of
+from tests.support.team import Team
 
 TYPE_A = ("A1", "A2")
 TYPE_B = ("B1", "B2")
+
+
+def hold_for_the_paper(team: Team) -> None:
+    """Before the team starts: nobody gets on with what the paper says is done side by side."""
+    team.hold("use_screwdriver", *TYPE_A, *TYPE_B)
+
+
+def go_on_as_in_the_paper(team: Team) -> None:
+    """Let go as soon as all have begun who work side by side; a robot A is ready first."""
+    team.wait_for_events(2, "use_screwdriver")
+    team.release("use_screwdriver")
+    team.wait_for_events(4, "do_diagnosis")
+    team.hold("replace_hw")
+    team.release("A1")
+    team.wait_for_events(5, "do_diagnosis")
+    team.release(*TYPE_A, *TYPE_B)
+    team.wait_for_events(2, "replace_hw")
+    team.release()
 
 
 def check_order(work: list[Span]) -> None:
