@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-slow test-docker lint check-lock lock drills soak clean \
-	bench bench-failover bench-resume bench-membership bench-simulate bench-robustness walk paper
+	bench bench-failover bench-resume bench-membership bench-estimate bench-robustness walk paper
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
@@ -20,7 +20,7 @@ help:
 	@echo "make bench-failover  time from a kill or a freeze until the replacement has started"
 	@echo "make bench-resume    50 rounds of killing the whole team and resuming it"
 	@echo "make bench-membership false deaths, detection and agreement on bad networks"
-	@echo "make bench-simulate  how many runs mrbt simulate makes in a minute"
+	@echo "make bench-estimate  how many runs mrbt estimate makes in a minute"
 	@echo "make bench-robustness robots that die of their work, against published figures"
 	@echo "make walk            through how many files an event goes, and how often from one to another"
 	@echo "make paper           the paper's example, run again: docs/paper.md and its pictures"
@@ -73,8 +73,8 @@ bench-failover: $(READY)
 bench-membership: $(READY)
 	$(BIN)/python -m benchmarks.membership --json membership.json
 
-bench-simulate: $(READY)
-	$(BIN)/python -m benchmarks.simulate --json simulate.json
+bench-estimate: $(READY)
+	$(BIN)/python -m benchmarks.estimate --json estimate.json
 
 bench-robustness: $(READY)
 	$(BIN)/python -m benchmarks.robustness --json robustness.json
@@ -88,7 +88,7 @@ paper: $(READY)
 MINUTES := 30
 JOBS := 2
 soak: $(READY)
-	$(BIN)/mrbt sim --generated --chaos --seeds $$(date +%s)000 --minutes $(MINUTES) --jobs $(JOBS)
+	$(BIN)/mrbt chaos --generated --seeds $$(date +%s)000 --minutes $(MINUTES) --jobs $(JOBS)
 
 lock:
 	$(BIN)/python -m pip install --quiet uv

@@ -104,7 +104,7 @@ SCRIPTS = {
     ),
     "resume": Script("rounds of killing the whole team and resuming it", (), ("--rounds", "3")),
     "membership": Script("false deaths, detection and agreement on bad networks", (), ()),
-    "simulate": Script("how many runs mrbt simulate makes in a minute", (), ("--runs", "20")),
+    "estimate": Script("how many runs mrbt estimate makes in a minute", (), ("--runs", "20")),
     "robustness": Script(
         "robots that die of their work, against published figures", (), ("--runs", "10")
     ),

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from mrbt_mesh.core.bt.tree import Kind, Node, Tree
+from mrbt_mesh.errors import InputError
 
 # Formulas are numbered; equal ones have the same number.
 Formula: TypeAlias = int
@@ -26,7 +27,7 @@ ALWAYS: Formula = 1
 MAX_FORMULAS = 2_000_000
 
 
-class TooLargeError(ValueError):
+class TooLargeError(InputError):
     """A tree whose combinations are more than can be worked out."""
 
 

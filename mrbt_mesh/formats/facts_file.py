@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.facts import records
@@ -33,12 +32,8 @@ from mrbt_mesh.core.facts.records import (
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, Mission, Robot
-from mrbt_mesh.core.planning.make_plan import make_plan
-from mrbt_mesh.core.planning.plan import Plan
-from mrbt_mesh.core.planning.steps import PlanningSteps
 from mrbt_mesh.formats.mission_file import read_limited
 from mrbt_mesh.formats.problems import (
-    MissionError,
     Report,
     SourcePath,
     found,
@@ -47,29 +42,20 @@ from mrbt_mesh.formats.problems import (
 )
 
 _OUTCOME_KEYS = frozenset({"robot", "global_task", "local_task", "success"})
-_FIRST = Incarnation(1, "file")
+ALIVE = Incarnation(1, "file")
 MAX_BYTES = 1 << 20
 
 
-def plan_from_file(
-    mission: Mission, path: Path | None, alive: list[str] | None, solver: Solver
-) -> Plan:
-    """The plan for the facts in `path` (none: at the start), with `alive` robots (None: all).
+def facts_from_file(mission: Mission, path: Path | None) -> TeamFacts:
+    """The facts in `path`, as the mission's robots would have written them; None: at the start.
 
-    Raises MissionError with file and line for whatever is wrong with the facts, and for a
-    robot in `alive` that the mission lacks; SolverError if the solver fails.
+    All robots of the mission are members; `ALIVE` is their incarnation. Raises MissionError with
+    file and line for whatever is wrong with the facts.
     """
-    robots = sorted(mission.robots) if alive is None else sorted(set(alive))
-    for robot in robots:
-        if robot not in mission.robots:
-            hint = nearest(robot, mission.robots)
-            raise whole_file_error("--alive", f"the mission has no robot {robot!r}{hint}")
     builder = _Builder(mission)
     if path is not None:
         builder.read(path)
-    facts = builder.facts
-    living = dict.fromkeys(robots, _FIRST)
-    return make_plan(facts.mission, facts, living, PlanningSteps(builder.evaluator, solver))
+    return builder.facts
 
 
 class _Builder:
@@ -213,13 +199,13 @@ class _Builder:
         claim = Claim(activation, task, local_task, Phase.RUNNING, self._sequence + 1, token)
         self._write(robot, records.CLAIM, claim.to_value())
         if token:
-            member = CoalitionMember(robot, local_task, *_FIRST, self._sequence, claim.since)
+            member = CoalitionMember(robot, local_task, *ALIVE, self._sequence, claim.since)
             self._crews.setdefault(f"{records.COALITION}/{activation}/{token}", []).append(member)
 
     def _token(self, task: str) -> str:
         """The one coalition of a task in a file; empty for tasks without."""
         by_coalition = self.mission.global_tasks[task].by_coalition
-        return str(CoalitionId(1, self._first, *_FIRST)) if by_coalition else ""
+        return str(CoalitionId(1, self._first, *ALIVE)) if by_coalition else ""
 
     def _lost(self, path: SourcePath, value: Any) -> None:
         for robot, names in self._mapping(path, value):
@@ -259,7 +245,7 @@ class _Builder:
 
     def _write(self, robot: str, name: str, value: Any) -> None:
         self._sequence += 1
-        self.facts.map.merge([make_entry(robot, name, Version(_FIRST, self._sequence), value)])
+        self.facts.map.merge([make_entry(robot, name, Version(ALIVE, self._sequence), value)])
 
     def _mapping(self, path: SourcePath, value: Any) -> list[tuple[str, Any]]:
         if isinstance(value, dict):
@@ -285,6 +271,3 @@ class _Builder:
         hint = nearest(str(value), self.mission.global_tasks)
         self._report.add(path, f"no global task {value!r} in this mission{hint}")
         return False
-
-
-__all__ = ["MissionError", "plan_from_file"]

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
+from mrbt_mesh.errors import InputError
+
 SourcePath: TypeAlias = tuple[str | int, ...]
 
 MAX_PROBLEMS = 100
@@ -31,7 +33,7 @@ class Problem:
         return f"{place}: {self.path}: {self.message}" if self.path else f"{place}: {self.message}"
 
 
-class MissionError(Exception):
+class MissionError(InputError):
     """A mission file that cannot be used; `str()` gives one line per problem."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.problems import nearest
 
 MISSION = "mission.yaml"
 
 
-class UnknownExampleError(LookupError):
+class UnknownExampleError(InputError):
     """There is no example of this name; the message lists those there are."""
 
 

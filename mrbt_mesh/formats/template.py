@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.shipped import example_mission, shipped
 
 _FOLDER = Path(__file__).with_name("template")
@@ -14,7 +15,7 @@ _PROGRAM = re.compile(r"\.\./\.\./agents/(\w+\.py)")
 _IMPORT = re.compile(r"^(?:from|import) (\w+)", re.MULTILINE)
 
 
-class FolderInUseError(FileExistsError):
+class FolderInUseError(InputError):
     """The place for the new files is a file, or a folder that has something in it."""
 
 

@@ -18,28 +18,28 @@ from typing import Any, NoReturn
 
 from mrbt_mesh import __version__
 from mrbt_mesh.core.agent.config import AgentConfig
-from mrbt_mesh.core.assignment.problem import SolverError
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import Mission, is_robot_id
-from mrbt_mesh.formats.mission_file import MissionError, load_mission
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.driver import Driver, RobotSetup
 from mrbt_mesh.runtime.engine_choice import chosen_engine
 from mrbt_mesh.runtime.journal import Journal, journal_path
 from mrbt_mesh.runtime.log import configure_log, robot_logger
-from mrbt_mesh.runtime.program import ProgramError
 from mrbt_mesh.runtime.program_loader import check_program, load_program
 from mrbt_mesh.runtime.run_dir import RunDir
-from mrbt_mesh.runtime.solver_loader import solver_for
-from mrbt_mesh.runtime.solver_process import SolverProcess
-from mrbt_mesh.runtime.team_address import (
+from mrbt_mesh.runtime.settings import (
     DEFAULT_BEAT_S,
     DEFAULT_DETECTION_S,
     MISSION_VARIABLE,
+    PROTOCOLS,
     RUN_VARIABLE,
     TEAM_VARIABLE,
-    on_network,
+    WIRED,
 )
-from mrbt_mesh.runtime.zenoh_transport import PROTOCOLS, WIRED, TransportError
+from mrbt_mesh.runtime.solver_loader import solver_for
+from mrbt_mesh.runtime.solver_process import SolverProcess
+from mrbt_mesh.runtime.team_address import on_network
 
 # A robot that is the first of its team to be there waits so long for the others to start.
 DEFAULT_GATHER_S, MAX_GATHER_S = 10.0, 86_400.0
@@ -58,15 +58,11 @@ exit status: 0 mission succeeded or left on purpose, 1 mission failed, 2 bad inp
 """
 
 
-class AgentInputError(Exception):
-    """Arguments that do not fit together or the mission."""
-
-
 def parser() -> argparse.ArgumentParser:
     """The arguments of `mrbt agent`."""
     result = argparse.ArgumentParser(
         prog="mrbt agent",
-        description="Run one robot of a mission.",
+        description="Run one robot, anywhere on the network.",
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -108,38 +104,38 @@ def parser() -> argparse.ArgumentParser:
 
 
 def robot_of(mission: Mission, robot: str, kind: str | None) -> tuple[str, Mapping[str, int]]:
-    """(type, capabilities) of a robot; raises AgentInputError where the mission lacks it."""
+    """(type, capabilities) of a robot; raises InputError where the mission lacks it."""
     if not is_robot_id(robot):
-        raise AgentInputError(f"robot id {robot!r}: 1 to 32 letters, digits, '_' or '-'")
+        raise InputError(f"robot id {robot!r}: 1 to 32 letters, digits, '_' or '-'")
     known = mission.robots.get(robot)
     if known is not None and kind in (None, known.type):
         return known.type, known.capabilities
     if kind is None:
         listed = ", ".join(mission.robots)
-        raise AgentInputError(
+        raise InputError(
             f"mission {mission.name} has no robot {robot!r} (it has {listed}); "
             "name its --type to add it"
         )
     if kind not in mission.robot_types:
         listed = ", ".join(sorted(mission.robot_types))
-        raise AgentInputError(f"mission {mission.name} has no robot type {kind!r} ({listed})")
+        raise InputError(f"mission {mission.name} has no robot type {kind!r} ({listed})")
     return kind, mission.robot_types[kind]
 
 
 def make_driver(options: argparse.Namespace) -> Driver:
     """Put a robot together.
 
-    Raises MissionError, ProgramError, SolverError, AgentInputError or ValueError.
+    Raises InputError or ValueError.
     """
     mission = load_mission(options.mission)
     kind, capabilities = robot_of(mission, options.robot, options.type)
     reference = options.program or mission.program
     if reference is None:
-        raise AgentInputError(f"mission {mission.name} names no program: give one with --program")
+        raise InputError(f"mission {mission.name} names no program: give one with --program")
     program = load_program(reference)
     lacking = check_program(program, mission, capabilities)
     if lacking:
-        raise AgentInputError(f"{reference} has no {', no '.join(lacking)} for type {kind}")
+        raise InputError(f"{reference} has no {', no '.join(lacking)} for type {kind}")
     address = on_network(
         mission,
         robot=options.robot,
@@ -155,7 +151,7 @@ def make_driver(options: argparse.Namespace) -> Driver:
     )
     journal = open_journal(options.run_dir, mission, address.run, options.robot)
     if not 0 <= options.gather <= MAX_GATHER_S:
-        raise AgentInputError(f"--gather {options.gather:g}: 0 to {MAX_GATHER_S:g} s")
+        raise InputError(f"--gather {options.gather:g}: 0 to {MAX_GATHER_S:g} s")
     expected = options.expect.split(",") if options.expect else list(mission.robots)
     solver = solver_for(mission, options.solver)
     is_large = len(mission.robots) >= LARGE_ROBOTS or len(mission.tree.nodes) >= LARGE_NODES
@@ -197,13 +193,13 @@ def open_journal(run_dir: Path | None, mission: Mission, run: str, robot: str) -
 
 
 def claim_run_dir(run_dir: Path, robot: str, takeover: bool) -> None:
-    """Make this process the robot of the run directory; raises AgentInputError if one runs."""
+    """Make this process the robot of the run directory; raises InputError if one runs."""
     run_dir.mkdir(parents=True, exist_ok=True)
     found = RunDir(run_dir)
     running = found.process(robot)
     # In a container that was started again, the last life may have had this very pid.
     if running is not None and running.pid != os.getpid() and not takeover:
-        raise AgentInputError(
+        raise InputError(
             f"robot {robot} is already running here (pid {running.pid}): stop it first, "
             "or start with --takeover to replace it"
         )
@@ -227,15 +223,7 @@ def main(arguments: Sequence[str]) -> NoReturn:
         code = stop.code
         if code == 2 or options.run_dir is None:
             message = f"{options.robot}: {stop.reason}"
-    except (
-        MissionError,
-        ProgramError,
-        SolverError,
-        AgentInputError,
-        TransportError,
-        OSError,
-        ValueError,
-    ) as error:
+    except (InputError, OSError, ValueError) as error:
         code, message = 2, str(error)
     if message:
         sys.stderr.write(f"mrbt agent: {message}\n")

@@ -17,7 +17,8 @@ import psutil
 
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.run_dir import RunDir, RunDirError, RunInfo
-from mrbt_mesh.runtime.zenoh_transport import PROTOCOLS, WIRED, WIRELESS, TransportConfig
+from mrbt_mesh.runtime.settings import PROTOCOLS, WIRED, WIRELESS
+from mrbt_mesh.runtime.zenoh_transport import TransportConfig
 
 HOST = "127.0.0.1"
 PORT = 7447

@@ -21,6 +21,8 @@ from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias, TypeVar
 
+from mrbt_mesh.errors import InputError
+
 Result: TypeAlias = bool | Mapping[str, Any] | None
 TaskFunction: TypeAlias = Callable[..., Awaitable[Result]]
 Bid: TypeAlias = float | None
@@ -28,7 +30,7 @@ BidFunction: TypeAlias = Callable[..., Bid | Awaitable[Bid]]
 _T = TypeVar("_T")
 
 
-class ProgramError(Exception):
+class ProgramError(InputError):
     """A robot program that cannot be used; the message says where and what would be right."""
 
 

@@ -22,12 +22,14 @@ from typing import Any
 
 import psutil
 
+from mrbt_mesh.errors import InputError
+
 RUN_FILE, MISSION_FILE, SUMMARY_FILE = "run.json", "mission.json", "summary.json"
 KEY_FILE = "team.pem"
 _STATE = "MRBT_STATE_DIR"
 
 
-class RunDirError(Exception):
+class RunDirError(InputError):
     """A run directory that is missing or cannot be used; the message says what to do."""
 
 

@@ -66,6 +66,7 @@ def _try_out(solver: Solver, constrained: bool) -> None:
     Raises SolverError if it breaks its contract on a small problem.
     """
     if solver is default_solver and not constrained:
+        default_solver(_PLAIN)
         return
     for problem in _TRIALS:
         if constrained or not problem.constraints:

@@ -30,9 +30,9 @@ from mrbt_mesh.runtime.launcher import (
     with_newcomer,
 )
 from mrbt_mesh.runtime.run_dir import Place, RunDir, RunInfo
+from mrbt_mesh.runtime.settings import PROTOCOLS, WIRED
 from mrbt_mesh.runtime.team_address import TeamAddress, timing_of
 from mrbt_mesh.runtime.watcher import Watcher
-from mrbt_mesh.runtime.zenoh_transport import PROTOCOLS, WIRED
 
 END_TIMEOUT_S = 3.0
 # Exit statuses of a robot: its mission has failed, it refuses its input.

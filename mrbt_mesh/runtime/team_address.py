@@ -8,15 +8,13 @@ from pathlib import Path
 
 from mrbt_mesh.core.membership.timing import SECOND_US, Timing
 from mrbt_mesh.core.mission.mission import Mission, is_robot_id
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.run_dir import RunDir
-from mrbt_mesh.runtime.zenoh_transport import WIRED, TransportConfig
-
-DEFAULT_BEAT_S, DEFAULT_DETECTION_S = 0.2, 1.0
-# Environment variables that stand for the options of the same names.
-MISSION_VARIABLE, TEAM_VARIABLE, RUN_VARIABLE = "MRBT_MISSION", "MRBT_TEAM", "MRBT_RUN"
+from mrbt_mesh.runtime.settings import DEFAULT_BEAT_S, DEFAULT_DETECTION_S, WIRED
+from mrbt_mesh.runtime.zenoh_transport import TransportConfig
 
 
-class AddressError(ValueError):
+class AddressError(InputError):
     """What a team is looked for by cannot be right; the message says what would be."""
 
 

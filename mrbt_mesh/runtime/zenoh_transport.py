@@ -44,17 +44,16 @@ from mrbt_mesh.core.agent.inputs import (
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES, MAX_NONCE, MessageKind
 from mrbt_mesh.core.mission.mission import is_robot_id
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.settings import PROTOCOLS, WIRED, WIRELESS
 
 LEASE_MS = 2_000
 REOPEN_CLOSE_TIMEOUT_S = 1.0
 OBSERVER = "observer"
-WIRED, WIRELESS = "wired", "wireless"
-# Transport profile -> protocol of its endpoints; docs/transport.md says when to use which.
-PROTOCOLS = {WIRED: "tcp", WIRELESS: "quic"}
 
 
-class TransportError(Exception):
+class TransportError(InputError):
     """The session cannot be opened; the message says why and what to change."""
 
 

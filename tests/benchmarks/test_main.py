@@ -163,10 +163,10 @@ def test_unknown_names_and_folders_are_refused(capsys: pytest.CaptureFixture[str
 def test_a_script_runs_as_a_process_and_its_json_is_kept(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(entry, "SCRIPTS", {"simulate": Script("", (), ("--runs", "1"))})
+    monkeypatch.setattr(entry, "SCRIPTS", {"estimate": Script("", (), ("--runs", "1"))})
     file = tmp_path / "found.json"
-    assert entry.main(["--only", "simulate", "--quick", "--json", str(file)]) == 0
-    assert json.loads(file.read_text())["results"]["simulate"]["runs"] == 1
+    assert entry.main(["--only", "estimate", "--quick", "--json", str(file)]) == 0
+    assert json.loads(file.read_text())["results"]["estimate"]["runs"] == 1
 
 
 def test_the_exact_way_is_the_measure_of_the_auctions() -> None:

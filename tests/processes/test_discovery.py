@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from mrbt_mesh.runtime.launcher import free_endpoints
-from mrbt_mesh.runtime.zenoh_transport import WIRED
+from mrbt_mesh.runtime.settings import WIRED
 from tests.support.paths import ROOT
 from tests.support.team import TEST_TIMEOUT_S
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.runtime.launcher import free_endpoints
-from mrbt_mesh.runtime.zenoh_transport import WIRED
+from mrbt_mesh.runtime.settings import WIRED
 from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
 
 pytestmark = [pytest.mark.processes, pytest.mark.slow, pytest.mark.timeout(TEST_TIMEOUT_S)]

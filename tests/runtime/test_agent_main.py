@@ -12,7 +12,7 @@ import pytest
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.agent_main import (
-    AgentInputError,
+    InputError,
     claim_run_dir,
     make_driver,
     parser,
@@ -34,7 +34,7 @@ EXPLORE = mission_file("explore")
     ],
 )
 def test_bad_arguments_are_explained(options: list[str], message: str) -> None:
-    with pytest.raises(AgentInputError) as error:
+    with pytest.raises(InputError) as error:
         make_driver(parser().parse_args(["--mission", str(EXPLORE), *options]))
     assert message in str(error.value)
 
@@ -69,7 +69,7 @@ def test_a_run_directory_has_one_process_per_robot(tmp_path: Path) -> None:
     parent = psutil.Process(os.getppid())
     record = {"pid": parent.pid, "started_unix_s": parent.create_time()}
     (tmp_path / "R1.process").write_text(json.dumps(record))
-    with pytest.raises(AgentInputError, match=f"already running here .pid {parent.pid}"):
+    with pytest.raises(InputError, match=f"already running here .pid {parent.pid}"):
         claim_run_dir(tmp_path, "R1", takeover=False)
     claim_run_dir(tmp_path, "R1", takeover=True)
     running = RunDir(tmp_path).process("R1")

@@ -41,7 +41,7 @@ def check(name: str | None, seeds: range) -> Counter[str]:
     checked: Counter[str] = Counter()
     for seed in seeds:
         verdict: Verdict = run_seed(source(name), seed)
-        command = f"mrbt sim --chaos {where} --seeds {seed}"
+        command = f"mrbt chaos {where} --seeds {seed}"
         assert not verdict.violations, f"{command}\n" + "\n".join(verdict.violations)
         assert not verdict.exclusive_done_twice, command
         checked.update(verdict.checks.keys())

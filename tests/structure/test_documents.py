@@ -6,9 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
-import typer
-from typer.core import TyperGroup
 
 from mrbt_mesh.cli.app import app
 from mrbt_mesh.runtime.agent_main import parser
@@ -30,12 +29,12 @@ def commands() -> dict[str, set[str]]:
         found[name] = {"--help"}
         for option in command.params:
             found[name].update(option.opts, option.secondary_opts)
-        if isinstance(command, TyperGroup):
-            context = command.context_class(command)
+        if isinstance(command, click.Group):
+            context = click.Context(command)
             for each in command.list_commands(context):
                 look(command.get_command(context, each), f"{name} {each}".strip())
 
-    look(typer.main.get_command(app), "")
+    look(app, "")
     found["agent"] = {option for action in parser()._actions for option in action.option_strings}
     return found
 

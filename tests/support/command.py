@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 from mrbt_mesh.cli.app import app
 from tests.support.paths import mission_file
@@ -12,9 +12,9 @@ EXPLORE = str(mission_file("explore"))
 COURIERS = str(mission_file("couriers"))
 
 
-def mrbt(*arguments: str) -> tuple[int, str, str]:
+def mrbt(*arguments: str, **variables: str) -> tuple[int, str, str]:
     """(exit status, stdout, stderr) of a command that needs no network."""
-    result = CliRunner().invoke(app, list(arguments), env={"COLUMNS": "200"})
+    result = CliRunner().invoke(app, list(arguments), env={"COLUMNS": "200", **variables})
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     return result.exit_code, result.stdout, result.stderr

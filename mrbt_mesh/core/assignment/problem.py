@@ -16,6 +16,8 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from mrbt_mesh.errors import InputError
+
 UNASSIGNED = -1
 
 Integers: TypeAlias = npt.NDArray[np.int64]
@@ -151,7 +153,7 @@ class AssignmentProblem:
 Solver: TypeAlias = Callable[[AssignmentProblem], Sequence[int] | Integers | None]
 
 
-class SolverError(RuntimeError):
+class SolverError(InputError):
     """A solver broke its contract, or cannot solve this problem; the message says which."""
 
 

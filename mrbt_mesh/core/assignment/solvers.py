@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from ortools.graph.python.min_cost_flow import SimpleMinCostFlow
 
 from mrbt_mesh.core.assignment.problem import (
     UNASSIGNED,
@@ -29,6 +28,9 @@ def min_cost_flow(problem: AssignmentProblem) -> Integers | None:
     passes up to (upper - lower) on to the pool, so that feasibility needs no penalty cost.
     Raises SolverError for a problem with side constraints: they have no such form.
     """
+    # For those who solve something: whoever only reads plans never loads it.
+    from ortools.graph.python.min_cost_flow import SimpleMinCostFlow
+
     if problem.constraints:
         raise SolverError("min_cost_flow knows no side constraints: use cp_sat")
     robots, demands, pairs = len(problem.robots), len(problem.demands), len(problem.pair_robot)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import types
 import typing
 from dataclasses import dataclass
 from typing import Any
 
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.sim.engine import faults
 from mrbt_mesh.sim.engine.network import LinkKnobs, NetworkKnobs
 
@@ -21,7 +23,7 @@ Step: typing.TypeAlias = tuple[int, faults.Fault]
 USUAL = LinkKnobs()
 
 
-class ScenarioError(ValueError):
+class ScenarioError(InputError):
     """A schedule file that cannot be used; the message says what would be right."""
 
 
@@ -32,7 +34,7 @@ class Scenario:
     From `heal_us` on nothing breaks any more (the last step is a `Heal`), and the team must
     converge and finish what can be finished. `links` is how all links usually behave,
     `token_delay_us` as in NetworkKnobs. `stays`: robots do not stop when the mission is over.
-    `plan_delay_us` as in `simulate`.
+    `plan_delay_us` as in `simulate`. Raises ValueError for what cannot be run.
     """
 
     seed: int
@@ -45,6 +47,14 @@ class Scenario:
     speed: float = 1.0
     stays: bool = False
     plan_delay_us: int | None = None
+
+    def __post_init__(self) -> None:
+        if not self.robots or len(set(self.robots)) < len(self.robots):
+            raise ValueError("robots: at least one is expected, and none twice")
+        if not 0 < self.speed < math.inf:
+            raise ValueError(f"speed: a number above 0 is expected, found {self.speed}")
+        if self.timeout_us <= 0 or min(self.heal_us, self.plan_delay_us or 0) < 0:
+            raise ValueError("timeout_us is above 0, heal_us and plan_delay_us are not below 0")
 
     @property
     def network(self) -> NetworkKnobs:

@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.sim.statistics.estimate import Summary, percentile
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 SIZE_INCHES = (10.0, 4.2)
 DOTS_PER_INCH = 150
@@ -24,8 +26,25 @@ LABELS = {
 COUNTS = ("major", "minor", "robots")
 
 
-class PlotError(Exception):
+class PlotError(InputError):
     """A picture that cannot be made; the message says why."""
+
+
+def check_picture(path: Path) -> None:
+    """Raise PlotError, before any run is made, if no picture can be drawn or not of this kind."""
+    figure = _figure()
+    kinds = figure.canvas.get_supported_filetypes()
+    if path.suffix.removeprefix(".").lower() not in kinds:
+        listed = ", ".join(f".{kind}" for kind in sorted(kinds))
+        raise PlotError(f"{path}: no kind of picture is known by that ending ({listed})")
+
+
+def _figure() -> Figure:
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise PlotError("--plot needs matplotlib: pip install 'mrbt-mesh[plot]'") from None
+    return Figure(figsize=SIZE_INCHES, layout="constrained")
 
 
 def plot(summaries: Sequence[Summary], title: str, path: Path) -> None:
@@ -34,11 +53,7 @@ def plot(summaries: Sequence[Summary], title: str, path: Path) -> None:
     Without a sweep a histogram of durations; with one, success and duration over its values;
     with two, a curve for each value of the second. Raises PlotError.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise PlotError("--plot needs matplotlib: pip install 'mrbt-mesh[plot]'") from None
-    figure = Figure(figsize=SIZE_INCHES, layout="constrained")
+    figure = _figure()
     figure.suptitle(title)
     if summaries[0].point.values:
         success, duration = figure.subplots(1, 2)

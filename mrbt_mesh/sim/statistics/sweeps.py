@@ -1,4 +1,4 @@
-"""What `mrbt simulate` may vary, and how rates and sweeps are written."""
+"""What `mrbt estimate` may vary, and how rates and sweeps are written."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import replace
 from itertools import product
 
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.sim.engine.failures import EVERYBODY, FailureModel, Rate, losable
 from mrbt_mesh.sim.statistics.estimate import Point
 from mrbt_mesh.sim.statistics.team_sizes import resized
@@ -21,22 +22,31 @@ _UNITS = ("action", "hour")
 _RANGE = re.compile(r"([0-9.e+-]+):([0-9.e+-]+)(?::([0-9.e+-]+))?")
 
 
-class SweepError(ValueError):
+class SweepError(InputError):
     """A rate or a sweep that cannot be used; the message says what would be right."""
 
 
 def parse_rates(option: str, texts: Sequence[str], mission: Mission) -> dict[str, Rate]:
     """Robot, type or EVERYBODY -> rate, of texts like `0.1`, `0.1/action`, `A1:2/hour`."""
     rates: dict[str, Rate] = {}
+    said: dict[object, str] = {}
     types = {robot.type for robot in mission.robots.values()}
     for text in texts:
         who, _, number = text.rpartition(":")
         if who and who not in mission.robots and who not in types:
             known = ", ".join([*sorted(mission.robots), *sorted(types)])
             raise SweepError(f"--{option} {text}: no robot or type {who!r} ({known})")
+        unit = "hour" if number.endswith("/hour") else "action"
+        _refuse_second(option, text, (who, unit), said)
         before, more = rates.get(who, Rate()), parse_rate(option, number)
         rates[who] = Rate(more.per_action or before.per_action, more.per_hour or before.per_hour)
     return rates
+
+
+def _refuse_second(option: str, text: str, key: object, said: dict[object, str]) -> None:
+    if key in said:
+        raise SweepError(f"--{option} {text}: given before, as {said[key]}")
+    said[key] = text
 
 
 def parse_rate(option: str, text: str) -> Rate:
@@ -55,6 +65,7 @@ def parse_rate(option: str, text: str) -> Rate:
 def parse_chances(option: str, texts: Sequence[str], mission: Mission) -> dict[str, float]:
     """Local task or EVERYBODY -> chance, of texts like `0.1` or `move_frame:0.2`."""
     chances: dict[str, float] = {}
+    said: dict[object, str] = {}
     for text in texts:
         name, _, number = text.rpartition(":")
         value = _number(number)
@@ -63,6 +74,7 @@ def parse_chances(option: str, texts: Sequence[str], mission: Mission) -> dict[s
             raise SweepError(f"--{option} {text}: no local task {name!r} ({known})")
         if value is None or not 0 <= value <= 1:
             raise SweepError(f"--{option} {text}: a chance is from 0 to 1")
+        _refuse_second(option, text, name, said)
         chances[name] = value
     return chances
 
@@ -132,11 +144,11 @@ def _impossible(mission: Mission, point: Point) -> str:
 
 
 def _with(mission: Mission, point: Point, name: str, value: str) -> Point:
-    option, failures = f"sweep {name}={value}", point.failures
+    option, failures = f"sweep {name}", point.failures
     if name in (MAJOR, MINOR, ROBOTS):
         number = int(value) if value.isdigit() else -1
         if number < (name == ROBOTS):
-            raise SweepError(f"--{option}: expected a whole number")
+            raise SweepError(f"--{option}={value}: expected a whole number")
         if name == ROBOTS:
             return replace(point, robots=number)
         if name == MAJOR:

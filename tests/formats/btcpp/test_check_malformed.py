@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 from mrbt_mesh.cli.app import app
 from mrbt_mesh.formats.btcpp.check import check_file

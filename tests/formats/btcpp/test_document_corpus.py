@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from mrbt_mesh.cli.tree_drawing import render_dot, render_mermaid
-from mrbt_mesh.cli.tree_shapes import file_shapes
-from mrbt_mesh.cli.tree_svg import render_svg
+from mrbt_mesh.cli.views.tree_drawing import render_dot, render_mermaid
+from mrbt_mesh.cli.views.tree_shapes import file_shapes
+from mrbt_mesh.cli.views.tree_svg import render_svg
 from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
 from mrbt_mesh.formats.btcpp.check import check_file
 from mrbt_mesh.formats.btcpp.document import CONDITIONS, parse_document, read_document, type_id

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mrbt_mesh.cli.tree_shapes import file_shapes
-from mrbt_mesh.cli.tree_svg import render_svg
+from mrbt_mesh.cli.views.tree_shapes import file_shapes
+from mrbt_mesh.cli.views.tree_svg import render_svg
 from mrbt_mesh.formats.btcpp.check import check_library
 from mrbt_mesh.formats.btcpp.document import Document, parse_document, pointer, read_document
 from mrbt_mesh.formats.btcpp.elements import Comment, Content, Element, Instruction, Text

@@ -1,0 +1,51 @@
+"""One file for each command: `mrbt kill` is the function `kill` in `kill.py`.
+
+A command's file says what the command takes and what it is for; its first line of help is repeated
+here, so that `mrbt --help` imports no command. The file is imported for its help screen alone too:
+what the command works with, it imports when it is called.
+"""
+
+from __future__ import annotations
+
+PANELS = {
+    "Run a team": {
+        "demo": "Run an example: without a name, six robots that repair a vehicle (about 30 s).",
+        "up": "Start one process per robot and watch the mission.",
+        "watch": "Watch a team that runs already, or is yet to come; ending the view leaves it "
+        "alone.",
+        "status": "Tell who does what, what is blocked, and whether all agree.",
+        "join": "Start one more robot of the running mission, or a dead one again.",
+        "agent": "Run one robot, anywhere on the network.",
+    },
+    "Act on a running team": {
+        "kill": "Kill a robot's process with SIGKILL: a major fault.",
+        "freeze": "Freeze a robot's process with SIGSTOP: it falls silent, but its links stay up.",
+        "thaw": "Let a frozen robot go on with SIGCONT.",
+        "fault": "Take a capability from a robot: a minor fault.",
+        "restore": "Let a robot do again what it had lost.",
+        "leave": "Have a robot leave on purpose: its work is handed over at once.",
+        "pause": "Stop all work until `mrbt resume`.",
+        "resume": "Go on after `mrbt pause`.",
+        "abort": "End the mission as failed. It cannot be taken back.",
+        "decide": "Say how an exclusive task goes on whose robot vanished in the middle of it.",
+    },
+    "Without a network": {
+        "validate": "Check a mission file; say what it holds.",
+        "plan": "Plan for given facts and explain the plan.",
+        "assign": "Solve one assignment problem, exactly and canonically.",
+        "analyze": "Tell which faults a mission survives, and what would make it survive more.",
+        "sim": "Run a mission once in virtual time, with the faults that you name.",
+        "estimate": "Tell how likely a mission succeeds and how long it takes when robots fail by "
+        "chance.",
+        "lift": "Make a team's mission out of the tree that drives one robot, and explain it.",
+        "tree": "Show, check and convert trees: BehaviorTree.CPP files and missions.",
+        "new": "Write a small mission and a robot of your own that run at once; or copy an "
+        "example.",
+        "key": "Make a key for a team on the transport wireless: who holds it may take part.",
+    },
+    "Prove it": {
+        "chaos": "Run a mission with random faults, many times, and check what must always hold.",
+        "drill": "Run drills: real processes, faults at chosen moments, verdicts from what was "
+        "done.",
+    },
+}

@@ -1,0 +1,81 @@
+"""`mrbt up`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from mrbt_mesh.cli.framework.declare import Given, option
+from mrbt_mesh.cli.options import (
+    MissionArgument,
+    ProgramOption,
+    RobotsOption,
+    SolverOption,
+    SpeedOption,
+)
+from mrbt_mesh.cli.team.show_options import ShowOptions
+from mrbt_mesh.runtime.settings import DEFAULT_BEAT_S, DEFAULT_DETECTION_S
+
+
+@dataclass(frozen=True)
+class LaunchOptions:
+    """What is started, and how its robots talk."""
+
+    robots: RobotsOption = None
+    program: ProgramOption = None
+    solver: SolverOption = None
+    speed: SpeedOption = 1.0
+    run_dir: Annotated[Path | None, option("Folder for logs, events and the summary.", "DIR")] = (
+        None
+    )
+    resume: Annotated[bool, option("Go on with the run in --run-dir, from its journals.")] = False
+    detach: Annotated[bool, option("Start the team and leave it running.")] = False
+    transport: Annotated[
+        Literal["wired", "wireless"],
+        option("How robots talk: TCP, or QUIC for lossy networks."),
+    ] = "wired"
+    beat: Annotated[float, option("Heartbeat period.", "SECONDS", above=0, most=3600)] = (
+        DEFAULT_BEAT_S
+    )
+    detection: Annotated[
+        float, option("Silence until a robot is dead.", "SECONDS", above=0, most=3600)
+    ] = DEFAULT_DETECTION_S
+
+
+def up(mission: MissionArgument, launch: LaunchOptions, show: ShowOptions, given: Given) -> None:
+    """Start one process per robot and watch the mission.
+
+    Exit status: 0 success, 1 failure, 2 bad input, 3 not finished in time, blocked, or ended
+    before the team had gathered.
+
+    Example: mrbt up examples/vehicle_repair/mission.yaml --speed 2
+    """
+    from mrbt_mesh.cli.missions import checked_program, chosen_robots
+    from mrbt_mesh.cli.team.launching import created, resumed, run_team
+    from mrbt_mesh.formats.mission_file import load_mission
+    from mrbt_mesh.runtime.solver_loader import solver_for
+    from mrbt_mesh.runtime.team import new_run
+
+    if launch.detach:
+        given.refuse(
+            ("--headless", "--json", "--timeout"),
+            "with --detach nobody watches the run; see mrbt watch",
+        )
+    loaded = load_mission(mission)
+    robots = chosen_robots("--robots", launch.robots, loaded)
+    program = checked_program(loaded, robots, launch.program)
+    solver_for(loaded, launch.solver)
+    info = new_run(
+        loaded,
+        mission,
+        robots,
+        program,
+        beat_s=launch.beat,
+        detection_s=launch.detection,
+        speed=launch.speed,
+        transport=launch.transport,
+        solver=launch.solver,
+    )
+    make = resumed if launch.resume else created
+    run_team(make(launch.run_dir, info, loaded), loaded, None if launch.detach else show)

@@ -1,0 +1,51 @@
+"""Writing to the terminal, to programs and to files."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.text import Text
+
+from mrbt_mesh.errors import InputError
+
+console = Console()
+errors = Console(stderr=True, highlight=False)
+
+
+def labelled(label: str, style: str, text: str) -> Text:
+    """`label: text`, the label in a style; brackets in the text mean nothing."""
+    return Text.assemble((f"{label}:", style), f" {text}")
+
+
+def note(text: str) -> None:
+    """Tell people, on stderr, something that is worth knowing."""
+    errors.print(labelled("note", "yellow", text), soft_wrap=True)
+
+
+def print_json(data: Any) -> None:
+    """One JSON document on stdout, as it is: no colours, no wrapping."""
+    sys.stdout.write(json.dumps(data, indent=2) + "\n")
+
+
+def write_file(path: Path, text: str) -> None:
+    """Write a file that the user named; raises InputError if that cannot be done."""
+    try:
+        path.write_text(text, encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be written: {reason(error)}") from None
+
+
+def reason(error: Exception) -> str:
+    """Why a file could not be read or written, without its name."""
+    return getattr(error, "strerror", None) or str(error)
+
+
+def check_folder(option: str, path: Path | None) -> None:
+    """Raise InputError, before long work begins, if the folder of a file to write is missing."""
+    if path is not None and (path.is_dir() or not path.parent.is_dir()):
+        what = "is a folder; name a file" if path.is_dir() else f"there is no folder {path.parent}"
+        raise InputError(f"{option} {path}: {what}")

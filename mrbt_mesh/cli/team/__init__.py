@@ -1,0 +1,1 @@
+"""What the commands on a running team share: its processes, words to its robots, its status."""

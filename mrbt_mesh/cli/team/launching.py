@@ -1,0 +1,68 @@
+"""A team of processes on this machine: started anew, or resumed from its journals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import NoReturn
+
+import anyio
+import click
+
+from mrbt_mesh.cli.framework.exits import SUCCESS, end_process
+from mrbt_mesh.cli.team.show_options import ShowOptions
+from mrbt_mesh.cli.team.watching import watch
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.formats.mission_file import compile_mission, load_mission
+from mrbt_mesh.runtime.run_dir import RunDir, RunInfo, state_dir
+from mrbt_mesh.runtime.team import Team, address_of
+
+
+def created(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
+    """The directory of a new run, by default one of its own in the state folder."""
+    if folder is None:
+        stamp = datetime.now().strftime("%Y%m%d-%H%M%S-%f")
+        folder = state_dir() / "runs" / f"{mission.name}-{stamp}"
+    return RunDir.create(folder.resolve(), info, compile_mission(mission))
+
+
+def resumed(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
+    """The directory of an earlier run, to go on with; the run keeps its id and its team's name.
+
+    Raises InputError if robots of it still run, or if it is a run of another mission.
+    """
+    if folder is None:
+        raise InputError("--resume needs the --run-dir of the run to go on with")
+    found = RunDir.find(folder.resolve())
+    running = [robot for robot in found.robots() if found.process(robot) is not None]
+    if running:
+        raise InputError(f"{found.path}: {', '.join(running)} still run; see `mrbt watch`")
+    if load_mission(found.mission_path).digest != mission.digest:
+        raise InputError(f"{found.path} is a run of another mission, or of another version of it")
+    before = found.info()
+    found.save(replace(info, team=before.team, run=before.run))
+    found.remember()
+    return found
+
+
+def run_team(run_dir: RunDir, mission: Mission, show: ShowOptions | None) -> NoReturn:
+    """Start the robots, watch them to the end (None: leave them running), and end the process."""
+    end_process(anyio.run(_run, run_dir, mission, show))
+
+
+async def _run(run_dir: RunDir, mission: Mission, show: ShowOptions | None) -> int:
+    info = run_dir.info()
+    team = Team(run_dir, info, mission)
+    for robot in info.robots:
+        await team.start(robot)
+    if show is None:
+        click.echo(f"{mission.name}: {len(info.robots)} robots run; see mrbt status")
+        click.echo(f"run directory: {run_dir.path}")
+        return SUCCESS
+    try:
+        return await watch(address_of(run_dir), team, show)
+    finally:
+        with anyio.CancelScope(shield=True):
+            await team.end()

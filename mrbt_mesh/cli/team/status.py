@@ -1,0 +1,99 @@
+"""The status of a team that runs, heard over the network."""
+
+from __future__ import annotations
+
+from typing import Any, NoReturn
+
+import anyio
+
+from mrbt_mesh.cli.framework.exits import FAILURE, SUCCESS, fail
+from mrbt_mesh.cli.framework.terminal import console, print_json
+from mrbt_mesh.cli.team.orders import nobody, with_team
+from mrbt_mesh.cli.views.status_view import render_status
+from mrbt_mesh.core.membership.membership import State
+from mrbt_mesh.core.membership.timing import SECOND_US
+from mrbt_mesh.runtime.run_dir import RunDir
+from mrbt_mesh.runtime.team_address import TeamAddress
+from mrbt_mesh.runtime.watcher import Watcher
+
+SETTLE_BEATS = 2
+
+
+def tell_status(team: TeamAddress, as_json: bool) -> NoReturn:
+    """Print the status of a team, and end the process; exit status 1 if nobody is heard."""
+
+    async def act(watcher: Watcher) -> int:
+        if team.run_dir is None and not watcher.observer.robots():
+            fail(nobody(watcher), FAILURE)
+        # Two beats tell who is silent, and what the others say of it.
+        with anyio.move_on_after(SETTLE_BEATS * watcher.timing.heartbeat_us / SECOND_US):
+            while True:
+                await watcher.wait_for_change(0.05)
+        watcher.refresh()
+        data = status_data(watcher)
+        if as_json:
+            print_json(data)
+        else:
+            console.print(render_status(data))
+        return SUCCESS
+
+    with_team(team, act)
+
+
+def status_data(watcher: Watcher) -> dict[str, Any]:
+    """The status as plain data."""
+    observer, run_dir = watcher.observer, watcher.address.run_dir
+    started = run_dir.robots() if run_dir is not None else []
+    robots = {r: _robot(watcher, r) for r in sorted({*observer.robots(), *started})}
+    plan = observer.plan
+    waiting = plan.waiting if plan else ()
+    working: dict[str, list[str]] = {}
+    for robot, row in robots.items():
+        if row["global_task"]:
+            working.setdefault(row["global_task"], []).append(robot)
+    return {
+        "mission": observer.mission.name,
+        "result": plan.result.name.lower() if plan else None,
+        "robots": robots,
+        "global_tasks": {
+            name: {"status": task.status.name.lower(), "robots": working.get(name, [])}
+            for name, task in observer.record.tasks.items()
+        },
+        "blocked": [
+            {"request": w.global_task, "reason": w.reason} for w in waiting if w.is_blocked
+        ],
+        "waiting": [w.global_task for w in waiting if not w.is_blocked],
+        "agreement": observer.agreement,
+        "run_dir": str(run_dir.path) if run_dir is not None else None,
+    }
+
+
+def _robot(watcher: Watcher, robot: str) -> dict[str, Any]:
+    observer, run_dir = watcher.observer, watcher.address.run_dir
+    member = observer.facts.members.get(robot)
+    claim = observer.claim(robot)
+    state = observer.robot_state(robot)
+    pid = member[0].pid if member is not None and state is not State.DEAD else None
+    if run_dir is not None:
+        pid, state = _here(run_dir, robot, state)
+    return {
+        "host": member[0].host if member else None,
+        "pid": pid,
+        "state": str(state),
+        "type": member[0].type if member else None,
+        "local_task": claim.local_task if claim else None,
+        "global_task": claim.global_task if claim else None,
+        "phase": claim.phase.name.lower() if claim else None,
+        "lost": list(member[0].lost) if member else [],
+    }
+
+
+def _here(run_dir: RunDir, robot: str, state: State) -> tuple[int | None, State]:
+    """(pid, state) of a robot whose process runs, or ran, on this machine."""
+    process = run_dir.process(robot)
+    if process is not None:
+        return process.pid, state
+    if state is State.ALIVE and robot in run_dir.robots():
+        # Its own record says it is gone, and nobody has heard it since.
+        return None, State.SUSPECT
+    return None, state

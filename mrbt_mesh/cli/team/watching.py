@@ -1,0 +1,138 @@
+"""Watch a team until its mission is over, and tell how it went. Who watches decides nothing."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import signal
+from collections.abc import AsyncIterator, Callable
+
+import anyio
+import click
+from rich.live import Live
+
+from mrbt_mesh.cli.framework.exits import BAD_INPUT, EXIT_OF_RESULT
+from mrbt_mesh.cli.framework.terminal import console, errors, print_json
+from mrbt_mesh.cli.team.show_options import ShowOptions
+from mrbt_mesh.cli.views.live_view import render_live
+from mrbt_mesh.cli.views.summary_view import render_summary
+from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.run_dir import SUMMARY_FILE, write_atomically
+from mrbt_mesh.runtime.team import Team
+from mrbt_mesh.runtime.team_address import TeamAddress
+from mrbt_mesh.runtime.watcher import Watcher, watching
+
+FRAME_S = 0.1
+CATCH_UP_S = 1.0
+
+
+async def watch(address: TeamAddress, team: Team | None, show: ShowOptions) -> int:
+    """Watch until the mission is over, time is up, nobody is left, or the operator stops it.
+
+    `team`: its processes, if they are of this machine; of others robots may yet come. Returns the
+    exit status. Raises TransportError if there is no way to attach.
+    """
+    async with watching(address) as watcher:
+        async with anyio.create_task_group() as group:
+            if team is not None:
+                group.start_soon(team.note_exits, watcher)
+            why = await _until_over(team, watcher, show)
+            group.cancel_scope.cancel()
+        return _report(team, watcher, show, why)
+
+
+def _is_live(show: ShowOptions) -> bool:
+    return not show.headless and not show.as_json and console.is_terminal
+
+
+def say_where(address: TeamAddress, show: ShowOptions) -> None:
+    """Where a team is looked for that may not be there yet."""
+    if not show.as_json and not _is_live(show):
+        click.echo(f"listening for team {address.transport.team}, run {address.run}")
+
+
+@contextlib.asynccontextmanager
+async def _display(watcher: Watcher, show: ShowOptions) -> AsyncIterator[Callable[[], None]]:
+    """A function that shows the present state: the live view, new lines, or nothing."""
+    observer = watcher.observer
+    if _is_live(show):
+        with Live(console=console, screen=True, auto_refresh=False) as live:
+            yield lambda: live.update(
+                render_live(observer, boottime_us(), console.height), refresh=True
+            )
+        return
+    printed = 0
+
+    def lines() -> None:
+        nonlocal printed
+        for at_us, text in observer.record.timeline[printed:]:
+            seconds = observer.record.seconds(at_us) or 0.0
+            click.echo(f"{seconds:8.2f}  {text}")
+        printed = len(observer.record.timeline)
+
+    yield (lambda: None) if show.as_json else lines
+
+
+async def _until_over(team: Team | None, watcher: Watcher, show: ShowOptions) -> str | None:
+    """Why watching ended before the mission did, or None if the mission is over."""
+    checked = anyio.current_time()
+    deadline = checked + show.timeout if show.timeout is not None else float("inf")
+    stop = anyio.Event()
+
+    async def wait_for_signal() -> None:
+        with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
+            async for _ in signals:
+                stop.set()
+                watcher.changed.set()
+
+    async with anyio.create_task_group() as group, _display(watcher, show) as refresh:
+        group.start_soon(wait_for_signal)
+        why: str | None = None
+        while watcher.observer.record.result is None and why is None:
+            await watcher.wait_for_change(FRAME_S)
+            refresh()
+            now = anyio.current_time()
+            if now >= deadline:
+                why = "time is up"
+            elif stop.is_set():
+                why = "stopped by the operator"
+            elif now > checked + 1:
+                checked = now
+                if team is not None and not team.living():
+                    why = "no robot is left"
+        # Who came late may know the result before what led to it.
+        await watcher.catch_up(CATCH_UP_S)
+        refresh()
+        group.cancel_scope.cancel()
+    return why
+
+
+def _report(team: Team | None, watcher: Watcher, show: ShowOptions, why: str | None) -> int:
+    """Print the summary and write summary.json; returns the exit status."""
+    refused = team.refusals() if team is not None else []
+    observer = watcher.observer
+    if observer.record.started_us is None and refused:
+        _print_refusals(refused)
+        return BAD_INPUT
+    now_us = boottime_us()
+    if team is not None:
+        result = team.result(observer, now_us)
+    else:
+        result = observer.result(anybody_lives=bool(observer.membership.alive_set()))
+    summary = observer.record.summary(result, now_us)
+    if why is not None:
+        summary["ended_because"] = why
+    if team is not None:
+        summary["run_dir"] = str(team.run_dir.path)
+        write_atomically(team.run_dir.path / SUMMARY_FILE, json.dumps(summary, indent=2) + "\n")
+    if show.as_json:
+        print_json(summary)
+    else:
+        console.print(render_summary(summary))
+    _print_refusals(refused)
+    return EXIT_OF_RESULT[result]
+
+
+def _print_refusals(refused: list[str]) -> None:
+    for text in refused:
+        errors.print(text, soft_wrap=True, markup=False)

@@ -1,0 +1,31 @@
+"""Trees in files: BehaviorTree.CPP's XML, or a mission."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.formats.btcpp.check import check_file
+from mrbt_mesh.formats.btcpp.findings import Findings
+from mrbt_mesh.formats.btcpp.library import Library
+
+MISSION_SUFFIXES = (".yaml", ".yml", ".json")
+
+
+def is_mission(path: Path) -> bool:
+    """Whether a file is a mission, by its name; raises InputError if it can be no tree at all."""
+    suffix = path.suffix.lower()
+    if suffix not in (".xml", *MISSION_SUFFIXES):
+        raise InputError(f"{path}: a tree is in a file that ends in .xml, .yaml, .yml or .json")
+    return suffix != ".xml"
+
+
+def read_tree_file(path: Path, is_strict: bool = False) -> tuple[Library, Findings]:
+    """A BehaviorTree.CPP file and what is wrong with it; packages are sought where ROS 2 has them.
+
+    Raises TreeFileError for a file that cannot be read at all.
+    """
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    folders = [Path(prefix) / "share" for prefix in prefixes if prefix]
+    return check_file(path, is_strict, folders)

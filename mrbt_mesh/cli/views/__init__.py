@@ -1,0 +1,1 @@
+"""What people see: plans, trees, teams and analyses, drawn from data alone."""

@@ -1,0 +1,76 @@
+"""What came of many random runs, for people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from mrbt_mesh.sim.chaos.campaign import CRASH
+
+INVARIANTS = {
+    "I1": "same facts, same plan",
+    "I2": "facts converge, nobody is dead who is heard",
+    "I3": "nothing done is undone",
+    "I4": "nobody beyond its means, bounds hold",
+    "I5": "an exclusive task has one coalition",
+    "I6": "what can be finished is finished",
+    "I7": "assignments optimal and canonical",
+    "I8": "garbage changes nothing",
+    "I9": "restarts resume from the journal",
+    CRASH: "nothing breaks",
+}
+
+
+def render_campaign(
+    totals: Mapping[str, Any], reports: Iterable[Mapping[str, Any]], failed: int
+) -> RenderableType:
+    """What `mrbt chaos --json` prints, for a terminal; `failed` seeds, some of them reported."""
+    results = ", ".join(f"{number} {name}" for name, number in sorted(totals["results"].items()))
+    rate = totals["seeds"] / max(0.001, totals["took_s"])
+    line = f"{totals['seeds']} seeds in {totals['took_s']:.1f} s, {rate:.1f} a second: {results}"
+    mark = ("✔ no invariant broken", "bold green")
+    if failed:
+        mark = (f"✘ {failed} failed", "bold red")
+    twice = (
+        f"done more often than their max, in partitions and after crashes: {totals['done_twice']} "
+        f"local tasks, {totals['exclusive_done_twice']} of exclusive ones"
+    )
+    return Group(
+        Text.assemble(mark, f"  {line}"),
+        _checks(totals),
+        Text(twice, "dim"),
+        *(line for report in reports for line in _failure(report)),
+    )
+
+
+def _checks(totals: Mapping[str, Any]) -> Table:
+    """How often each invariant was checked."""
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    table.add_column()
+    table.add_column()
+    table.add_column("checks", justify="right")
+    table.add_column("in seeds", justify="right")
+    for name, checked in totals["checks"].items():
+        seeds = totals["seeds_checked"][name]
+        table.add_row(name, INVARIANTS.get(name, ""), f"{checked:,}", f"{seeds:,}")
+    return table
+
+
+def _failure(report: Mapping[str, Any]) -> Iterator[Text]:
+    """What broke, the faults that it takes, and how to see it again."""
+    yield Text(f"\nseed {report['seed']}", "bold red")
+    for violation in report["violations"][:3]:
+        name = violation.partition(" ")[0]
+        yield Text.assemble(f"  {violation} ", (f"({INVARIANTS.get(name, name)})", "dim"))
+    if "minimised" in report:
+        word = "" if report["is_minimal"] else ", time was up"
+        text = f"of {report['of']} faults these {len(report['minimised'])} are enough"
+        yield Text.assemble("  ", (text, "bold"), f" ({report['runs']} runs{word}):")
+        for at_s, fault in report["minimised"]:
+            yield Text(f"  {at_s:12.6f} s  {fault}")
+    yield Text(f"  replay: {report['replay']}")
+    yield Text(f"  command: {report['command']}")

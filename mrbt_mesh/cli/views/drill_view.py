@@ -1,0 +1,94 @@
+"""Drills as people read them: which there are, what happens in one, and how it went."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from rich.table import Table
+from rich.text import Text
+
+from mrbt_mesh.drills.drill_file import Drill
+from mrbt_mesh.drills.judge import DrillVerdict
+from mrbt_mesh.drills.report import report_data
+from mrbt_mesh.drills.runner import DrillRun, TimelineEntry
+
+
+def render_list(drills: Sequence[Drill]) -> Table:
+    """One row per drill file."""
+    table = Table(box=None, header_style="dim")
+    for heading in ("drill", "runs", "needs", "", "what happens"):
+        table.add_column(heading, no_wrap=heading != "what happens")
+    by_file: dict[Path, list[Drill]] = {}
+    for found in drills:
+        by_file.setdefault(found.path, []).append(found)
+    for group in by_file.values():
+        model = group[0].model
+        table.add_row(
+            Text(model.name, "bold"),
+            str(len(group) * len(model.profiles)),
+            model.network if model.network != "loopback" else "",
+            "quick" if model.quick else "",
+            Text(" ".join(model.description.split()).partition(". ")[0].rstrip(".")),
+        )
+    return table
+
+
+def line_text(line: TimelineEntry) -> Text:
+    """One line of a drill's timeline."""
+    style = "red" if line.is_fault or line.text == "is dead" else ""
+    return Text.assemble(
+        (f"{line.at_s:9.3f}  ", "dim"), (f"{line.robot:5} ", "bold"), (line.text, style)
+    )
+
+
+def takeover_text(takeover: Mapping[str, object]) -> Text:
+    """How a robot was missed and replaced."""
+    line = Text.assemble("  ", ("↻ ", "yellow"), (str(takeover["robot"]), "bold"))
+    if not takeover["inflicted"]:
+        return line.append(f" held dead by others at {takeover['at_s']:.3f} s", "not bold")
+    line.append(f" lost at {takeover['at_s']:.3f} s", "not bold")
+    line.append(f", detected after {_milliseconds(takeover['detected_s'])}", "not bold")
+    if takeover["held"]:
+        line.append(f", while on {takeover['held']}", "not bold")
+    if takeover["replacement"]:
+        after = _milliseconds(takeover["reassigned_s"])
+        line.append(f", taken over by {takeover['replacement']} after {after}", "not bold")
+    return line
+
+
+def verdict_text(verdict: DrillVerdict) -> Text:
+    """What was expected and whether it held."""
+    sign, style = ("✔", "green") if verdict.holds else ("✘", "bold red")
+    return Text.assemble(
+        "  ", (f"{sign} ", style), (verdict.expected, "" if verdict.holds else "red"),
+        (f": {verdict.found}", "dim" if verdict.holds else "red"),
+    )  # fmt: skip
+
+
+def headline(run: DrillRun) -> Text:
+    """A run in one line."""
+    if run.skipped is not None:
+        return Text(f"skipped: {run.skipped}", "yellow")
+    text = Text("green", "bold green") if run.is_green else Text("red", "bold red")
+    text.append(f" in {run.duration_s:.1f} s", "not bold dim")
+    wrong = [verdict for verdict in run.verdicts if not verdict.holds]
+    for verdict in wrong:
+        text.append(f"; {verdict.expected}: {verdict.found}", "not bold red")
+    return text
+
+
+def render_total(runs: Iterable[DrillRun]) -> Text:
+    """How all runs went, in one line."""
+    data = report_data(runs)
+    seconds = sum(run.duration_s for run in runs)
+    return Text.assemble(
+        (f"{data['green']} green", "bold green"),
+        (f", {data['red']} red", "bold red" if data["red"] else "dim"),
+        (f", {data['skipped']} skipped", "yellow" if data["skipped"] else "dim"),
+        (f" in {seconds:.0f} s", "dim"),
+    )
+
+
+def _milliseconds(value: object) -> str:
+    return "?" if not isinstance(value, int | float) else f"{value * 1_000:.0f} ms"

@@ -1,0 +1,78 @@
+"""A plan as people read it: the tree, who does what and why, what waits, who bid what."""
+
+from __future__ import annotations
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from mrbt_mesh.cli.views.tree_view import render_tree
+from mrbt_mesh.core.mission.mission import MICRO, Mission
+from mrbt_mesh.core.planning.plan import Bidding, Line, Plan
+
+
+def render_plan(mission: Mission, plan: Plan) -> RenderableType:
+    """The whole plan for a terminal."""
+    workers: dict[str, list[str]] = {}
+    for robot, own in plan.lines.items():
+        workers.setdefault(own.activation, []).append(robot)
+    waiting = {w.activation: w for w in plan.waiting}
+    notes = {}
+    for request in plan.evaluation.requests:
+        if request.activation in waiting:
+            blocked = waiting[request.activation].is_blocked
+            style = "red" if blocked else "yellow"
+            notes[request.node] = Text(waiting[request.activation].reason, style=style)
+        else:
+            robots = ", ".join(workers.get(request.activation, []))
+            notes[request.node] = Text(robots, style="bold")
+    parts: list[RenderableType] = [_lines(plan)]
+    if plan.biddings:
+        parts += ["", _bids(plan)]
+    result = Text(f"mission: {plan.result.name.lower()}", style="bold")
+    tree = render_tree(mission.tree, plan.evaluation, notes)
+    return Group(tree, "", *parts, "", result)
+
+
+def _lines(plan: Plan) -> Table:
+    """Who does what and why."""
+    table = Table("robot", "does", "for", "why", box=None, header_style="dim", pad_edge=False)
+    bids = {(b.activation, b.local_task): b.bids for b in plan.biddings}
+    for robot in sorted({*plan.lines, *plan.idle}):
+        line = plan.lines.get(robot)
+        if line is None:
+            table.add_row(robot, Text("nothing", style="dim"), "", Text(plan.idle[robot], "dim"))
+            continue
+        why = "goes on with what it runs" if line.pinned else "part of the best assignment"
+        number = f"{line.performance / MICRO:g}"
+        place = (line.activation, line.local_task)
+        if place not in bids:
+            why += f" (performance {number})"
+        else:
+            why += " (no bid)" if bids[place].get(robot) is None else f" (bid {number})"
+        table.add_row(Text(robot, "bold"), line.local_task, line.global_task, Text(why, "dim"))
+    return table
+
+
+def _bids(plan: Plan) -> Table:
+    """Who bid what, the best first and the chosen in bold, and who did not."""
+    table = Table("local task", "for", "bids", box=None, header_style="dim", pad_edge=False)
+    for bidding in plan.biddings:
+        made = {robot: bid for robot, bid in bidding.bids.items() if bid is not None}
+        texts = [
+            Text(f"{robot} {made[robot] / MICRO:g}", _style(plan.lines.get(robot), bidding))
+            for robot in sorted(made, key=lambda robot: (-made[robot], robot))
+        ]
+        none = [robot for robot, bid in bidding.bids.items() if bid is None]
+        if none:
+            texts.append(Text(f"none of {', '.join(none)}", "dim"))
+        if bidding.silent:
+            word = "waiting for" if bidding.is_open else "nothing from"
+            texts.append(Text(f"{word} {', '.join(bidding.silent)}", "yellow"))
+        table.add_row(bidding.local_task, bidding.global_task, Text(", ").join(texts))
+    return table
+
+
+def _style(line: Line | None, bidding: Bidding) -> str:
+    place = (bidding.activation, bidding.local_task)
+    return "bold" if line is not None and (line.activation, line.local_task) == place else "dim"

@@ -1,0 +1,55 @@
+"""The status of a team as people read it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from mrbt_mesh.cli.views.live_view import STATE_STYLES
+from mrbt_mesh.core.membership.membership import State
+
+
+def render_status(data: Mapping[str, Any]) -> RenderableType:
+    """What `mrbt status --json` prints, for a terminal."""
+    agreement = (
+        Text("all agree") if data["agreement"] else Text("the robots are agreeing", "yellow")
+    )
+    return Group(
+        Text.assemble((str(data["mission"]), "bold"), f": {data['result']}"),
+        _robots(data["robots"]),
+        *_tasks(data["global_tasks"]),
+        *(Text(f"{row['request']} {row['reason']}", "red") for row in data["blocked"]),
+        agreement,
+    )
+
+
+def _robots(robots: Mapping[str, Any]) -> Table:
+    headings = ("robot", "type", "host", "pid", "state", "works on", "lost")
+    table = Table(*headings, box=None, header_style="dim")
+    for robot, row in robots.items():
+        table.add_row(
+            Text(robot, style="bold"),
+            row["type"] or "",
+            row["host"] or "",
+            str(row["pid"] or ""),
+            Text(row["state"], style=STATE_STYLES[State(row["state"])]),
+            row["local_task"] or Text("nothing", style="dim"),
+            Text(", ".join(row["lost"]), style="red"),
+        )
+    return table
+
+
+def _tasks(tasks: Mapping[str, Any]) -> list[Text]:
+    """A line for each status that some global task has."""
+    by_status: dict[str, list[str]] = {}
+    for name, task in tasks.items():
+        by_status.setdefault(task["status"], []).append(name)
+    return [
+        Text.assemble((f"{status}:", "dim"), f" {', '.join(by_status[status])}")
+        for status in ("running", "success", "failure")
+        if status in by_status
+    ]

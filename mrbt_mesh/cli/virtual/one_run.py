@@ -1,0 +1,56 @@
+"""The end of one simulated run: its files, its summary, its exit status."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from mrbt_mesh.cli.framework.exits import EXIT_OF_RESULT, FAILURE, fail
+from mrbt_mesh.cli.framework.terminal import console, errors, labelled, note, print_json, reason
+from mrbt_mesh.cli.views.summary_view import render_summary
+from mrbt_mesh.cli.virtual.named_faults import NamedFault, missed
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.sim.run import SimulationError, SimulationResult
+
+
+def run_and_tell(
+    run: Callable[..., SimulationResult],
+    named: Sequence[NamedFault],
+    *,
+    events: Path | None,
+    log: Path | None,
+    as_json: bool,
+) -> NoReturn:
+    """Make a run, write its files, print its summary, and end with its exit status.
+
+    `run` takes `keep_log`. Raises InputError for files that cannot be written.
+    """
+    try:
+        result = run(keep_log=log is not None)
+    except SimulationError as error:
+        fail(str(error), FAILURE)
+    _write_files(result, events, log)
+    if as_json:
+        extra = {"effect_log_digest": result.effect_log_digest, "seed": result.seed}
+        print_json({**result.summary, **extra, "violations": result.violations})
+    else:
+        console.print(render_summary(result.summary))
+        console.print(f"[dim] seed {result.seed}, effect log {result.effect_log_digest}[/]")
+    for text in missed(named, result.duration_us):
+        note(text)
+    for violation in result.violations:
+        text = f"seed {result.seed}: {violation}"
+        errors.print(labelled("invariant violated", "bold red", text))
+    raise SystemExit(FAILURE if result.violations else EXIT_OF_RESULT[result.result])
+
+
+def _write_files(result: SimulationResult, events: Path | None, log: Path | None) -> None:
+    try:
+        if events is not None:
+            result.write_events(events)
+        if log is not None:
+            lines = "".join(f"{line}\n" for line in result.effect_log)
+            log.write_text(lines, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{error.filename}: cannot be written: {reason(error)}") from None

@@ -1,0 +1,11 @@
+"""Names and defaults that robots and commands share. Importing it loads nothing else."""
+
+from __future__ import annotations
+
+DEFAULT_BEAT_S, DEFAULT_DETECTION_S = 0.2, 1.0
+# Environment variables that stand for the options of the same names.
+MISSION_VARIABLE, TEAM_VARIABLE, RUN_VARIABLE = "MRBT_MISSION", "MRBT_TEAM", "MRBT_RUN"
+
+WIRED, WIRELESS = "wired", "wireless"
+# Transport profile -> protocol of its endpoints; docs/transport.md says when to use which.
+PROTOCOLS = {WIRED: "tcp", WIRELESS: "quic"}

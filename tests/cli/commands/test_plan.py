@@ -1,0 +1,176 @@
+"""`mrbt plan`: a plan for given facts, and what is wrong with facts."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from ruamel import yaml
+
+from tests.support.command import COURIERS, EXPLORE, REPAIR, ROOT, mrbt
+
+
+def test_plan_asks_the_solver_that_the_mission_names(tmp_path: Path) -> None:
+    mission = tmp_path / "mission.yaml"
+    mission.write_text("solver: nonsense\n" + Path(EXPLORE).read_text())
+    code, _, problems = mrbt("plan", str(mission))
+    assert code == 2
+    assert "no solver 'nonsense'" in problems
+    code, _, _ = mrbt("plan", str(mission), "--solver", "brute_force")
+    assert code == 0
+
+
+def plan(*arguments: str) -> dict[str, Any]:
+    code, output, problems = mrbt("plan", *arguments, "--json")
+    assert code == 0, problems
+    data: dict[str, Any] = json.loads(output)
+    return data
+
+
+def write(tmp_path: Path, text: str) -> str:
+    path = tmp_path / "facts.yaml"
+    path.write_text(text)
+    return str(path)
+
+
+def test_plan_starts_with_both_c_on_the_screws() -> None:
+    data = plan(REPAIR)
+    assert {r: line["local_task"] for r, line in data["lines"].items()} == {
+        "C1": "use_screwdriver",
+        "C2": "use_screwdriver",
+    }
+    assert data["idle"]["A1"] == "no request needs what it can do"
+
+
+def test_plan_says_what_is_blocked(tmp_path: Path) -> None:
+    facts = write(tmp_path, "done: [remove_screws]\n")
+    (waiting,) = plan(REPAIR, "--facts", facts, "--alive", "A1,B1,C2")["waiting"]
+    assert waiting["reason"] == "blocked: move_frame needs 2, 1 alive"
+
+
+def test_plan_follows_conditions_outcomes_and_losses(tmp_path: Path) -> None:
+    facts = write(
+        tmp_path,
+        "conditions: {broken(2): true}\n"
+        "done: [remove_screws, remove_cover, diagnose_part(1), diagnose_part(2),\n"
+        "       diagnose_part(3), diagnose_part(4), diagnose_part(5)]\n"
+        "lost: {A1: [replace_hw]}\n",
+    )
+    lines = plan(REPAIR, "--facts", facts)["lines"]
+    assert {r: line["local_task"] for r, line in lines.items()} == {"A2": "replace_hw(2)"}
+
+
+def test_plan_keeps_running_robots_where_they_are(tmp_path: Path) -> None:
+    facts = write(tmp_path, "done: [remove_screws, remove_cover]\nrunning: {B1: diagnose_part(1)}")
+    line = plan(REPAIR, "--facts", facts)["lines"]["B1"]
+    assert (line["global_task"], line["pinned"]) == ("diagnose_part(1)", True)
+
+
+def test_plan_with_failed_tasks_and_single_outcomes(tmp_path: Path) -> None:
+    facts = write(
+        tmp_path,
+        "outcomes:\n  - {robot: R1, global_task: explore_area(A), local_task: explore(A),"
+        " success: true}\nfailed: [explore_area(B)]\n",
+    )
+    assert plan(EXPLORE, "--facts", facts)["result"] == "failure"
+
+
+BIDS = """bids:
+  delivery(bread): {deliver(bread): {K1: -7.5, K2: -13, K3: -14, K4: -5}}
+  delivery(keys): {deliver(keys): {K1: -9.5, K2: -3.5, K3: -9, K4: -2.5}}
+  delivery(flowers): {deliver(flowers): {K1: -12, K2: -10, K3: -4.5, K4: null}}
+"""
+
+
+def test_plan_takes_bids_from_the_file_and_shows_them(tmp_path: Path) -> None:
+    data = plan(COURIERS, "--facts", write(tmp_path, BIDS))
+    assert {r: line["local_task"] for r, line in data["lines"].items()} == {
+        "K2": "deliver(keys)",
+        "K3": "deliver(flowers)",
+        "K4": "deliver(bread)",
+    }
+    assert data["bids"][2]["bids"] == {"K1": -12, "K2": -10, "K3": -4.5, "K4": None}
+    code, output, _ = mrbt("plan", COURIERS, "--facts", write(tmp_path, BIDS))
+    assert code == 0
+    assert "-4.5)" in output, "why K3 goes"
+    assert "K3 -4.5, K2 -10, K1 -12, none of K4" in output
+
+
+def test_plan_says_whose_bids_are_waited_for(tmp_path: Path) -> None:
+    facts = write(tmp_path, BIDS.replace(", K4: null", ""))
+    code, output, _ = mrbt("plan", COURIERS, "--facts", facts, "--alive", "K1,K3,K4")
+    assert code == 0
+    assert "delivery(flowers)  waiting for bids of K4" in output
+    assert "K3 -4.5, K1 -12, waiting for K4" in output
+    running = facts + ".running.yaml"
+    Path(running).write_text(Path(facts).read_text() + "running: {K1: delivery(flowers)}\n")
+    assert "goes on with what it runs (bid -12)" in mrbt("plan", COURIERS, "--facts", running)[1]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{delivery(x): {}}", "no global task 'delivery(x)' in this mission"),
+        ("{delivery(keys): {deliver(cake): {}}}", "has no bids for 'deliver(cake)'; did you mean"),
+        ("{delivery(keys): {deliver(keys): {K9: 1}}}", "no robot 'K9'"),
+        ("{delivery(keys): {deliver(keys): {K1: fast}}}", "or null, expected, found the text"),
+        ("{delivery(keys): {deliver(keys): {K1: true}}}", "or null, expected, found"),
+        ("{delivery(keys): {deliver(keys): {K1: .nan}}}", "a finite number"),
+        ("{delivery(keys): {deliver(keys): {K1: 1e7}}}", "a number from -1000000 to 1000000"),
+    ],
+)
+def test_plan_says_what_is_wrong_with_bids(tmp_path: Path, text: str, message: str) -> None:
+    code, _, problems = mrbt("plan", COURIERS, "--facts", write(tmp_path, f"bids: {text}\n"))
+    assert code == 2
+    assert message in problems
+
+
+def test_plan_for_people_names_robots_and_reasons() -> None:
+    code, output, _ = mrbt("plan", REPAIR)
+    assert code == 0
+    assert "remove_screws  C1, C2" in output
+    assert "no request needs what it can do" in output
+
+
+def test_the_facts_of_the_documentation_can_be_planned_for(tmp_path: Path) -> None:
+    text = (ROOT / "docs" / "facts.md").read_text()
+    example = text.partition("```yaml\n")[2].partition("```")[0]
+    data = plan(REPAIR, "--facts", write(tmp_path, example))
+    assert data["lines"]["B1"]["pinned"]
+    assert data["lines"]["B1"]["global_task"] == "diagnose_part(3)"
+    for key in ("bids", *yaml.YAML().load(example)):
+        assert f"`{key}`" in text, key
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("done: [remove_screw]", "1: done[1]: no global task 'remove_screw' in this mission"),
+        ("conditions: {brokn(2): true}", "no condition; did you mean 'broken'?"),
+        ("conditions: {broken(2): 3}", "true or false expected, found the number 3"),
+        ("running: {Z9: remove_screws}", "no robot 'Z9'"),
+        ("running: {A1: remove_screws}", "A1 can do nothing that remove_screws needs"),
+        ("dome: []", "unknown key; did you mean 'done'?"),
+        ("order: stop", "one of resume, pause, abort expected"),
+        ("outcomes: [1]", "a mapping with global_task, local_task, robot, success expected"),
+        ("lost: [A1]", "a mapping expected, found a list"),
+        ("- a", "a mapping is expected, found a list"),
+    ],
+)
+def test_plan_says_what_is_wrong_with_facts(tmp_path: Path, text: str, message: str) -> None:
+    path = write(tmp_path, text)
+    code, _, problems = mrbt("plan", REPAIR, "--facts", path)
+    assert code == 2
+    assert message in problems
+    assert path in problems
+
+
+def test_plan_refuses_unknown_robots_and_missing_files(tmp_path: Path) -> None:
+    code, _, problems = mrbt("plan", REPAIR, "--alive", "A1,A9")
+    assert code == 2
+    assert "--alive A1,A9: mission vehicle_repair has no robot A9" in problems
+    code, _, problems = mrbt("plan", REPAIR, "--facts", str(tmp_path / "none.yaml"))
+    assert code == 2
+    assert "there is no such file" in problems

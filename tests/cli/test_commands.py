@@ -1,0 +1,240 @@
+"""All commands: their help, what they load, and what is said of solvers and runs that are not."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import psutil
+import pytest
+
+from mrbt_mesh.cli.app import app
+from mrbt_mesh.cli.commands import PANELS
+from mrbt_mesh.cli.framework.group import CommandGroup
+from mrbt_mesh.formats.mission_file import compile_mission, load_mission
+from mrbt_mesh.runtime.agent_main import parser
+from mrbt_mesh.runtime.run_dir import RunDir
+from mrbt_mesh.runtime.team import new_run
+from tests.support.command import EXPLORE, REPAIR, ROOT, mrbt
+
+COMMANDS = ROOT / "mrbt_mesh" / "cli" / "commands"
+
+
+def commands(
+    group: CommandGroup = app, path: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], str]]:
+    """(path, line in the list of commands) of all commands and groups."""
+    for lines in group.panels.values():
+        for name, line in lines.items():
+            yield (*path, name), line
+            inner = group.get_command(click.Context(group), name)
+            if isinstance(inner, CommandGroup):
+                yield from commands(inner, (*path, name))
+
+
+ALL = list(commands())
+
+
+def test_there_is_a_file_for_each_command_and_a_command_for_each_file() -> None:
+    files = {path.stem for path in COMMANDS.glob("*.py")} | {"tree"}
+    assert files - {"__init__"} == {name for lines in PANELS.values() for name in lines}
+    inner = {path.stem for path in (COMMANDS / "tree").glob("*.py")} - {"__init__"}
+    assert inner == {path[1] for path, _ in ALL if len(path) == 2}
+
+
+@pytest.mark.parametrize(("path", "line"), ALL, ids=[" ".join(path) for path, _ in ALL])
+def test_the_line_in_the_list_of_commands_is_the_first_of_its_own_help(
+    path: tuple[str, ...], line: str
+) -> None:
+    command: click.Command | None = app
+    for name in path:
+        assert isinstance(command, CommandGroup)
+        command = command.get_command(click.Context(command), name)
+    assert command is not None
+    first = (command.help or "").strip().partition("\n\n")[0]
+    assert " ".join(first.split()) == line
+    if path == ("agent",):
+        assert parser().description == line
+
+
+@pytest.mark.parametrize("path", [path for path, _ in ALL], ids=" ".join)
+def test_every_command_has_help_with_an_example(path: tuple[str, ...]) -> None:
+    code, output, _ = mrbt(*path, "--help")
+    assert code == 0
+    assert "example" in output.lower()
+    assert f"mrbt {' '.join(path)}" in output
+
+
+def test_without_a_command_the_list_of_commands_is_shown() -> None:
+    code, output, problems = mrbt()
+    assert (code, output) == (2, "")
+    assert "Run a team" in problems
+    assert "estimate" in problems
+
+
+def test_a_command_that_is_none_is_refused_with_the_nearest_one() -> None:
+    code, _, problems = mrbt("simulate")
+    assert code == 2
+    assert "No such command 'simulate'." in problems
+    code, _, problems = mrbt("kil", "A1")
+    assert (code, "Did you mean 'kill'?" in problems) == (2, True)
+    code, _, problems = mrbt("tree", "chek")
+    assert (code, "Did you mean 'check'?" in problems) == (2, True)
+
+
+# -- what is loaded ---------------------------------------------------------------------------
+
+LARGE = {"zenoh", "numpy", "ortools", "pydantic", "ruamel", "anyio", "cryptography", "structlog"}
+# Runs a command and writes, however it ends, which packages it has imported.
+SCRIPT = """
+import atexit, os, sys
+file, end = sys.argv.pop(1), os._exit
+def tell(code=None):
+    with open(file, "w") as stream:
+        stream.write(" ".join({name.partition(".")[0] for name in sys.modules}))
+    if code is not None:
+        end(code)
+atexit.register(tell)
+os._exit = tell
+from mrbt_mesh.cli.main import main
+main()
+"""
+
+
+def loaded(tmp_path: Path, *arguments: str) -> tuple[int, set[str]]:
+    """(exit status, packages imported) of a command in a process of its own."""
+    file = tmp_path / "loaded"
+    command = [sys.executable, "-c", SCRIPT, str(file), *arguments]
+    variables = {**os.environ, "MRBT_STATE_DIR": str(tmp_path / "state")}
+    done = subprocess.run(command, env=variables, capture_output=True, cwd=ROOT, check=False)
+    return done.returncode, set(file.read_text().split())
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--help"], ["--version"], *([*path, "--help"] for path, _ in ALL if path != ("agent",))],
+    ids=" ".join,
+)
+def test_help_loads_nothing_large(tmp_path: Path, arguments: list[str]) -> None:
+    code, packages = loaded(tmp_path, *arguments)
+    assert (code, packages & LARGE) == (0, set())
+
+
+def test_the_version_is_told_without_loading_what_draws(tmp_path: Path) -> None:
+    assert "rich" not in loaded(tmp_path, "--version")[1]
+
+
+@pytest.mark.parametrize("command", ["kill", "freeze", "thaw"])
+def test_a_signal_is_sent_without_loading_anything_large(tmp_path: Path, command: str) -> None:
+    """A short mission may be over before a slow command has started."""
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
+        run_dir = a_run(tmp_path / "run", process.pid)
+        code, packages = loaded(tmp_path, command, "R1", "--run-dir", str(run_dir))
+        process.kill()
+    assert (code, packages & (LARGE | {"rich"})) == (0, set())
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["validate", EXPLORE],
+        ["plan", EXPLORE],
+        ["analyze", EXPLORE, "--json"],
+        ["tree", "show", EXPLORE],
+        ["tree", "check", "examples/lift/repair.xml"],
+        ["assign", "problem.json"],
+    ],
+    ids=lambda arguments: " ".join(arguments[:2]),
+)
+def test_what_needs_no_network_does_not_load_it(tmp_path: Path, arguments: list[str]) -> None:
+    problem = tmp_path / "problem.json"
+    problem.write_text('{"robots": {"r": {"a": 1}}, "demands": []}')
+    arguments = [str(problem) if text == "problem.json" else text for text in arguments]
+    code, packages = loaded(tmp_path, *arguments)
+    assert (code, "zenoh" in packages) == (0, False)
+
+
+@pytest.mark.parametrize("command", [["validate", EXPLORE], ["tree", "show", EXPLORE]])
+def test_what_plans_nothing_loads_no_solver(tmp_path: Path, command: list[str]) -> None:
+    code, packages = loaded(tmp_path, *command)
+    assert (code, "ortools" in packages) == (0, False)
+
+
+def test_the_status_of_a_run_that_is_over_needs_no_network_and_no_solver(tmp_path: Path) -> None:
+    run_dir = a_run(tmp_path / "run", 0)
+    (run_dir / "summary.json").write_text('{"result": "success", "robots": {}}')
+    code, packages = loaded(tmp_path, "status", "--run-dir", str(run_dir))
+    assert (code, packages & (LARGE | {"rich"})) == (0, set())
+
+
+def a_run(path: Path, pid: int) -> Path:
+    """The directory of a run of which the robot R1 has this process; 0: of which nobody runs."""
+    mission = load_mission(Path(EXPLORE))
+    info = new_run(mission, Path(EXPLORE), ["R1"], "p.py", beat_s=0.1, detection_s=0.5, speed=1.0)
+    RunDir.create(path, info, compile_mission(mission))
+    if pid:
+        started_s = psutil.Process(pid).create_time()
+        text = json.dumps({"pid": pid, "started_unix_s": started_s})
+        (path / "R1.process").write_text(text)
+    return path
+
+
+# -- what is refused --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", ["assign", "plan", "sim", "up"])
+def test_a_solver_that_cannot_be_used_is_refused(tmp_path: Path, command: str) -> None:
+    path = tmp_path / "problem.json"
+    path.write_text('{"robots": {"r": {"a": 1}}, "demands": []}')
+    file = str(path) if command == "assign" else EXPLORE
+    code, output, problems = mrbt(command, file, "--solver", "cpsat")
+    assert (code, output) == (2, "")
+    assert "no solver 'cpsat'; did you mean 'cp_sat'?" in problems
+    code, _, problems = mrbt(command, file, "--solver", "tests_have_no_such.module:solve")
+    assert code == 2
+    assert "put its folder on PYTHONPATH" in problems
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("up", REPAIR, "--robots", "A1,Z9"), "mission vehicle_repair has no robot Z9"),
+        (("up", REPAIR, "--robots", "A1,A1"), "a robot is named twice"),
+        (("up", REPAIR, "--beat", "1"), "the detection time must be at least 3 beat periods"),
+        (("up", REPAIR, "--beat", "nan"), "nan: expected a number, above 0"),
+        (("up", "nowhere.yaml"), "nowhere.yaml"),
+        (("up", REPAIR, "--program", "nowhere.py"), "nowhere.py: there is no such file"),
+        (("up", REPAIR, "--detach", "--json"), "--json: with --detach nobody watches the run"),
+        (("up", REPAIR, "--detach", "--timeout", "9"), "--timeout: with --detach nobody"),
+        (("up", REPAIR, "--resume"), "--resume needs the --run-dir"),
+        (("kill", "A1"), "no run is known here: start one with `mrbt up`"),
+        (("kill",), "Missing argument 'ROBOT'"),
+        (("kill", "A1", "A2"), "Got unexpected extra argument (A2)"),
+        (("kill", "A1", "--run-dir", "a", "--run-dir", "b"), "--run-dir is given 2 times"),
+        (("join", "A1"), "no run is known here"),
+        (("status",), "no run is known here"),
+        (("decide", "x", "perhaps"), "'perhaps' is not one of 'done', 'failed', 'retry'"),
+        (("analyze", REPAIR, "--limit", "0"), "0: expected a number, 0.1 or more"),
+        (("analyze", REPAIR, "--html", "/nowhere/x.html"), "there is no folder /nowhere"),
+        (("tree", "check", REPAIR, "--strict"), "--strict: for BehaviorTree.CPP files"),
+        (("drill", "--list", "--json"), "--json: --list runs no drill"),
+        (("drill",), "name a drill, or say --all"),
+    ],
+)
+def test_bad_input_is_a_message_and_status_2(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], message: str
+) -> None:
+    monkeypatch.setenv("MRBT_STATE_DIR", str(tmp_path))
+    code, output, problems = mrbt(*arguments)
+    assert (code, output) == (2, "")
+    assert message in problems.replace("\n", " ")
+
+
+def test_the_readme_shows_the_example_as_it_is() -> None:
+    example = Path(EXPLORE).read_text()
+    assert example[example.index("mission: explore") :] in (ROOT / "README.md").read_text()

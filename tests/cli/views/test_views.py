@@ -1,0 +1,93 @@
+"""What people see: the live view, plans and summaries, drawn from simulated runs."""
+
+from __future__ import annotations
+
+from rich.console import Console, RenderableType
+
+from mrbt_mesh.cli.views.live_view import render_live
+from mrbt_mesh.cli.views.summary_view import render_summary
+from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.runtime.program_loader import load_program
+from mrbt_mesh.sim import Kill, Lose, SimulationResult, simulate
+from tests.support.command import ROOT
+
+REPAIR = ROOT / "examples" / "vehicle_repair" / "mission.yaml"
+SECOND = 1_000_000
+
+
+def run(until_s: float, *schedule: tuple[int, Kill | Lose]) -> SimulationResult:
+    """The repair until a moment in the middle of it."""
+    mission = load_mission(REPAIR)
+    program = load_program(mission.program or "")
+    timeout_us = round(until_s * SECOND)
+    return simulate(mission, program, seed=1, schedule=schedule, timeout_us=timeout_us)
+
+
+def drawn(view: RenderableType, height: int = 40) -> str:
+    console = Console(width=140, height=height, record=True, file=None, force_terminal=False)
+    with console.capture() as captured:
+        console.print(view)
+    return captured.get()
+
+
+def live(result: SimulationResult, until_s: float, height: int = 40) -> str:
+    return drawn(render_live(result.observer, round(until_s * SECOND), height), height)
+
+
+def line_of(text: str, part: str) -> str:
+    return next(line for line in text.splitlines() if part in line)
+
+
+def test_the_live_view_shows_tree_robots_and_what_happened() -> None:
+    text = live(run(8.0), 8.0)
+    assert "vehicle_repair" in text
+    assert "all agree" in text
+    assert "✔ remove_cover" in text
+    assert "▶ diagnose (Parallel 5/5)" in text
+    assert "do_diagnosis(3)" in line_of(text, "B1 B")
+    assert "alive" in line_of(text, "C1 C")
+    assert "· fix (Parallel 5/5)" in text, "what does not run is folded"
+    assert "solder" not in text
+    assert "move_frame done" in text
+
+
+def test_the_live_view_shows_faults_and_what_is_blocked() -> None:
+    kill, lose = (1 * SECOND, Kill("C1")), (2 * SECOND, Lose("B1", "do_diagnosis"))
+    text = live(run(8.0, kill, lose), 8.0)
+    assert "dead" in line_of(text, "C1 C")
+    assert "lost do_diagnosis" in line_of(text, "B1 B")
+    assert "remove_cover blocked: move_frame needs 2, 1 alive" in text
+    assert "C1 is dead" in text
+
+
+def test_the_live_view_fits_a_small_terminal() -> None:
+    text = live(run(8.0), 8.0, height=24)
+    assert len(text.splitlines()) <= 24
+    assert "B2 B" in text
+
+
+def test_a_subtree_is_shown_with_its_own_name_and_its_childs_children() -> None:
+    text = live(run(13.0), 13.0)
+    below = text.splitlines()[text.splitlines().index(line_of(text, "fix_part(2)")) + 1]
+    assert "Inverter" in below
+    assert "✔ fix_part(1)" in text
+
+
+def test_the_summary_tells_the_story_of_a_takeover() -> None:
+    result = run(60.0, (7 * SECOND, Kill("A1")))
+    assert result.result == "success"
+    text = drawn(render_summary(result.summary))
+    assert "mission succeeded" in text
+    assert "1 fault" in text
+    assert "A1 died" in text
+    assert "dead" in line_of(text, "A1     A")
+
+
+def test_bids_are_in_the_live_view_and_in_the_summary() -> None:
+    mission = load_mission(REPAIR.parents[1] / "couriers" / "mission.yaml")
+    program = load_program(mission.program or "")
+    result = simulate(mission, program, seed=1)
+    summary = drawn(render_summary(result.summary))
+    assert "K4 -5.12, K1 -7.41, K2 -13, K3 -13.62" in line_of(summary, "deliver(bread)  ")
+    begun = simulate(mission, program, seed=1, timeout_us=SECOND)
+    assert "K4: bids -2.8 for deliver(keys)" in live(begun, 1)
