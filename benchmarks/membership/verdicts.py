@@ -5,8 +5,9 @@ from __future__ import annotations
 import random
 from dataclasses import dataclass, field
 
-from benchmarks.membership.mesh import Mesh, Node
 from benchmarks.membership.networks import SECOND_US, TIMING, WARM_UP_US, Net, mission, name
+from benchmarks.membership.team import SteppedTeam
+from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.membership.membership import State
 from mrbt_mesh.sim.engine.network import Link
 
@@ -30,20 +31,20 @@ class Verdicts:
 
 
 class Watch:
-    """Follows both detectors of every robot while a mesh runs."""
+    """Follows both detectors of every robot while a team runs."""
 
-    def __init__(self, mesh: Mesh) -> None:
-        self.mesh = mesh
+    def __init__(self, team: SteppedTeam) -> None:
+        self.team = team
         self.found = Verdicts()
         self._dead: set[Link] = set()
         self._beat_us: dict[Link, int] = {}
         self._frozen_us: dict[str, int] = {}
-        mesh.on_step = self._step
-        mesh.on_beat = self._beat
+        team.on_step = self._step
+        team.on_beat = self._beat
 
-    def _step(self, node: Node, now_us: int) -> None:
-        for robot, peer in node.agent.view.peers.items():
-            pair = (robot, node.agent.view.robot)
+    def _step(self, agent: AgentView, now_us: int) -> None:
+        for robot, peer in agent.peers.items():
+            pair = (robot, agent.robot)
             if peer.state is not State.DEAD:
                 self._dead.discard(pair)
             elif pair not in self._dead:
@@ -59,12 +60,12 @@ class Watch:
         self._beat_us[source, target] = now_us
 
     def freeze(self, robot: str) -> None:
-        self._frozen_us[robot] = self.mesh.now_us
-        self.mesh.freeze(robot)
+        self._frozen_us[robot] = self.team.now_us
+        self.team.freeze(robot)
 
     def close(self) -> Verdicts:
         """The plain detector's times follow from the last beat that each robot received."""
-        silent = set(self.mesh.network.blocked)
+        silent = set(self.team.network.blocked)
         for (source, target), last_us in self._beat_us.items():
             due_us = last_us + TIMING.detection_us
             if (source, target) in silent:
@@ -77,18 +78,18 @@ class Watch:
 
 def verdicts(robots: int, net: Net, rest_s: int, victims: int, seed: int) -> Verdicts:
     """A team at rest for a while; then some robots freeze, one after the other."""
-    mesh = Mesh(mission(robots, 1), net.knobs(), seed)
-    watch = Watch(mesh)
+    team = SteppedTeam(mission(robots, 1), net.knobs(), seed)
+    watch = Watch(team)
     choose = random.Random(f"victims/{seed}")
-    mesh.launch_all()
-    mesh.run_until(min(WARM_UP_US, rest_s * SECOND_US))
-    mesh.network.block(net.blocked())
-    mesh.run_until(rest_s * SECOND_US)
+    team.launch_all()
+    team.run_until(min(WARM_UP_US, rest_s * SECOND_US))
+    team.network.block(net.blocked())
+    team.run_until(rest_s * SECOND_US)
     watch.found.minutes = rest_s / 60
     # Of three robots, the third that the ends of a broken link have to ask must stay.
     candidates = range(1) if net.links and robots == 3 else range(robots)
     for victim in choose.sample(candidates, victims):
-        mesh.run_until(mesh.now_us + choose.randrange(TIMING.heartbeat_us))
+        team.run_until(team.now_us + choose.randrange(TIMING.heartbeat_us))
         watch.freeze(name(victim))
-        mesh.run_until(mesh.now_us + TIMING.max_detection_us + SECOND_US)
+        team.run_until(team.now_us + TIMING.max_detection_us + SECOND_US)
     return watch.close()

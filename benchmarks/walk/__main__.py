@@ -41,7 +41,7 @@ def counted(trace: Trace) -> dict[str, Any]:
 def outcome() -> dict[str, Any]:
     walk = Walk()
     trace = walk.outcome()
-    sender = trace.of(walk.sender.agent.view.robot)
+    sender = trace.of(walk.sender)
     return {
         "all": counted(trace),
         "sender": counted(sender),

@@ -6,10 +6,10 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.membership.mesh import Mesh, Node
+from benchmarks.membership.team import SteppedTeam
 from benchmarks.walk.trace import Trace, begin, end
 from mrbt_mesh.core.agent.agent import Agent
-from mrbt_mesh.core.agent.inputs import ActionFinished
+from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.sim.engine.network import LinkKnobs, NetworkKnobs
@@ -65,47 +65,43 @@ def mission() -> Mission:
 class Walk:
     """The team, up to where B1 diagnoses the first part: the second action of the run."""
 
+    sender = "B1"
+
     def __init__(self) -> None:
-        self._mesh = Mesh(mission(), NetworkKnobs(LinkKnobs(jitter_us=0)), seed=0)
-        self._mesh.on_step = self._after_step
+        self._team = SteppedTeam(mission(), NetworkKnobs(LinkKnobs(jitter_us=0)), seed=1)
+        self._team.on_step = self._after_step
         # The other robot that has started an action.
         self.started = ""
         self._is_waiting = False
-        self._mesh.launch_all()
-        self._mesh.run_until(AT_REST_US)
-        self._end_action(self._mesh.nodes["A1"])
-        self._mesh.run_until(2 * AT_REST_US)
-        self.sender = self._mesh.nodes["B1"]
+        self._team.launch_all()
+        self._team.run_until(AT_REST_US)
+        self._team.end_action("A1")
+        self._team.run_until(2 * AT_REST_US)
+        assert self._team.at_work() == [self.sender]
 
     def outcome(self) -> Trace:
         """From B1's diagnosis (the part is broken) to the start of the repair by another robot."""
-        return self._until_somebody_starts(lambda: self._end_action(self.sender, "broken(1)"))
+        conditions = (("broken(1)", True),)
+        return self._until_somebody_starts(lambda: self._team.end_action(self.sender, conditions))
 
     def kill(self) -> Trace:
         """From the death of B1 at its diagnosis until another robot takes over."""
-        return self._until_somebody_starts(lambda: self._mesh.kill(self.sender.agent.view.robot))
+        return self._until_somebody_starts(lambda: self._team.kill(self.sender))
 
     def _until_somebody_starts(self, event: Callable[[], None]) -> Trace:
-        give_up_us = self._mesh.now_us + GIVE_UP_US
+        give_up_us = self._team.now_us + GIVE_UP_US
         self._is_waiting = True
         trace = begin(STEPS)
         event()
         while self._is_waiting:
-            self._mesh.run_until(self._mesh.now_us + SLICE_US)
-            if self._mesh.now_us > give_up_us:
+            self._team.run_until(self._team.now_us + SLICE_US)
+            if self._team.now_us > give_up_us:
                 end()
                 raise TimeoutError("no other robot has started an action")
         return trace
 
-    def _end_action(self, node: Node, *conditions: str) -> None:
-        assert node.action is not None
-        ticket, node.action = node.action, None
-        self._mesh.give(
-            node, ActionFinished(ticket, True, None, tuple((c, True) for c in conditions))
-        )
-
-    def _after_step(self, node: Node, _: int) -> None:
-        if self._is_waiting and node is not self.sender and node.action is not None:
+    def _after_step(self, agent: AgentView, _: int) -> None:
+        if self._is_waiting and agent.robot != self.sender and agent.robot in self._team.at_work():
             end()
             self._is_waiting = False
-            self.started = node.agent.view.robot
+            self.started = agent.robot

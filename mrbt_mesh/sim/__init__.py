@@ -27,9 +27,11 @@ from mrbt_mesh.sim.engine.faults import (
     partition,
 )
 from mrbt_mesh.sim.engine.network import LinkKnobs, NetworkKnobs
+from mrbt_mesh.sim.engine.setup import AgentOptions
 from mrbt_mesh.sim.run import SimulationError, SimulationResult, simulate
 
 __all__ = [
+    "AgentOptions",
     "Block",
     "ClockJump",
     "ClockRate",

@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import anyio
 
 from mrbt_mesh.core.agent.agent import Agent
-from mrbt_mesh.core.assignment.problem import Solver
-from mrbt_mesh.core.assignment.solvers import default_solver
-from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.engine import Engine
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.runtime.engine_choice import chosen_engine
 from mrbt_mesh.runtime.program import RobotProgram
+from mrbt_mesh.sim.checkers.comparison import PlanComparison
+from mrbt_mesh.sim.checkers.inspection import FullInspection
 from mrbt_mesh.sim.engine.clock import VirtualLoop
 from mrbt_mesh.sim.engine.failures import NO_FAILURES, FailureModel
 from mrbt_mesh.sim.engine.faults import Schedule
+from mrbt_mesh.sim.engine.inspection import Inspection
 from mrbt_mesh.sim.engine.network import NetworkKnobs
 from mrbt_mesh.sim.engine.scenario import Scenario
-from mrbt_mesh.sim.engine.world import Setup, World
+from mrbt_mesh.sim.engine.setup import AgentOptions, Setup
+from mrbt_mesh.sim.engine.sharing import shared_engine
+from mrbt_mesh.sim.engine.world import World
 
 DEFAULT_TIMEOUT_US = 600_000_000
 
@@ -31,6 +35,7 @@ class SimulationError(RuntimeError):
     """An agent, a robot's program or the simulator itself broke; the message has the seed."""
 
 
+# Attributes: what a caller may ask of a run, each under its own name.
 @dataclass(frozen=True)
 class SimulationResult:
     """What came out of a run.
@@ -39,8 +44,8 @@ class SimulationResult:
     lines of events.jsonl), `violations` the invariants that did not hold, `checks` how often each
     one was checked. `done_twice` counts local tasks that succeeded more often than their `max`,
     `exclusive_done_twice` exclusive tasks that did. `stops` says why each agent stopped: (exit
-    code, reason). `befallen` counts the faults of each kind. `agents` are those of the last
-    processes, to be looked at.
+    code, reason). `fault_counts`: how many faults of each kind there were. `agents` are those of
+    the last processes, to be looked at.
     """
 
     seed: int
@@ -54,7 +59,7 @@ class SimulationResult:
     done_twice: int
     exclusive_done_twice: int
     stops: Mapping[str, tuple[int, str]]
-    befallen: Mapping[str, int]
+    fault_counts: Mapping[str, int]
     agents: Mapping[str, Agent]
     observer: Observer
     duration_us: int
@@ -72,26 +77,21 @@ def simulate(
     seed: int,
     robots: Iterable[str] | None = None,
     schedule: Schedule = (),
+    failures: FailureModel = NO_FAILURES,
     network: NetworkKnobs | None = None,
-    timing: Timing | None = None,
+    agents: AgentOptions | None = None,
     timeout_us: int = DEFAULT_TIMEOUT_US,
     speed: float = 1.0,
-    exit_when_done: bool = True,
     stop_when_stuck: bool = False,
-    failures: FailureModel = NO_FAILURES,
-    plan_delay_us: int | None = None,
-    solver: Solver = default_solver,
-    solvers: Mapping[str, Solver] | None = None,
     inspect: bool = True,
     keep_log: bool = False,
 ) -> SimulationResult:
     """Run `mission` with the robots (all of the file by default) in virtual time.
 
-    The same arguments give the same run, effect for effect. With `plan_delay_us` a plan takes so
-    long, during which its robot goes on beating. Without `inspect` nothing is checked
-    and no effect log is kept, which is faster and changes nothing else. `solvers` are those of
-    robots that have another one than `solver`. Raises ValueError for a
-    robot that the mission does not have, SimulationError if an agent breaks.
+    The same arguments give the same run, effect for effect; what they mean: `Setup`. Without
+    `inspect` nothing is checked and no effect log is kept, which is faster and changes nothing
+    else. `keep_log`: keep the log's lines, not only their digest. Raises ValueError for a robot
+    that the mission does not have, SimulationError if an agent breaks.
     """
     team = tuple(sorted(mission.robots if robots is None else set(robots)))
     steps = tuple(schedule)
@@ -109,40 +109,59 @@ def simulate(
         robots=team,
         timeout_us=timeout_us,
         schedule=steps,
-        network=network or NetworkKnobs(),
-        timing=timing or Timing(),
-        speed=speed,
-        exit_when_done=exit_when_done,
-        stop_when_stuck=stop_when_stuck,
         failures=failures,
-        plan_delay_us=plan_delay_us,
-        solver=solver,
-        solvers=solvers or {},
-        inspect=inspect,
-        keep_log=keep_log,
+        network=network or NetworkKnobs(),
+        agents=agents or AgentOptions(),
+        speed=speed,
+        stop_when_stuck=stop_when_stuck,
     )
-    world = World(setup)
+    world = _inspected(setup, keep_log) if inspect else _unseen(setup)
     _run(world)
     return _result(world)
 
 
 def run_scenario(
-    mission: Mission, program: RobotProgram, scenario: Scenario, *, keep_log: bool = False
+    mission: Mission,
+    program: RobotProgram,
+    scenario: Scenario,
+    *,
+    engine: Engine | None = None,
+    keep_log: bool = False,
 ) -> SimulationResult:
     """`simulate` with the faults, the network and the robots of a scenario."""
+    agents = AgentOptions(
+        engine=engine or chosen_engine(),
+        plan_delay_us=scenario.plan_delay_us,
+        exit_when_done=not scenario.stays,
+    )
     return simulate(
         mission,
         program,
         seed=scenario.seed,
         robots=scenario.robots,
         schedule=scenario.steps,
-        plan_delay_us=scenario.plan_delay_us,
         network=scenario.network,
+        agents=agents,
         timeout_us=scenario.timeout_us,
         speed=scenario.speed,
-        exit_when_done=not scenario.stays,
         keep_log=keep_log,
     )
+
+
+def _inspected(setup: Setup, keep_log: bool) -> World:
+    """What is checked, each robot must have computed for itself."""
+    comparison = PlanComparison(setup.agents.engine)
+    checked = _with_engine(setup, comparison.engine)
+    return World(checked, lambda world: FullInspection(world, comparison, keep_log))
+
+
+def _unseen(setup: Setup) -> World:
+    shared = _with_engine(setup, shared_engine(setup.header, setup.agents.engine))
+    return World(shared, lambda world: Inspection())
+
+
+def _with_engine(setup: Setup, engine: Engine) -> Setup:
+    return replace(setup, agents=replace(setup.agents, engine=engine))
 
 
 def _run(world: World) -> None:
@@ -157,12 +176,12 @@ def _run(world: World) -> None:
 
 def _result(world: World) -> SimulationResult:
     observer, now_us = world.observer, world.clock.now_us
-    if world.gave_up and not world.cut_off and world.network.is_reliable_at(now_us):
+    if world.ending.gave_up and not world.cut_off and world.network.is_reliable_at(now_us):
         world.inspection.never_stopped()
-    if world.timed_out and observer.record.result is None:
+    if world.ending.timed_out and observer.record.result is None:
         world.inspection.timed_out()
     result = observer.result(anybody_lives=bool(world.living()))
-    processes = world.processes
+    processes = world.robots.processes
     return SimulationResult(
         seed=world.setup.seed,
         result=result,
@@ -175,7 +194,7 @@ def _result(world: World) -> SimulationResult:
         done_twice=world.inspection.done_twice,
         exclusive_done_twice=world.inspection.exclusive_done_twice,
         stops={r: (p.stop.code, p.stop.reason) for r, p in processes.items() if p.stop},
-        befallen=dict(world.befallen),
+        fault_counts=dict(world.injector.counts),
         agents={r: p.agent for r, p in processes.items() if p.agent},
         observer=observer,
         duration_us=now_us,

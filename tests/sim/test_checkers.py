@@ -29,7 +29,7 @@ from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import InDoubtPolicy
 from mrbt_mesh.sim import Kill, NetworkKnobs, simulate
-from mrbt_mesh.sim.checkers import Checkers
+from mrbt_mesh.sim.checkers.checkers import Checkers
 from mrbt_mesh.sim.checkers.findings import is_connected
 from mrbt_mesh.sim.engine.clock import VirtualClock
 from mrbt_mesh.sim.engine.network import Network
@@ -145,10 +145,10 @@ def test_i2_nobody_is_held_for_dead_who_is_heard(team: Team) -> None:
     team.network.blocked = {("B1", "A1"), ("B1", "A2"), ("B2", "A1")}
     assert declared_dead("B1") == [f"{text} C2 hears"]
     # A link that has just come back, or a fault of another kind: give it time.
-    team.checkers.findings.befell([("B1", "C2")])
+    team.checkers.findings.fault_came([("B1", "C2")])
     assert declared_dead("B1") == []
     team.network.blocked = set()
-    team.checkers.findings.befell()
+    team.checkers.findings.fault_came()
     assert declared_dead("B1") == []
 
 
@@ -237,7 +237,7 @@ def test_i6_a_robot_that_does_not_join(team: Team) -> None:
     team.healed_us = 0
     agent = team.agents[0]
     inside.context(agent).joining = Joining(team.timing, frozenset(), team.clock.now_us)
-    team.checkers.findings.befell()
+    team.checkers.findings.fault_came()
     team.checkers.i6.sample()
     assert team.checkers.violations == []
     team.clock.now_us += 30 * SECOND_US

@@ -33,7 +33,7 @@ def test_who_dies_after_an_action_has_told_its_outcome() -> None:
     result = run(FailureModel(major={EVERYBODY: Rate(per_action=1.0)}))
     ends = [event["robot"] for event in result.events if event["event"] == "end"]
     assert sorted(ends) == sorted(set(ends))
-    assert result.befallen == {"Kill": len(ends)}
+    assert result.fault_counts == {"Kill": len(ends)}
     told = {entry.author for entry in result.observer.facts.map if "outcome/" in entry.name}
     assert told == set(ends)
     assert result.result == "blocked"
@@ -43,7 +43,7 @@ def test_who_dies_after_an_action_has_told_its_outcome() -> None:
 def test_a_type_or_a_robot_may_be_the_only_ones_to_fail() -> None:
     result = run(FailureModel(major={"C": Rate(per_action=1.0)}))
     assert {fault["robot"] for fault in result.summary["faults"]} <= {"C1", "C2"}
-    assert result.befallen["Kill"] == 2
+    assert result.fault_counts["Kill"] == 2
 
 
 def test_the_dead_return_and_what_is_lost_is_repaired() -> None:
@@ -55,8 +55,8 @@ def test_the_dead_return_and_what_is_lost_is_repaired() -> None:
     assert run(lasting).result == "blocked"
     result = run(passing)
     assert result.result == "success", result.summary["blocked"]
-    assert result.befallen["Restart"] >= 2
-    assert result.befallen["Restore"] >= 1
+    assert result.fault_counts["Restart"] >= 2
+    assert result.fault_counts["Restore"] >= 1
 
 
 def test_failures_per_hour_are_as_frequent_as_they_say() -> None:
@@ -78,7 +78,7 @@ def test_failures_per_hour_are_as_frequent_as_they_say() -> None:
             speed=0.01,
             inspect=False,
         )
-        deaths += result.befallen.get("Kill", 0)
+        deaths += result.fault_counts.get("Kill", 0)
     assert 73 <= deaths <= 132
 
 
@@ -86,7 +86,7 @@ def test_one_more_fault_leaves_those_before_as_they_were() -> None:
     def kills(number: int) -> list[str]:
         model = FailureModel(major_faults=number, within_us=15 * SECOND_US)
         result = run(model, seed=5, keep_log=True)
-        assert result.befallen.get("Kill", 0) == number
+        assert result.fault_counts.get("Kill", 0) == number
         return [line for line in result.effect_log if '"fault":"Kill' in line]
 
     two, three = kills(2), kills(3)
@@ -99,7 +99,7 @@ def test_minor_faults_take_different_capabilities() -> None:
     assert len(losable(mission)) == 18
     model = FailureModel(minor_faults=18, within_us=SECOND_US)
     result = run(model)
-    assert result.befallen == {"Lose": 18}
+    assert result.fault_counts == {"Lose": 18}
     assert result.result == "blocked"
 
 

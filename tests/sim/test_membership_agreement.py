@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks.membership.mesh import Mesh
-from mrbt_mesh.core.agent.inputs import ActionFinished, CapabilityChanged
+from benchmarks.membership.team import SteppedTeam
+from mrbt_mesh.core.agent.inputs import CapabilityChanged
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.sim.engine.network import Link, LinkKnobs, NetworkKnobs
 from tests.support import build
@@ -19,30 +19,30 @@ GOOD = LinkKnobs()
 ROBOTS = 6
 
 
-def mesh(link: LinkKnobs, seed: int, blocked: list[Link] | None = None) -> Mesh:
+def started(link: LinkKnobs, seed: int, blocked: list[Link] | None = None) -> SteppedTeam:
     """Six robots at work on more tasks than they are."""
     robots = {f"R{i:02d}": {"work": 1.0} for i in range(ROBOTS)}
     names = [f"task{i:02d}" for i in range(ROBOTS + 6)]
     tasks = [build.task(name, ("work", 1, 1)) for name in names]
     tree = build.parallel(len(names), *map(build.action, names))
     mission = build.make_mission(tree, robots, tasks)
-    team = Mesh(mission, NetworkKnobs(link, token_delay_us=None), seed)
+    team = SteppedTeam(mission, NetworkKnobs(link, token_delay_us=None), seed)
     team.network.block(blocked or [])
     team.launch_all()
     team.run_until(10 * SECOND_US)
     return team
 
 
-def all_may_start(team: Mesh) -> bool:
+def all_may_start(team: SteppedTeam) -> bool:
     """Whether all have one plan, and each has heard it of all others."""
-    agents = [node.agent for node in team.living()]
-    if any(agent.view.is_joining or agent.view.plan is None for agent in agents):
+    agents = team.living()
+    if any(agent.is_joining or agent.plan is None for agent in agents):
         return False
-    digests = {agent.view.plan.digest for agent in agents if agent.view.plan is not None}
-    return len(digests) == 1 and all(agent.view.agrees() for digest in digests for agent in agents)
+    digests = {agent.plan.digest for agent in agents if agent.plan is not None}
+    return len(digests) == 1 and all(agent.agrees() for agent in agents)
 
 
-def agreed_after_us(team: Mesh, at_most_us: int) -> int:
+def agreed_after_us(team: SteppedTeam, at_most_us: int) -> int:
     """How long until then, to 10 ms; fails if it is too long."""
     start_us = team.now_us
     while not all_may_start(team):
@@ -54,16 +54,16 @@ def agreed_after_us(team: Mesh, at_most_us: int) -> int:
 def test_on_a_bad_network_a_team_agrees_within_a_second_as_a_rule() -> None:
     times_us = []
     for seed in range(5):
-        team = mesh(BAD, seed)
+        team = started(BAD, seed)
         for _ in range(3):
-            working = [node for node in team.living() if node.agent.view.action is not None]
+            working = team.at_work()
             chosen = working[seed % len(working)]
-            assert chosen.agent.view.action is not None
-            before = chosen.agent.view.plan
-            team.give(chosen, ActionFinished(chosen.agent.view.action.number, True))
-            assert chosen.agent.view.plan is not None
+            before = team.agent(chosen).plan
+            team.end_action(chosen)
+            after = team.agent(chosen).plan
             assert before is not None
-            assert chosen.agent.view.plan.digest != before.digest
+            assert after is not None
+            assert after.digest != before.digest
             times_us.append(agreed_after_us(team, 3 * SECOND_US))
             team.run_until(team.now_us + SECOND_US)
             team.give(chosen, CapabilityChanged("work", lost=True))
@@ -76,20 +76,18 @@ def test_on_a_bad_network_a_team_agrees_within_a_second_as_a_rule() -> None:
 
 
 def test_on_a_good_network_a_team_agrees_in_two_message_delays() -> None:
-    team = mesh(GOOD, 1)
-    chosen = next(node for node in team.living() if node.agent.view.action is not None)
-    assert chosen.agent.view.action is not None
-    team.give(chosen, ActionFinished(chosen.agent.view.action.number, True))
+    team = started(GOOD, 1)
+    team.end_action(team.at_work()[0])
     agreed_after_us(team, 10_000)
 
 
 @pytest.mark.parametrize("link", [GOOD, BAD], ids=["good", "bad"])
 def test_a_robot_that_starts_again_is_in_the_team_within_three_seconds(link: LinkKnobs) -> None:
     for seed in range(4):
-        team = mesh(link, seed)
+        team = started(link, seed)
         team.kill("R02")
         team.run_until(team.now_us + 500_000)
-        team.launch("R02", sorted(team.nodes))
+        team.launch("R02")
         agreed_after_us(team, 3 * SECOND_US)
 
 
@@ -97,34 +95,32 @@ def test_one_way_links_keep_no_newcomer_out_and_repair_goes_over_others() -> Non
     """R00 is not heard by R01, R01 not by R02: questions between them never arrive."""
     links = [("R00", "R01"), ("R01", "R02")]
     for seed in range(3):
-        team = mesh(BAD, seed, links)
-        assert not any(node.agent.view.is_joining for node in team.living()), f"seed {seed}"
+        team = started(BAD, seed, links)
+        assert not any(agent.is_joining for agent in team.living()), f"seed {seed}"
         team.run_until(team.now_us + 5 * SECOND_US)
-        assert len({node.agent.view.facts.map.digest() for node in team.living()}) == 1, (
-            f"seed {seed}"
-        )
+        assert len({agent.facts.map.digest() for agent in team.living()}) == 1, f"seed {seed}"
 
 
 def test_a_newcomer_that_one_robot_cannot_hear_waits_for_it_no_longer_than_it_must() -> None:
-    team = mesh(GOOD, 1)
+    team = started(GOOD, 1)
     team.kill("R02")
     team.run_until(team.now_us + 4 * SECOND_US)
     team.network.block([("R02", "R00")])
-    team.launch("R02", sorted(team.nodes))
+    team.launch("R02")
     agreed_after_us(team, Timing().max_silence_us)
 
 
 def test_the_same_seed_gives_the_same_run() -> None:
     def story(seed: int) -> list[object]:
-        team = mesh(BAD, seed)
+        team = started(BAD, seed)
         return [
-            team.messages,
-            team.bytes,
-            [node.agent.view.facts.map.digest() for node in team.living()],
+            team.sent,
+            team.sent_bytes,
+            [agent.facts.map.digest() for agent in team.living()],
             [
                 (peer.report.number, peer.last_heard_us, peer.silence_limit_us)
-                for node in team.living()
-                for peer in node.agent.view.peers.values()
+                for agent in team.living()
+                for peer in agent.peers.values()
             ],
         ]
 

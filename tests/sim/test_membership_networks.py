@@ -10,7 +10,8 @@ from collections.abc import Iterable
 
 import pytest
 
-from benchmarks.membership.mesh import Mesh, Node
+from benchmarks.membership.team import SteppedTeam
+from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.membership.membership import State
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.sim.engine.network import Link, LinkKnobs, NetworkKnobs
@@ -20,7 +21,7 @@ SECOND_US = 1_000_000
 TIMING = Timing()
 
 
-def mesh(
+def started(
     robots: int,
     seed: int,
     *,
@@ -28,7 +29,7 @@ def mesh(
     jitter_us: int = 1_000,
     reorder: int = 0,
     tokens: bool = False,
-) -> Mesh:
+) -> SteppedTeam:
     """A team at rest; loss in permille."""
     names = {f"R{i:02d}": {"work": 1.0} for i in range(robots)}
     tree = build.keep_running(build.fallback(build.condition("idle"), build.action("work")))
@@ -36,7 +37,8 @@ def mesh(
     link = LinkKnobs(
         jitter_us=jitter_us, loss_permille=loss, reorder_permille=reorder, reorder_us=200_000
     )
-    found = Mesh(mission, NetworkKnobs(link, token_delay_us=5_000 if tokens else None), seed)
+    knobs = NetworkKnobs(link, token_delay_us=5_000 if tokens else None)
+    found = SteppedTeam(mission, knobs, seed)
     found.launch_all()
     return found
 
@@ -44,21 +46,21 @@ def mesh(
 class Verdicts:
     """Who holds whom for dead, and since when; `of_living` counts the false ones."""
 
-    def __init__(self, watched: Mesh) -> None:
-        self.mesh = watched
+    def __init__(self, watched: SteppedTeam) -> None:
+        self.team = watched
         self.of_living: list[str] = []
         self.since_us: dict[Link, int] = {}
         watched.on_step = self._step
 
-    def _step(self, node: Node, now_us: int) -> None:
-        for robot, peer in node.agent.view.peers.items():
-            pair = (node.agent.view.robot, robot)
+    def _step(self, agent: AgentView, now_us: int) -> None:
+        for robot, peer in agent.peers.items():
+            pair = (agent.robot, robot)
             if peer.state is not State.DEAD:
                 self.since_us.pop(pair, None)
             elif pair not in self.since_us:
                 self.since_us[pair] = now_us
-                if self.mesh.nodes[robot].runs:
-                    self.of_living.append(f"{pair[0]} buries {robot} at {now_us} us")
+                if self.team.runs(robot):
+                    self.of_living.append(f"{pair[0]} takes {robot} for dead at {now_us} us")
 
 
 def pairs(*links: str) -> list[Link]:
@@ -90,13 +92,13 @@ def test_no_living_robot_is_thought_dead(
 ) -> None:
     """All the links are there at first; those that break do so while the team is at rest."""
     for seed in range(3 if robots == 3 else 1):
-        team = mesh(robots, seed, **knobs)
+        team = started(robots, seed, **knobs)
         verdicts = Verdicts(team)
         team.run_until(10 * SECOND_US)
         team.network.block(pairs(*blocked))
         team.run_until(60 * SECOND_US)
         assert not verdicts.of_living, f"seed {seed}: {verdicts.of_living}"
-        assert not any(node.agent.view.is_joining for node in team.living()), f"seed {seed}"
+        assert not any(agent.is_joining for agent in team.living()), f"seed {seed}"
 
 
 def test_the_more_is_lost_the_more_patient_robots_become() -> None:
@@ -104,7 +106,7 @@ def test_the_more_is_lost_the_more_patient_robots_become() -> None:
     time of a good network, some of these runs have false verdicts.
     """
     for seed in range(6):
-        team = mesh(3, seed, loss=400, jitter_us=200_000)
+        team = started(3, seed, loss=400, jitter_us=200_000)
         verdicts = Verdicts(team)
         team.run_until(10 * SECOND_US)
         team.network.block(pairs("0-1"))
@@ -112,7 +114,7 @@ def test_the_more_is_lost_the_more_patient_robots_become() -> None:
         assert not verdicts.of_living, f"seed {seed}: {verdicts.of_living}"
 
 
-def found_dead_us(team: Mesh, victim: str, at_us: int) -> list[int]:
+def found_dead_us(team: SteppedTeam, victim: str, at_us: int) -> list[int]:
     """After how long each of the others has given its verdict."""
     verdicts = Verdicts(team)
     team.run_until(at_us)
@@ -126,7 +128,7 @@ def found_dead_us(team: Mesh, victim: str, at_us: int) -> list[int]:
 def test_on_a_good_network_a_frozen_robot_is_found_in_the_detection_time(robots: int) -> None:
     for seed in range(4):
         at_us = 5 * SECOND_US + random.Random(seed).randrange(TIMING.heartbeat_us)
-        found_us = found_dead_us(mesh(robots, seed), "R01", at_us)
+        found_us = found_dead_us(started(robots, seed), "R01", at_us)
         assert len(found_us) == robots - 1, f"seed {seed}"
         assert found_us[-1] <= TIMING.detection_us + 5_000, f"seed {seed}"
         assert found_us[0] > TIMING.detection_us - TIMING.heartbeat_us, f"seed {seed}"
@@ -135,7 +137,7 @@ def test_on_a_good_network_a_frozen_robot_is_found_in_the_detection_time(robots:
 @pytest.mark.parametrize("robots", [3, 6])
 def test_on_a_bad_network_a_frozen_robot_is_found_in_the_longest_time(robots: int) -> None:
     for seed in range(4):
-        team = mesh(robots, seed, loss=300, jitter_us=200_000)
+        team = started(robots, seed, loss=300, jitter_us=200_000)
         found_us = found_dead_us(team, "R01", 20 * SECOND_US)
         assert len(found_us) == robots - 1, f"seed {seed}"
         assert found_us[-1] <= TIMING.max_silence_us, f"seed {seed}"

@@ -8,7 +8,7 @@ import pytest
 
 from mrbt_mesh.core.engine import INCREMENTAL, Engine
 from mrbt_mesh.core.membership.wire import Header, WireError
-from mrbt_mesh.sim import NetworkKnobs, SimulationResult, simulate
+from mrbt_mesh.sim import AgentOptions, NetworkKnobs, SimulationResult, simulate
 from mrbt_mesh.sim.engine import faults as f
 from mrbt_mesh.sim.engine import sharing
 from mrbt_mesh.sim.engine.network import LinkKnobs
@@ -59,7 +59,7 @@ def test_nor_with_faults_and_a_bad_network(seed: int) -> None:
     assert watched.violations == []
 
 
-def test_a_message_is_read_and_a_plan_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_message_is_read_and_a_plan_made_once() -> None:
     counts = {"plan": 0, "read_beat": 0, "read_batch": 0}
 
     def counted(name: str, function: Any) -> Any:
@@ -74,9 +74,9 @@ def test_a_message_is_read_and_a_plan_made_once(monkeypatch: pytest.MonkeyPatch)
         read_batch=counted("read_batch", INCREMENTAL.read_batch),
         plan_making=lambda *chosen: counted("plan", INCREMENTAL.plan_making(*chosen)),
     )
-    monkeypatch.setattr("mrbt_mesh.sim.engine.world.chosen_engine", lambda: engine)
     mission, program = example("vehicle_repair")
-    result = simulate(mission, program, seed=1, inspect=False)
+    agents = AgentOptions(engine=engine)
+    result = simulate(mission, program, seed=1, agents=agents, inspect=False)
     told = sum(agent.view.facts.changes for agent in result.agents.values())
     assert counts["read_beat"] == 0, "nobody needs to read what a robot here wrote"
     assert 0 < counts["read_batch"] < told / len(result.agents)

@@ -16,7 +16,7 @@ from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.drills.physical import Span, spans
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext
-from mrbt_mesh.sim import SimulationResult, simulate
+from mrbt_mesh.sim import AgentOptions, SimulationResult, simulate
 from mrbt_mesh.sim.engine import faults as f
 from tests.support.runs import example
 
@@ -50,7 +50,9 @@ def test_robots_with_different_solvers_make_the_same_plans(schedule: Any) -> Non
         "B2": backwards,
     }
     plain = simulate(mission, program, seed=3, schedule=schedule)
-    mixed = simulate(mission, program, seed=3, schedule=schedule, solvers=solvers)
+    mixed = simulate(
+        mission, program, seed=3, schedule=schedule, agents=AgentOptions(solvers=solvers)
+    )
     # I1: equal facts, equal plan, to the byte; I7: each the canonical optimum.
     assert mixed.violations == []
     assert mixed.checks["I1"] >= 10
@@ -82,7 +84,9 @@ def test_a_robot_with_a_broken_solver_plans_as_the_others_and_says_so_once(kind:
     solver, reason = BROKEN[kind]
     mission, program = example("vehicle_repair")
     plain = simulate(mission, program, seed=3)
-    result = simulate(mission, program, seed=3, solvers={"B1": solver}, keep_log=True)
+    result = simulate(
+        mission, program, seed=3, agents=AgentOptions(solvers={"B1": solver}), keep_log=True
+    )
     assert result.violations == []
     assert story(result) == story(plain)
     (line,) = [line for line in result.effect_log if "solver_failed" in line]
@@ -97,7 +101,9 @@ def test_nor_does_it_matter_where_robots_plan_together() -> None:
     mission, program = example("vehicle_repair")
     plain = simulate(mission, program, seed=3, inspect=False)
     for broken in (dict.fromkeys(mission.robots, _raises), {"A1": _raises}):
-        result = simulate(mission, program, seed=3, solvers=broken, inspect=False)
+        result = simulate(
+            mission, program, seed=3, agents=AgentOptions(solvers=broken), inspect=False
+        )
         assert story(result) == story(plain)
 
 
@@ -157,7 +163,9 @@ def at_work(result: SimulationResult) -> list[Span]:
 def test_a_team_keeps_its_side_constraints_all_the_time(seed: int, kills: Any) -> None:
     mission = carry(CARRY + LIMITS)
     solvers: dict[str, Solver] = {"R2": brute_force, "R4": cp_sat}
-    result = simulate(mission, program(), seed=seed, solvers=solvers, schedule=kills)
+    result = simulate(
+        mission, program(), seed=seed, agents=AgentOptions(solvers=solvers), schedule=kills
+    )
     assert result.violations == [], f"seed {seed}"
     assert result.checks["I1"] > 0
     found = at_work(result)

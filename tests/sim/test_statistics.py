@@ -16,8 +16,8 @@ from mrbt_mesh.sim.parallel import spread
 from mrbt_mesh.sim.statistics.estimate import (
     NETWORK,
     Experiment,
-    Outcome,
     Point,
+    RunOutcome,
     outcomes,
     percentile,
     run_one,
@@ -112,10 +112,10 @@ def test_percentiles_are_linear_between_values() -> None:
 def test_a_summary_counts_what_came_out() -> None:
     what = experiment(EXPLORE, 4, Point(FailureModel()))
     found = [
-        Outcome(0, 3, "blocked", 60_000_000, 2, 0),
-        Outcome(0, 0, "success", 10_000_000, 0, 0),
-        Outcome(0, 1, "success", 20_000_000, 1, 0),
-        Outcome(0, 2, "success", 12_000_000, 0, 0),
+        RunOutcome(0, 3, "blocked", 60_000_000, 2, 0),
+        RunOutcome(0, 0, "success", 10_000_000, 0, 0),
+        RunOutcome(0, 1, "success", 20_000_000, 1, 0),
+        RunOutcome(0, 2, "success", 12_000_000, 0, 0),
     ]
     (summary,) = summarise(what, found)
     assert summary.probability == 0.75

@@ -11,7 +11,7 @@ from mrbt_mesh.drills.physical import Span, spans
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import load_program
-from mrbt_mesh.sim import NetworkKnobs, Schedule, SimulationResult, simulate
+from mrbt_mesh.sim import AgentOptions, NetworkKnobs, Schedule, SimulationResult, simulate
 from mrbt_mesh.sim.chaos.campaign import Source
 from tests.support.paths import EXAMPLES
 
@@ -86,7 +86,7 @@ def run_example(
         robots=robots,
         timeout_us=timeout_us,
         speed=speed,
-        plan_delay_us=plan_delay_us,
+        agents=AgentOptions(plan_delay_us=plan_delay_us),
         keep_log=keep_log,
     )
     where = f"seed {seed}, schedule {steps}, network {network}, speed {speed}"

@@ -122,6 +122,7 @@ def sim(
     from mrbt_mesh.formats.mission_file import load_mission
     from mrbt_mesh.runtime.program_loader import load_program
     from mrbt_mesh.runtime.solver_loader import solver_for
+    from mrbt_mesh.sim.engine.setup import AgentOptions
     from mrbt_mesh.sim.run import run_scenario, simulate
 
     check_folder("--events", events)
@@ -147,6 +148,6 @@ def sim(
         network=network.knobs(),
         timeout_us=round(run.timeout * 1e6),
         speed=run.speed,
-        solver=solver_for(loaded, run.solver),
+        agents=AgentOptions(solver=solver_for(loaded, run.solver)),
     )
     tell(once, named)

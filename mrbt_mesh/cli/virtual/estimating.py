@@ -13,7 +13,7 @@ from mrbt_mesh.cli.framework.terminal import console, print_json
 from mrbt_mesh.cli.views.estimate_view import render_estimate
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.sim.run import SimulationError
-from mrbt_mesh.sim.statistics.estimate import Experiment, Outcome, Summary, outcomes, summarise
+from mrbt_mesh.sim.statistics.estimate import Experiment, RunOutcome, Summary, outcomes, summarise
 from mrbt_mesh.sim.statistics.plotting import plot
 
 
@@ -39,8 +39,8 @@ def estimate_and_tell(
         fail("interrupted", NOT_FINISHED)
 
 
-def _run(experiment: Experiment, jobs: int) -> tuple[list[Outcome], bool]:
-    found: list[Outcome] = []
+def _run(experiment: Experiment, jobs: int) -> tuple[list[RunOutcome], bool]:
+    found: list[RunOutcome] = []
     with bar_of_runs("{task.fields[rate]:.0f} runs a minute") as bar:
         total = experiment.runs * len(experiment.points)
         task = bar.add_task("estimate", total=total, rate=0.0)

@@ -1,4 +1,4 @@
-"""Random faults for a team: one seed decides how much of what befalls whom, and when.
+"""Random faults for a team: one seed decides how many of which kind, on whom, and when.
 
 Every seed turns a random half of the kinds of fault off, so that each has runs in which it is
 not hidden behind the others (swarm testing). All faults end at one moment; from then on the
@@ -27,6 +27,7 @@ MS = 1_000
 SECOND_US = 1_000_000
 
 
+# Attributes: one for each kind of fault, and how long it all may last.
 @dataclass(frozen=True, slots=True)
 class ChaosKnobs:
     """How much chaos: the mean number of faults of each kind in a run, 0 for none.

@@ -15,7 +15,7 @@ from mrbt_mesh.core.agent.inputs import ActionFinished, ActionStopped, Input
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.facts.records import GRANT
 from mrbt_mesh.core.mission.mission import GlobalTask, InDoubtPolicy
-from mrbt_mesh.sim.checkers.findings import Findings
+from mrbt_mesh.sim.checkers.findings import RunFindings
 from mrbt_mesh.sim.engine.process import SimProcess
 
 
@@ -49,7 +49,7 @@ class Exclusive:
     `done_twice` counts the coalitions that succeeded after another one: there must be none.
     """
 
-    def __init__(self, findings: Findings) -> None:
+    def __init__(self, findings: RunFindings) -> None:
         self._findings = findings
         tasks = findings.world.mission.global_tasks.values()
         self._tasks = {task.id: task for task in tasks if task.exclusive}

@@ -17,7 +17,7 @@ from mrbt_mesh.core.facts.records import (
 )
 from mrbt_mesh.core.facts.store import Entry, FactMap, join
 from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS
-from mrbt_mesh.sim.checkers.findings import Findings, is_connected, joined
+from mrbt_mesh.sim.checkers.findings import RunFindings, is_connected, joined
 from mrbt_mesh.sim.engine.process import SimProcess
 
 
@@ -28,14 +28,14 @@ class Convergence:
     who is alive are equal.
     """
 
-    def __init__(self, findings: Findings) -> None:
+    def __init__(self, findings: RunFindings) -> None:
         self._findings = findings
         self._noted_us = 0
         self._noted: FactMap | None = None
         self._holders: list[AgentView] = []
 
     def at_rest(self, agents: Sequence[AgentView]) -> None:
-        """Nothing was written or befell for long."""
+        """For long nothing was written, and there was no fault."""
         self._findings.checks["I2"] += 1
         digests = {agent.facts.map.digest() for agent in agents}
         if len(digests) > 1:
@@ -43,7 +43,7 @@ class Convergence:
             self._findings.say("I2", f"facts still differ: {names}")
 
     def check_views(self, agents: Sequence[AgentView]) -> bool:
-        """Nothing befell for long: whether all agree that they are alive, and nobody else."""
+        """There was no fault for long: whether all agree that they are alive, and nobody else."""
         alive = {agent.robot: agent.incarnation for agent in agents}
         if any(agent.alive() != alive for agent in agents):
             views = "; ".join(f"{a.robot}: {' '.join(sorted(a.alive()))}" for a in agents)
@@ -52,7 +52,7 @@ class Convergence:
             return False
         return True
 
-    def buried(self, agent: AgentView, robot: str) -> None:
+    def declared_dead(self, agent: AgentView, robot: str) -> None:
         """The agent declares `robot` dead: not while somebody in between hears it well."""
         findings, world = self._findings, self._findings.world
         since_us = world.clock.now_us - findings.verdict_us - findings.repair_us
@@ -128,7 +128,7 @@ def is_obsolete(agent: AgentView, entry: Entry) -> bool:
 class NothingUndone:
     """I3: a process never loses an outcome, and what is finished stays finished."""
 
-    def __init__(self, findings: Findings) -> None:
+    def __init__(self, findings: RunFindings) -> None:
         self._findings = findings
         self._outcomes: dict[SimProcess, dict[tuple[str, str], bool]] = {}
         self._finished: dict[SimProcess, set[str]] = {}
@@ -200,7 +200,7 @@ class NothingUndone:
 class GarbageChangesNothing:
     """I8: nothing malformed, foreign or forged stops an agent or leaves a trace."""
 
-    def __init__(self, findings: Findings) -> None:
+    def __init__(self, findings: RunFindings) -> None:
         self._findings = findings
 
     def arrives(self, process: SimProcess, event: Input) -> None:

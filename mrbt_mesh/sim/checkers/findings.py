@@ -44,10 +44,11 @@ class View(Protocol):
     def living(self) -> list[SimProcess]: ...
 
 
-class Findings:
-    """Collects violations; `changed_us` is when a fact was last written, `fault_us` when a fault
-    last befell, `cut_us` when a link last was cut or came back, `other_us` when there was a fault
-    of another kind.
+class RunFindings:
+    """Collects violations.
+
+    `changed_us` is when a fact was last written, `fault_us` when the last fault came, `cut_us` when
+    a link was last cut or came back, `other_us` when the last fault of another kind came.
 
     `checks` counts how often there was something to check, per invariant: no violation of what
     was never checked means nothing.
@@ -62,8 +63,8 @@ class Findings:
         self.violations: list[str] = []
         self.checks: Counter[str] = Counter()
 
-    def befell(self, links: Iterable[Link] | None = None) -> None:
-        """A fault befalls now: to these links, or (None) to something else."""
+    def fault_came(self, links: Iterable[Link] | None = None) -> None:
+        """There is a fault now: of these links, or (None) of something else."""
         self.fault_us = now_us = self.world.clock.now_us
         if links is None:
             self.other_us = now_us

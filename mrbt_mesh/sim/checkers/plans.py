@@ -14,7 +14,7 @@ from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.facts.team_facts import capability
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.steps import PlanningSteps
-from mrbt_mesh.sim.checkers.findings import Findings, current_plan
+from mrbt_mesh.sim.checkers.findings import RunFindings, current_plan
 
 MAX_CHOICES = 2_000
 
@@ -22,7 +22,7 @@ MAX_CHOICES = 2_000
 class SamePlan:
     """I1: robots with the same facts and the same alive set hold the same plan."""
 
-    def __init__(self, findings: Findings) -> None:
+    def __init__(self, findings: RunFindings) -> None:
         self._findings = findings
 
     def sample(self, agents: Iterable[AgentView]) -> None:
@@ -47,7 +47,7 @@ class OptimalAssignment:
     the facts as they are now, evaluated from scratch.
     """
 
-    def __init__(self, findings: Findings) -> None:
+    def __init__(self, findings: RunFindings) -> None:
         self._findings = findings
         self._evaluator = Evaluator(findings.world.mission.tree)
         self._turn = 0
@@ -90,7 +90,7 @@ class BidsFirst:
     unless it was waited for long enough, or somebody else is at work on the activation already.
     """
 
-    def __init__(self, findings: Findings) -> None:
+    def __init__(self, findings: RunFindings) -> None:
         self._findings = findings
 
     def claimed(self, agent: AgentView, claim: Claim) -> None:

@@ -10,7 +10,7 @@ from mrbt_mesh.core.facts.records import OUTCOME
 from mrbt_mesh.core.facts.store import Entry, Version
 from mrbt_mesh.core.membership.wire import MessageKind, decode, parse_entries
 from mrbt_mesh.sim.checkers.facts import is_obsolete, stands
-from mrbt_mesh.sim.checkers.findings import Findings
+from mrbt_mesh.sim.checkers.findings import RunFindings
 from mrbt_mesh.sim.engine.process import SimProcess
 
 
@@ -23,7 +23,7 @@ class Resumption:
     task again of which it has journaled an outcome.
     """
 
-    def __init__(self, findings: Findings) -> None:
+    def __init__(self, findings: RunFindings) -> None:
         self._findings = findings
         self._synced: dict[str, dict[tuple[str, str], Entry]] = {}
         self._versions: dict[tuple[str, str, Version], bytes] = {}

@@ -28,19 +28,19 @@ from mrbt_mesh.core.planning.capabilities import capabilities_of, workers
 from mrbt_mesh.core.planning.demands import demands_of
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.core.planning.side_constraints import feasibility
-from mrbt_mesh.sim.checkers.findings import Findings, current_plan, is_connected, joined
+from mrbt_mesh.sim.checkers.findings import RunFindings, current_plan, is_connected, joined
 from mrbt_mesh.sim.engine.process import SimProcess
 
 _OVER = (Status.SUCCESS, Status.FAILURE)
 
 
-class Bounds:
+class WorkWithinBounds:
     """I4: nobody works on what it cannot do; nu and mu hold where all hear one another.
 
     And nobody is taken off what it runs while the plan serves the same request.
     """
 
-    def __init__(self, findings: Findings) -> None:
+    def __init__(self, findings: RunFindings) -> None:
         self._findings = findings
         tasks = findings.world.mission.global_tasks.values()
         self._preempts = any(task.preemptive for task in tasks)
@@ -176,7 +176,7 @@ class Progress:
     mu of a local task: what a partition or a crash may cost where a task is not exclusive.
     """
 
-    def __init__(self, findings: Findings) -> None:
+    def __init__(self, findings: RunFindings) -> None:
         self._findings = findings
         self._progress_us = 0
         self._longest_us = longest_us(findings.world.mission, findings.world.speed)

@@ -1,1 +1,1 @@
-"""One run: robots' processes on a virtual clock and a faulty network, and what befalls them."""
+"""One run: robots' processes on a virtual clock and a faulty network, and faults."""

@@ -1,4 +1,4 @@
-"""What can befall a team in the simulator: a schedule is a list of (at_us, fault).
+"""The faults that there are in the simulator: a schedule is a list of (at_us, fault).
 
 Times count from the launch of the team, in microseconds.
 """
@@ -221,3 +221,14 @@ def partition(*groups: Iterable[str]) -> Block:
     sets = [frozenset(group) for group in groups]
     pairs = ((one, other) for one in sets for other in sets if one is not other)
     return Block(frozenset(link for pair in pairs for link in product(*pair)))
+
+
+def fault_text(fault: Fault) -> str:
+    """A fault in one word and its values, in a fixed order: `Kill A1`."""
+    values = []
+    for name in fault.__dataclass_fields__:
+        value = getattr(fault, name)
+        if isinstance(value, frozenset):
+            value = ",".join(f"{source}>{target}" for source, target in sorted(value))
+        values.append(str(value))
+    return " ".join([type(fault).__name__, *values])

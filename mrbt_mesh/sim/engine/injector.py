@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
 
 from mrbt_mesh.core.agent.commands import ORDER, command_body
 from mrbt_mesh.core.agent.inputs import (
@@ -15,13 +16,14 @@ from mrbt_mesh.core.agent.inputs import (
     TokenChanged,
 )
 from mrbt_mesh.core.facts.records import OrderKind
-from mrbt_mesh.core.membership.wire import Header, MessageKind, encode
+from mrbt_mesh.core.membership.wire import MessageKind, encode
 from mrbt_mesh.sim.engine import faults
 from mrbt_mesh.sim.engine.garbage import Forger
+from mrbt_mesh.sim.engine.inspection import Inspection
+from mrbt_mesh.sim.engine.message_bus import MessageBus
 from mrbt_mesh.sim.engine.process import SimProcess
-
-if TYPE_CHECKING:
-    from mrbt_mesh.sim.engine.world import World
+from mrbt_mesh.sim.engine.robots import Robots
+from mrbt_mesh.sim.engine.setup import Setup
 
 # Faults that may leave a robot alone with what it believes for a while.
 _ISOLATING = (
@@ -41,66 +43,103 @@ BOOT_US = 1_000
 
 
 class Injector:
-    """Carries out faults. `cut_off`: some robot could not hear all others in time for a while."""
+    """Lets faults happen, until the mission is over where robots stop then.
 
-    def __init__(self, world: World, header: Header) -> None:
+    `counts`: how many there were, by kind. `pending`: how many of the schedule are still to come.
+    `cut_off`: some robot could not hear all others in time for a while. `healed_us`: when all
+    faults ended.
+    """
+
+    def __init__(
+        self,
+        setup: Setup,
+        bus: MessageBus,
+        robots: Robots,
+        inspection: Inspection,
+        has_result: Callable[[], bool],
+    ) -> None:
+        self.counts: Counter[str] = Counter()
+        self.pending = len(setup.schedule)
         self.cut_off = False
-        self._world = world
-        self._header = header
-        self._forger = Forger(world.setup.seed, header)
-        self._spoken: dict[str, list[tuple[int, MessageReceived]]] = {}
-        self._listens = any(isinstance(f, faults.Replay) for _, f in world.setup.schedule)
+        self.healed_us: int | None = None
+        self._setup = setup
+        self._bus = bus
+        self._robots = robots
+        self._inspection = inspection
+        self._has_result = has_result
+        self._forger = Forger(setup.seed, setup.header)
+        # What robots have published, where it may be replayed: (time in us, message).
+        self._published: dict[str, list[tuple[int, MessageReceived]]] | None = None
+        if any(isinstance(fault, faults.Replay) for _, fault in setup.schedule):
+            self._published = {}
 
-    def heard(self, source: str, message: MessageReceived) -> None:
+    def begin(self) -> None:
+        """Schedule the faults that happen at given times."""
+        for at_us, fault in sorted(self._setup.schedule, key=lambda item: item[0]):
+            self._bus.clock.at(at_us, partial(self._inject_scheduled, fault))
+
+    def heard(self, message: MessageReceived) -> None:
         """A robot has published something; it may be replayed later."""
-        if self._listens:
-            spoken = self._spoken.setdefault(source, [])
-            spoken.append((self._world.clock.now_us, message))
+        if self._published is not None:
+            so_far = self._published.setdefault(message.source, [])
+            so_far.append((self._bus.clock.now_us, message))
+
+    def _inject_scheduled(self, fault: faults.Fault) -> None:
+        self.pending -= 1
+        self.inject(fault)
 
     def inject(self, fault: faults.Fault) -> None:
-        """Let one fault befall the team now."""
-        world = self._world
+        """Let one fault happen now."""
+        if self._setup.agents.exit_when_done and self._has_result():
+            return  # the mission is over, and with it the story
+        self._inspection.fault_comes(fault)
+        self.counts[type(fault).__name__] += 1
         self.cut_off |= isinstance(fault, _ISOLATING)
         self.cut_off |= isinstance(fault, faults.Heal) and bool(fault.broken)
+        self._carry_out(fault)
+        if isinstance(fault, faults.Heal):
+            self.healed_us = self._bus.clock.now_us
+
+    def _carry_out(self, fault: faults.Fault) -> None:
+        network, robots, clock = self._bus.network, self._robots, self._bus.clock
         match fault:
             case faults.Kill() | faults.KillAfter() | faults.Restart():
                 self._end(fault)
             case faults.Block(links):
-                world.network.block(links)
+                network.block(links)
             case faults.Unblock(links):
-                world.network.unblock(links)
+                network.unblock(links)
             case faults.Disturb(link, links):
-                world.network.disturb(link, links)
+                network.disturb(link, links)
             case faults.Settle(links):
-                world.network.settle(links)
-            case faults.Heal(robots, broken):
-                self._heal(robots)
-                world.network.block(broken)
+                network.settle(links)
+            case faults.Heal(names, broken):
+                self._heal(names)
+                network.block(broken)
             case faults.ClockRate(robot, rate_ppm):
-                world.local_clock(robot).set_rate(rate_ppm)
+                robots.local_clock(robot).set_rate(rate_ppm)
             case faults.ClockJump(robot, ahead_us):
-                world.local_clock(robot).jump(ahead_us)
+                robots.local_clock(robot).jump(ahead_us)
             case _:
-                process = world.processes.get(fault.robot)
-                if isinstance(fault, _OF_THE_ROBOT) and world.is_coming(fault.robot):
-                    world.clock.at(world.clock.now_us + BOOT_US, partial(self.inject, fault))
+                process = robots.processes.get(fault.robot)
+                if isinstance(fault, _OF_THE_ROBOT) and robots.is_coming(fault.robot):
+                    clock.at(clock.now_us + BOOT_US, partial(self._carry_out, fault))
                 elif process is not None and not process.is_over:
-                    self._befall(process, fault)
+                    self._suffer(process, fault)
 
     def _end(self, fault: faults.Kill | faults.KillAfter | faults.Restart) -> None:
-        """What befalls a robot whether it has a process yet or not."""
+        """Faults of a robot whether it has a process yet or not."""
         match fault:
             case faults.Kill(robot):
-                self._world.kill(robot)
+                self._robots.kill(robot)
             case faults.KillAfter(robot, actions):
-                self._world.kill_after(robot, actions)
+                self._robots.kill_after(robot, actions)
             case faults.Restart(robot, keeps_journal):
-                self._world.kill(robot)
-                self._world.launch(robot, keeps_journal)
+                self._robots.kill(robot)
+                self._robots.launch(robot, keeps_journal)
 
-    def _befall(self, process: SimProcess, fault: faults.Fault) -> None:
+    def _suffer(self, process: SimProcess, fault: faults.Fault) -> None:
         """What a process can only suffer while there is one."""
-        world = self._world
         match fault:
             case faults.Freeze():
                 process.freeze()
@@ -113,15 +152,17 @@ class Injector:
             case faults.Slow(_, lag_us):
                 process.slow(lag_us)
             case faults.LoseToken(robot, seen_by):
-                if process.token is not None:
-                    world.arrive(seen_by, TokenChanged(robot, process.token, False))
+                if robot in self._bus.tokens:
+                    token = self._bus.tokens[robot]
+                    self._bus.deliver(seen_by, TokenChanged(robot, token, False))
             case faults.Garbage(robot, count):
-                for event in self._forger.inputs(robot, world.setup.robots, count):
-                    world.inspection.garbage(process, event)
+                for event in self._forger.inputs(robot, self._setup.robots, count):
+                    self._inspection.garbage(process, event)
             case faults.Replay(robot, source, until_us, count):
-                past = [m for at_us, m in self._spoken.get(source, ()) if at_us <= until_us]
+                published = (self._published or {}).get(source, ())
+                past = [message for at_us, message in published if at_us <= until_us]
                 for message in past[-count:]:
-                    world.arrive(robot, message)
+                    self._bus.deliver(robot, message)
             case _:
                 process.deliver(self._input(fault))
 
@@ -136,15 +177,15 @@ class Injector:
                 return CapabilityChanged(local_task, lost=False)
             case faults.Command(_, command, argument):
                 body = command_body(command, argument)
-                data = encode(self._header, MessageKind.COMMAND, body)
+                data = encode(self._setup.header, MessageKind.COMMAND, body)
                 return QueryReceived(0, MessageKind.COMMAND, data)
         raise TypeError(f"unknown fault {fault!r}")
 
     def _heal(self, robots: tuple[str, ...]) -> None:
-        world = self._world
-        world.network.unblock()
-        world.network.settle()
-        for process in (world.processes[robot] for robot in sorted(world.processes)):
+        processes = self._robots.processes
+        self._bus.network.unblock()
+        self._bus.network.settle()
+        for _, process in sorted(processes.items()):
             process.local.set_rate(0)
             process.local.resume()
             if not process.is_over:
@@ -152,25 +193,14 @@ class Injector:
                 process.thaw()
                 process.deliver(CapabilityChanged("all", lost=False))
         for robot in robots:
-            if robot not in world.processes or world.processes[robot].is_over:
-                world.launch(robot, keeps_journal=True)
+            if robot not in processes or processes[robot].is_over:
+                self._robots.launch(robot, keeps_journal=True)
         self._resume()
 
     def _resume(self) -> None:
         """The operator says so again as long as a robot comes with an older word."""
-        world = self._world
-        for process in world.living():
+        clock = self._bus.clock
+        for process in self._robots.living():
             if process.agent and process.agent.view.facts.order() is OrderKind.PAUSE:
                 process.deliver(self._input(faults.Command(process.robot, ORDER, "resume")))
-        world.clock.at(world.clock.now_us + world.timing.detection_us, self._resume)
-
-
-def fault_text(fault: faults.Fault) -> str:
-    """A fault in one word and its values, in a fixed order: `Kill A1`."""
-    values = []
-    for name in fault.__dataclass_fields__:
-        value = getattr(fault, name)
-        if isinstance(value, frozenset):
-            value = ",".join(f"{source}>{target}" for source, target in sorted(value))
-        values.append(str(value))
-    return " ".join([type(fault).__name__, *values])
+        clock.at(clock.now_us + self._setup.agents.timing.detection_us, self._resume)

@@ -9,6 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.runtime.journal import LAZY_COMMIT_S
+from mrbt_mesh.sim.engine.clock import MICRO, VirtualClock
+from mrbt_mesh.sim.engine.pace import Pace
+
+LAZY_COMMIT_US = round(LAZY_COMMIT_S * MICRO)
 
 
 class SimJournal:
@@ -53,3 +58,49 @@ class SimJournal:
     def written(self, author: str, name: str) -> Entry | None:
         """One entry as it stands on disk."""
         return self._written.get((author, name))
+
+
+class SimJournalWriter:
+    """What one process writes to its robot's journal: at once, or a little later together."""
+
+    def __init__(self, journal: SimJournal, clock: VirtualClock, pace: Pace) -> None:
+        self._journal = journal
+        self._clock = clock
+        self._pace = pace
+        self._is_due = False
+
+    def put(self, entries: Iterable[Entry], synced: bool) -> None:
+        """Write entries; `synced`: now."""
+        self._journal.put(entries)
+        if synced:
+            self._journal.commit()
+        else:
+            self._commit_soon()
+
+    def forget(self, keys: Iterable[tuple[str, str]]) -> None:
+        """Drop entries, a little later."""
+        self._journal.forget(keys)
+        self._commit_soon()
+
+    def commit(self) -> None:
+        """Write all that waits."""
+        self._journal.commit()
+
+    def crash(self) -> None:
+        """The process is gone, and with it what was not written."""
+        self._journal.crash()
+
+    def _commit_soon(self) -> None:
+        if not self._is_due:
+            self._is_due = True
+            self._commit_later()
+
+    def _commit_later(self) -> None:
+        self._clock.at(self._clock.now_us + LAZY_COMMIT_US, self._commit_lazily)
+
+    def _commit_lazily(self) -> None:
+        if self._pace.is_frozen:
+            self._commit_later()
+        elif not self._pace.is_over:
+            self._is_due = False
+            self._journal.commit()

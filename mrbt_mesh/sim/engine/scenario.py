@@ -29,7 +29,7 @@ class ScenarioError(InputError):
 
 @dataclass(frozen=True)
 class Scenario:
-    """`robots` are launched at the start; `steps` befall them, sorted by time, in microseconds.
+    """`robots` are launched at the start; `steps` are the faults, sorted by time, in microseconds.
 
     From `heal_us` on nothing breaks any more (the last step is a `Heal`), and the team must
     converge and finish what can be finished. `links` is how all links usually behave,

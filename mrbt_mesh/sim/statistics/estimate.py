@@ -60,7 +60,7 @@ class Experiment:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class RunOutcome:
     """What came of one run; faults are counted until the mission was over."""
 
     point: int
@@ -109,14 +109,14 @@ def _duration_us(result: SimulationResult) -> int:
     return 0 if duration_s is None else round(duration_s * MILLION)
 
 
-def _outcome(experiment: Experiment, item: tuple[int, int]) -> Outcome:
+def _outcome(experiment: Experiment, item: tuple[int, int]) -> RunOutcome:
     index, number = item
     result = run_one(experiment, experiment.points[index], number)
-    faults = result.befallen.get("Kill", 0), result.befallen.get("Lose", 0)
-    return Outcome(index, number, result.result, _duration_us(result), *faults)
+    faults = result.fault_counts.get("Kill", 0), result.fault_counts.get("Lose", 0)
+    return RunOutcome(index, number, result.result, _duration_us(result), *faults)
 
 
-def outcomes(experiment: Experiment, jobs: int) -> Iterator[Outcome]:
+def outcomes(experiment: Experiment, jobs: int) -> Iterator[RunOutcome]:
     """The outcomes of all runs of all points, in the order in which they are done.
 
     Raises SimulationError if an agent or a robot's program breaks.
@@ -237,18 +237,18 @@ def _rounded(value: float | None) -> float | None:
     return None if value is None else round(value, 6)
 
 
-def summarise(experiment: Experiment, found: Sequence[Outcome]) -> list[Summary]:
+def summarise(experiment: Experiment, found: Sequence[RunOutcome]) -> list[Summary]:
     """A summary for each point that has runs, in the order of points; in any order of outcomes."""
-    by_point: dict[int, list[Outcome]] = {}
+    by_point: dict[int, list[RunOutcome]] = {}
     for outcome in sorted(found, key=lambda outcome: (outcome.point, outcome.number)):
         by_point.setdefault(outcome.point, []).append(outcome)
     return [_summary(experiment.points[index], some) for index, some in by_point.items()]
 
 
-def _summary(point: Point, found: Sequence[Outcome]) -> Summary:
+def _summary(point: Point, found: Sequence[RunOutcome]) -> Summary:
     results = Counter(outcome.result for outcome in found)
     durations = [o.duration_us / 1e6 for o in found if o.result == "success"]
-    groups: dict[tuple[int, int], list[Outcome]] = {}
+    groups: dict[tuple[int, int], list[RunOutcome]] = {}
     for outcome in found:
         groups.setdefault((outcome.major_faults, outcome.minor_faults), []).append(outcome)
     by_faults = {}

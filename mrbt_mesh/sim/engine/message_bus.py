@@ -1,0 +1,135 @@
+"""What robots send one another: messages, questions with their answers, liveliness tokens."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from mrbt_mesh.core.agent.effects import Ask, Publish, Reply
+from mrbt_mesh.core.agent.inputs import (
+    AnswerReceived,
+    Input,
+    MessageReceived,
+    QueryReceived,
+    TokenChanged,
+)
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.wire import MessageKind
+from mrbt_mesh.sim.engine.clock import VirtualClock
+from mrbt_mesh.sim.engine.network import Network
+from mrbt_mesh.sim.engine.process import SimProcess
+
+# A robot's token appeared (true) or is gone.
+OnToken = Callable[[str, Incarnation, bool], None]
+
+
+@dataclass(slots=True)
+class _Question:
+    """A query on its way: who asked whom; the answer comes once."""
+
+    asker: SimProcess
+    peer: str
+    answered: bool = False
+
+
+class MessageBus:
+    """Carries what processes send over a faulty network; the simulator's Zenoh.
+
+    `processes`: robot -> its latest process. `tokens`: those that are held. `on_token` is told of
+    every change of them, besides the robots.
+    """
+
+    def __init__(self, clock: VirtualClock, network: Network, on_token: OnToken) -> None:
+        self.clock = clock
+        self.network = network
+        self.processes: dict[str, SimProcess] = {}
+        self.tokens: dict[str, Incarnation] = {}
+        self._on_token = on_token
+        self._questions: dict[int, _Question] = {}
+
+    def deliver(self, target: str, event: Input) -> None:
+        """Hand an input to a robot's process."""
+        process = self.processes.get(target)
+        if process is not None:  # else it has not been started yet
+            process.deliver(event)
+
+    # -- messages and questions ---------------------------------------------------------------
+
+    def publish(self, source: str, effect: Publish) -> MessageReceived:
+        """Send to all others; returns what arrives there."""
+        event = MessageReceived(effect.kind, source, effect.data)
+        arrivals = self.network.arrivals_at_all(source, self.processes, self.clock.now_us)
+        for arrival_us, targets in arrivals.items():
+            self.clock.at(arrival_us, partial(self._deliver_to_all, targets, event))
+        return event
+
+    def _deliver_to_all(self, targets: list[str], event: Input) -> None:
+        for target in targets:
+            self.processes[target].deliver(event)
+
+    def _send(self, source: str, target: str, event: Input) -> None:
+        for arrival_us in self.network.arrivals_us(source, target, self.clock.now_us):
+            self.clock.at(arrival_us, partial(self.deliver, target, event))
+
+    def ask(self, asker: SimProcess, effect: Ask) -> None:
+        """Send a question to one robot; without an answer it times out."""
+        number = len(self._questions) + 1
+        question = self._questions[number] = _Question(asker, effect.peer)
+        if effect.peer in self.processes:
+            query = QueryReceived(number, MessageKind.PULL, effect.data)
+            self._send(asker.robot, effect.peer, query)
+        timeout_us = self.clock.now_us + self.network.knobs.query_timeout_us
+        self.clock.at(timeout_us, lambda: self._answer(question, None))
+
+    def reply(self, source: str, effect: Reply) -> None:
+        """Answer a question of a robot."""
+        question = self._questions.get(effect.query)
+        if question is None:
+            return  # an operator's command, or garbage
+        target = question.asker.robot
+        for page in effect.pages:
+            # A query's replies are not duplicated: Zenoh tells them apart.
+            for arrival_us in self.network.arrivals_us(source, target, self.clock.now_us)[:1]:
+                self.clock.at(arrival_us, partial(self._answer, question, page))
+
+    def _answer(self, question: _Question, page: bytes | None) -> None:
+        if page is None and question.answered:
+            return
+        question.answered = True
+        question.asker.deliver(AnswerReceived(question.peer, page))
+
+    # -- tokens -------------------------------------------------------------------------------
+
+    def declare(self, robot: str, incarnation: Incarnation) -> None:
+        """Show a robot's token, in place of an earlier one."""
+        self.withdraw(robot)
+        self.tokens[robot] = incarnation
+        self._tell_everybody(robot, incarnation, True)
+
+    def withdraw(self, robot: str) -> None:
+        """A process is gone, and with it its token, if it held one."""
+        incarnation = self.tokens.pop(robot, None)
+        if incarnation is not None:
+            self._tell_everybody(robot, incarnation, False)
+
+    def tell_tokens(self, newcomer: str) -> None:
+        """Show a robot that has just started the tokens of all others."""
+        for robot in self.processes:
+            if robot != newcomer and robot in self.tokens:
+                self._tell(robot, self.tokens[robot], True, newcomer)
+
+    def _tell_everybody(self, robot: str, incarnation: Incarnation, held: bool) -> None:
+        delay_us = self.network.knobs.token_delay_us
+        if delay_us is None and not held:
+            return
+        for target in self.processes:
+            if target != robot and (robot, target) not in self.network.blocked:
+                self._tell(robot, incarnation, held, target)
+        at_us = self.clock.now_us + (delay_us or 0)
+        self.clock.at(at_us, partial(self._on_token, robot, incarnation, held))
+
+    def _tell(self, robot: str, incarnation: Incarnation, held: bool, target: str) -> None:
+        at_us = self.clock.now_us + (self.network.knobs.token_delay_us or 0)
+        event = TokenChanged(robot, incarnation, held)
+        self.clock.at(at_us, partial(self.deliver, target, event))
