@@ -20,7 +20,8 @@ from mrbt_mesh.formats.mission_file import compile_mission, load_mission
 from mrbt_mesh.runtime.agent_main import parser
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.team import new_run
-from tests.support.command import EXPLORE, REPAIR, ROOT, mrbt
+from tests.support.command import EXPLORE, REPAIR, mrbt
+from tests.support.paths import ROOT
 
 COMMANDS = ROOT / "mrbt_mesh" / "cli" / "commands"
 

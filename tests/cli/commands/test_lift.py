@@ -11,7 +11,8 @@ import pytest
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim.run import simulate
-from tests.support.command import ROOT, mrbt
+from tests.support.command import mrbt
+from tests.support.paths import ROOT
 
 EXAMPLE = ROOT / "examples" / "lift"
 TREE, TEAM = EXAMPLE / "repair.xml", EXAMPLE / "team.yaml"

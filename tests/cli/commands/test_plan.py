@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 from ruamel import yaml
 
-from tests.support.command import COURIERS, EXPLORE, REPAIR, ROOT, mrbt
+from tests.support.command import COURIERS, EXPLORE, REPAIR, mrbt
+from tests.support.paths import ROOT
 
 
 def test_plan_asks_the_solver_that_the_mission_names(tmp_path: Path) -> None:

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from tests.support.command import EXPLORE, REPAIR, ROOT, mrbt
+from tests.support.command import EXPLORE, REPAIR, mrbt
+from tests.support.paths import ROOT
 
 
 def sim(*arguments: str) -> tuple[int, str, str]:

@@ -16,7 +16,8 @@ from mrbt_mesh.formats.btcpp.check import check_file
 from mrbt_mesh.formats.btcpp.document import read_document
 from mrbt_mesh.formats.btcpp.team_tree import to_team_tree
 from mrbt_mesh.formats.mission_file import load_mission
-from tests.support.command import REPAIR, ROOT, mrbt
+from tests.support.command import REPAIR, mrbt
+from tests.support.paths import ROOT
 
 EXAMPLES = sorted(ROOT.glob("examples/*/mission.yaml"))
 LIFT = ROOT / "examples" / "lift"

@@ -12,7 +12,8 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
 from mrbt_mesh.runtime.run_dir import RunDir, RunDirError
 from mrbt_mesh.runtime.team import new_run
-from tests.support.command import ROOT, mrbt
+from tests.support.command import mrbt
+from tests.support.paths import ROOT
 
 EXPLORE = ROOT / "examples" / "explore" / "mission.yaml"
 NOTHING = Given(())

@@ -9,7 +9,7 @@ from mrbt_mesh.cli.views.summary_view import render_summary
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import Kill, Lose, SimulationResult, simulate
-from tests.support.command import ROOT
+from tests.support.paths import ROOT
 
 REPAIR = ROOT / "examples" / "vehicle_repair" / "mission.yaml"
 SECOND = 1_000_000
