@@ -1,4 +1,7 @@
-"""mrbt-mesh: fault-tolerant teams of robots on behavior trees, with no coordinator."""
+"""mrbt-mesh: fault-tolerant teams of robots on behavior trees, with no coordinator.
+
+Robot programs import from here, and from nowhere below.
+"""
 
 from mrbt_mesh.runtime.program import ProgramError, RobotProgram, TaskContext, TaskFailedError
 

@@ -1,4 +1,12 @@
-"""Run whole missions in virtual time, with faults, to test them: see `simulate`."""
+"""Run whole missions in virtual time, with faults, to test them: see `simulate`.
+
+`engine` is one run; `checkers` look on and hold it against the invariants; `run` puts both
+together; `chaos` draws faults and missions, `statistics` counts over many runs, `parallel` spreads
+them over processes. Users' own tests may import what is listed here.
+
+It may import the runtime, whose action runner carries out users' programs, and what is below;
+never Zenoh. The same seed gives the same run, to the byte.
+"""
 
 from mrbt_mesh.sim.engine.faults import (
     Block,

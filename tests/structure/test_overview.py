@@ -63,6 +63,13 @@ def test_an_index_has_every_page(folder: str, pattern: str) -> None:
     assert len(listed) == len(set(listed))
 
 
+def test_the_index_of_decisions_calls_them_by_their_numbers() -> None:
+    index = (ROOT / "docs" / "decisions" / "README.md").read_text(encoding="utf-8")
+    entries = re.findall(r"\[(\d+)\]\((\d+)-", index)
+    assert entries
+    assert [number for number, _ in entries] == [number for _, number in entries]
+
+
 def test_the_index_has_the_documents_of_the_root() -> None:
     listed = _LINK.findall((ROOT / "docs" / "README.md").read_text(encoding="utf-8"))
     assert {f"../{path.name}" for path in ROOT.glob("*.md")} <= set(listed)
