@@ -15,7 +15,7 @@ from mrbt_mesh.core.bt.tree import NodeSpec
 from mrbt_mesh.core.mission.mission import GlobalTask, InDoubtPolicy, Mission
 from mrbt_mesh.core.observer.observer import Observer
 from tests.support import build
-from tests.support.harness import MS, TIMING, Team
+from tests.support.harness import TIMING, Team
 
 
 def leaf(text: NodeSpec | str) -> NodeSpec:
