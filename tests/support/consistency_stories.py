@@ -49,7 +49,7 @@ class Asked:
     number: int
     subject: str
     wishes: list[Wish]
-    barred: bool = False
+    excluded: bool = False
     group: list[Demand] = field(default_factory=list)
 
 
@@ -99,8 +99,8 @@ class Story:
         return {robot: WORKER for robot in self.robots if robot in self.alive}
 
     @property
-    def barred(self) -> list[int]:
-        return [index for index, asked in enumerate(self.requests) if asked.barred]
+    def excluded(self) -> list[int]:
+        return [index for index, asked in enumerate(self.requests) if asked.excluded]
 
     def groups(self, fresh: float = 0.05) -> list[list[Demand]]:
         """The demands now; with this chance a group is another object though nothing changed."""
@@ -139,7 +139,7 @@ class Story:
             self.finish,
             self.ask,
             self.lose,
-            self.bar,
+            self.exclude,
             self.narrow,
         )
         event = self._random.choice(events)
@@ -211,10 +211,10 @@ class Story:
         if self.robots:
             self.able[self._random.choice(self.robots)] ^= {self._random.choice(self.kinds)}
 
-    def bar(self) -> None:
+    def exclude(self) -> None:
         if self.requests and self._random.random() < 0.5:
             asked = self._random.choice(self.requests)
-            asked.barred = not asked.barred
+            asked.excluded = not asked.excluded
 
     def narrow(self) -> None:
         """Scarce robots are spared for one demand, or no longer."""

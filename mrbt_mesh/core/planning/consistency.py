@@ -111,10 +111,7 @@ def kept_requests(
     """Which requests are kept, and which pins hold; the pins are sorted by robot.
 
     `begin`: what decides, with nothing kept. `excluded` requests are not kept, whatever is free.
-
-    A pin whose own request cannot be kept yields, if some other request then can; of two
-    sets of requests the one that is first in tree order is better. A preemptive request may
-    take running robots from requests further right.
+    A preemptive request may take running robots from requests further right.
     """
     pinned = {
         robot: index
@@ -123,20 +120,29 @@ def kept_requests(
         for robot in demand.pinned
         if index not in excluded
     }
-    kept, pinned = _keep(facts, demands, begin(), pinned, excluded)
+    return with_yielding_pins(pinned, lambda pins: _keep(facts, demands, begin(), pins, excluded))
+
+
+def with_yielding_pins(pinned: dict[str, int], keep: Callable[[dict[str, int]], Kept]) -> Kept:
+    """A pin whose own request cannot be kept yields, if some other request then can be.
+
+    `keep`: what is kept with such pins, and which of them hold. Of two sets of requests the one
+    that is first in tree order is better. A robot whose yielding helps nobody goes on.
+    """
+    kept, held = keep(pinned)
     served = set(kept)
-    holding = {robot: index for robot, index in pinned.items() if index in served}
-    futile = {robot: index for robot, index in pinned.items() if index not in served}
-    if futile:
-        without, pinned_without = _keep(facts, demands, begin(), holding, excluded)
-        if is_better(without, kept):
-            for robot in sorted(futile):  # whose yielding helps nobody goes on
-                again = holding | {robot: futile[robot]}
-                kept_now, pinned_now = _keep(facts, demands, begin(), again, excluded)
-                if kept_now == without:
-                    holding, pinned_without = again, pinned_now
-            kept, pinned = without, pinned_without
-    return kept, {robot: pinned[robot] for robot in sorted(pinned)}
+    unserved = sorted(robot for robot, index in held.items() if index not in served)
+    if unserved:
+        holding = {robot: index for robot, index in held.items() if index in served}
+        better, held_then = keep(holding)
+        if is_better(better, kept):
+            for robot in unserved:
+                again = holding | {robot: held[robot]}
+                kept_now, held_now = keep(again)
+                if kept_now == better:
+                    holding, held_then = again, held_now
+            kept, held = better, held_then
+    return kept, {robot: held[robot] for robot in sorted(held)}
 
 
 def is_better(kept: Sequence[int], other: Sequence[int]) -> bool:
@@ -151,11 +157,11 @@ def _keep(
     facts: TeamFacts,
     demands: Sequence[Sequence[Demand]],
     check: Feasibility,
-    pinned: dict[str, int],
+    pins: Mapping[str, int],
     excluded: Collection[int],
 ) -> Kept:
     kept: list[int] = []
-    pinned = dict(pinned)
+    pinned = dict(pins)
     for index, group in enumerate(demands):
         if index in excluded:
             continue

@@ -1,75 +1,96 @@
-"""*Check Consistency* for one plan after the other: what has not changed is not decided again."""
+"""*Check Consistency* for one plan after the other: what has not changed is not decided again.
+
+In place of `planning.consistency.kept_requests`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.incremental.consistency.bitsets import RobotBitset
+from mrbt_mesh.core.incremental.consistency.decisions import Decisions
 from mrbt_mesh.core.incremental.consistency.kept_requests import (
     Groups,
     KeptRequests,
     SharedPinError,
 )
-from mrbt_mesh.core.incremental.consistency.matching import Matching
-from mrbt_mesh.core.incremental.consistency.slots import Row
+from mrbt_mesh.core.incremental.consistency.robot_bits import RobotBits
+from mrbt_mesh.core.incremental.consistency.slots import OrderedRequest
 from mrbt_mesh.core.planning.capabilities import Worker
-from mrbt_mesh.core.planning.consistency import Kept, is_better, kept_requests
+from mrbt_mesh.core.planning.consistency import (
+    Consistency,
+    Kept,
+    kept_requests,
+    with_yielding_pins,
+)
 from mrbt_mesh.core.planning.demands import Demand
+
+# With fewer requests the definition is faster, with more changes at once starting from scratch:
+# benchmarks/consistency.py.
+FEW_REQUESTS = 16
+REQUESTS_PER_CHANGE = 8
 
 
 class BitsetConsistency:
-    """`planning.consistency.Consistency` on bit masks."""
+    """`planning.consistency.Consistency`, with sets of robots as bits of ints."""
 
     def __init__(self, free: Iterable[str]) -> None:
-        self._bits = RobotBitset(sorted(free))
-        self._matching = Matching(self._bits.all)
+        self._bits = RobotBits(sorted(free))
+        self._decisions = Decisions(self._bits.all)
+        self._pinned: Mapping[str, int] = {}
 
     def keep(self, key: int, demands: Sequence[Demand], pinned: Mapping[str, int]) -> bool:
-        self._bind(pinned)
-        return self._matching.decide(self._row(key, demands, pinned))
+        """Try to add request `key`; `pinned` maps robots to the request that they run."""
+        return self._decisions.decide(self._request(key, demands, pinned))
 
     def fits(self, key: int, demands: Sequence[Demand], pinned: Mapping[str, int]) -> bool:
-        self._bind(pinned)
-        row = self._row(key, demands, pinned)
-        fits = self._matching.fits(row)
-        self._matching.remove_row(row)
+        """Whether `keep` would succeed."""
+        request = self._request(key, demands, pinned)
+        fits = self._decisions.fits(request)
+        self._decisions.remove(request)
         return fits
 
     @property
     def matched(self) -> dict[str, int]:
         """Robot -> the request that it is kept for."""
-        found = self._matching.matched()
-        return {robot: found[bit] for robot, bit in self._bits.joined if bit in found}
+        found = self._decisions.matching.robots()
+        return {robot: found[bit].source for robot, bit in self._bits.joined if bit in found}
 
-    def _bind(self, pinned: Collection[str]) -> None:
-        """These robots are not free."""
-        free = self._bits.all & ~self._bits.of(pinned) if pinned else self._bits.all
-        if free != self._matching.free:
-            self._matching.set_free(free)
-
-    def _row(self, key: int, demands: Sequence[Demand], pinned: Mapping[str, int]) -> Row:
-        row = Row(len(self._matching.rows), key)
-        asks = []
+    def _request(
+        self, key: int, demands: Sequence[Demand], pinned: Mapping[str, int]
+    ) -> OrderedRequest:
+        if pinned != self._pinned:
+            self._pinned = dict(pinned)
+            self._decisions.set_free(self._bits.all & ~self._bits.of(pinned))
+        request = OrderedRequest(len(self._decisions.requests), key)
+        slots = []
         for demand in demands:
             own = sum(1 for robot in demand.pinned if pinned.get(robot) == key)
-            asks.append((self._bits.mask(demand.candidates), max(0, demand.lower - own)))
-        self._matching.add_row(row, asks)
-        return row
+            slots.append((self._bits.mask(demand.candidates), max(0, demand.lower - own)))
+        self._decisions.add(request, slots)
+        return request
+
+
+class _PreemptionError(Exception):
+    """A request might take robots from others."""
 
 
 class ConsistencyKeeper:
-    """*Check Consistency* for one plan after the other: what has not changed is not done again.
+    """Answers as `kept_requests`, each time from what was so the last time.
 
     Groups of demands, and candidates, that are the same objects as before must not have changed.
     """
 
-    def __init__(self) -> None:
+    def __init__(
+        self, few_requests: int = FEW_REQUESTS, requests_per_change: int = REQUESTS_PER_CHANGE
+    ) -> None:
+        self._few_requests = few_requests
+        self._requests_per_change = requests_per_change
         self._forget()
 
     def _forget(self) -> None:
-        self._bits = RobotBitset()
-        self._requests = KeptRequests(self._bits)
+        self._bits = RobotBits()
+        self._requests = KeptRequests(self._bits, self._requests_per_change)
 
     def kept_requests(
         self,
@@ -78,42 +99,36 @@ class ConsistencyKeeper:
         team: Mapping[str, Worker],
         excluded: Collection[int] = (),
     ) -> Kept:
-        """As the function `kept_requests`; the pins are sorted by robot."""
+        """The indices of the requests that are kept, and the pins that hold, sorted by robot."""
+        if len(demands) < self._few_requests:
+            return kept_requests(facts, demands, lambda: Consistency(team), excluded)
         self._bits.set(team)
         if self._bits.count > 2 * len(team) + 64:
             self._forget()
             self._bits.set(team)
         try:
-            found = self._plain(facts, demands, excluded)
+            return self._updated(facts, demands, excluded)
         except SharedPinError:
             self._forget()
-            found = None
-        if found is None:
-            return kept_requests(facts, demands, lambda: BitsetConsistency(team), excluded)
-        return found
+        except _PreemptionError:
+            pass
+        return kept_requests(facts, demands, lambda: BitsetConsistency(team), excluded)
 
-    def _plain(self, facts: TeamFacts, demands: Groups, excluded: Collection[int]) -> Kept | None:
-        """None if a request might take robots from others."""
+    def _updated(self, facts: TeamFacts, demands: Groups, excluded: Collection[int]) -> Kept:
+        """Raises SharedPinError, and _PreemptionError, since that is not brought up to date."""
         requests = self._requests
         requests.update(demands, excluded, frozenset())
-        if _might_preempt(facts, requests):
-            return None
-        kept, pins = requests.kept, requests.pins
-        futile = frozenset(robot for robot, row in pins.items() if not row.kept)
-        yielding: set[str] = set()
-        if futile and requests.would_matter(futile):
-            requests.update(demands, excluded, futile)
+
+        def keep(pins: dict[str, int]) -> Kept:
+            released = frozenset(requests.pins.keys() - pins.keys())
+            if released != requests.released:
+                requests.update(demands, excluded, released)
             if _might_preempt(facts, requests):
-                return None
-            if is_better(requests.kept, kept):
-                kept, yielding = requests.kept, set(futile)
-                for robot in sorted(futile):  # who helps nobody goes on
-                    requests.update(demands, excluded, frozenset(yielding - {robot}))
-                    if _might_preempt(facts, requests):
-                        return None
-                    if requests.kept == kept:
-                        yielding.discard(robot)
-        return list(kept), {r: pins[r].index for r in sorted(pins) if r not in yielding}
+                raise _PreemptionError
+            return list(requests.kept), pins
+
+        pins = {robot: request.index for robot, request in requests.pins.items()}
+        return with_yielding_pins(pins, keep)
 
 
 def _might_preempt(facts: TeamFacts, requests: KeptRequests) -> bool:
@@ -121,8 +136,8 @@ def _might_preempt(facts: TeamFacts, requests: KeptRequests) -> bool:
     if not facts.mission.has_preemptive:
         return False
     tasks = facts.mission.global_tasks
-    last = max((row.index for row in requests.pins.values()), default=-1)
+    last = max((request.index for request in requests.pins.values()), default=-1)
     return any(
-        not row.kept and row.wanted and tasks[row.source[0].request.subject].preemptive
-        for row in requests.rows[: last + 1]
+        not each.kept and not each.excluded and tasks[each.source[0].request.subject].preemptive
+        for each in requests.requests[: last + 1]
     )

@@ -1,5 +1,7 @@
-"""Which requests are kept, brought up to date after each event: what has changed is found out and
-handed to the seating.
+"""Which requests are kept, brought up to date: finds out what has changed since the last time.
+
+Requests keep their labels, so that what has not changed keeps its place; new ones get labels
+between those of their neighbours (list labeling: Dietz and Sleator, 1987).
 """
 
 from __future__ import annotations
@@ -8,14 +10,17 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import compress
 from itertools import count as numbers
 from operator import is_not
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
-from mrbt_mesh.core.incremental.consistency.bitsets import RobotBitset
-from mrbt_mesh.core.incremental.consistency.matching import Matching
-from mrbt_mesh.core.incremental.consistency.slots import Pool, Row, SlotGroup
+from mrbt_mesh.core.incremental.consistency.decisions import Decisions
+from mrbt_mesh.core.incremental.consistency.robot_bits import RobotBits
+from mrbt_mesh.core.incremental.consistency.slots import OrderedRequest, Pool, SlotGroup
 from mrbt_mesh.core.planning.demands import Demand
 
 Groups: TypeAlias = Sequence[Sequence[Demand]]
+# (slot group, candidates, slots): what a demand is to be.
+DemandChange: TypeAlias = tuple[SlotGroup, int, int]
+
 _GAP = 1 << 40  # between the labels of neighbours, so that others can come in between
 
 
@@ -23,270 +28,280 @@ class SharedPinError(Exception):
     """A robot is pinned to two requests."""
 
 
-class KeptRequests:
-    """What is kept with certain pins, without preemption; brought up to date at every change.
+class _RequestChanges(NamedTuple):
+    """What is different about the requests, and all of them as they are now."""
 
-    `pins`: robot -> row that it is pinned to, also where the pin does not hold.
+    gone: Sequence[OrderedRequest]
+    new: Sequence[OrderedRequest]
+    changed: Sequence[tuple[OrderedRequest, Sequence[Demand]]]
+    now: list[OrderedRequest]
+
+
+class KeptRequests:
+    """The requests that are kept with certain pins, without preemption.
+
+    With more than one change per `requests_per_change` requests it starts from scratch. `pins`:
+    robot -> the request that it is pinned to, whether or not the pin holds; those of `released`
+    robots do not.
     """
 
-    def __init__(self, bits: RobotBitset) -> None:
-        self.rows: list[Row] = []
-        self.pins: dict[str, Row] = {}
-        self.matching = Matching()
+    def __init__(self, bits: RobotBits, requests_per_change: int) -> None:
+        self.requests: list[OrderedRequest] = []
+        self.pins: dict[str, OrderedRequest] = {}
+        self.released: frozenset[str] = frozenset()
+        self._requests_per_change = requests_per_change
         self._bits = bits
-        self._joined = 0
+        self._decisions = Decisions()
+        self._joined = 0  # how many robots have joined that are known here
         self._robots = 0
-        self._held = 0
-        self._futile: frozenset[str] = frozenset()
-        self._excluded: dict[Row, None] = {}
+        self._held = 0  # the robots whose pins hold
+        self._excluded: dict[OrderedRequest, None] = {}
         self._groups: list[Sequence[Demand]] = []
-        self._kept: tuple[int, list[Row], list[int]] = (-1, [], [])
+        self._kept: tuple[int, list[OrderedRequest], list[int]] = (-1, [], [])
 
     @property
     def kept(self) -> list[int]:
         """The indices of the requests that are kept."""
-        flips, rows, kept = self._kept
-        if flips != self.matching.flips or rows is not self.rows:
-            kept = [row.index for row in self.rows if row.kept]
-            self._kept = (self.matching.flips, self.rows, kept)
+        version, requests, kept = self._kept
+        if version != self._decisions.version or requests is not self.requests:
+            kept = [request.index for request in self.requests if request.kept]
+            self._kept = (self._decisions.version, self.requests, kept)
         return kept
 
-    def would_matter(self, robots: Collection[str]) -> bool:
-        """Whether some request might be kept if the pins of these robots, all futile, were none."""
-        return self.matching.may_help(self._bits.of(robots))
-
-    def update(self, groups: Groups, excluded: Collection[int], futile: frozenset[str]) -> None:
-        """Other requests or robots. Pins of `futile` robots do not hold.
+    def update(self, groups: Groups, excluded: Collection[int], released: frozenset[str]) -> None:
+        """Take in the demands as they are now, and the robots.
 
         Raises SharedPinError, after which this object is of no use any more.
         """
-        found = None if _is_quicker_anew(0, len(groups)) else self._matched(groups)
-        if found is None:
-            self._build(groups, excluded, futile)
-            return
-        gone, changed, rows = found
-        fresh = [] if rows is self.rows else [row for row in rows if row.label < 0]
-        count = len(gone) + len(fresh)
-        if _is_quicker_anew(count, len(rows)) or not _labelled(rows, fresh):
-            self._build(groups, excluded, futile)
-            return
-        now_excluded = {rows[index]: None for index in excluded}
-        turned = [row for row in self._excluded if row not in now_excluded and row not in gone]
-        turned += [row for row in now_excluded if row not in self._excluded and row not in fresh]
+        changes = self._request_changes(groups)
+        if changes is None or not self._update(changes, excluded, released):
+            self._start(groups, excluded, released)
+        self._groups = list(groups)
+
+    def _update(
+        self, changes: _RequestChanges, excluded: Collection[int], released: frozenset[str]
+    ) -> bool:
+        """False: it has to start from scratch."""
+        gone, new, changed, now = changes
+        count = len(gone) + len(new)
+        if self._are_many(count, len(now)) or not _labelled(now, new):
+            return False
+        now_excluded = {now[index]: None for index in excluded}
+        turned = [each for each in self._excluded if each not in now_excluded and each not in gone]
+        turned += [each for each in now_excluded if each not in self._excluded and each not in new]
         self._excluded = now_excluded
         newcomers = self._newcomers()
-        self._repin(gone, changed, fresh, turned, futile)
-        again = dict.fromkeys([row for row, _ in changed] + turned)
-        if futile != self._futile:
-            other = [robot for robot in sorted(futile ^ self._futile) if robot in self.pins]
-            again |= dict.fromkeys(self.pins[robot] for robot in other)
-            self._futile = futile
+        self._repin(changes, turned, released)
+        compared = dict.fromkeys([request for request, _ in changed] + turned)
+        if released != self.released:
+            other = [robot for robot in sorted(released ^ self.released) if robot in self.pins]
+            compared |= dict.fromkeys(self.pins[robot] for robot in other)
+            self.released = released
         for robot in newcomers:
-            again |= {row: None for row in rows for d in row.source if robot in d.candidates}
-        changes = self._changes(again)
-        if changes is None:
-            self._build(groups, excluded, futile)
-            return
-        grown = self._grown(changes, newcomers)
-        changes = [change for change in changes if change[0].pool not in grown]
-        count += (self._robots & ~self._held ^ self.matching.free).bit_count()
-        if _is_quicker_anew(count + len(changes) + len(grown), len(rows)):
-            self._build(groups, excluded, futile)
-            return
-        for row in gone:
-            self.matching.remove_row(row)
-        self._move_robots(newcomers, grown, changes)
-        self._decide(fresh, turned, changes)
-        self.rows = rows
-        self._groups = list(groups)
+            compared |= {each: None for each in now for d in each.source if robot in d.candidates}
+        demands = self._demand_changes(compared)
+        if demands is None:
+            return False
+        extended = self._extended(demands, newcomers)
+        demands = [change for change in demands if change[0].pool not in extended]
+        count += (self._robots & ~self._held ^ self._decisions.matching.free).bit_count()
+        if self._are_many(count + len(demands) + len(extended), len(now)):
+            return False
+        for request in gone:
+            self._decisions.remove(request)
+        self._change_robots(newcomers, extended, demands)
+        self._decide(new, turned, demands)
+        self.requests = now
+        return True
 
-    def _build(self, groups: Groups, excluded: Collection[int], futile: frozenset[str]) -> None:
+    def _are_many(self, changes: int, requests: int) -> bool:
+        return changes * self._requests_per_change > requests
+
+    def _start(self, groups: Groups, excluded: Collection[int], released: frozenset[str]) -> None:
         """From scratch."""
         bits = self._bits
-        self._groups = list(groups)
-        self.rows = [Row(index * _GAP, group) for index, group in enumerate(groups)]
+        self.requests = [OrderedRequest(index * _GAP, group) for index, group in enumerate(groups)]
         self.pins.clear()
-        self._held, self._futile, self._robots = 0, futile, bits.all
+        self._held, self.released, self._robots = 0, released, bits.all
         self._joined = len(bits.joined)
-        self._excluded = {self.rows[index]: None for index in excluded}
-        for row in self.rows:
-            if row not in self._excluded:
-                self._pin(row)
-        self.matching = seating = Matching(bits.all & ~self._held)
-        for index, row in enumerate(self.rows):
-            row.index = index
-            seating.add_row(row, self._asks(row))
-            if row in self._excluded:
-                row.wanted = False
+        self._excluded = {self.requests[index]: None for index in excluded}
+        for request in self.requests:
+            if request not in self._excluded:
+                self._pin(request)
+        self._decisions = Decisions(bits.all & ~self._held)
+        for index, request in enumerate(self.requests):
+            request.index = index
+            self._decisions.add(request, self._slots(request))
+            if request in self._excluded:
+                request.excluded = True
             else:
-                seating.decide(row)
+                self._decisions.decide(request)
 
-    def _asks(self, row: Row) -> list[tuple[int, int]]:
-        """(robots, seats needed) for each demand of a row."""
-        mask, futile = self._bits.mask, self._futile
-        asks = []
-        for demand in row.source:
-            need = demand.lower
-            if need and demand.pinned:
-                need = max(0, need - sum(robot not in futile for robot in demand.pinned))
-            asks.append((mask(demand.candidates), need))
-        return asks
+    def _slots(self, request: OrderedRequest) -> list[tuple[int, int]]:
+        """(candidates, slots) for each demand of a request: slots for robots not pinned to it."""
+        mask, released = self._bits.mask, self.released
+        found = []
+        for demand in request.source:
+            slots = demand.lower
+            if slots and demand.pinned:
+                slots = max(0, slots - sum(robot not in released for robot in demand.pinned))
+            found.append((mask(demand.candidates), slots))
+        return found
 
-    def _matched(
-        self, groups: Groups
-    ) -> tuple[list[Row], list[tuple[Row, Sequence[Demand]]], list[Row]] | None:
-        """(rows that are gone, rows with other demands, all rows, new ones with label -1)."""
-        old, rows = self._groups, self.rows
+    # -- what has changed ---------------------------------------------------------------------
+
+    def _request_changes(self, groups: Groups) -> _RequestChanges | None:
+        """Compare by identity, then by activation; None: requests of one activation."""
+        old, now = self._groups, self.requests
         shared = min(len(old), len(groups))
         start = next(compress(numbers(), map(is_not, old, groups)), shared)
         if start == len(old) == len(groups):
-            return [], [], rows
+            return _RequestChanges([], [], [], now)
         end = next(compress(numbers(), map(is_not, reversed(old), reversed(groups))), shared)
         end = min(end, shared - start)
-        olds, news = rows[start : len(old) - end], groups[start : len(groups) - end]
+        olds, news = now[start : len(old) - end], groups[start : len(groups) - end]
         if len(olds) == len(news):
             both = zip(olds, news, strict=True)
-            pairs = [(row, group) for row, group in both if row.source is not group]
-            if all(_name(row.source) == _name(group) for row, group in pairs):
-                return [], pairs, rows
-        known = {_name(row.source): row for row in olds}
-        if len(known) < len(olds):
+            changed = [(request, group) for request, group in both if request.source is not group]
+            if all(_activation(request.source) == _activation(group) for request, group in changed):
+                return _RequestChanges([], [], changed, now)
+        gone = {_activation(request.source): request for request in olds}
+        if len(gone) < len(olds):
             return None
-        pairs, found, last = [], [], -1
+        changed, new, found, last = [], [], [], -1
         for group in news:
-            row = known.get(_name(group))
-            if row is None or row.label <= last:
-                found.append(Row(-1, group))
-                continue
-            del known[_name(group)]
-            last = row.label
-            found.append(row)
-            if row.source is not group:
-                pairs.append((row, group))
-        rows = [*rows[:start], *found, *rows[len(old) - end :]]
-        for index in range(start, len(rows)):
-            rows[index].index = index
-        return list(known.values()), pairs, rows
+            request = gone.get(_activation(group))
+            if request is None or request.label <= last:
+                request = OrderedRequest(-1, group)
+                new.append(request)
+            else:
+                del gone[_activation(group)]
+                last = request.label
+                if request.source is not group:
+                    changed.append((request, group))
+            found.append(request)
+        now = [*now[:start], *found, *now[len(old) - end :]]
+        for index in range(start, len(now)):
+            now[index].index = index
+        return _RequestChanges(list(gone.values()), new, changed, now)
 
     def _newcomers(self) -> dict[str, int]:
+        """The robots that have joined since the last time, and their bits."""
         joined = self._bits.joined[self._joined :]
         self._joined = len(self._bits.joined)
         return {robot: bit for robot, bit in joined if self._bits.bit(robot) == bit}
+
+    def _demand_changes(self, requests: Iterable[OrderedRequest]) -> list[DemandChange] | None:
+        """The demands of these requests that are not as before; None: there are more, or fewer."""
+        robots, changes = self._robots, []
+        for request in requests:
+            wanted = self._slots(request)
+            if len(wanted) != len(request.groups):
+                return None
+            for group, (candidates, slots) in zip(request.groups, wanted, strict=True):
+                if (group.pool.robots ^ candidates) & robots:
+                    changes.append((group, candidates, slots))
+                elif group.slots != slots:
+                    changes.append((group, group.pool.robots, slots))
+        return changes
+
+    def _extended(
+        self, changes: Sequence[DemandChange], newcomers: Mapping[str, int]
+    ) -> dict[Pool, int]:
+        """Pools of which all demands change in the same way: a newcomer is a candidate as well."""
+        counts: dict[tuple[Pool, int], int] = {}
+        for group, candidates, slots in changes if newcomers else ():
+            before = group.pool.robots
+            added = candidates & ~before
+            is_added = (before | added) & self._robots == candidates & self._robots
+            if is_added and group.slots == slots:
+                counts[group.pool, added] = counts.get((group.pool, added), 0) + 1
+        can_extend = self._decisions.matching.can_extend
+        return {
+            pool: added
+            for (pool, added), count in counts.items()
+            if added in newcomers.values() and can_extend(pool, added, count)
+        }
 
     # -- pins ---------------------------------------------------------------------------------
 
     def _repin(
         self,
-        gone: Sequence[Row],
-        changed: Sequence[tuple[Row, Sequence[Demand]]],
-        fresh: Sequence[Row],
-        turned: Sequence[Row],
-        futile: frozenset[str],
+        changes: _RequestChanges,
+        turned: Sequence[OrderedRequest],
+        released: frozenset[str],
     ) -> None:
-        """Bring `pins` up to date, and the demands of rows that have others."""
-        for row in [*gone, *turned, *(row for row, _ in changed)]:
-            for demand in row.source:
+        """Bring `pins` up to date, and the demands of requests that have others."""
+        changed = [request for request, _ in changes.changed]
+        for request in [*changes.gone, *turned, *changed]:
+            for demand in request.source:
                 for robot in demand.pinned:
-                    if self.pins.get(robot) is row:
+                    if self.pins.get(robot) is request:
                         del self.pins[robot]
                         self._held &= ~self._bits.bit(robot)
-        for row, group in changed:
-            row.source = group
-        for row in dict.fromkeys([*turned, *(row for row, _ in changed), *fresh]):
-            if row not in self._excluded:
-                self._pin(row)
-        if futile != self._futile or self._bits.all != self._robots:
+        for request, group in changes.changed:
+            request.source = group
+        for request in dict.fromkeys([*turned, *changed, *changes.new]):
+            if request not in self._excluded:
+                self._pin(request)
+        if released != self.released or self._bits.all != self._robots:
             self._robots = self._bits.all
-            self._held = self._bits.of([robot for robot in self.pins if robot not in futile])
+            self._held = self._bits.of([robot for robot in self.pins if robot not in released])
 
-    def _pin(self, row: Row) -> None:
-        for demand in row.source:
+    def _pin(self, request: OrderedRequest) -> None:
+        for demand in request.source:
             for robot in demand.pinned:
                 if robot in self.pins:
                     raise SharedPinError
-                self.pins[robot] = row
-                if robot not in self._futile:
+                self.pins[robot] = request
+                if robot not in self.released:
                     self._held |= self._bits.bit(robot)
 
     # -- carrying it out ----------------------------------------------------------------------
 
-    def _changes(self, rows: Iterable[Row]) -> list[tuple[SlotGroup, int, int]] | None:
-        """(ask, robots, seats needed) where it is no longer so; None: other demands altogether."""
-        robots, changes = self._robots, []
-        for row in rows:
-            wanted = self._asks(row)
-            if len(wanted) != len(row.asks):
-                return None
-            for ask, (mask, need) in zip(row.asks, wanted, strict=True):
-                if (ask.pool.robots ^ mask) & robots:
-                    changes.append((ask, mask, need))
-                elif ask.need != need:
-                    changes.append((ask, ask.pool.robots, need))
-        return changes
-
-    def _grown(
-        self, changes: Sequence[tuple[SlotGroup, int, int]], newcomers: Mapping[str, int]
-    ) -> dict[Pool, int]:
-        """Pools that all demands on them stay with, though a newcomer can meet these as well."""
-        asks: dict[tuple[Pool, int], int] = {}
-        for ask, mask, need in changes if newcomers else ():
-            added = mask & ~ask.pool.robots
-            if (ask.pool.robots | added) & self._robots == mask & self._robots and ask.need == need:
-                asks[ask.pool, added] = asks.get((ask.pool, added), 0) + 1
-        return {
-            pool: added
-            for (pool, added), count in asks.items()
-            if added in newcomers.values() and self.matching.can_grow(pool, added, count)
-        }
-
-    def _move_robots(
+    def _change_robots(
         self,
         newcomers: Mapping[str, int],
-        grown: Mapping[Pool, int],
-        changes: Sequence[tuple[SlotGroup, int, int]],
+        extended: Mapping[Pool, int],
+        changes: Sequence[DemandChange],
     ) -> None:
-        seating = self.matching
-        free = self._robots & ~self._held
-        for robot in _each(seating.free & ~free):
-            seating.remove_robot(robot)
-        for robot in _each(free & ~seating.free):
-            seating.add_robot(robot)
+        decisions = self._decisions
+        before, free = decisions.matching.free, self._robots & ~self._held
+        for robot in _each(before & ~free):
+            decisions.remove_robot(robot)
+        for robot in _each(free & ~before):
+            decisions.add_robot(robot)
         for robot in newcomers.values():
-            wider = [mask for _, mask, _ in changes if mask & robot]
-            wider += [pool.robots | robot for pool, added in grown.items() if added == robot]
-            seating.widen(robot, wider)
-        for pool, robot in grown.items():
-            seating.grow(pool, robot)
+            sets = [candidates for _, candidates, _ in changes if candidates & robot]
+            sets += [pool.robots | robot for pool, added in extended.items() if added == robot]
+            decisions.introduce(robot, sets)
+        for pool, robot in extended.items():
+            decisions.matching.extend(pool, robot)
 
     def _decide(
         self,
-        fresh: Sequence[Row],
-        turned: Sequence[Row],
-        changes: Sequence[tuple[SlotGroup, int, int]],
+        new: Sequence[OrderedRequest],
+        turned: Sequence[OrderedRequest],
+        changes: Sequence[DemandChange],
     ) -> None:
-        seating = self.matching
-        for row in turned:
-            if row in self._excluded:
-                seating.withdraw(row)
+        decisions = self._decisions
+        for request in turned:
+            if request in self._excluded:
+                decisions.exclude(request)
             else:
-                seating.due(row)
-        for ask, mask, need in changes:
-            if mask != ask.pool.robots:
-                seating.set_robots(ask, mask)
-            if need != ask.need:
-                seating.set_need(ask, need)
-        for row in fresh:
-            seating.add_row(row, self._asks(row))
-            if row in self._excluded:
-                row.wanted = False
+                decisions.make_due(request)
+        for group, candidates, slots in changes:
+            if candidates != group.pool.robots:
+                decisions.set_candidates(group, candidates)
+            if slots != group.slots:
+                decisions.set_slots(group, slots)
+        for request in new:
+            decisions.add(request, self._slots(request))
+            if request in self._excluded:
+                request.excluded = True
             else:
-                seating.due(row)
-        seating.settle()
-
-
-def _is_quicker_anew(changes: int, requests: int) -> bool:
-    """Whether so many changes are better met by deciding all requests from scratch."""
-    return requests < 12 or changes > requests // 8
+                decisions.make_due(request)
+        decisions.decide_due()
 
 
 def _each(robots: int) -> Iterable[int]:
@@ -296,16 +311,17 @@ def _each(robots: int) -> Iterable[int]:
         yield robot
 
 
-def _name(group: Sequence[Demand]) -> str:
+def _activation(group: Sequence[Demand]) -> str:
     return group[0].request.activation if group else ""
 
 
-def _labelled(rows: Sequence[Row], fresh: Sequence[Row]) -> bool:
-    """Give new rows labels between those of their neighbours; False: there is no room."""
-    for row in fresh:
-        before = rows[row.index - 1].label if row.index else -_GAP
-        after = next((r.label for r in rows[row.index + 1 :] if r.label >= 0), before + 2 * _GAP)
-        row.label = (before + after) // 2
-        if row.label <= max(before, -1):
+def _labelled(requests: Sequence[OrderedRequest], new: Sequence[OrderedRequest]) -> bool:
+    """Give new requests labels between those of their neighbours; False: there is no room."""
+    for request in new:
+        before = requests[request.index - 1].label if request.index else -_GAP
+        later = requests[request.index + 1 :]
+        after = next((each.label for each in later if each.label >= 0), before + 2 * _GAP)
+        request.label = (before + after) // 2
+        if request.label <= max(before, -1):
             return False
     return True

@@ -1,4 +1,4 @@
-"""*Check Consistency* against its plain definition, after every event of long random stories."""
+"""*Check Consistency* brought up to date, against its definition, after every event."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.evaluation import Request
-from mrbt_mesh.core.incremental.consistency import kept_requests as kept_up
-from mrbt_mesh.core.incremental.consistency.keeper import BitsetConsistency, ConsistencyKeeper
+from mrbt_mesh.core.incremental.consistency.keeper import (
+    FEW_REQUESTS,
+    BitsetConsistency,
+    ConsistencyKeeper,
+)
 from mrbt_mesh.core.planning.capabilities import Worker
 from mrbt_mesh.core.planning.consistency import Consistency, Kept, kept_requests
 from mrbt_mesh.core.planning.demands import Demand
@@ -37,14 +40,13 @@ def by_definition(
     return kept_requests(FACTS, groups, lambda: Consistency(team), excluded)
 
 
-def follow(story: Story, steps: int, label: str) -> None:
-    """Ask a keeper after every event, and compare with the plain definition."""
-    keeper = ConsistencyKeeper()
+def follow(story: Story, steps: int, label: str, keeper: ConsistencyKeeper) -> None:
+    """Ask a keeper after every event, and compare with the definition."""
     happened: list[str] = []
     for number in range(steps):
-        groups, team, barred = story.groups(), story.team, story.barred
-        found = keeper.kept_requests(FACTS, groups, team, barred)
-        wanted = by_definition(groups, team, barred)
+        groups, team, excluded = story.groups(), story.team, story.excluded
+        found = keeper.kept_requests(FACTS, groups, team, excluded)
+        wanted = by_definition(groups, team, excluded)
         where = f"{label}: after event {number}, {', '.join(happened)}"
         assert found == wanted, where
         assert list(found[1]) == sorted(found[1]), where
@@ -53,23 +55,22 @@ def follow(story: Story, steps: int, label: str) -> None:
             happened.append(story.step())
 
 
-@pytest.fixture
-def always_incremental(monkeypatch: pytest.MonkeyPatch) -> None:
-    """However few requests there are, and however much has changed."""
-    monkeypatch.setattr(kept_up, "_is_quicker_anew", lambda changes, requests: False)
-
-
-@pytest.mark.usefixtures("always_incremental")
 @pytest.mark.parametrize("name", SMALL)
 def test_every_event_by_itself(name: str) -> None:
+    """However few requests there are, and however much has changed."""
     for seed in range(12):
-        follow(Story(seed, SMALL[name]), 80, f"{name}, seed {seed}")
+        keeper = ConsistencyKeeper(few_requests=0, requests_per_change=0)
+        follow(Story(seed, SMALL[name]), 80, f"{name}, seed {seed}", keeper)
 
 
+@pytest.mark.parametrize("few_requests", [0, FEW_REQUESTS])
 @pytest.mark.parametrize("name", SMALL)
-def test_whatever_happens_the_keeper_answers_like_the_definition(name: str) -> None:
+def test_whatever_happens_the_keeper_answers_like_the_definition(
+    name: str, few_requests: int
+) -> None:
     for seed in range(12):
-        follow(Story(seed, SMALL[name]), 80, f"{name}, seed {seed}")
+        keeper = ConsistencyKeeper(few_requests)
+        follow(Story(seed, SMALL[name]), 80, f"{name}, seed {seed}", keeper)
 
 
 @pytest.mark.parametrize(
@@ -84,23 +85,23 @@ def test_whatever_happens_the_keeper_answers_like_the_definition(name: str) -> N
 )
 def test_medium_teams(sizes: Sizes) -> None:
     for seed in range(2):
-        follow(Story(seed, sizes), 60, f"{sizes}, seed {seed}")
+        follow(Story(seed, sizes), 60, f"{sizes}, seed {seed}", ConsistencyKeeper())
 
 
 @given(st.integers(0, 10**9), st.sampled_from(sorted(SMALL)))
 def test_from_scratch_it_answers_like_the_definition(seed: int, name: str) -> None:
     story = Story(seed, SMALL[name])
     for _ in range(3):
-        groups, team, barred = story.groups(), story.team, story.barred
-        found = ConsistencyKeeper().kept_requests(FACTS, groups, team, barred)
-        assert found == by_definition(groups, team, barred)
+        groups, team, excluded = story.groups(), story.team, story.excluded
+        found = ConsistencyKeeper(few_requests=0).kept_requests(FACTS, groups, team, excluded)
+        assert found == by_definition(groups, team, excluded)
         story.step()
 
 
 def test_a_robot_that_claims_two_requests_is_counted_for_the_later_one() -> None:
     groups = [[demand(0, 1, "A", pinned="A")], [demand(1, 1, "A", pinned="A")]]
     team = {"A": WORKER}
-    keeper = ConsistencyKeeper()
+    keeper = ConsistencyKeeper(few_requests=0)
     for _ in range(2):
         found = keeper.kept_requests(FACTS, groups, team)
         assert found == by_definition(groups, team) == ([1], {"A": 1})
@@ -149,18 +150,18 @@ def test_keeping_one_after_the_other_with_pins(seed: int) -> None:
         fits = plain.fits(index, group, pinned)
         assert fast.fits(index, group, pinned) == fits
         assert fast.keep(index, group, pinned) == plain.keep(index, group, pinned) == fits
-        check_seats(groups, fast.matched, pinned, plain.matched)
+        check_matching(groups, fast.matched, pinned, plain.matched)
 
 
-def check_seats(
+def check_matching(
     groups: list[list[Demand]],
-    seated: Mapping[str, int],
+    matched: Mapping[str, int],
     pinned: Mapping[str, int],
     others: Mapping[str, int],
 ) -> None:
-    """Each request has as many seats as it needs, of robots that can do some of it."""
-    assert sorted(seated.values()) == sorted(others.values())
-    for robot, index in seated.items():
+    """Each request has as many robots as it needs, that can do some of it."""
+    assert sorted(matched.values()) == sorted(others.values())
+    for robot, index in matched.items():
         assert robot not in pinned
         assert any(robot in demand.candidates for demand in groups[index])
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 
 
-class RobotBitset:
+class RobotBits:
     """Robots as bits of ints. A robot that comes back gets another bit, and none is used twice.
 
     Masks of candidates are remembered by the identity of the mapping, which must not change.
