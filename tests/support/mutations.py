@@ -25,7 +25,7 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.incremental.planning import capabilities as followed_capabilities
 from mrbt_mesh.core.membership import leases
 from mrbt_mesh.core.membership.anti_entropy import Replica
-from mrbt_mesh.core.membership.leases import Leases
+from mrbt_mesh.core.membership.leases import LeaseGrantor
 from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.mission.mission import GlobalTask
 from mrbt_mesh.core.planning import bids, capabilities, demands
@@ -260,14 +260,14 @@ def grants_not_synced() -> Iterator[None]:
     def restore(self: Replica, entries: Sequence[Entry]) -> None:
         original(self, [e for e in entries if not e.name.startswith(f"{GRANT}/")])
 
-    def init(self: Leases, *args: Any) -> None:
+    def init(self: LeaseGrantor, *args: Any) -> None:
         init_originally(self, *args)
-        self._silent_until_us = 0
+        self.end_silence()
 
-    original, init_originally = Replica.restore, Leases.__init__
+    original, init_originally = Replica.restore, LeaseGrantor.__init__
     with (
         mock.patch.object(Replica, "restore", restore),
-        mock.patch.object(Leases, "__init__", init),
+        mock.patch.object(LeaseGrantor, "__init__", init),
     ):
         yield
 

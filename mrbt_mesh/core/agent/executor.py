@@ -145,7 +145,7 @@ class Executor:
             return self._written_down(task, line.activation, claim, now_us), []
         token = self._token_sought()
         assert token is not None
-        if task.exclusive and not self.leases.holds(line.activation, token, now_us):
+        if task.exclusive and not self.leases.holder.is_held(line.activation, token, now_us):
             return None, []
         lines = plan.lines.values()
         planned = {x.robot: x.local_task for x in lines if x.activation == line.activation}
@@ -164,7 +164,9 @@ class Executor:
         context, facts = self._context, self._context.facts
         found = facts.coalitions(activation)
         token = coalition_at_work(facts, task, activation, context.alive())
-        if token is None or (task.exclusive and not self.leases.holds(activation, token, now_us)):
+        if token is None or (
+            task.exclusive and not self.leases.holder.is_held(activation, token, now_us)
+        ):
             return None
         mine = (claim.since, context.me, context.replica.incarnation)
         for member in found.members[token]:
@@ -187,7 +189,7 @@ class Executor:
                 return []
             return [(f"{records.DOUBT}/{activation}/{claim.coalition}", True)]
         token = CoalitionId(claim.since, context.me, *context.replica.incarnation)
-        if self.leases.seeks == (activation, str(token)):
+        if self.leases.holder.requested == (activation, str(token)):
             return [(f"{records.CLEARED}/{activation}/{token}", True)]
         return []
 
@@ -197,14 +199,14 @@ class Executor:
         """Ask for the grants that this robot's claim needs."""
         context, claim = self._context, self._context.work.claim
         if claim is not None and context.mission.global_tasks[claim.global_task].exclusive:
-            self.leases.seek(claim.activation, self._token_sought())
-        elif self.leases.seeks is not None:
-            self.leases.seek("", None)
+            self.leases.holder.request(claim.activation, self._token_sought())
+        elif self.leases.holder.requested is not None:
+            self.leases.holder.request("", None)
 
     def check_leases(self, now_us: int) -> None:
         """Follow the grants that this robot has given; stop where its own have run out."""
         context, claim = self._context, self._context.work.claim
-        writes = self.leases.step(now_us)
+        writes = self.leases.grantor.expire(now_us)
         if writes:
             context.write(writes, now_us)
         if claim is None or claim.phase is not Phase.RUNNING:
@@ -214,14 +216,14 @@ class Executor:
         token = CoalitionId.parse(claim.coalition)
         found = context.facts.coalitions(claim.activation)
         ended = token in found.broken or context.me in found.doubts.get(token, ())
-        if not ended and not self.leases.holds(claim.activation, token, now_us):
+        if not ended and not self.leases.holder.is_held(claim.activation, token, now_us):
             context.log("warning", "grants_ran_out", global_task=claim.global_task)
             names = (records.DOUBT, records.BROKEN)
             context.write([(f"{name}/{claim.activation}/{token}", True) for name in names], now_us)
 
     def lease_asked(self, robot: str, beat: Heartbeat, now_us: int) -> None:
         """A beat asks for a lease, or answers this robot's own request."""
-        writes = self.leases.heard(robot, beat, now_us, self.may_grant)
+        writes = self.leases.receive_heartbeat(robot, beat, now_us, self.may_grant)
         if writes:
             self._context.write(writes, now_us)
 

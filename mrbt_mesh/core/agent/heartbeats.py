@@ -65,16 +65,18 @@ class Heartbeats:
     def _urgent(self) -> Urgent:
         context, plan, leases = self._context, self._planner.plan, self._executor.leases
         digest, result = (plan.digest, plan.result) if plan else (b"", Status.RUNNING)
-        granted = tuple([(grant.token, grant.member) for grant in leases.given()])
+        granted = tuple([(grant.coalition, grant.member) for grant in leases.grantor.grants()])
         accusations = context.membership.suspicions()
         is_joined, is_leaving = context.joining is None, context.is_leaving
-        return Urgent(digest, result, accusations, is_joined, is_leaving, leases.seeks, granted)
+        return Urgent(
+            digest, result, accusations, is_joined, is_leaving, leases.holder.requested, granted
+        )
 
     def _send(self, urgent: Urgent, now_us: int) -> None:
         context, plan, executor = self._context, self._planner.plan, self._executor
         number = self._schedule.mark_sent(urgent, now_us)
         # A beat renews the leases that this robot holds: it answers itself first.
-        granted = executor.leases.sent(number, now_us, executor.may_grant)
+        granted = executor.leases.heartbeat_sent(number, now_us, executor.may_grant)
         if granted:
             context.write(granted, now_us)
         digest, result = (plan.digest, plan.result) if plan else (bytes(8), Status.RUNNING)
@@ -87,8 +89,8 @@ class Heartbeats:
             context.work.progress,
             urgent.accusations,
             membership.relays(),
-            executor.leases.seeks,
-            executor.leases.given(),
+            executor.leases.holder.requested,
+            executor.leases.grantor.grants(),
         )
         data = context.config.engine.write_heartbeat(beat, context.replica.header)
         context.emit(Publish(MessageKind.HEARTBEAT, data))

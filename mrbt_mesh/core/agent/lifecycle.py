@@ -115,7 +115,7 @@ class Lifecycle:
         is_known = bool(context.facts.map.of_author(context.me))
         peers, digest = context.membership.peers, context.facts.map.digest()
         if joining.has_all_of(others, peers, digest) and not is_known:
-            self._leases.end_silence()
+            self._leases.grantor.end_silence()
         incarnation = context.replica.next_incarnation(self._duplicates.other_incarnation.counter)
         context.emit(DeclareToken(incarnation))
 

@@ -81,7 +81,7 @@ class Member(Record):
     type: str
     capabilities: Mapping[str, int]
     lost: tuple[str, ...]
-    leaving: bool
+    is_leaving: bool
     software: str
     host: str
     pid: int
@@ -92,7 +92,7 @@ class Member(Record):
             self.type,
             dict(self.capabilities),
             list(self.lost),
-            self.leaving,
+            self.is_leaving,
             self.software,
             self.host,
             self.pid,

@@ -55,7 +55,7 @@ class DuplicateIdCheck:
     ) -> str | None:
         """A beat arrived under this robot's own id."""
         incarnation, joined = heartbeat.report.incarnation, heartbeat.report.has_joined
-        if incarnation.nonce == self._nonce or heartbeat.leaving:
+        if incarnation.nonce == self._nonce or heartbeat.is_leaving:
             return None
         if not is_starting:
             return self._replaced_by(incarnation, mine) if joined else None

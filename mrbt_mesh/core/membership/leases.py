@@ -1,11 +1,20 @@
-"""Grants: the promise of a majority that an exclusive task has one coalition at a time.
+"""Leases: the promise of a majority that an exclusive task has one coalition at a time.
 
-Whoever seeks or holds a task says so in every beat, and whoever grants it answers with the
-number of that beat. A grant runs out one lease after the last beat that renewed it, on the
-giver's clock; the holder counts a shorter time from when it *sent* that beat, so it stops
-first. Any two majorities share a giver, and a giver grants an activation to one coalition at a
-time, so two coalitions never hold it together. Source: leases (Gray and Cheriton, 1989), with
-the majority of Paxos in place of the file server.
+A coalition needs a lease of the task from a majority of the robots that the mission names, the
+*grantors*. Its members are the *holders*. All of it rides on heartbeats: a holder's heartbeat is
+the request, first for the lease and then for its renewal; a grantor's heartbeat answers with the
+number of the heartbeat that it answers.
+
+- Any two majorities share a grantor, and a grantor leases an activation to one coalition at a time,
+  so two coalitions never hold it together.
+- A lease runs out `lease_us` after the last request for it arrived, on the grantor's clock. The
+  holder counts a shorter time (`hold_us`), and from when it *sent* that request, so it stops first.
+- The first grant is a fact (`grant`), on disk before the answer goes out. Renewals are not written.
+- A grantor whose lease ran out before all outcomes were known says that the work may be half done
+  (`doubt`).
+
+Source: Gray and Cheriton, Leases: an efficient fault-tolerant mechanism for distributed file cache
+consistency, 1989; with a majority in place of the one file server.
 """
 
 from __future__ import annotations
@@ -22,202 +31,240 @@ from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Heartbeat, LeaseGrant
 from mrbt_mesh.core.mission.mission import InDoubtPolicy
 
-_Writes: TypeAlias = list[tuple[str, Any]]
+# What to write: names and values of entries.
+Writes: TypeAlias = list[tuple[str, Any]]
+# An activation, and the id of the coalition that needs a lease of it, as text.
+Request: TypeAlias = tuple[str, str]
+# Whether the robot's own view speaks for giving an activation to a coalition.
+MayGrant: TypeAlias = Callable[[str, CoalitionId], bool]
 
 
-@dataclass(slots=True)
-class _Given:
-    """A coalition that this robot lets have an activation until `expires_us`.
+class LeaseHolder:
+    """The leases that this robot needs for its own claim: at most of one activation.
 
-    `echoes`: member -> number of its newest beat that renewed it. Without `granted` it is only
-    known from others' grants: this robot says when it would have run out.
+    `requested`: what its heartbeats ask for.
     """
 
-    token: CoalitionId
-    expires_us: int
-    granted: bool
-    echoes: dict[str, int] = field(default_factory=dict)
-
-
-class Leases:
-    """What one robot grants to others, and what it holds itself."""
-
-    def __init__(self, me: str, facts: TeamFacts, timing: Timing, now_us: int) -> None:
-        self._me = me
+    def __init__(self, facts: TeamFacts, timing: Timing) -> None:
+        self.requested: Request | None = None
         self._facts = facts
         self._timing = timing
-        self._given: dict[str, _Given] = {}
+        # Number of a heartbeat -> when it was sent, for those that may still be answered.
         self._sent_us: dict[int, int] = {}
+        # Grantor -> when the newest request that it has answered was sent.
         self._confirmed_us: dict[str, int] = {}
-        # A robot that has just started may have granted something in an earlier life.
-        self._silent_until_us = now_us + timing.lease_us
-        self.seeks: tuple[str, str] | None = None
 
-    def end_silence(self) -> None:
-        """All robots of the mission were asked, and none knows of an earlier life of this one."""
-        self._silent_until_us = 0
-
-    # -- the holder ---------------------------------------------------------------------------
-
-    def seek(self, activation: str, token: CoalitionId | None) -> None:
-        """Ask for, or keep, the grants of one coalition; None: of none."""
-        wanted = (activation, str(token)) if token is not None else None
-        if wanted != self.seeks:
-            self.seeks = wanted
+    def request(self, activation: str, coalition: CoalitionId | None) -> None:
+        """Ask for the leases of one coalition, and keep them; None: of none."""
+        wanted = (activation, str(coalition)) if coalition is not None else None
+        if wanted != self.requested:
+            self.requested = wanted
             self._confirmed_us.clear()
 
     def held_until_us(self) -> int:
-        """Until when a majority's grants last, by this robot's own count; 0: there is none."""
+        """Until when a majority's leases last, by this robot's own count; 0: there is none."""
         needed = majority(self._facts.grantors)
         newest = sorted(self._confirmed_us.values(), reverse=True)
         if len(newest) < needed:
             return 0
         return newest[needed - 1] + self._timing.hold_us
 
-    def holds(self, activation: str, token: CoalitionId, now_us: int) -> bool:
+    def is_held(self, activation: str, coalition: CoalitionId, now_us: int) -> bool:
         """Whether this robot may work on the activation now."""
-        return self.seeks == (activation, str(token)) and now_us < self.held_until_us()
+        return self.requested == (activation, str(coalition)) and now_us < self.held_until_us()
 
-    def sent(
-        self, number: int, now_us: int, may_grant: Callable[[str, CoalitionId], bool]
-    ) -> _Writes:
-        """This robot's beat goes out: it is a request, and this robot answers itself first."""
-        if self.seeks is None:
+    def note_sent(self, number: int, now_us: int) -> None:
+        """A heartbeat goes out; it asks for what is `requested`."""
+        if self.requested is None:
             self._sent_us.clear()
-            return []
+            return
         self._sent_us[number] = now_us
-        for old in [
-            n for n, at_us in self._sent_us.items() if at_us + self._timing.hold_us < now_us
-        ]:
+        hold_us = self._timing.hold_us
+        for old in [each for each, at_us in self._sent_us.items() if at_us + hold_us < now_us]:
             del self._sent_us[old]
-        writes = self._asked(self._me, number, self.seeks, now_us, may_grant)
-        self._confirm(self._me, [g for g in self.given() if g.member == self._me])
-        return writes
 
-    def _confirm(self, giver: str, granted: list[LeaseGrant]) -> None:
-        for grant in granted:
-            sent_us = self._sent_us.get(grant.number)
-            if self.seeks is not None and grant.token == self.seeks[1] and sent_us is not None:
-                before_us = self._confirmed_us.get(giver, sent_us)
-                self._confirmed_us[giver] = max(before_us, sent_us)
+    def confirm(self, grantor: str, grant: LeaseGrant) -> None:
+        """A grantor has answered one of this robot's heartbeats."""
+        sent_us = self._sent_us.get(grant.number)
+        if self.requested is None or grant.coalition != self.requested[1] or sent_us is None:
+            return
+        self._confirmed_us[grantor] = max(self._confirmed_us.get(grantor, sent_us), sent_us)
 
-    # -- the giver ----------------------------------------------------------------------------
 
-    def heard(
-        self,
-        robot: str,
-        beat: Heartbeat,
-        now_us: int,
-        may_grant: Callable[[str, CoalitionId], bool],
-    ) -> _Writes:
-        """A beat of another robot: its request, and its answers to this robot's requests."""
-        if robot in self._facts.grantors:
-            self._confirm(robot, [grant for grant in beat.lease_grants if grant.member == self._me])
-        if beat.lease_request is None or not beat.report.has_joined:
-            return []
-        return self._asked(robot, beat.report.number, beat.lease_request, now_us, may_grant)
+@dataclass(slots=True)
+class _Lease:
+    """The lease of one activation, as a grantor knows it.
 
-    def _asked(
-        self,
-        member: str,
-        number: int,
-        sought: tuple[str, str],
-        now_us: int,
-        may_grant: Callable[[str, CoalitionId], bool],
-    ) -> _Writes:
-        """Renew or give a grant; what is written must be on disk before the answer goes out."""
-        activation = sought[0]
+    `answers`: member -> number of its newest heartbeat that renewed it. `is_own`: this robot has
+    granted it; otherwise it is only known from others, and this robot says when it would have run
+    out.
+    """
+
+    coalition: CoalitionId
+    expires_us: int
+    is_own: bool
+    answers: dict[str, int] = field(default_factory=dict)
+
+
+class LeaseGrantor:
+    """The leases that this robot has granted to coalitions, its own among them."""
+
+    def __init__(self, me: str, facts: TeamFacts, timing: Timing, now_us: int) -> None:
+        self._me = me
+        self._facts = facts
+        self._timing = timing
+        # By activation.
+        self._leases: dict[str, _Lease] = {}
+        # A robot that has just started may have granted something in an earlier life.
+        self._silent_until_us = now_us + timing.lease_us
+
+    def end_silence(self) -> None:
+        """All robots of the mission were asked, and none knows of an earlier life of this one."""
+        self._silent_until_us = 0
+
+    @property
+    def has_leases(self) -> bool:
+        """Whether this robot has granted a lease, or watches one."""
+        return bool(self._leases)
+
+    def answer_request(
+        self, member: str, number: int, request: Request, now_us: int, may_grant: MayGrant
+    ) -> Writes:
+        """Grant a lease or renew it, as heartbeat `number` of a member requests.
+
+        What is returned must be on disk before the answer goes out.
+        """
+        activation = request[0]
         try:
-            token = CoalitionId.parse(sought[1])
+            coalition = CoalitionId.parse(request[1])
         except ValueError:
             return []
-        given = self._given.get(activation)
-        if given is not None and given.granted and given.token == token:
-            if now_us < given.expires_us:
-                given.echoes[member] = max(number, given.echoes.get(member, 0))
-                given.expires_us = now_us + self._timing.lease_us
+        lease = self._leases.get(activation)
+        if lease is not None and lease.coalition != coalition:
             return []
-        if given is not None and given.token != token:
+        if lease is not None and lease.is_own:
+            self._renew(lease, member, number, now_us)
             return []
         if self._me not in self._facts.grantors or now_us < self._silent_until_us:
             return []
-        if not may_grant(activation, token) or not self._is_free(activation, token):
+        if not may_grant(activation, coalition) or not self._is_free(activation, coalition):
             return []
         expires_us = now_us + self._timing.lease_us
-        self._given[activation] = _Given(token, expires_us, True, {member: number})
-        return [(f"{records.GRANT}/{activation}/{token}", True)]
+        self._leases[activation] = _Lease(coalition, expires_us, True, {member: number})
+        return [(f"{records.GRANT}/{activation}/{coalition}", True)]
 
-    def _is_free(self, activation: str, token: CoalitionId) -> bool:
+    def _renew(self, lease: _Lease, member: str, number: int, now_us: int) -> None:
+        """One that has run out is not renewed: this robot has said, or says now, that it did."""
+        if now_us < lease.expires_us:
+            lease.answers[member] = max(number, lease.answers.get(member, 0))
+            lease.expires_us = now_us + self._timing.lease_us
+
+    def _is_free(self, activation: str, coalition: CoalitionId) -> bool:
         """Whether nothing that this robot has granted or doubted speaks against it.
 
         A coalition that may have left the work half done excludes every other for good, unless
         the task is to be tried again.
         """
         found = self._facts.coalitions(activation)
-        if token in found.broken or token in found.doubts or token in found.cleared:
+        if coalition in found.broken or coalition in found.doubts or coalition in found.cleared:
             return False
         task = self._facts.task_of(activation)
         if task is None or task.in_doubt is InDoubtPolicy.RETRY:
             return True
-        mine = (other for other in found.grants if self._me in found.grants[other])
-        return not any(found.is_open(other) for other in mine if other != token)
+        own = (other for other in found.grants if self._me in found.grants[other])
+        return not any(found.is_open(other) for other in own if other != coalition)
 
-    def given(self) -> tuple[LeaseGrant, ...]:
-        """The answers that this robot's next beat carries."""
-        if not self._given:
+    def grants(self) -> tuple[LeaseGrant, ...]:
+        """The answers that this robot's next heartbeat carries."""
+        if not self._leases:
             return ()
         return tuple(
-            LeaseGrant(str(given.token), member, given.echoes[member])
-            for _, given in sorted(self._given.items())
-            for member in sorted(given.echoes)
+            LeaseGrant(str(lease.coalition), member, lease.answers[member])
+            for _, lease in sorted(self._leases.items())
+            for member in sorted(lease.answers)
         )
 
-    def step(self, now_us: int) -> _Writes:
-        """Follow the facts and the clock; returns what to write of grants that have run out."""
-        self._learn(now_us)
-        writes: _Writes = []
-        if not self._given:
-            return writes
-        for activation, given in sorted(self._given.items()):
-            found = self._facts.coalitions(activation)
-            never_began = given.token.leader in found.cleared.get(given.token, ())
-            if found.is_resolved(given.token) or never_began or not self._knows(activation, given):
-                del self._given[activation]
-            elif now_us >= given.expires_us:
-                del self._given[activation]
-                if self._me in found.doubts.get(given.token, ()):
-                    continue
-                writes.append((f"{records.DOUBT}/{activation}/{given.token}", True))
+    def expire(self, now_us: int) -> Writes:
+        """Give up leases that have run out or are needed no more; returns what to write of them."""
+        self._watch_others(now_us)
+        writes: Writes = []
+        for activation, lease in sorted(self._leases.items()):
+            found, coalition = self._facts.coalitions(activation), lease.coalition
+            never_began = coalition.leader in found.cleared.get(coalition, ())
+            # What is out of reach is forgotten, and then the facts do not speak of it any more.
+            is_forgotten = coalition not in found.grants
+            if found.is_resolved(coalition) or never_began or is_forgotten:
+                del self._leases[activation]
+            elif now_us >= lease.expires_us:
+                del self._leases[activation]
+                if self._me not in found.doubts.get(coalition, ()):
+                    writes.append((f"{records.DOUBT}/{activation}/{coalition}", True))
         return writes
 
-    def _knows(self, activation: str, given: _Given) -> bool:
-        """Whether the facts still speak of this grant; what is out of reach is forgotten."""
-        return given.token in self._facts.coalitions(activation).grants
-
-    def _learn(self, now_us: int) -> None:
-        """Watch over coalitions to which somebody has granted something.
+    def _watch_others(self, now_us: int) -> None:
+        """Watch over coalitions to which somebody has granted a lease.
 
         If they vanish, this robot's word counts too. Its own grants of an earlier life are
         among them.
         """
         for activation, found in self._facts.granted():
-            if activation in self._given or self._me not in self._facts.grantors:
+            if activation in self._leases or self._me not in self._facts.grantors:
                 continue
-            for token in sorted(found.grants):
-                if found.is_open(token) and self._me not in found.doubts.get(token, ()):
-                    mine = self._me in found.grants[token]
+            for coalition in sorted(found.grants):
+                if found.is_open(coalition) and self._me not in found.doubts.get(coalition, ()):
+                    is_own = self._me in found.grants[coalition]
                     expires_us = now_us + self._timing.lease_us
-                    self._given[activation] = _Given(token, expires_us, mine)
+                    self._leases[activation] = _Lease(coalition, expires_us, is_own)
                     break
+
+    def next_expiry_us(self) -> int | None:
+        """When the next lease runs out."""
+        return min((lease.expires_us for lease in self._leases.values()), default=None)
+
+
+class Leases:
+    """Both roles of one robot, and the heartbeats that they use."""
+
+    def __init__(self, me: str, facts: TeamFacts, timing: Timing, now_us: int) -> None:
+        self._me = me
+        self._facts = facts
+        self.holder = LeaseHolder(facts, timing)
+        self.grantor = LeaseGrantor(me, facts, timing, now_us)
+
+    def heartbeat_sent(self, number: int, now_us: int, may_grant: MayGrant) -> Writes:
+        """This robot's heartbeat goes out: it is a request, and this robot answers itself first."""
+        holder, grantor = self.holder, self.grantor
+        holder.note_sent(number, now_us)
+        if holder.requested is None:
+            return []
+        writes = grantor.answer_request(self._me, number, holder.requested, now_us, may_grant)
+        self._confirm(self._me, grantor.grants())
+        return writes
+
+    def receive_heartbeat(
+        self, robot: str, heartbeat: Heartbeat, now_us: int, may_grant: MayGrant
+    ) -> Writes:
+        """Another robot's heartbeat: its answers to this robot's requests, and its own request."""
+        if robot in self._facts.grantors:
+            self._confirm(robot, heartbeat.lease_grants)
+        request, report = heartbeat.lease_request, heartbeat.report
+        if request is None or not report.has_joined:
+            return []
+        return self.grantor.answer_request(robot, report.number, request, now_us, may_grant)
+
+    def _confirm(self, grantor: str, grants: tuple[LeaseGrant, ...]) -> None:
+        for grant in grants:
+            if grant.member == self._me:
+                self.holder.confirm(grantor, grant)
 
     @property
     def is_idle(self) -> bool:
-        """Whether this robot neither seeks grants nor has given any."""
-        return self.seeks is None and not self._given
+        """Whether this robot neither needs leases nor has granted any."""
+        return self.holder.requested is None and not self.grantor.has_leases
 
     def next_deadline_us(self) -> int | None:
-        """When the next grant runs out, given or held."""
-        deadlines = [given.expires_us for given in self._given.values()]
-        if self.seeks is not None and self.held_until_us():
-            deadlines.append(self.held_until_us())
-        return min(deadlines, default=None)
+        """When the next lease runs out, granted or held."""
+        expires_us, held_until_us = self.grantor.next_expiry_us(), 0
+        if self.holder.requested is not None:
+            held_until_us = self.holder.held_until_us()
+        return min((each for each in (expires_us, held_until_us) if each), default=None)

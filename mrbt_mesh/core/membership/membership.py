@@ -158,7 +158,7 @@ class Membership:
                 peer.is_token_lost = False
                 peer.token_lost_by.clear()
                 self.suspicion_changes += 1
-            if beat.leaving:
+            if beat.is_leaving:
                 self._set(robot, peer, State.LEFT)
             elif not peer.state.is_alive:
                 self._set(robot, peer, State.ALIVE)

@@ -89,7 +89,7 @@ class SelfReport:
 class LeaseGrant:
     """The sender lets the coalition `token` work: its answer to beat `number` of `member`."""
 
-    token: str
+    coalition: str
     member: str
     number: int
 
@@ -103,7 +103,7 @@ class Heartbeat:
     """
 
     report: SelfReport
-    leaving: bool
+    is_leaving: bool
     fact_digest: bytes
     statuses: tuple[int, ...]
     progress: int
@@ -201,7 +201,7 @@ def pack_heartbeat(heartbeat: Heartbeat) -> list[Any]:
     return [
         *word.incarnation,
         word.number,
-        int(word.has_joined) + 2 * int(heartbeat.leaving),
+        int(word.has_joined) + 2 * int(heartbeat.is_leaving),
         word.plan_digest,
         heartbeat.fact_digest,
         list(heartbeat.statuses),
@@ -213,7 +213,7 @@ def pack_heartbeat(heartbeat: Heartbeat) -> list[Any]:
             for robot, w in heartbeat.relays.items()
         ],
         list(heartbeat.lease_request) if heartbeat.lease_request is not None else None,
-        [[g.token, g.member, g.number] for g in heartbeat.lease_grants],
+        [[g.coalition, g.member, g.number] for g in heartbeat.lease_grants],
     ]
 
 

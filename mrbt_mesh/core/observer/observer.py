@@ -207,7 +207,7 @@ class Observer:
         """ALIVE, SUSPECT, DEAD or LEFT; a robot known only from facts is dead or has left."""
         peer = self.membership.peers.get(robot)
         member = self.facts.members.get(robot)
-        left = member is not None and member[0].leaving
+        left = member is not None and member[0].is_leaving
         if left and member and (peer is None or peer.incarnation == member[1]):
             return State.LEFT
         return peer.state if peer is not None else State.DEAD

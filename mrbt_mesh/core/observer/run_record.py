@@ -181,7 +181,7 @@ class RunRecord:
                 known = self.robots.setdefault(robot, {})
                 self._lost(robot, tuple(known.get("lost", ())), member.lost, now_us)
                 known.update(type=member.type, lost=member.lost, pid=member.pid, host=member.host)
-                if member.leaving and known.get("state") is not State.DEAD:
+                if member.is_leaving and known.get("state") is not State.DEAD:
                     known["state"] = State.LEFT
             case Claim() as claim:
                 self._claims[robot] = (claim, entry.version.incarnation)

@@ -24,7 +24,7 @@ def workers(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> dict[str, Wor
     found = {}
     for robot in sorted(alive):
         member, incarnation = facts.members.get(robot, (None, None))
-        if member is not None and incarnation == alive[robot] and not member.leaving:
+        if member is not None and incarnation == alive[robot] and not member.is_leaving:
             found[robot] = Worker(robot, member, alive[robot])
     return found
 

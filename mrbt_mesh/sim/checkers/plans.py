@@ -113,6 +113,6 @@ class BidsFirst:
             for robot in sorted(alive.keys() - bids.keys()):
                 member, life = facts.members[robot]
                 able = capability(member, need.local_task) is not None
-                if able and life == alive[robot] and not member.leaving:
+                if able and life == alive[robot] and not member.is_leaving:
                     text = f"{agent.robot} claims {claim.local_task} of {activation}"
                     self._findings.say("I7", f"{text} without a bid of {robot}")

@@ -334,7 +334,7 @@ def _can_serve(facts: TeamFacts, request: Request, alive: Mapping[str, Incarnati
         able = []
         for robot, incarnation in sorted(alive.items()):
             known = facts.members.get(robot)
-            if known is None or known[1] != incarnation or known[0].leaving:
+            if known is None or known[1] != incarnation or known[0].is_leaving:
                 continue
             if robot not in results and capability(known[0], need.local_task) is not None:
                 able.append(robot)

@@ -47,7 +47,7 @@ class Robot:
     def __post_init__(self) -> None:
         self.facts = TeamFacts(self.mission, RUN)
         self.start(0)
-        self.grants.end_silence()
+        self.grants.grantor.end_silence()
 
     def start(self, now_us: int) -> None:
         """A new process, with the facts of the journal."""
@@ -64,21 +64,21 @@ class Robot:
 
     def beat(self, now_us: int) -> Heartbeat:
         self.number += 1
-        self.write(self.grants.sent(self.number, self.clock(now_us), lambda *_: True))
+        self.write(self.grants.heartbeat_sent(self.number, self.clock(now_us), lambda *_: True))
         return Heartbeat(
             SelfReport(Incarnation(1, "n"), self.number, b"", True, 0),
             False, b"", (0, 0, 0, 0), 0, (), {},
-            self.grants.seeks, self.grants.given(),
+            self.grants.holder.requested, self.grants.grantor.grants(),
         )  # fmt: skip
 
     def hear(self, other: str, beat: Heartbeat, now_us: int) -> None:
-        self.write(self.grants.heard(other, beat, self.clock(now_us), lambda *_: True))
+        self.write(self.grants.receive_heartbeat(other, beat, self.clock(now_us), lambda *_: True))
 
     def pass_to(self, now_us: int) -> None:
-        self.write(self.grants.step(self.clock(now_us)))
+        self.write(self.grants.grantor.expire(self.clock(now_us)))
 
     def holds(self, now_us: int) -> bool:
-        return self.grants.holds(NAME, TOKENS[self.id], self.clock(now_us))
+        return self.grants.holder.is_held(NAME, TOKENS[self.id], self.clock(now_us))
 
 
 def team(count: int, in_doubt: InDoubtPolicy = InDoubtPolicy.RETRY) -> dict[str, Robot]:
@@ -95,7 +95,7 @@ def exchange(one: Robot, other: Robot, now_us: int) -> None:
 def test_a_majority_of_the_missions_robots_is_needed() -> None:
     robots = team(5)
     a = robots["A"]
-    a.grants.seek(NAME, TOKENS["A"])
+    a.grants.holder.request(NAME, TOKENS["A"])
     exchange(a, robots["B"], 10)
     assert not a.holds(10)
     exchange(a, robots["C"], 20)
@@ -105,23 +105,23 @@ def test_a_majority_of_the_missions_robots_is_needed() -> None:
 def test_the_holder_counts_from_when_it_asked_and_for_less_than_the_lease() -> None:
     robots = team(3)
     a, b = robots["A"], robots["B"]
-    a.grants.seek(NAME, TOKENS["A"])
+    a.grants.holder.request(NAME, TOKENS["A"])
     request = a.beat(0)
     b.hear("A", request, 500_000)  # it took its time
     a.hear("B", b.beat(500_000), 600_000)
     assert a.holds(TIMING.hold_us - 1)
     assert not a.holds(TIMING.hold_us)
     b.pass_to(LEASE_US + 499_999)
-    assert [grant.token for grant in b.grants.given()] == [str(TOKENS["A"])]
+    assert [grant.coalition for grant in b.grants.grantor.grants()] == [str(TOKENS["A"])]
     b.pass_to(LEASE_US + 500_000)
-    assert b.grants.given() == ()
+    assert b.grants.grantor.grants() == ()
     assert b.facts.map.get("B", f"doubt/{NAME}/{TOKENS['A']}") is not None
 
 
 def test_renewals_keep_it() -> None:
     robots = team(3)
     for now_us in range(0, 4 * LEASE_US, TIMING.heartbeat_us):
-        robots["A"].grants.seek(NAME, TOKENS["A"])
+        robots["A"].grants.holder.request(NAME, TOKENS["A"])
         exchange(robots["A"], robots["B"], now_us)
         for robot in robots.values():
             robot.pass_to(now_us)
@@ -131,9 +131,9 @@ def test_renewals_keep_it() -> None:
 def test_a_second_coalition_gets_nothing_while_the_first_may_be_at_it() -> None:
     robots = team(3)
     a, b, c = robots.values()
-    a.grants.seek(NAME, TOKENS["A"])
+    a.grants.holder.request(NAME, TOKENS["A"])
     exchange(a, c, 0)
-    b.grants.seek(NAME, TOKENS["B"])
+    b.grants.holder.request(NAME, TOKENS["B"])
     exchange(b, c, 10)
     assert a.holds(10)
     assert not b.holds(10)
@@ -148,9 +148,9 @@ def test_unless_it_is_to_be_tried_again_a_giver_excludes_all_others_for_good(
 ) -> None:
     robots = team(3, policy)
     a, b, c = robots.values()
-    a.grants.seek(NAME, TOKENS["A"])
+    a.grants.holder.request(NAME, TOKENS["A"])
     exchange(a, c, 0)
-    b.grants.seek(NAME, TOKENS["B"])
+    b.grants.holder.request(NAME, TOKENS["B"])
     for now_us in (LEASE_US, 3 * LEASE_US):
         c.pass_to(now_us)
         exchange(b, c, now_us)
@@ -164,13 +164,13 @@ def test_unless_it_is_to_be_tried_again_a_giver_excludes_all_others_for_good(
 def test_grants_that_were_never_used_are_set_free_by_the_leader() -> None:
     robots = team(3, InDoubtPolicy.HOLD)
     a, b, c = robots.values()
-    a.grants.seek(NAME, TOKENS["A"])
+    a.grants.holder.request(NAME, TOKENS["A"])
     exchange(a, c, 0)
     version = Version(Incarnation(1, "n"), 99)
     cleared = make_entry("A", f"cleared/{NAME}/{TOKENS['A']}", version, True)
     c.facts.map.merge([cleared])
     c.pass_to(10)
-    b.grants.seek(NAME, TOKENS["B"])
+    b.grants.holder.request(NAME, TOKENS["B"])
     exchange(b, c, 20)
     assert b.holds(20)
 
@@ -179,7 +179,7 @@ def test_a_restarted_robot_grants_nothing_for_a_lease() -> None:
     robots = team(3)
     a, b, _ = robots.values()
     b.start(0)
-    a.grants.seek(NAME, TOKENS["A"])
+    a.grants.holder.request(NAME, TOKENS["A"])
     exchange(a, b, LEASE_US - 1)
     assert not a.holds(LEASE_US - 1)
     exchange(a, b, LEASE_US)
@@ -189,7 +189,7 @@ def test_a_restarted_robot_grants_nothing_for_a_lease() -> None:
 def test_robots_that_the_mission_does_not_name_grant_nothing() -> None:
     shared = mission(3, InDoubtPolicy.HOLD)
     a, stranger = Robot("A", shared), Robot("E", shared)
-    a.grants.seek(NAME, TOKENS["A"])
+    a.grants.holder.request(NAME, TOKENS["A"])
     exchange(a, stranger, 0)
     a.hear("E", grants_of("A", 1), 5)
     assert not a.holds(10)
@@ -206,7 +206,7 @@ def grants_of(member: str, number: int) -> Heartbeat:
 def test_an_answer_to_a_beat_that_was_never_sent_counts_for_nothing() -> None:
     robots = team(3)
     a = robots["A"]
-    a.grants.seek(NAME, TOKENS["A"])
+    a.grants.holder.request(NAME, TOKENS["A"])
     a.beat(0)
     a.hear("B", grants_of("A", 77), 10)
     assert not a.holds(10)
@@ -218,7 +218,7 @@ def test_a_robot_that_only_knows_of_a_grant_says_when_it_must_have_run_out() -> 
     version = Version(Incarnation(1, "n"), 1)
     c.facts.map.merge([make_entry("B", f"grant/{NAME}/{TOKENS['A']}", version, True)])
     c.pass_to(0)
-    assert c.grants.given() == ()
+    assert c.grants.grantor.grants() == ()
     c.pass_to(LEASE_US)
     assert c.facts.map.get("C", f"doubt/{NAME}/{TOKENS['A']}") is not None
 
@@ -244,7 +244,7 @@ class Contest:
         self.now_us = 0
         self.mail: list[tuple[Robot, str, Heartbeat]] = []
         for holder in robots[:2]:
-            holder.grants.seek(NAME, TOKENS[holder.id])
+            holder.grants.holder.request(NAME, TOKENS[holder.id])
 
     def do(self, kind: str, first: int, second: int) -> None:
         getattr(self, kind)(first, second)
