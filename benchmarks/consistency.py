@@ -45,7 +45,7 @@ class Case:
         self._everybody = dict.fromkeys(self.robots, 1)
         self.groups = [self._request() for _ in range(size)]
         if pins:
-            for robot, index in self._seats().items():
+            for robot, index in self._matching().items():
                 if self._random.random() < 0.5:
                     self._claim(robot, index)
 
@@ -59,7 +59,7 @@ class Case:
         request = Request(self._count, "calm", f"a{self._count}")
         return [Demand(request, f"k{self._count}", needed, needed, needed + 2, (), some)]
 
-    def _seats(self) -> dict[str, int]:
+    def _matching(self) -> dict[str, int]:
         """A way to serve the requests that are kept."""
         check = Consistency(self.team)
         pinned = {r: i for i, (demand,) in enumerate(self.groups) for r in demand.pinned}
@@ -91,8 +91,8 @@ class Case:
         elif event == "new request":
             self.groups.insert(draw.randint(0, len(self.groups)), self._request())
         else:
-            seats = self._seats()
-            self._claim(*draw.choice(sorted(seats.items())) if seats else (self.robots[0], 0))
+            matching = self._matching()
+            self._claim(*draw.choice(sorted(matching.items())) if matching else (self.robots[0], 0))
 
     def _die(self, robot: str) -> None:
         self.team = {each: WORKER for each in self.team if each != robot}
