@@ -133,8 +133,8 @@ def keep_dense(robots: int, lower: NDArray[np.int64]) -> list[int]:
 def keep_sparse(
     robots: int, lower: NDArray[np.int64], capable: Sequence[NDArray[np.int64]]
 ) -> list[int]:
-    """The demands that are kept: seats found by augmenting paths, a demand's all or none."""
-    seats: list[int] = [-1] * robots  # the demand that a robot is kept for
+    """The demands that are kept: slots filled along augmenting paths, a demand's all or none."""
+    matched: list[int] = [-1] * robots  # the demand that a robot is kept for
     candidates = [robots_of.tolist() for robots_of in capable]
     dead: set[int] = set()  # robots from which no path leads to a free one, ever again
     kept = []
@@ -143,35 +143,35 @@ def keep_sparse(
             continue
         before: list[tuple[int, int]] = []
         for number in range(needed):
-            changes, seen = _augment(index, seats, candidates, dead)
+            changes, seen = _augment(index, matched, candidates, dead)
             if not changes:
-                if number == 0:  # else seats are given back, and the paths may open again
+                if number == 0:  # else slots are emptied again, and the paths may open again
                     dead |= seen
                 break
-            before += [(robot, seats[robot]) for robot, _ in changes]
+            before += [(robot, matched[robot]) for robot, _ in changes]
             for robot, demand in changes:
-                seats[robot] = demand
+                matched[robot] = demand
         else:
             kept.append(index)
             continue
         for robot, demand in reversed(before):
-            seats[robot] = demand
+            matched[robot] = demand
     return kept
 
 
 def _augment(
-    demand: int, seats: list[int], candidates: list[list[int]], dead: set[int]
+    demand: int, matched: list[int], candidates: list[list[int]], dead: set[int]
 ) -> tuple[list[tuple[int, int]], set[int]]:
-    """(robot, its new demand) along a path that seats one more; the robots that were seen."""
+    """(robot, its new demand) along an augmenting path; the robots that were seen."""
     wanted_by: dict[int, int] = {}
-    entered_by: dict[int, int] = {demand: -1}  # the robot whose seat led to this demand
+    entered_by: dict[int, int] = {demand: -1}  # the robot that led to the demand it is matched to
     queue = [demand]
     for seeker in queue:
         for robot in candidates[seeker]:
             if robot in wanted_by or robot in dead:
                 continue
             wanted_by[robot] = seeker
-            holder = seats[robot]
+            holder = matched[robot]
             if holder < 0:
                 changes = []
                 while robot >= 0:
