@@ -173,7 +173,7 @@ def check(seed: int) -> bool:
     return at_once > 1
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.integers(0, 10_000_000))
 def test_any_run_of_the_lifted_tree_ends_as_the_single_robots(seed: int) -> None:
     check(seed)

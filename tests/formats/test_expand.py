@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.tree import CONTROLS, Kind, NodeSpec
@@ -185,7 +185,6 @@ def test_parameters_reach_the_robots_as_they_are() -> None:
     assert list(mission.parameters) == ["a", "b", "last", "parts"]
 
 
-@settings(deadline=None)
 @given(st.decimals(min_value="0.000001", max_value=1_000_000, places=6))
 def test_micro_units_are_exact(value: Decimal) -> None:
     assert to_micro(float(str(value))) == int(value * MICRO)
@@ -197,7 +196,6 @@ def test_what_micro_units_cannot_hold_is_refused(value: float) -> None:
         to_micro(value)
 
 
-@settings(deadline=None)
 @given(st.booleans() | st.integers(-(2**63), 2**63) | st.floats(allow_nan=False))
 def test_every_number_is_a_valid_argument(value: float) -> None:
     ground = call_text("x", [argument_text(value)])
@@ -213,7 +211,6 @@ def test_other_values_are_no_arguments(value: Any) -> None:
 names = st.from_regex(r"[a-z_][a-z0-9_]{0,5}", fullmatch=True)
 
 
-@settings(deadline=None)
 @given(names, st.lists(st.from_regex(r"[A-Za-z0-9_.+-]{1,8}", fullmatch=True), max_size=8))
 def test_calls_split_as_the_core_splits_them(name: str, arguments: list[str]) -> None:
     ground = call_text(name, arguments)
@@ -239,7 +236,6 @@ trees = st.recursive(
 )
 
 
-@settings(deadline=None)
 @given(trees)
 def test_compiling_keeps_every_tree_and_its_digest(tree: Any) -> None:
     mission = load(tree)
@@ -250,7 +246,6 @@ def test_compiling_keeps_every_tree_and_its_digest(tree: Any) -> None:
     assert compile_mission(again) == text
 
 
-@settings(deadline=None)
 @given(trees)
 def test_expanded_trees_are_ground_and_declare_all_they_mention(tree: Any) -> None:
     mission = load(tree)

@@ -8,7 +8,7 @@ from pathlib import Path
 from textwrap import dedent
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.tree import Kind, Memory
@@ -371,7 +371,6 @@ json_values = st.recursive(
 )
 
 
-@settings(deadline=None)
 @given(st.data(), json_values)
 def test_no_damage_to_a_compiled_mission_raises_anything_else(
     data: st.DataObject, value: object

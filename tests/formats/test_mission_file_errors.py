@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.formats.build import mission_from_yaml
@@ -429,14 +429,12 @@ _pieces = st.sampled_from(
 )
 
 
-@settings(deadline=None)
 @given(st.lists(_pieces, max_size=40).map("".join))
 def test_no_text_raises_anything_else(text: str) -> None:
     with pytest.raises(MissionError):
         mission_from_yaml(text, "m.yaml", Path("/nowhere"))
 
 
-@settings(deadline=None)
 @given(st.data())
 def test_no_damage_to_a_good_mission_raises_anything_else(data: st.DataObject) -> None:
     start = data.draw(st.integers(0, len(GOOD)))

@@ -77,7 +77,7 @@ def test_what_is_forgotten_is_gone_and_may_come_back(tmp_path: Path) -> None:
     assert [found.name for found in journal(path).open()] == [outcome(2).name]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(cut=st.integers(0, 100), noise=st.binary(max_size=64))
 def test_a_torn_or_corrupt_journal_never_stops_a_robot(
     tmp_path_factory: pytest.TempPathFactory, cut: int, noise: bytes

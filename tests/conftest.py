@@ -1,8 +1,10 @@
 """Settings of the property tests: a failure prints what replays it, and no clock decides."""
 
+from __future__ import annotations
+
 from hypothesis import HealthCheck, settings
 
 settings.register_profile(
-    "core", deadline=None, print_blob=True, suppress_health_check=[HealthCheck.too_slow]
+    "project", deadline=None, print_blob=True, suppress_health_check=[HealthCheck.too_slow]
 )
-settings.load_profile("core")
+settings.load_profile("project")
