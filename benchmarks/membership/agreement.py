@@ -8,7 +8,7 @@ from benchmarks.membership.networks import SECOND_US, WARM_UP_US, Net, mission
 from benchmarks.membership.team import SteppedTeam
 from mrbt_mesh.core.agent.inputs import CapabilityChanged
 from mrbt_mesh.core.agent.view import AgentView
-from mrbt_mesh.core.membership.membership import State
+from mrbt_mesh.core.membership.peer import State
 
 GIVE_UP_US = 10 * SECOND_US
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from benchmarks.membership.networks import SECOND_US, TIMING, WARM_UP_US, Net, mission, name
 from benchmarks.membership.team import SteppedTeam
 from mrbt_mesh.core.agent.view import AgentView
-from mrbt_mesh.core.membership.membership import State
+from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.sim.engine.network import Link
 
 

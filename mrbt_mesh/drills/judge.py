@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from mrbt_mesh.core.membership.membership import State
+from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import Mission, type_name
 from mrbt_mesh.drills.inject import Deeds
 from mrbt_mesh.drills.journals import Done

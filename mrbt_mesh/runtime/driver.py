@@ -33,7 +33,7 @@ from mrbt_mesh.core.agent.effects import (
     Stop,
 )
 from mrbt_mesh.core.agent.inputs import Input, LeaveRequested, PlanMade, TimerFired
-from mrbt_mesh.core.membership.membership import State
+from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity

@@ -10,7 +10,7 @@ import pytest
 
 from mrbt_mesh.core.facts.records import OUTCOME
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
-from mrbt_mesh.core.membership.membership import State
+from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.drills.inject import Deed, Deeds, Snapshot
 from mrbt_mesh.drills.journals import Done, read
 from mrbt_mesh.drills.judge import DrillVerdict, Evidence, judge, unjournaled

@@ -9,7 +9,7 @@ import pytest
 
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Claim, Phase
-from mrbt_mesh.core.membership.membership import State
+from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.drills.model import RoleModel, StepModel
 from mrbt_mesh.drills.triggers import Fates, Schedule, Sight, Takeover, chosen, holds
 from mrbt_mesh.sim import Kill, simulate

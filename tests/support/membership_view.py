@@ -6,7 +6,8 @@ from collections.abc import Iterable
 
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.store import Incarnation
-from mrbt_mesh.core.membership.membership import Membership, State
+from mrbt_mesh.core.membership.membership import Membership
+from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport, Suspicion
 

@@ -10,7 +10,7 @@ from mrbt_mesh.cli.framework.exits import FAILURE, SUCCESS, fail
 from mrbt_mesh.cli.framework.terminal import console, print_json
 from mrbt_mesh.cli.team.orders import nobody, with_team
 from mrbt_mesh.cli.views.status_view import render_status
-from mrbt_mesh.core.membership.membership import State
+from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.team_address import TeamAddress

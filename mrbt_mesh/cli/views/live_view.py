@@ -12,7 +12,7 @@ from rich.text import Text
 from mrbt_mesh.cli.views.tree_view import MARKS, render_tree
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Phase
-from mrbt_mesh.core.membership.membership import State
+from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.observer.observer import Observer
 
 STATE_STYLES = {

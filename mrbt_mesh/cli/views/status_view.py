@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mrbt_mesh.cli.views.live_view import STATE_STYLES
-from mrbt_mesh.core.membership.membership import State
+from mrbt_mesh.core.membership.peer import State
 
 
 def render_status(data: Mapping[str, Any]) -> RenderableType:

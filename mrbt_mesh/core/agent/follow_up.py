@@ -116,7 +116,7 @@ class FollowUp:
             now_us < self.step_us
             and self._seen == self._changes()
             and isinstance(event, _MAY_CHANGE_NOTHING)
-            and self._context.membership.is_at_peace(now_us)
+            and not self._context.membership.needs_detection(now_us)
         )
 
     def _changes(self) -> int:

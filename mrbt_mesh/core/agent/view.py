@@ -11,7 +11,7 @@ from mrbt_mesh.core.agent.work import Ticket
 from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.membership.membership import Peer
+from mrbt_mesh.core.membership.peer import Peer
 from mrbt_mesh.core.membership.wire import Header
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.plan import Plan

@@ -1,6 +1,9 @@
-"""How regularly news of one robot arrives here, on whatever way: what its silence may mean.
+"""How regularly news of one robot arrives here, by whatever way: what its silence may mean.
 
-Measured over time, not per beat, so that quick repeats do not dilute it. Integers only.
+After the phi accrual failure detector (Hayashibara, Defago, Yared, Katayama 2004), which also
+derives a timeout from measured arrivals. Here the measure is the share of time in which news was
+overdue: it needs no distribution, and repeats that follow one another quickly do not dilute it.
+Integers only.
 """
 
 from __future__ import annotations
@@ -9,7 +12,7 @@ from dataclasses import dataclass
 
 from mrbt_mesh.core.membership.timing import Timing
 
-# Before anything was heard: one silent beat period in four.
+# Of a robot that was never heard before: one heartbeat in four is lost.
 PRIOR_PERIODS = 4
 # Older experience counts for less: both sums are halved when they cover that many periods.
 MEMORY_PERIODS = 128
@@ -17,8 +20,9 @@ MEMORY_PERIODS = 128
 
 @dataclass(slots=True)
 class ArrivalHistory:
-    """Sums over the gaps between pieces of news: `watched_us` in all, and of it `silent_us`
-    beyond a beat period and a quarter, when news was overdue.
+    """Sums over the intervals between pieces of news.
+
+    `observed_us`: all of them. `overdue_us`: what each was longer than 5/4 of a heartbeat period.
     """
 
     observed_us: int
@@ -26,13 +30,13 @@ class ArrivalHistory:
 
     @staticmethod
     def of_new_robot(timing: Timing) -> ArrivalHistory:
-        """Of a robot that is new here."""
+        """Of a robot that was never heard before."""
         return ArrivalHistory(PRIOR_PERIODS * timing.heartbeat_us, timing.heartbeat_us)
 
-    def add_interval(self, gap_us: int, timing: Timing) -> None:
-        """News came `gap_us` after the news before."""
-        self.observed_us += gap_us
-        overdue_us = gap_us - timing.heartbeat_us * 5 // 4
+    def add_interval(self, interval_us: int, timing: Timing) -> None:
+        """News came `interval_us` after the news before."""
+        self.observed_us += interval_us
+        overdue_us = interval_us - timing.heartbeat_us * 5 // 4
         if overdue_us > 0:
             self.overdue_us += overdue_us
         if self.observed_us > MEMORY_PERIODS * timing.heartbeat_us:

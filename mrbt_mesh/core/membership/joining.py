@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
-from mrbt_mesh.core.membership.membership import Peer
+from mrbt_mesh.core.membership.peer import Peer
 from mrbt_mesh.core.membership.timing import Timing
 
 

@@ -1,78 +1,33 @@
-"""Who is alive: beats decide, liveliness tokens hint, others are heard before a verdict.
+"""Who is alive: one robot's view of the others, from heartbeats, relays, suspicions and tokens.
 
-Every beat relays the newest beats that its sender knows, and its suspicions. That is SWIM's
-indirect probe: a robot that anybody still hears is alive for everybody, and a robot whose
-token everybody lost at once is dead without waiting for a timeout. How long a robot may be
-silent follows from how regularly news of it came so far (`hearing`, `Timing.limit_us`). After
-half of that it is sought: all beat faster, those who hear it and itself as well. Death is a
-local judgement about one incarnation; a newer beat of it revives it.
+Heartbeats decide, liveliness tokens are hints. Every heartbeat relays the newest self-report of
+each robot that its sender hears, and its suspicions: a robot that anybody still hears is alive
+for everybody. `failure_detector` says when a silent robot is suspected and declared dead. Death is
+a local judgement about one incarnation; a newer heartbeat of that incarnation revives it.
+
+Source: SWIM (Das, Gupta, Motivala 2002); relays on heartbeats are its indirect probe.
 """
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.arrival_history import ArrivalHistory
+from mrbt_mesh.core.membership.failure_detector import PROBE_SHARE, FailureDetector, is_silent
+from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport, Suspicion
-
-# A robot is sought once it has been silent for one part in so many of its limit.
-SEEK_SHARE = 2
-
-
-class State(enum.StrEnum):
-    """A robot as another one sees it. LEFT: gone on purpose.
-
-    `is_alive`: in good standing. `is_present`: neither dead nor gone. `is_distrusted`: neither
-    alive nor gone on purpose.
-    """
-
-    ALIVE = "alive"
-    SUSPECT = "suspect"
-    DEAD = "dead"
-    LEFT = "left"
-
-    # Asked with every message, as members of an enumeration are slow to look up.
-    def __init__(self, name: str) -> None:
-        self.is_alive = name == "alive"
-        self.is_live = name in ("alive", "suspect")
-        self.is_suspected = name in ("suspect", "dead")
-
-
-@dataclass(slots=True)
-class Peer:
-    """What is known of one robot's newest incarnation, by its newest `word`.
-
-    `evidence_us` is when a newer beat than before arrived, from itself or relayed; after
-    `limit_us` of silence it is dead. After `seek_us` it is `sought`, and left out when agreement is
-    counted. `accusers` are the robots that lost its token too, `buriers` those that hold it for
-    dead.
-    """
-
-    incarnation: Incarnation
-    report: SelfReport
-    last_heard_us: int
-    arrivals: ArrivalHistory
-    silence_limit_us: int
-    probe_after_us: int
-    heartbeat: Heartbeat | None = None
-    is_probed: bool = False
-    is_token_lost: bool = False
-    state: State = State.ALIVE
-    token_lost_by: set[str] = field(default_factory=set)
-    declared_dead_by: set[str] = field(default_factory=set)
 
 
 class Membership:
     """One robot's view of the others. `me` never appears in it.
 
-    `changes` grows with every change of who is alive, `hints` with every token that comes or
-    goes and every accusation, `reports` when a robot reports another plan or result. Until
-    `at_peace_until_us`, and while nothing of it changes, `judge` would say nothing new.
+    `alive_changes` grows with every change of who is alive, `suspicion_changes` with every token
+    that comes or goes and every suspicion of others, `report_changes` when a robot reports another
+    plan or result. Until `next_detection_us`, and while nothing of it changes, `detect_failures`
+    would find nothing new.
     """
 
     def __init__(self, me: str, timing: Timing) -> None:
@@ -83,10 +38,13 @@ class Membership:
         self.suspicion_changes = 0
         self.report_changes = 0
         self.next_detection_us = 0
-        self._judged = -1
-        self._accusers: set[str] = set()
-        self._distrusted: dict[str, Peer] = {}
-        self._limits_us: dict[int, int] = {}
+        self._detector = FailureDetector(timing)
+        self._detected_at_changes = -1
+        # Robots whose last heartbeat named suspicions, and the peers that this robot suspects.
+        self._suspecting: set[str] = set()
+        self._suspected: dict[str, Peer] = {}
+
+    # -- what comes in ------------------------------------------------------------------------
 
     def is_new_relay(self, row: list[Any]) -> bool:
         """Whether a relay [robot, counter, nonce, number, ...] may tell more than is known."""
@@ -97,248 +55,167 @@ class Membership:
         return number > peer.report.number or (counter, nonce) != peer.incarnation
 
     def receive_heartbeat(self, robot: str, heartbeat: Heartbeat, now_us: int) -> bool:
-        """Take in a beat that came from `robot` itself; False if it is old news."""
-        if not self._news(robot, heartbeat.report, now_us, heartbeat):
+        """Take in a heartbeat that came from `robot` itself; False if it is old news."""
+        if not self._take_report(robot, heartbeat.report, now_us, heartbeat):
             return False
         peers, me = self.peers, self.me
-        for name, word in heartbeat.relays.items():
+        for name, report in heartbeat.relays.items():
             known = peers.get(name)
             # Most relays tell nothing new.
             if known is None:
                 if name != me:
-                    self._news(name, word, now_us, None)
-            elif word is not known.report and (
-                word.number > known.report.number or word.incarnation != known.incarnation
+                    self._take_report(name, report, now_us, None)
+            elif report is not known.report and (
+                report.number > known.report.number or report.incarnation != known.incarnation
             ):
-                self._news(name, word, now_us, None)
-        if heartbeat.suspicions or robot in self._accusers:
-            self._take_accusations(robot, heartbeat.suspicions)
+                self._take_report(name, report, now_us, None)
+        if heartbeat.suspicions or robot in self._suspecting:
+            self._take_suspicions(robot, heartbeat.suspicions)
         return True
 
-    def _take_accusations(self, robot: str, accusations: tuple[Suspicion, ...]) -> None:
-        """What a robot says of others, in place of what it said before."""
-        for accusation in accusations:
-            self._accused(robot, accusation)
-        accused = {accusation.robot for accusation in accusations}
+    def _take_report(
+        self, robot: str, report: SelfReport, now_us: int, heartbeat: Heartbeat | None
+    ) -> bool:
+        """Take in a self-report, from the robot's own `heartbeat` or else relayed."""
+        peer = self.peers.get(robot)
+        if peer is None or report.incarnation != peer.incarnation:
+            if peer is not None and report.incarnation < peer.incarnation:
+                return False
+            peer = self._add_incarnation(robot, report, peer, now_us)
+        elif report.number > peer.report.number:
+            self._take_news(peer, now_us)
+        elif heartbeat is not None and report.number == peer.report.number:
+            peer.heartbeat = heartbeat
+            return peer.state.is_live
+        else:
+            return False
+        before, peer.report, peer.last_heard_us = peer.report, report, now_us
+        if report.plan_digest != before.plan_digest or report.result != before.result:
+            self.report_changes += 1
+        if report.has_joined != before.has_joined:
+            self.alive_changes += 1
+        if heartbeat is not None:
+            self._take_own_heartbeat(robot, peer, heartbeat)
+        elif peer.state is State.DEAD or (peer.state is State.SUSPECT and not peer.is_token_lost):
+            self._set(robot, peer, State.ALIVE)
+        return True
+
+    def _take_own_heartbeat(self, robot: str, peer: Peer, heartbeat: Heartbeat) -> None:
+        """Only the robot itself takes back a lost token: a relay may be older than the loss."""
+        peer.heartbeat = heartbeat
+        if peer.is_token_lost or peer.token_lost_by:
+            peer.is_token_lost = False
+            peer.token_lost_by.clear()
+            self.suspicion_changes += 1
+        if heartbeat.is_leaving:
+            self._set(robot, peer, State.LEFT)
+        elif not peer.state.is_alive:
+            self._set(robot, peer, State.ALIVE)
+
+    def _add_incarnation(
+        self, robot: str, report: SelfReport, before: Peer | None, now_us: int
+    ) -> Peer:
+        """A robot's new life is heard over the same network as the one before."""
+        arrivals = before.arrivals if before else ArrivalHistory.of_new_robot(self.timing)
+        limit_us = self._detector.silence_limit_us(arrivals.overdue_permille)
+        self.alive_changes += 1
+        self._suspected.pop(robot, None)
+        probe_after_us = limit_us // PROBE_SHARE
+        peer = Peer(report.incarnation, report, now_us, arrivals, limit_us, probe_after_us)
+        self.peers[robot] = peer
+        return peer
+
+    def _take_news(self, peer: Peer, now_us: int) -> None:
+        """A newer report of the same incarnation has arrived."""
+        if peer.state.is_live:
+            self._detector.learn_arrival(peer, now_us)
+        peer.is_probed = False
+        if peer.declared_dead_by:
+            peer.declared_dead_by.clear()
+        # The silence limit may have become shorter.
+        probe_at_us = now_us + peer.probe_after_us
+        if probe_at_us < self.next_detection_us:
+            self.next_detection_us = probe_at_us
+
+    def _take_suspicions(self, robot: str, suspicions: tuple[Suspicion, ...]) -> None:
+        """What a robot suspects now, in place of what it suspected before."""
+        for suspicion in suspicions:
+            peer = self.peers.get(suspicion.robot)
+            if peer is not None and suspicion.incarnation == peer.incarnation:
+                self.suspicion_changes += 1
+                _set_member(peer.token_lost_by, robot, suspicion.is_token_lost)
+                _set_member(peer.declared_dead_by, robot, suspicion.is_dead)
+        suspected = {suspicion.robot for suspicion in suspicions}
         for name, peer in self.peers.items():
-            if name not in accused and (
+            if name not in suspected and (
                 robot in peer.token_lost_by or robot in peer.declared_dead_by
             ):
                 peer.token_lost_by.discard(robot)
                 peer.declared_dead_by.discard(robot)
                 self.suspicion_changes += 1
-        if accused:
-            self._accusers.add(robot)
-        else:
-            self._accusers.discard(robot)
-
-    def _news(self, robot: str, word: SelfReport, now_us: int, beat: Heartbeat | None) -> bool:
-        """Take in a robot's word, from its own `beat` or else relayed."""
-        peer = self.peers.get(robot)
-        if peer is None or word.incarnation != peer.incarnation:
-            if peer is not None and word.incarnation < peer.incarnation:
-                return False
-            peer = self._newcomer(robot, word, peer, now_us)
-        elif word.number > peer.report.number:
-            self._listen(peer, now_us)
-        elif beat is not None and word.number == peer.report.number:
-            peer.heartbeat = beat
-            return peer.state.is_live
-        else:
-            return False
-        before, peer.report, peer.last_heard_us = peer.report, word, now_us
-        if word.plan_digest != before.plan_digest or word.result != before.result:
-            self.report_changes += 1
-        if word.has_joined != before.has_joined:
-            self.alive_changes += 1
-        if beat is not None:
-            # Only the robot's own word takes back a lost token: a relay may be older than the loss.
-            peer.heartbeat = beat
-            if peer.is_token_lost or peer.token_lost_by:
-                peer.is_token_lost = False
-                peer.token_lost_by.clear()
-                self.suspicion_changes += 1
-            if beat.is_leaving:
-                self._set(robot, peer, State.LEFT)
-            elif not peer.state.is_alive:
-                self._set(robot, peer, State.ALIVE)
-        elif peer.state is State.DEAD or (peer.state is State.SUSPECT and not peer.is_token_lost):
-            self._set(robot, peer, State.ALIVE)
-        return True
-
-    def _newcomer(self, robot: str, word: SelfReport, before: Peer | None, now_us: int) -> Peer:
-        """A robot's new life is heard over the same network as the one before."""
-        hearing = (
-            before.arrivals if before is not None else ArrivalHistory.of_new_robot(self.timing)
-        )
-        limit_us = self._limit_us(hearing.overdue_permille)
-        self.alive_changes += 1
-        self._distrusted.pop(robot, None)
-        peer = self.peers[robot] = Peer(
-            word.incarnation,
-            word,
-            now_us,
-            hearing,
-            limit_us,
-            limit_us // SEEK_SHARE,
-        )
-        return peer
-
-    def _listen(self, peer: Peer, now_us: int) -> None:
-        """Learn from the time between two pieces of news; an outage is none of the network's."""
-        if peer.state.is_live:
-            hearing, limits_us = peer.arrivals, self._limits_us
-            hearing.add_interval(now_us - peer.last_heard_us, self.timing)
-            permille = hearing.overdue_permille
-            limit_us = limits_us[permille] if permille in limits_us else self._limit_us(permille)
-            if limit_us != peer.silence_limit_us:
-                peer.silence_limit_us, peer.probe_after_us = limit_us, limit_us // SEEK_SHARE
-        peer.is_probed = False
-        if peer.declared_dead_by:
-            peer.declared_dead_by.clear()
-        # The limit may have become shorter.
-        seek_at_us = now_us + peer.probe_after_us
-        if seek_at_us < self.next_detection_us:
-            self.next_detection_us = seek_at_us
-
-    def _limit_us(self, silence_permille: int) -> int:
-        if silence_permille not in self._limits_us:
-            self._limits_us[silence_permille] = self.timing.silence_limit_us(silence_permille)
-        return self._limits_us[silence_permille]
-
-    def _accused(self, accuser: str, accusation: Suspicion) -> None:
-        peer = self.peers.get(accusation.robot)
-        if peer is not None and accusation.incarnation == peer.incarnation:
-            self.suspicion_changes += 1
-            if accusation.is_token_lost:
-                peer.token_lost_by.add(accuser)
-            else:
-                peer.token_lost_by.discard(accuser)
-            if accusation.is_dead:
-                peer.declared_dead_by.add(accuser)
-            else:
-                peer.declared_dead_by.discard(accuser)
-
-    def can_answer_probe(self, heartbeat: Heartbeat, mine: Incarnation) -> bool:
-        """Whether the sender seeks a robot of which this one has news: others, or itself."""
-        for accusation in heartbeat.suspicions:
-            if accusation.is_probe:
-                peer = self.peers.get(accusation.robot)
-                asked = accusation.robot == self.me and accusation.incarnation == mine
-                if asked or (
-                    peer is not None
-                    and peer.state.is_alive
-                    and peer.incarnation == accusation.incarnation
-                ):
-                    return True
-        return False
-
-    @property
-    def live_peer_count(self) -> int:
-        """How many others there are, neither dead nor gone."""
-        return sum(peer.state.is_live for peer in self.peers.values())
-
-    @property
-    def is_probing(self) -> bool:
-        """Whether a robot that is not given up has been silent for too long."""
-        distrusted = self._distrusted
-        return bool(distrusted) and any(peer.is_probed for peer in distrusted.values())
+        _set_member(self._suspecting, robot, bool(suspected))
 
     def receive_token(self, robot: str, incarnation: Incarnation, is_held: bool) -> None:
-        """A liveliness token came (held) or went. Its presence proves nothing."""
+        """A liveliness token came (`is_held`) or went. Its presence proves nothing."""
         peer = self.peers.get(robot)
         if peer is not None and peer.incarnation == incarnation:
             peer.is_token_lost = not is_held
             self.suspicion_changes += 1
 
     def allow_for_own_lag(self, lag_us: int, now_us: int) -> None:
-        """This robot itself was late by `lag_us`: messages may wait unread, so blame nobody yet.
+        """This robot was late by `lag_us`: messages may wait unread, so suspect nobody for it.
 
-        Source: Lifeguard's local health, as a shift of what was last heard.
+        Source: Lifeguard's local health (Dadgar, Phillips, Currey 2018), as a shift of what was
+        last heard.
         """
         for peer in self.peers.values():
             peer.last_heard_us = min(now_us, peer.last_heard_us + lag_us)
 
-    def is_at_peace(self, now_us: int) -> bool:
-        """Whether `judge` would find nothing new."""
-        if self._judged != self.alive_changes + self.suspicion_changes:
-            return False
-        if now_us < self.next_detection_us:
+    # -- failure detection --------------------------------------------------------------------
+
+    def needs_detection(self, now_us: int) -> bool:
+        """Whether `detect_failures` could find something new."""
+        if self._detected_at_changes != self.alive_changes + self.suspicion_changes:
             return True
-        if self._distrusted or any(
-            peer.state.is_live and now_us - peer.last_heard_us >= peer.probe_after_us
-            for peer in self.peers.values()
-        ):
+        if now_us < self.next_detection_us:
             return False
-        # Newer evidence has put it off.
-        self.next_detection_us = self._next_judgement_us(now_us)
-        return True
+        if self._suspected or any(
+            peer.state.is_live and is_silent(peer, now_us) for peer in self.peers.values()
+        ):
+            return True
+        # Newer news has put it off.
+        self.next_detection_us = self._detector.next_due_us(self.peers, now_us)
+        return False
 
     def detect_failures(self, now_us: int) -> list[tuple[str, State, State]]:
-        """Suspect and bury; returns (robot, before, after) for every change."""
-        if self.is_at_peace(now_us):
+        """Suspect silent robots, declare suspects dead; (robot, before, after) of each change."""
+        if not self.needs_detection(now_us):
             return []
         before = {robot: peer.state for robot, peer in self.peers.items()}
-        silent = 0
-        for robot, peer in self.peers.items():
-            peer.is_probed = (
-                peer.state.is_live and now_us - peer.last_heard_us >= peer.probe_after_us
-            )
-            silent += peer.is_probed
-            if peer.is_probed or (peer.state.is_live and peer.is_token_lost):
-                self._set(robot, peer, State.SUSPECT)
-        extra_us = self._extra_us(silent)
-        for robot in sorted(self.peers):
-            peer = self.peers[robot]
-            if peer.state is State.SUSPECT and (
-                now_us - peer.last_heard_us >= self._patience_us(peer) + extra_us
-                or self._everybody_lost(robot, peer)
-            ):
-                self._set(robot, peer, State.DEAD)
-                peer.is_probed = False
-        self._judged = self.alive_changes + self.suspicion_changes
-        self.next_detection_us = self._next_judgement_us(now_us)
+        for robot in self._detector.find_suspects(self.peers, now_us):
+            self._set(robot, self.peers[robot], State.SUSPECT)
+        for robot in self._detector.find_dead(self.peers, now_us):
+            self._set(robot, self.peers[robot], State.DEAD)
+            self.peers[robot].is_probed = False
+        self._detected_at_changes = self.alive_changes + self.suspicion_changes
+        self.next_detection_us = self._detector.next_due_us(self.peers, now_us)
         return [
             (robot, before[robot], self.peers[robot].state)
             for robot in sorted(before)
             if before[robot] is not self.peers[robot].state
         ]
 
-    def _extra_us(self, silent: int) -> int:
-        """When most peers fall silent together, the fault is probably here: wait once more."""
-        most = silent > 1 and 2 * silent > self.live_peer_count
-        return self.timing.detection_us if most else 0
-
-    def _patience_us(self, peer: Peer) -> int:
-        """The silence after which a suspect is dead: less if another robot has buried it."""
-        buried = any(
-            other is not None and other.state.is_alive
-            for other in map(self.peers.get, peer.declared_dead_by)
-        )
-        return (
-            max(self.timing.detection_us, peer.probe_after_us) if buried else peer.silence_limit_us
-        )
-
-    def _everybody_lost(self, robot: str, peer: Peer) -> bool:
-        """Whether all others that are in good standing lost this robot's token as well."""
-        if not peer.is_token_lost:
-            return False
-        witnesses = [
-            name
-            for name, other in self.peers.items()
-            if name != robot and other.report.has_joined and other.state.is_alive
-        ]
-        return bool(witnesses) and all(name in peer.token_lost_by for name in witnesses)
-
     def _set(self, robot: str, peer: Peer, state: State) -> None:
         if peer.state is state:
             return
         peer.state = state
         if state.is_suspected:
-            self._distrusted[robot] = peer
+            self._suspected[robot] = peer
         else:
-            self._distrusted.pop(robot, None)
+            self._suspected.pop(robot, None)
         self.alive_changes += 1
+
+    # -- what is known ------------------------------------------------------------------------
 
     def alive_set(self) -> dict[str, Incarnation]:
         """Joined robots that are not dead or gone, suspects included: the plan's alive set."""
@@ -348,26 +225,14 @@ class Membership:
             if peer.report.has_joined and peer.state.is_live
         }
 
-    def suspicions(self) -> tuple[Suspicion, ...]:
-        """What this robot's next beat says of those it does not trust."""
-        if not self._distrusted:
-            return ()
-        return tuple(
-            Suspicion(
-                robot,
-                peer.incarnation,
-                peer.is_token_lost,
-                peer.state is State.DEAD,
-                peer.is_probed,
-            )
-            for robot, peer in sorted(self._distrusted.items())
-        )
+    @property
+    def live_peer_count(self) -> int:
+        """How many others there are, neither dead nor gone."""
+        return sum(peer.state.is_live for peer in self.peers.values())
 
-    def relays(self) -> dict[str, SelfReport]:
-        """The relays that this robot's next beat carries, sorted by robot."""
-        return {
-            robot: peer.report for robot, peer in sorted(self.peers.items()) if peer.state.is_alive
-        }
+    def states(self) -> Mapping[str, State]:
+        """Robot -> state, sorted by id."""
+        return {robot: self.peers[robot].state for robot in sorted(self.peers)}
 
     def all_report_plan(self, digest: bytes) -> bool:
         """Whether every robot in good standing reports this plan digest.
@@ -375,34 +240,65 @@ class Membership:
         One that is still joining for the first time reports none, so it is waited for too.
         """
         for peer in self.peers.values():
-            if peer.state.is_alive and not (
-                peer.report.has_joined and peer.report.plan_digest == digest
-            ):
+            report = peer.report
+            if peer.state.is_alive and not (report.has_joined and report.plan_digest == digest):
                 return False
         return True
 
     def all_report_result(self, result: int) -> bool:
-        """Whether every robot of the alive set, suspects included, beats this mission status."""
+        """Whether every robot of the alive set, suspects included, reports this mission status."""
         return all(
             peer.report.result == result
             for peer in self.peers.values()
             if peer.report.has_joined and peer.state.is_live
         )
 
-    def _next_judgement_us(self, now_us: int) -> int:
-        detection_us = self.timing.detection_us
-        earliest_us = now_us + detection_us
-        for peer in self.peers.values():
-            if not peer.state.is_live:
-                continue
-            for wait_us in (peer.probe_after_us, detection_us, peer.silence_limit_us):
-                at_us = peer.last_heard_us + wait_us
-                if at_us <= now_us:
-                    at_us += detection_us  # it may have been waited for once more
-                if now_us < at_us < earliest_us:
-                    earliest_us = at_us
-        return earliest_us
+    # -- what this robot tells others ---------------------------------------------------------
 
-    def states(self) -> Mapping[str, State]:
-        """Robot -> state, sorted by id."""
-        return {robot: self.peers[robot].state for robot in sorted(self.peers)}
+    def relays(self) -> dict[str, SelfReport]:
+        """The relays that this robot's next heartbeat carries, sorted by robot."""
+        return {
+            robot: peer.report for robot, peer in sorted(self.peers.items()) if peer.state.is_alive
+        }
+
+    def suspicions(self) -> tuple[Suspicion, ...]:
+        """The suspicions that this robot's next heartbeat carries, sorted by robot."""
+        if not self._suspected:
+            return ()
+        return tuple(
+            Suspicion(
+                robot,
+                peer.incarnation,
+                is_token_lost=peer.is_token_lost,
+                is_dead=peer.state is State.DEAD,
+                is_probe=peer.is_probed,
+            )
+            for robot, peer in sorted(self._suspected.items())
+        )
+
+    @property
+    def is_probing(self) -> bool:
+        """Whether a robot that is not given up has been silent for too long."""
+        suspected = self._suspected
+        return bool(suspected) and any(peer.is_probed for peer in suspected.values())
+
+    def can_answer_probe(self, heartbeat: Heartbeat, mine: Incarnation) -> bool:
+        """Whether the sender probes a robot of which this one has news: another one, or itself."""
+        for suspicion in heartbeat.suspicions:
+            if suspicion.is_probe:
+                peer = self.peers.get(suspicion.robot)
+                is_me = suspicion.robot == self.me and suspicion.incarnation == mine
+                if is_me or (
+                    peer is not None
+                    and peer.state.is_alive
+                    and peer.incarnation == suspicion.incarnation
+                ):
+                    return True
+        return False
+
+
+def _set_member(names: set[str], name: str, is_member: bool) -> None:
+    if is_member:
+        names.add(name)
+    else:
+        names.discard(name)

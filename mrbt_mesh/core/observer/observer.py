@@ -15,7 +15,8 @@ from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.anti_entropy import Replica
-from mrbt_mesh.core.membership.membership import Membership, State
+from mrbt_mesh.core.membership.membership import Membership
+from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import (
     Header,

@@ -11,7 +11,7 @@ from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Bid, Claim, ConditionValue, Member, NoClaim, Outcome, Phase
 from mrbt_mesh.core.facts.store import Entry, Incarnation
-from mrbt_mesh.core.membership.membership import State
+from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.planning.plan import Plan
 

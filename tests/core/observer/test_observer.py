@@ -8,7 +8,7 @@ import pytest
 
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.membership.membership import State
+from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import MessageKind, encode
 from mrbt_mesh.core.observer.observer import Observer

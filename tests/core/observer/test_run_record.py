@@ -14,7 +14,7 @@ from mrbt_mesh.core.facts.records import (
     Phase,
 )
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
-from mrbt_mesh.core.membership.membership import State
+from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.observer.run_record import RunRecord
 from tests.support.build import action, make_mission
 

@@ -1,0 +1,120 @@
+"""When a silent robot is suspected, probed and declared dead.
+
+1. *Suspect*: nothing was heard of it for half of its silence limit, or its liveliness token is
+   gone. While it is silent it is also *probed*: all who hear it, and it itself, send heartbeats
+   faster, so that news may come by another way (SWIM's indirect probe).
+2. *Dead*: nothing was heard of it for its whole silence limit, or all others in good standing lost
+   its token too. If another robot has declared it dead, half of the limit is enough.
+
+The silence limit follows from how regularly news of this robot came so far (`ArrivalHistory`,
+`Timing.silence_limit_us`). When most robots fall silent together, the fault is probably here, and
+all of them are given one detection time more.
+
+Sources: SWIM (Das, Gupta, Motivala 2002); Lifeguard (Dadgar, Phillips, Currey 2018).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from mrbt_mesh.core.membership.peer import Peer, State
+from mrbt_mesh.core.membership.timing import Timing
+
+# A robot is probed once it has been silent for one part in so many of its limit.
+PROBE_SHARE = 2
+
+
+class FailureDetector:
+    """Judges the peers of one robot. It changes their thresholds and `is_probed`, nothing else."""
+
+    def __init__(self, timing: Timing) -> None:
+        self._timing = timing
+        # By share of overdue news.
+        self._silence_limits_us: dict[int, int] = {}
+
+    def silence_limit_us(self, overdue_permille: int) -> int:
+        """`Timing.silence_limit_us`, worked out once for each share."""
+        limit_us = self._silence_limits_us.get(overdue_permille)
+        if limit_us is None:
+            limit_us = self._timing.silence_limit_us(overdue_permille)
+            self._silence_limits_us[overdue_permille] = limit_us
+        return limit_us
+
+    def learn_arrival(self, peer: Peer, now_us: int) -> None:
+        """News of a live robot has arrived: learn from the time since the news before.
+
+        The silence of a dead robot says nothing about the network.
+        """
+        arrivals = peer.arrivals
+        arrivals.add_interval(now_us - peer.last_heard_us, self._timing)
+        limit_us = self.silence_limit_us(arrivals.overdue_permille)
+        if limit_us != peer.silence_limit_us:
+            peer.silence_limit_us, peer.probe_after_us = limit_us, limit_us // PROBE_SHARE
+
+    def find_suspects(self, peers: Mapping[str, Peer], now_us: int) -> list[str]:
+        """The live robots that are silent, which are probed, or whose token is gone."""
+        suspects = []
+        for robot, peer in peers.items():
+            is_live = peer.state.is_live
+            peer.is_probed = is_live and is_silent(peer, now_us)
+            if peer.is_probed or (is_live and peer.is_token_lost):
+                suspects.append(robot)
+        return suspects
+
+    def find_dead(self, peers: Mapping[str, Peer], now_us: int) -> list[str]:
+        """The suspects that are dead, sorted."""
+        extra_us = self._extra_us(peers)
+        return [
+            robot
+            for robot, peer in sorted(peers.items())
+            if peer.state is State.SUSPECT
+            and (
+                now_us - peer.last_heard_us >= self._limit_us(peer, peers) + extra_us
+                or _has_everybody_lost_token(robot, peers)
+            )
+        ]
+
+    def _extra_us(self, peers: Mapping[str, Peer]) -> int:
+        """How much longer to wait when most robots are silent together."""
+        live = sum(peer.state.is_live for peer in peers.values())
+        silent = sum(peer.is_probed for peer in peers.values())
+        return self._timing.detection_us if silent > 1 and 2 * silent > live else 0
+
+    def _limit_us(self, peer: Peer, peers: Mapping[str, Peer]) -> int:
+        """The silence after which a suspect is dead: less if another robot has declared it dead."""
+        others = map(peers.get, peer.declared_dead_by)
+        if any(other is not None and other.state.is_alive for other in others):
+            return max(self._timing.detection_us, peer.probe_after_us)
+        return peer.silence_limit_us
+
+    def next_due_us(self, peers: Mapping[str, Peer], now_us: int) -> int:
+        """When a judgement may differ from the present one, if nothing is heard until then."""
+        detection_us = self._timing.detection_us
+        earliest_us = now_us + detection_us
+        for peer in peers.values():
+            if not peer.state.is_live:
+                continue
+            for wait_us in (peer.probe_after_us, detection_us, peer.silence_limit_us):
+                at_us = peer.last_heard_us + wait_us
+                if at_us <= now_us:
+                    at_us += detection_us  # the time that it is given when most are silent
+                if now_us < at_us < earliest_us:
+                    earliest_us = at_us
+        return earliest_us
+
+
+def is_silent(peer: Peer, now_us: int) -> bool:
+    """Whether nothing was heard of it for so long that it is probed."""
+    return now_us - peer.last_heard_us >= peer.probe_after_us
+
+
+def _has_everybody_lost_token(robot: str, peers: Mapping[str, Peer]) -> bool:
+    """Whether all others that are in good standing lost this robot's token, as this one did."""
+    if not peers[robot].is_token_lost:
+        return False
+    witnesses = [
+        name
+        for name, other in peers.items()
+        if name != robot and other.report.has_joined and other.state.is_alive
+    ]
+    return bool(witnesses) and all(name in peers[robot].token_lost_by for name in witnesses)
