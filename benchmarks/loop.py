@@ -32,7 +32,7 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Claim, Member, Phase
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.membership.anti_entropy import Replica
+from mrbt_mesh.core.membership.replica import Replica
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import (
     Header,

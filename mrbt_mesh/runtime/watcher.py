@@ -59,9 +59,9 @@ class Watcher:
         fresh = [
             r for r, p in peers.items() if p.heartbeat and (r, p.incarnation) not in self._asked
         ]
-        for robot in sorted({*replica.peers_to_ask(now_us), *fresh}):
+        for robot in sorted({*replica.anti_entropy.peers_to_ask(now_us), *fresh}):
             self._asked.add((robot, peers[robot].incarnation))
-            replica.mark_asked(robot, now_us)
+            replica.anti_entropy.mark_asked(robot, now_us)
             timeout_s = self.timing.ask_timeout_us / 1e6
             self._transport.ask(robot, MessageKind.PULL, replica.write_pull(), timeout_s)
 

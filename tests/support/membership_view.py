@@ -24,7 +24,7 @@ class View:
         self.members = Membership("M", TIMING)
         self.ms = 0
         self.numbers: dict[str, int] = {}
-        self.asked = False
+        self.can_answer = False
         for robot in robots:
             self.hear(robot)
 
@@ -38,9 +38,9 @@ class View:
         self,
         robot: str,
         *,
-        accuses: Iterable[str] = (),
-        seeks: Iterable[str] = (),
-        buries: Iterable[str] = (),
+        lost_token: Iterable[str] = (),
+        probes: Iterable[str] = (),
+        declares_dead: Iterable[str] = (),
         relays: dict[str, int] | None = None,
         life: int = 1,
         number: int | None = None,
@@ -49,15 +49,15 @@ class View:
         plan: bytes = PLAN,
         result: Status = Status.RUNNING,
     ) -> bool:
-        """A beat of `robot`; it accuses robots whose token it lost, seeks those it has no news of,
-        buries those that it holds for dead, and relays newer beats.
+        """A heartbeat of `robot`: it lost tokens of robots, probes silent ones,
+        declares others dead, and relays newer self-reports.
         """
         self.numbers[robot] = self.numbers.get(robot, 0) + 1 if number is None else number
         one = Incarnation(1, "n")
-        accusations = (
-            *(Suspicion(each, one, True, False, False) for each in accuses),
-            *(Suspicion(each, one, False, False, True) for each in seeks),
-            *(Suspicion(each, one, False, True, False) for each in buries),
+        suspicions = (
+            *(Suspicion(each, one, True, False, False) for each in lost_token),
+            *(Suspicion(each, one, False, False, True) for each in probes),
+            *(Suspicion(each, one, False, True, False) for each in declares_dead),
         )
         heard = {
             each: SelfReport(Incarnation(1, "n"), n, plan, True, int(result))
@@ -69,11 +69,11 @@ class View:
             b"f" * 8,
             (0, 0, 0, 0),
             0,
-            accusations,
+            suspicions,
             heard,
         )
         news = self.members.receive_heartbeat(robot, beat, self.ms * MS)
-        self.asked = self.members.can_answer_probe(beat, Incarnation(5, "m"))
+        self.can_answer = self.members.can_answer_probe(beat, Incarnation(5, "m"))
         self.members.detect_failures(self.ms * MS)
         return news
 

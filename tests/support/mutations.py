@@ -24,9 +24,10 @@ from mrbt_mesh.core.facts.store import Entry, FactMap, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.incremental.planning import capabilities as followed_capabilities
 from mrbt_mesh.core.membership import leases
-from mrbt_mesh.core.membership.anti_entropy import Replica
+from mrbt_mesh.core.membership.anti_entropy import AntiEntropy
 from mrbt_mesh.core.membership.leases import LeaseGrantor
 from mrbt_mesh.core.membership.membership import Membership
+from mrbt_mesh.core.membership.replica import Replica
 from mrbt_mesh.core.mission.mission import GlobalTask
 from mrbt_mesh.core.planning import bids, capabilities, demands
 
@@ -170,12 +171,12 @@ def stale_claims_stay_valid() -> Iterator[None]:
 def no_repair() -> Iterator[None]:
     """Nobody asks for what it has missed, but who joins."""
 
-    def due(self: Replica, now_us: int) -> list[str]:
+    def nobody(self: AntiEntropy, now_us: int) -> list[str]:
         original(self, now_us)
         return []
 
-    original = Replica.peers_to_ask
-    with mock.patch.object(Replica, "peers_to_ask", due):
+    original = AntiEntropy.peers_to_ask
+    with mock.patch.object(AntiEntropy, "peers_to_ask", nobody):
         yield
 
 

@@ -96,7 +96,7 @@ class Agent:
         self._deadline_us = min(
             step_us,
             self._context.membership.next_detection_us,
-            self._context.replica.next_ask_us,
+            self._context.replica.anti_entropy.next_ask_us,
             self._schedule.next_due_us,
         )
         return self._deadline_us

@@ -14,9 +14,9 @@ from mrbt_mesh.core.agent.effects import Ask, Effect, Log, Persist, Publish, Sto
 from mrbt_mesh.core.agent.work import Work
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.membership.anti_entropy import Replica
 from mrbt_mesh.core.membership.joining import Joining
 from mrbt_mesh.core.membership.membership import Membership
+from mrbt_mesh.core.membership.replica import Replica
 from mrbt_mesh.core.membership.wire import Header, MessageKind
 from mrbt_mesh.core.mission.mission import Mission
 
@@ -79,7 +79,7 @@ class Context:
     def ask(self, peers: Iterable[str], now_us: int) -> None:
         """Ask these peers for the facts that this robot lacks."""
         for peer in peers:
-            self.replica.mark_asked(peer, now_us)
+            self.replica.anti_entropy.mark_asked(peer, now_us)
             self._effects.append(Ask(peer, self.replica.write_pull()))
 
     def emit(self, *effects: Effect) -> None:

@@ -63,7 +63,7 @@ class FollowUp:
             self._bring_up_to_date(now_us)
             self._note_what_is_done(now_us)
         else:
-            if now_us >= self._context.replica.next_ask_us:
+            if now_us >= self._context.replica.anti_entropy.next_ask_us:
                 self._ask_who_is_due(now_us)
             self._heartbeats.send_if_regular(now_us)
 
@@ -100,11 +100,11 @@ class FollowUp:
             level = "warning" if after.is_suspected else "info"
             context.log(level, f"robot_{after}", robot=robot, before=str(before))
             if not after.is_live:
-                context.replica.forget(robot)
+                context.replica.anti_entropy.forget(robot)
         self._heartbeats.hurry_if_probing(now_us)
 
     def _ask_who_is_due(self, now_us: int) -> None:
-        peers = self._context.replica.peers_to_ask(now_us)
+        peers = self._context.replica.anti_entropy.peers_to_ask(now_us)
         if peers:
             self._context.ask(peers, now_us)
 

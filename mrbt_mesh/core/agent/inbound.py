@@ -16,9 +16,9 @@ from mrbt_mesh.core.agent.inputs import (
     QueryReceived,
     TokenChanged,
 )
-from mrbt_mesh.core.membership.anti_entropy import Received
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
+from mrbt_mesh.core.membership.replica import Received
 from mrbt_mesh.core.membership.wire import (
     Heartbeat,
     IncompatibleError,
@@ -121,7 +121,7 @@ class Inbound:
     def _answer(self, peer: str, data: bytes | None, now_us: int) -> None:
         context = self._context
         if data is None:
-            context.replica.mark_unanswered(peer, now_us)
+            context.replica.anti_entropy.mark_unanswered(peer, now_us)
             return
         try:
             received = context.replica.receive_state(data, now_us)
@@ -130,9 +130,9 @@ class Inbound:
             return
         self._take_in(peer, received)
         if not received.has_more:
-            context.replica.mark_answered(peer)
+            context.replica.anti_entropy.mark_answered(peer)
             if context.joining is not None:
-                context.joining.mark_exchanged(peer)
+                context.joining.mark_answered(peer)
 
     def _take_in(self, source: str, received: Received) -> None:
         if received.changed:

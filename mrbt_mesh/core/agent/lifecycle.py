@@ -92,7 +92,7 @@ class Lifecycle:
             return False
         peers, digest = context.membership.peers, context.facts.map.digest()
         wanted = joining.still_to_ask(peers, digest, now_us)
-        context.ask(context.replica.choose_to_ask(wanted, now_us), now_us)
+        context.ask(context.replica.anti_entropy.choose_to_ask(wanted, now_us), now_us)
         awaited = joining.is_first and self._duplicates.is_other_life_relayed
         team_is_there = bool(context.membership.alive_set())
         if wanted or not joining.is_done(awaited, team_is_there, now_us):

@@ -1,10 +1,16 @@
-"""What a team knows: kinds of entries, the map that joins, how a team reads it, coalitions.
+"""What a team knows: entries, the map in which they join, and how the team reads it.
 
-`records`: what an entry may be. `store`: how entries join. `validation`: which have a place in this
-mission. `team_facts` reads them for the tree and for plans, by `conditions`, `activation_facts`
-(what is said of one activation), `task_status` (when a task has succeeded or failed) and
-`coalitions`.
+Where to find a rule:
+
+- what an entry may say, and its limits: `records`; whether it has a place here: `validation`
+- which of two entries with one key stands: `store.join`
+- how the team reads a condition: `conditions`
+- when a global task has succeeded or failed, by either policy: `task_status`
+- which coalition is at work, which is broken or in doubt: `coalitions`
+- what is said of one activation: `activation_facts`
+- whose claim counts, what the operator's order is, what may be dropped: `team_facts`
 
 Imports `mission` and what is below. Joining is commutative, associative and idempotent; whatever is
-read from it is the same for the same entries, in whichever order they came.
+read is the same for the same entries, in whichever order they came. Whoever wants to follow changes
+subscribes to the map (`FactMap.subscribe`).
 """

@@ -1,5 +1,14 @@
-"""Who is alive, and how robots come to hold the same facts: heartbeats, failure detection, joining,
-duplicate ids, leases, anti-entropy, and the messages that all of it goes by.
+"""Who is alive, and how robots come to hold the same facts.
+
+Where to find it:
+
+- how long everything takes: `timing`; when a heartbeat is sent: `heartbeat`
+- what is known of the others: `membership`; of one of them: `peer`, `arrival_history`
+- when a robot is suspected, probed, declared dead: `failure_detector`
+- when a new incarnation may take part: `joining`; two robots of one id: `duplicate_ids`
+- where a lease is granted, renewed, given up: `leases`
+- what this robot writes and takes in: `replica`; whom it asks for what it missed: `anti_entropy`
+- the messages, and which are refused: `wire`
 
 Imports `facts` and what is below, never `planning`.
 """

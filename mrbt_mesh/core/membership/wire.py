@@ -1,6 +1,8 @@
-"""Messages on the wire: msgpack with a schema version, the mission's digest and size limits.
+"""Messages on the wire: what they are, how they become bytes, and what is refused.
 
-Whatever arrives is decoded here or refused with a WireError; nothing else escapes.
+A message is one msgpack list: schema version, kind, the mission's digest and name, run, sender,
+body. `decode` checks all but the body; `parse_heartbeat`, `parse_entries` and `parse_summary` check
+bodies. Whatever arrives is taken apart here or refused with a WireError; nothing else escapes.
 """
 
 from __future__ import annotations
@@ -32,7 +34,9 @@ class IncompatibleError(WireError):
 
 
 class MessageKind(enum.StrEnum):
-    """BEAT and FACT are published; PULL and COMMAND are queries, STATE and ANSWER their replies."""
+    """HEARTBEAT and FACT (a batch) are published. PULL and COMMAND are queries; STATE (a page of
+    facts) and ANSWER are their replies.
+    """
 
     HEARTBEAT = "beat"
     FACT = "fact"
@@ -54,10 +58,11 @@ class Header:
 
 @dataclass(frozen=True, slots=True)
 class Suspicion:
-    """The sender suspects this incarnation; `token_lost`: its liveliness token is gone here.
+    """The sender suspects this incarnation of another robot.
 
-    `dead`: the sender has given its verdict. `sought`: it has had no news for too long, and asks
-    everybody for some.
+    `is_token_lost`: its liveliness token is gone where the sender is. `is_dead`: the sender has
+    declared it dead. `is_probe`: the sender has had no news of it for too long, and asks everybody
+    for some.
     """
 
     robot: str
@@ -68,14 +73,15 @@ class Suspicion:
 
     @property
     def flags(self) -> int:
+        """The three as one number."""
         return int(self.is_token_lost) + 2 * int(self.is_dead) + 4 * int(self.is_probe)
 
 
 @dataclass(frozen=True, slots=True)
 class SelfReport:
-    """What a robot says of itself in every beat, and what others relay of it.
+    """What a robot says of itself in every heartbeat, and what others relay of it.
 
-    `result` is the mission's status as it sees it.
+    `number` counts its heartbeats. `result`: the mission's status as it sees it.
     """
 
     incarnation: Incarnation
@@ -87,7 +93,7 @@ class SelfReport:
 
 @dataclass(frozen=True, slots=True)
 class LeaseGrant:
-    """The sender lets the coalition `token` work: its answer to beat `number` of `member`."""
+    """The sender's answer to heartbeat `number` of `member`: this coalition has its lease."""
 
     coalition: str
     member: str
@@ -98,8 +104,8 @@ class LeaseGrant:
 class Heartbeat:
     """One heartbeat. `statuses` are those of T_i, T_A, T_G and T_Li; `progress` in percent.
 
-    `heard` are the relays: robot -> its newest word that the sender knows of. `seeks` are the
-    activation and the coalition's token for which the sender needs grants.
+    `relays`: robot -> its newest self-report that the sender knows. `lease_request`: the activation
+    and the id of the coalition for which the sender needs leases.
     """
 
     report: SelfReport
@@ -196,43 +202,43 @@ def _rows(value: Any, width: int) -> list[list[Any]]:
 
 
 def pack_heartbeat(heartbeat: Heartbeat) -> list[Any]:
-    """A beat as plain data."""
-    word = heartbeat.report
+    """A heartbeat as plain data."""
+    report = heartbeat.report
     return [
-        *word.incarnation,
-        word.number,
-        int(word.has_joined) + 2 * int(heartbeat.is_leaving),
-        word.plan_digest,
+        *report.incarnation,
+        report.number,
+        int(report.has_joined) + 2 * int(heartbeat.is_leaving),
+        report.plan_digest,
         heartbeat.fact_digest,
         list(heartbeat.statuses),
-        word.result,
+        report.result,
         heartbeat.progress,
-        [[a.robot, *a.incarnation, a.flags] for a in heartbeat.suspicions],
+        [[s.robot, *s.incarnation, s.flags] for s in heartbeat.suspicions],
         [
-            [robot, *w.incarnation, w.number, w.plan_digest, int(w.has_joined), w.result]
-            for robot, w in heartbeat.relays.items()
+            [robot, *r.incarnation, r.number, r.plan_digest, int(r.has_joined), r.result]
+            for robot, r in heartbeat.relays.items()
         ],
         list(heartbeat.lease_request) if heartbeat.lease_request is not None else None,
         [[g.coalition, g.member, g.number] for g in heartbeat.lease_grants],
     ]
 
 
-def _all_is_news(row: list[Any]) -> bool:
+def _every_relay_is_new(row: list[Any]) -> bool:
     return True
 
 
 def parse_heartbeat(
-    body: Any, is_new_relay: Callable[[list[Any]], bool] = _all_is_news
+    body: Any, is_new_relay: Callable[[list[Any]], bool] = _every_relay_is_new
 ) -> Heartbeat:
-    """The inverse of `beat_body`; raises WireError.
+    """The inverse of `pack_heartbeat`; raises WireError.
 
-    Relays, most of a beat in a large team, are only taken where `is_news(row)` of
+    Relays, most of a heartbeat in a large team, are only taken where `is_new_relay(row)` of
     [robot, counter, nonce, number, ...], as yet unchecked.
     """
     if not isinstance(body, list) or len(body) != 13:
         raise WireError("beat is malformed")
     counter, nonce, number, flags, plan, facts, statuses, result, progress, *tables = body
-    accused, heard, seeks, grants = tables
+    suspicions, relays, request, grants = tables
     flags = _count(flags, 3)
     if not isinstance(statuses, list) or len(statuses) != 4:
         raise WireError("beat statuses are malformed")
@@ -252,11 +258,11 @@ def parse_heartbeat(
             Suspicion(
                 _robot(r), _incarnation(c, n), bool(_count(f, 7) & 1), bool(f & 2), bool(f & 4)
             )
-            for r, c, n, f in _rows(accused, 4)
+            for r, c, n, f in _rows(suspicions, 4)
         ),
-        dict([_relay(row) for row in filter(is_new_relay, _rows(heard, 7))]),
-        _seeks(seeks),
-        tuple(LeaseGrant(_name(t), _robot(r), _count(n)) for t, r, n in _rows(grants, 3)),
+        dict([_relay(row) for row in filter(is_new_relay, _rows(relays, 7))]),
+        _lease_request(request),
+        tuple(LeaseGrant(_name(c), _robot(m), _count(n)) for c, m, n in _rows(grants, 3)),
     )
 
 
@@ -277,7 +283,7 @@ def _name(value: Any) -> str:
     return value
 
 
-def _seeks(value: Any) -> tuple[str, str] | None:
+def _lease_request(value: Any) -> tuple[str, str] | None:
     if value is None:
         return None
     if not isinstance(value, list) or len(value) != 2:
@@ -315,26 +321,23 @@ def parse_summary(body: Any) -> Mapping[str, bytes]:
     return {_robot(author): _digest(digest, 16) for author, digest in body.items()}
 
 
+# How an agent writes and reads its messages; several agents in one process may share the work.
 WriteHeartbeat: TypeAlias = Callable[[Heartbeat, Header], bytes]
-
-
 # (robot under whose key it was published, message, own header, which relays may be news)
 ReadHeartbeat: TypeAlias = Callable[[str, bytes, Header, Callable[[list[Any]], bool]], Heartbeat]
-
-
 # (robot under whose key it was published, message, own header)
 ReadBatch: TypeAlias = Callable[[str, bytes, Header], tuple[list[Entry], int]]
 
 
 def write_heartbeat(heartbeat: Heartbeat, mine: Header) -> bytes:
-    """A beat as a message."""
+    """A heartbeat as a message."""
     return encode(mine, MessageKind.HEARTBEAT, pack_heartbeat(heartbeat))
 
 
 def read_heartbeat(
     source: str, data: bytes, mine: Header, is_new_relay: Callable[[list[Any]], bool]
 ) -> Heartbeat:
-    """A published beat; relays that are no news may be left out. Raises WireError."""
+    """A published heartbeat; relays that are no news may be left out. Raises WireError."""
     return parse_heartbeat(_body(source, data, mine, MessageKind.HEARTBEAT), is_new_relay)
 
 

@@ -14,9 +14,9 @@ from mrbt_mesh.core.engine import FASTEST, Engine
 from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.membership.anti_entropy import Replica
 from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.membership.peer import State
+from mrbt_mesh.core.membership.replica import Replica
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import (
     Header,
@@ -79,7 +79,7 @@ class Observer:
             received = self.replica.receive_state(data, now_us)
             self._facts_changed(received.changed, now_us)
             if not received.has_more:
-                self.replica.mark_answered(source)
+                self.replica.anti_entropy.mark_answered(source)
         except WireError as error:
             self._refuse(source, error, now_us)
 

@@ -15,10 +15,10 @@ gaps = st.lists(st.integers(0, 5_000_000), max_size=300)
 
 
 def heard(*gaps_us: int) -> ArrivalHistory:
-    hearing = ArrivalHistory.of_new_robot(TIMING)
+    history = ArrivalHistory.of_new_robot(TIMING)
     for gap_us in gaps_us:
-        hearing.add_interval(gap_us, TIMING)
-    return hearing
+        history.add_interval(gap_us, TIMING)
+    return history
 
 
 def test_a_robot_that_is_new_is_trusted_for_twice_the_detection_time() -> None:
@@ -51,10 +51,10 @@ def test_old_experience_is_outweighed() -> None:
 
 @given(gaps)
 def test_the_share_is_one_and_the_sums_stay_small(gaps_us: list[int]) -> None:
-    hearing = heard(*gaps_us)
-    assert 0 <= hearing.overdue_us <= hearing.observed_us
-    assert 0 <= hearing.overdue_permille <= 1_000
-    assert hearing.observed_us <= 128 * BEAT_US + 5_000_000
+    history = heard(*gaps_us)
+    assert 0 <= history.overdue_us <= history.observed_us
+    assert 0 <= history.overdue_permille <= 1_000
+    assert history.observed_us <= 128 * BEAT_US + 5_000_000
 
 
 @given(st.integers(1_000, 1_000_000), st.integers(3, 20))
@@ -79,7 +79,7 @@ def test_the_limit_is_the_fewest_beats_that_chance_does_not_explain(silence: int
         assert share ** (beats - 1) > 0.999 / 2**ODDS_BITS
 
 
-def test_while_a_robot_is_sought_all_beat_faster_but_nobody_is_swamped() -> None:
+def test_while_a_robot_is_probed_all_beat_faster_but_nobody_is_swamped() -> None:
     for robots in range(2, 200):
         pace_us = TIMING.fast_heartbeat_us(robots)
         assert BEAT_US // 4 <= pace_us <= BEAT_US

@@ -9,43 +9,43 @@ MS = 1_000
 TIMING = Timing(200 * MS, 1_000 * MS)
 
 
-def beats_ms(gossip: HeartbeatSchedule, urgent: str, from_ms: int, until_ms: int) -> list[int]:
+def beats_ms(schedule: HeartbeatSchedule, urgent: str, from_ms: int, until_ms: int) -> list[int]:
     """When it beats in that time, if nothing changes."""
     sent = []
     for ms in range(from_ms, until_ms):
-        if gossip.is_due((urgent,), ms * MS):
-            gossip.mark_sent((urgent,), ms * MS)
+        if schedule.is_due((urgent,), ms * MS):
+            schedule.mark_sent((urgent,), ms * MS)
             sent.append(ms)
     return sent
 
 
 def test_regular_beats() -> None:
-    gossip = HeartbeatSchedule(TIMING, 0)
-    assert beats_ms(gossip, "plan", 0, 700) == [0, 25, 50, 100, 300, 500]
+    schedule = HeartbeatSchedule(TIMING, 0)
+    assert beats_ms(schedule, "plan", 0, 700) == [0, 25, 50, 100, 300, 500]
 
 
 def test_what_has_changed_is_beaten_out_at_once_and_repeated() -> None:
-    gossip = HeartbeatSchedule(TIMING, 0)
-    beats_ms(gossip, "plan", 0, 1_010)
-    assert beats_ms(gossip, "another", 1_010, 1_400) == [1_010, 1_035, 1_060, 1_110, 1_310]
+    schedule = HeartbeatSchedule(TIMING, 0)
+    beats_ms(schedule, "plan", 0, 1_010)
+    assert beats_ms(schedule, "another", 1_010, 1_400) == [1_010, 1_035, 1_060, 1_110, 1_310]
 
 
 def test_it_hurries_for_one_beat_period_from_the_last_beat_on() -> None:
-    gossip = HeartbeatSchedule(TIMING, 0)
-    assert beats_ms(gossip, "plan", 0, 301)[-1] == 300
-    gossip.speed_up(3, 310 * MS)
-    assert beats_ms(gossip, "plan", 310, 1_000) == [350, 400, 450, 500, 550, 750, 950]
+    schedule = HeartbeatSchedule(TIMING, 0)
+    assert beats_ms(schedule, "plan", 0, 301)[-1] == 300
+    schedule.speed_up(3, 310 * MS)
+    assert beats_ms(schedule, "plan", 310, 1_000) == [350, 400, 450, 500, 550, 750, 950]
 
 
 def test_hurry_that_comes_late_is_due_at_once() -> None:
-    gossip = HeartbeatSchedule(TIMING, 0)
-    beats_ms(gossip, "plan", 0, 301)
-    gossip.speed_up(3, 480 * MS)
-    assert gossip.next_due_us <= 480 * MS
+    schedule = HeartbeatSchedule(TIMING, 0)
+    beats_ms(schedule, "plan", 0, 301)
+    schedule.speed_up(3, 480 * MS)
+    assert schedule.next_due_us <= 480 * MS
 
 
 def test_hurry_in_a_large_team_changes_nothing() -> None:
-    gossip = HeartbeatSchedule(TIMING, 0)
-    beats_ms(gossip, "plan", 0, 301)
-    gossip.speed_up(64, 310 * MS)
-    assert beats_ms(gossip, "plan", 310, 800) == [500, 700]
+    schedule = HeartbeatSchedule(TIMING, 0)
+    beats_ms(schedule, "plan", 0, 301)
+    schedule.speed_up(64, 310 * MS)
+    assert beats_ms(schedule, "plan", 310, 800) == [500, 700]

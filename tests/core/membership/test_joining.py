@@ -24,8 +24,8 @@ class Newcomer:
     def hear(self, robot: str, digest: bytes = OTHER, ms: int = 0) -> None:
         self.number += 1
         life = Incarnation(1, "n")
-        word = SelfReport(life, self.number, b"p" * 8, True, 0)
-        beat = Heartbeat(word, False, digest, (0, 0, 0, 0), 0, (), {})
+        report = SelfReport(life, self.number, b"p" * 8, True, 0)
+        beat = Heartbeat(report, False, digest, (0, 0, 0, 0), 0, (), {})
         self.members.receive_heartbeat(robot, beat, ms * MS)
         self.joining.mark_heard(robot)
 
@@ -40,7 +40,7 @@ def test_everybody_that_is_heard_is_asked() -> None:
     new.hear("B")
     new.hear("A")
     assert new.wants() == ["A", "B"]
-    new.joining.mark_exchanged("A")
+    new.joining.mark_answered("A")
     assert new.wants() == ["B"]
 
 
@@ -51,7 +51,7 @@ def test_an_equal_digest_counts_once_somebody_has_answered() -> None:
     new.hear("B", MINE)
     new.hear("C")
     assert new.wants() == ["A", "B", "C"]
-    new.joining.mark_exchanged("A")
+    new.joining.mark_answered("A")
     assert new.wants() == ["C"]
     new.hear("C", MINE)
     assert new.wants() == []
@@ -71,7 +71,7 @@ def test_who_never_answers_is_waited_for_no_longer_than_the_longest_detection_ti
         new.hear("A", OTHER, ms)
         new.hear("B", OTHER, ms)
         assert new.wants(ms) == ["A", "B"], "nobody has answered yet"
-    new.joining.mark_exchanged("B")
+    new.joining.mark_answered("B")
     assert new.wants(2_999) == ["A"]
     assert new.wants(3_000) == []
 

@@ -1,4 +1,4 @@
-"""Who is alive: silence, lost tokens, relays and accusations."""
+"""Who is alive: silence, lost tokens, relays and suspicions."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def test_robots_relay_only_what_they_hear_and_never_a_suspect() -> None:
 
 
 def relays_of(view: View, robot: str) -> dict[str, int]:
-    return {name: word.number for name, word in view.members.relays().items() if name == robot}
+    return {name: report.number for name, report in view.members.relays().items() if name == robot}
 
 
 def test_two_robots_that_relay_one_another_do_not_keep_a_third_alive() -> None:
@@ -147,15 +147,15 @@ def test_a_robot_whose_token_everybody_lost_is_dead_at_once() -> None:
     view = View("A", "B", "C")
     view.lose_token("A")
     assert view["A"] is SUSPECT
-    view.hear("B", accuses="A")
+    view.hear("B", lost_token="A")
     assert view["A"] is SUSPECT
-    view.hear("C", accuses="A")
+    view.hear("C", lost_token="A")
     assert view["A"] is DEAD
 
 
-def test_accusations_may_come_before_the_own_loss() -> None:
+def test_suspicions_may_come_before_the_own_loss() -> None:
     view = View("A", "B")
-    view.hear("B", accuses="A")
+    view.hear("B", lost_token="A")
     assert view["A"] is ALIVE
     view.lose_token("A")
     assert view["A"] is DEAD
@@ -166,7 +166,7 @@ def test_a_token_that_only_this_robot_lost_proves_nothing() -> None:
     view.lose_token("A")
     for ms in range(100, 900, 100):
         view.ms = ms
-        view.hear("B", accuses="A")
+        view.hear("B", lost_token="A")
         view.hear("C", relays={"A": ms})
     assert view["A"] is SUSPECT
 
@@ -175,7 +175,7 @@ def test_a_token_that_came_back_is_held_again() -> None:
     view = View("A", "B")
     view.lose_token("A")
     view.members.receive_token("A", Incarnation(1, "n"), True)
-    view.hear("B", accuses="A")
+    view.hear("B", lost_token="A")
     assert view.at(100)["A"] is not DEAD
 
 
@@ -184,16 +184,16 @@ def test_the_robots_own_word_takes_back_a_lost_token() -> None:
     view.lose_token("A")
     view.hear("A")
     assert view["A"] is ALIVE
-    view.hear("B", accuses="A")
+    view.hear("B", lost_token="A")
     assert view["A"] is ALIVE
 
 
-def test_an_accusation_that_is_taken_back_counts_no_more() -> None:
+def test_a_suspicion_that_is_taken_back_counts_no_more() -> None:
     view = View("A", "B", "C")
-    view.hear("B", accuses="A")
+    view.hear("B", lost_token="A")
     view.hear("B")
     view.lose_token("A")
-    view.hear("C", accuses="A")
+    view.hear("C", lost_token="A")
     assert view["A"] is SUSPECT
 
 
@@ -206,7 +206,7 @@ def test_only_witnesses_in_good_standing_are_waited_for() -> None:
     view.hear("D", joined=False, life=2)
     assert view["C"] is SUSPECT
     view.lose_token("A")
-    view.hear("B", accuses="A")
+    view.hear("B", lost_token="A")
     assert view["A"] is DEAD
 
 
@@ -221,7 +221,7 @@ def test_the_token_of_an_earlier_incarnation_means_nothing() -> None:
     view = View("A", "B")
     view.hear("A", life=2, number=1)
     view.lose_token("A", life=1)
-    view.hear("B", accuses="A")
+    view.hear("B", lost_token="A")
     assert view["A"] is ALIVE
 
 
@@ -299,7 +299,7 @@ def test_being_slow_moves_no_evidence_into_the_future() -> None:
 # -- what is told to others -------------------------------------------------------------------
 
 
-def test_a_beat_accuses_suspects_and_tells_verdicts() -> None:
+def test_a_heartbeat_names_suspects_and_the_dead() -> None:
     view = View("A", "B", "C", "D")
     view.ms = 400
     for robot in "BCD":

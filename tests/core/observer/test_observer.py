@@ -193,7 +193,7 @@ def test_what_a_team_left_behind_tells_the_result_of_a_run_that_nobody_saw(
 ) -> None:
     script, seen = watched(*steps, "pass 1000")
     left_behind = list(script.team.processes["A"].agent.view.facts.map)
-    observer = Observer(seen.mission, seen.facts.run, seen.replica.timing, min_cost_flow)
+    observer = Observer(seen.mission, seen.facts.run, seen.membership.timing, min_cost_flow)
     observer.read(left_behind, 5)
     assert observer.result(anybody_lives=False) == result
     told, expected = (o.record.summary(result, 5)["global_tasks"] for o in (observer, seen))

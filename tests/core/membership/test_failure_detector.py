@@ -28,9 +28,9 @@ def test_a_robot_that_is_heard_badly_may_be_silent_for_longer() -> None:
 
 def test_a_new_life_is_heard_over_the_same_network() -> None:
     view = View("A", "B")
-    hearing = view.members.peers["A"].arrivals
+    history = view.members.peers["A"].arrivals
     view.hear("A", life=2, number=1)
-    assert view.members.peers["A"].arrivals is hearing
+    assert view.members.peers["A"].arrivals is history
 
 
 def test_an_outage_that_ended_in_a_verdict_is_no_measure_of_the_network() -> None:
@@ -56,7 +56,7 @@ def test_a_verdict_follows_that_of_another_robot_if_there_was_silence_here_as_we
     for ms in range(200, 1_600, 200):
         view.ms = start_ms + ms
         view.hear("C")
-        view.hear("B", buries="A")
+        view.hear("B", declares_dead="A")
         assert view["A"] is (
             DEAD if ms * MS >= view.members.peers["A"].silence_limit_us // 2 else ALIVE
         )
@@ -67,14 +67,14 @@ def test_a_verdict_of_another_robot_alone_kills_nobody() -> None:
     for ms in range(100, 3_000, 100):
         view.ms = ms
         view.hear("A")
-        view.hear("B", buries="A")
+        view.hear("B", declares_dead="A")
         assert view["A"] is ALIVE
     view.at(view.ms + 999)
     view.hear("C")
     assert view["A"] is SUSPECT
 
 
-def test_half_of_the_limit_without_news_and_a_robot_is_sought() -> None:
+def test_half_of_the_limit_without_news_and_a_robot_is_probed() -> None:
     view = View("A", "B")
     view.ms = 499
     view.hear("B")
@@ -86,7 +86,7 @@ def test_half_of_the_limit_without_news_and_a_robot_is_sought() -> None:
     assert not view.members.is_probing
 
 
-def test_the_dead_are_sought_no_more() -> None:
+def test_the_dead_are_probed_no_more() -> None:
     view = View("A", "B")
     view.ms = 900
     view.hear("B")
@@ -96,32 +96,32 @@ def test_the_dead_are_sought_no_more() -> None:
     assert [(a.is_dead, a.is_probe) for a in view.members.suspicions()] == [(True, False)]
 
 
-def test_a_robot_whose_token_is_lost_but_whose_beats_come_is_not_sought() -> None:
+def test_a_robot_whose_token_is_lost_but_whose_beats_come_is_not_probed() -> None:
     view = View("A", "B")
     view.lose_token("A")
     assert view["A"] is SUSPECT
     assert not view.members.is_probing
 
 
-def test_who_has_news_of_a_sought_robot_is_asked_for_it() -> None:
+def test_who_has_news_of_a_probed_robot_is_asked_for_it() -> None:
     view = View("A", "B")
-    view.hear("B", seeks="A")
-    assert view.asked
-    view.hear("B", seeks="Z")
-    assert not view.asked, "of whom it knows nothing"
-    view.hear("B", accuses="A", buries="A")
-    assert not view.asked, "nobody seeks it"
+    view.hear("B", probes="A")
+    assert view.can_answer
+    view.hear("B", probes="Z")
+    assert not view.can_answer, "of whom it knows nothing"
+    view.hear("B", lost_token="A", declares_dead="A")
+    assert not view.can_answer, "nobody probes it"
     view.ms = 600
-    view.hear("B", seeks="A")
+    view.hear("B", probes="A")
     assert view["A"] is SUSPECT
-    view.hear("B", seeks="A")
-    assert not view.asked, "it has no news either"
+    view.hear("B", probes="A")
+    assert not view.can_answer, "it has no news either"
 
 
-def test_a_robot_that_is_sought_itself_is_asked_if_this_life_of_it_is_meant() -> None:
+def test_a_robot_that_is_probed_itself_is_asked_if_this_life_of_it_is_meant() -> None:
     view = View("B")
-    view.hear("B", seeks="M")
-    assert not view.asked, "an earlier life"
+    view.hear("B", probes="M")
+    assert not view.can_answer, "an earlier life"
     beat = view.members.peers["B"].heartbeat
     assert beat is not None
     assert view.members.can_answer_probe(beat, Incarnation(1, "n"))

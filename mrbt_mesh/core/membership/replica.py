@@ -1,0 +1,185 @@
+"""One robot's replica of the facts: what it writes, what it takes in, what it answers to pulls."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.facts.validation import refusal_reason
+from mrbt_mesh.core.membership.anti_entropy import AntiEntropy
+from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.membership.wire import (
+    Header,
+    MessageKind,
+    ReadBatch,
+    WireError,
+    decode,
+    encode,
+    pack_entries,
+    parse_entries,
+    parse_summary,
+    read_batch,
+)
+
+# To take in a page takes a robot some milliseconds, in which it does nothing else.
+PAGE_BYTES = 1 << 16
+
+
+@dataclass(slots=True)
+class Received:
+    """What a message brought: entries that changed something, and refusals to count.
+
+    `has_more`: further pages of the same answer follow.
+    """
+
+    changed: list[Entry] = field(default_factory=list)
+    refused: int = 0
+    reason: str = ""
+    has_more: bool = False
+
+
+class Replica:
+    """The team's facts with this robot's incarnation and sequence number.
+
+    `anti_entropy` says which peers to ask for what may have been missed.
+    """
+
+    def __init__(
+        self,
+        facts: TeamFacts,
+        header: Header,
+        timing: Timing,
+        nonce: str,
+        read_batch: ReadBatch = read_batch,
+    ) -> None:
+        self.facts = facts
+        self.header = header
+        self.incarnation = Incarnation(0, nonce)
+        self.anti_entropy = AntiEntropy(timing)
+        self._read_batch = read_batch
+        self._sequence = 0
+
+    @property
+    def me(self) -> str:
+        """This robot's id; empty for an observer."""
+        return self.header.sender
+
+    # -- writing ------------------------------------------------------------------------------
+
+    def next_incarnation(self, heard: int) -> Incarnation:
+        """Take a new incarnation, counted above the present one, all in the facts, and `heard`."""
+        known = [e.version.incarnation.counter for e in self.facts.map.of_author(self.me)]
+        counter = max([self.incarnation.counter, heard, *known]) + 1
+        self.incarnation = Incarnation(counter, self.incarnation.nonce)
+        self._sequence = 0
+        return self.incarnation
+
+    def next_stamp(self) -> int:
+        """A Lamport stamp above all that this robot has seen (Lamport 1978)."""
+        return self.facts.max_stamp + 1
+
+    def write(
+        self, values: Iterable[tuple[str, Any]], now_us: int
+    ) -> tuple[bytes, tuple[Entry, ...]]:
+        """Write one batch of own entries: (the message that tells it, the entries)."""
+        self._sequence += 1
+        version = Version(self.incarnation, self._sequence)
+        entries = [make_entry(self.me, name, version, value) for name, value in values]
+        self.facts.map.merge(entries)
+        self.anti_entropy.note_change(now_us)
+        return encode(self.header, MessageKind.FACT, pack_entries(entries)), tuple(entries)
+
+    def find_problem(self, name: str, value: Any) -> str | None:
+        """Why this value cannot be written, or None if it can."""
+        try:
+            make_entry(self.me, name, Version(self.incarnation, self._sequence), value)
+        except ValueError as error:
+            return str(error)
+        return None
+
+    # -- taking in ----------------------------------------------------------------------------
+
+    def restore(self, entries: Iterable[Entry]) -> list[Entry]:
+        """Take in what a journal kept; returns what was news."""
+        return self._merge(entries, 0, 0).changed
+
+    def receive(self, source: str, data: bytes, now_us: int) -> Received:
+        """Take in a published batch, which may only hold entries of its source.
+
+        Raises WireError.
+        """
+        entries, malformed = self._read_batch(source, data, self.header)
+        return self._merge(entries, malformed, now_us)
+
+    def receive_state(self, data: bytes, now_us: int) -> Received:
+        """Take in a page of a peer's answer to a pull: entries of any author. Raises WireError."""
+        _, body = decode(data, self.header, MessageKind.STATE)
+        if not isinstance(body, list) or len(body) != 2 or not isinstance(body[0], bool):
+            raise WireError("state is malformed")
+        entries, malformed = parse_entries(body[1])
+        received = self._merge(entries, malformed, now_us)
+        received.has_more = body[0]
+        return received
+
+    def _merge(self, entries: Iterable[Entry], malformed: int, now_us: int) -> Received:
+        received = Received(refused=malformed, reason="malformed entry" if malformed else "")
+        fitting = []
+        for entry in entries:
+            reason = refusal_reason(entry, self.facts.mission, self.facts.run)
+            if reason is None:
+                fitting.append(entry)
+            else:
+                received.refused += 1
+                received.reason = reason
+        received.changed = self.facts.map.merge(fitting)
+        if received.changed:
+            self.anti_entropy.note_change(now_us)
+        return received
+
+    # -- pulls --------------------------------------------------------------------------------
+
+    def compare_digest(self, peer: str, digest: bytes, now_us: int) -> None:
+        """A peer's heartbeat told the digest of its facts."""
+        self.anti_entropy.compare(peer, digest, self.facts.map.digest(), now_us)
+
+    def write_pull(self) -> bytes:
+        """The question for what others have and this replica lacks."""
+        return encode(self.header, MessageKind.PULL, self.facts.map.author_digests())
+
+    def answer_pull(self, data: bytes) -> tuple[bytes, ...]:
+        """The answer to a pull: all entries of every author where the asker differs.
+
+        In pages that stay far below what a receiver reads; a batch is never torn apart.
+        Raises WireError.
+        """
+        _, body = decode(data, self.header, MessageKind.PULL)
+        theirs = parse_summary(body)
+        differing = [
+            author
+            for author, digest in self.facts.map.author_digests().items()
+            if theirs.get(author) != digest
+        ]
+        pages: list[list[Entry]] = [[]]
+        size = 0
+        for batch in self._batches(differing):
+            batch_bytes = sum(len(entry.packed) + len(entry.name) for entry in batch)
+            if pages[-1] and size + batch_bytes > PAGE_BYTES:
+                pages.append([])
+                size = 0
+            pages[-1].extend(batch)
+            size += batch_bytes
+        last = len(pages) - 1
+        return tuple(
+            encode(self.header, MessageKind.STATE, [number < last, pack_entries(page)])
+            for number, page in enumerate(pages)
+        )
+
+    def _batches(self, authors: Iterable[str]) -> Iterable[list[Entry]]:
+        for author in authors:
+            by_version: dict[Version, list[Entry]] = {}
+            for entry in self.facts.map.of_author(author):
+                by_version.setdefault(entry.version, []).append(entry)
+            yield from (by_version[version] for version in sorted(by_version))
