@@ -17,7 +17,6 @@ from mrbt_mesh.cli.app import app
 from mrbt_mesh.cli.commands import PANELS
 from mrbt_mesh.cli.framework.group import CommandGroup
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
-from mrbt_mesh.runtime.agent_main import parser
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.team import new_run
 from tests.support.command import EXPLORE, REPAIR, mrbt
@@ -59,8 +58,6 @@ def test_the_line_in_the_list_of_commands_is_the_first_of_its_own_help(
     assert command is not None
     first = (command.help or "").strip().partition("\n\n")[0]
     assert " ".join(first.split()) == line
-    if path == ("agent",):
-        assert parser().description == line
 
 
 @pytest.mark.parametrize("path", [path for path, _ in ALL], ids=" ".join)
@@ -118,7 +115,7 @@ def loaded(tmp_path: Path, *arguments: str) -> tuple[int, set[str]]:
 
 @pytest.mark.parametrize(
     "arguments",
-    [["--help"], ["--version"], *([*path, "--help"] for path, _ in ALL if path != ("agent",))],
+    [["--help"], ["--version"], *([*path, "--help"] for path, _ in ALL)],
     ids=" ".join,
 )
 def test_help_loads_nothing_large(tmp_path: Path, arguments: list[str]) -> None:

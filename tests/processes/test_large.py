@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.runtime.agent_main import LARGE_NODES
+from mrbt_mesh.runtime.robot_process import LARGE_NODES
 from tests.support.paths import ROOT
 from tests.support.team import TEST_TIMEOUT_S, Team
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import threading
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from mrbt_mesh.runtime import driver
-from mrbt_mesh.runtime.agent_main import make_driver, parser
+from mrbt_mesh.runtime.robot_process import RobotStart, make_driver
+from mrbt_mesh.runtime.team_address import on_network
 from tests.support.paths import mission_file
 
 EXPLORE = mission_file("explore")
@@ -39,8 +41,9 @@ def test_a_robot_whose_start_takes_long_starts_all_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(driver, "ZenohTransport", SlowTransport)
-    arguments = ["--mission", str(EXPLORE), "--robot", "R1", "--expect", "R1", "--speed", "100"]
-    arguments += ["--run-dir", str(tmp_path), "--listen", "tcp/127.0.0.1:0", "--exit-when-done"]
-    arguments += ["--beat", "0.1", "--detection", "0.3"]
-    stop = make_driver(parser().parse_args(arguments)).run()
+    start = RobotStart(
+        EXPLORE, "R1", expect=("R1",), speed=100, run_dir=tmp_path, exit_when_done=True
+    )
+    where = {"robot": "R1", "listen": ("tcp/127.0.0.1:0",), "beat_s": 0.1, "detection_s": 0.3}
+    stop = make_driver(start, partial(on_network, **where)).run()
     assert (stop.code, stop.reason) == (0, "mission success")

@@ -118,6 +118,6 @@ def test_a_run_on_loopback_has_ports_of_its_own() -> None:
 
 
 def test_a_robots_process_does_without_the_library_that_makes_keys() -> None:
-    code = "import sys; import mrbt_mesh.runtime.agent_main; print('cryptography' in sys.modules)"
+    code = "import sys, mrbt_mesh.runtime.robot_process; print('cryptography' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.stdout.strip() == "False", done.stderr

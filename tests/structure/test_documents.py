@@ -10,7 +10,6 @@ import click
 import pytest
 
 from mrbt_mesh.cli.app import app
-from mrbt_mesh.runtime.agent_main import parser
 from tests.support.paths import ROOT
 from tests.support.structure.commands import unknown_commands, unknown_options, unknown_targets
 from tests.support.structure.markdown import anchors, broken_links, missing_paths
@@ -35,7 +34,6 @@ def commands() -> dict[str, set[str]]:
                 look(command.get_command(context, each), f"{name} {each}".strip())
 
     look(app, "")
-    found["agent"] = {option for action in parser()._actions for option in action.option_strings}
     return found
 
 

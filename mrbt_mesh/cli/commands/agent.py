@@ -1,17 +1,88 @@
-"""`mrbt agent`: named here for the list of commands.
-
-`cli.main` hands it over before anything of the command line is imported, to keep robots small.
-"""
+"""`mrbt agent`."""
 
 from __future__ import annotations
 
-import click
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from mrbt_mesh.cli.framework.declare import option
+from mrbt_mesh.cli.options import ProgramOption, SolverOption, SpeedOption
+from mrbt_mesh.cli.team.network_options import TeamNetworkOptions
+from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S, MISSION_VARIABLE
 
 
-@click.command(add_help_option=False, context_settings={"ignore_unknown_options": True})
-@click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
-def agent(arguments: tuple[str, ...]) -> None:
-    """Run one robot, anywhere on the network."""
-    from mrbt_mesh.runtime.agent_main import main
+@dataclass(frozen=True)
+class RobotOptions:
+    """Which robot it is, and what it does."""
 
-    main(arguments)
+    mission: Annotated[
+        Path,
+        option("Mission file, or a compiled one (.json).", "FILE", variable=MISSION_VARIABLE),
+    ]
+    robot: Annotated[str, option("This robot's id.", "ID")]
+    robot_type: Annotated[
+        str | None,
+        option("Its type, if the mission does not list it.", "TYPE", name="--type"),
+    ] = None
+    program: ProgramOption = None
+    solver: SolverOption = None
+    speed: SpeedOption = 1.0
+    run_dir: Annotated[Path | None, option("Folder for journal, log and events.", "DIR")] = None
+    takeover: Annotated[bool, option("Replace a live robot of the same id.")] = False
+    exit_when_done: Annotated[bool, option("Stop once the team has the result.")] = False
+
+
+@dataclass(frozen=True)
+class StartOptions:
+    """When it begins."""
+
+    expect: Annotated[
+        str | None,
+        option("Robots to hear before starting. Default: all of the mission.", "A1,B1,..."),
+    ] = None
+    gather: Annotated[
+        float,
+        option("Wait so long for them while no team is there.", "SECONDS", least=0, most=86_400),
+    ] = DEFAULT_GATHER_S
+
+
+def agent(
+    *,
+    robot: RobotOptions,
+    start: StartOptions,
+    listen: Annotated[
+        tuple[str, ...],
+        option("Endpoint to listen on; quic/IP:PORT if it is wireless.", "tcp/IP:PORT"),
+    ] = (),
+    network: TeamNetworkOptions,
+) -> None:
+    """Run one robot, anywhere on the network.
+
+    Exit status: 0 the mission succeeded or the robot left on purpose, 1 the mission failed, 2 bad
+    input or refused.
+
+    Example, two robots on two machines that find each other by multicast:
+
+    mrbt agent --mission examples/explore/mission.yaml --robot R1
+
+    mrbt agent --mission examples/explore/mission.yaml --robot R2
+    """
+    from functools import partial
+
+    from mrbt_mesh.runtime.robot_process import RobotStart, run_robot
+
+    wanted = RobotStart(
+        robot.mission,
+        robot.robot,
+        type=robot.robot_type,
+        program=robot.program,
+        solver=robot.solver,
+        speed=robot.speed,
+        run_dir=robot.run_dir,
+        takeover=robot.takeover,
+        exit_when_done=robot.exit_when_done,
+        expect=tuple(start.expect.split(",")) if start.expect is not None else None,
+        gather_s=start.gather,
+    )
+    run_robot(wanted, partial(network.locate, robot=robot.robot, listen=listen))

@@ -12,7 +12,8 @@
 A parameter is named once: `run_dir` is the option `--run-dir`. Its type says what may be given:
 str, int, float, bool (a flag), Path, a Literal, or a tuple of one of these where many may be
 given. A parameter whose type is a dataclass is a group of options, one for each field, and is
-handed over as one object. A parameter of the type `Given` is told which options were used.
+handed over as one object; a group may hold another one. A parameter of the type `Given` is told
+which options were used.
 """
 
 from __future__ import annotations
@@ -116,10 +117,13 @@ def command(function: Callable[..., None]) -> MrbtCommand:
 
 def _group(group: Any) -> list[click.Parameter]:
     hints = get_type_hints(group, include_extras=True)
-    found = []
+    found: list[click.Parameter] = []
     for part in dataclasses.fields(group):
         default = REQUIRED if part.default is dataclasses.MISSING else part.default
-        found.append(_parameter(part.name, hints[part.name], default))
+        if dataclasses.is_dataclass(hints[part.name]):
+            found += _group(hints[part.name])
+        else:
+            found.append(_parameter(part.name, hints[part.name], default))
     return found
 
 
@@ -128,7 +132,9 @@ def _value(name: str, hint: Any, values: dict[str, Any]) -> Any:
     if hint is Given:
         return _given(click.get_current_context())
     if isinstance(hint, type) and dataclasses.is_dataclass(hint):
-        return hint(**{part.name: values[part.name] for part in dataclasses.fields(hint)})
+        hints = get_type_hints(hint, include_extras=True)
+        parts = [part.name for part in dataclasses.fields(hint)]
+        return hint(**{part: _value(part, hints[part], values) for part in parts})
     return values[name]
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.cli.framework.declare import Given
+from mrbt_mesh.cli.team.network_options import TeamNetworkOptions
 from mrbt_mesh.cli.team.options import TeamOptions
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
@@ -26,7 +27,10 @@ ON_A_TEAM = ("watch", "status", "fault", "restore", "leave", "pause", "resume", 
         (["--team", "t"], "found with its --mission file"),
         (["--transport", "wireless"], "--transport: a team on the network"),
         (["--beat", "0.2"], "--beat: a team on the network"),
-        (["--mission", str(EXPLORE), "--key", "team.pem"], "only a team with --transport wireless"),
+        (
+            ["--mission", str(EXPLORE), "--key", "team.pem"],
+            "the transport wireless, and only that, needs",
+        ),
         (["--mission", str(EXPLORE), "--beat", "nan"], "nan: expected a number, above 0"),
         (["--mission", str(EXPLORE), "--run-dir", "x"], "two ways to name a team: give one"),
         (["--mission", str(EXPLORE), "--team", "a/b"], "--team 'a/b': 1 to 32 letters"),
@@ -55,8 +59,8 @@ def test_an_observer_looks_where_the_robots_of_the_same_options_are() -> None:
     assert (found.transport.team, found.run) == ("explore", mission.digest[:8])
     assert found.transport.multicast_interface == "auto"
     assert found.run_dir is None
-    options = TeamOptions(mission=EXPLORE, team="t", run="r", connect=("tcp/127.0.0.1:1",))
-    named = options.find(NOTHING)
+    network = TeamNetworkOptions(team="t", run="r", connect=("tcp/127.0.0.1:1",))
+    named = TeamOptions(network, mission=EXPLORE).find(NOTHING)
     assert (named.transport.team, named.run) == ("t", "r")
     assert named.transport.multicast_interface is None
     assert named.transport.connect == ("tcp/127.0.0.1:1",)

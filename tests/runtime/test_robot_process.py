@@ -1,63 +1,54 @@
-"""The arguments of `mrbt agent`: what is wrong is said before anything is opened."""
+"""One robot's process: what is wrong is said before anything is opened; its run directory."""
 
 from __future__ import annotations
 
 import json
 import os
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
 
 from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.runtime.agent_main import (
-    InputError,
-    claim_run_dir,
-    make_driver,
-    parser,
-    robot_of,
-)
+from mrbt_mesh.runtime.robot_process import RobotStart, claim_run_dir, make_driver, robot_of
 from mrbt_mesh.runtime.run_dir import RunDir
-from mrbt_mesh.runtime.team_address import AddressError
+from mrbt_mesh.runtime.team_address import AddressError, on_network
 from tests.support.paths import mission_file
 
 EXPLORE = mission_file("explore")
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("start", "message"),
     [
-        (["--robot", "Z9"], "has no robot 'Z9' (it has R1, R2); name its --type to add it"),
-        (["--robot", "Z9", "--type", "X"], "has no robot type 'X' (explorer)"),
-        (["--robot", "a b"], "robot id 'a b': 1 to 32 letters"),
+        (RobotStart(EXPLORE, "Z9"), "has no robot 'Z9' (it has R1, R2); name its --type to add it"),
+        (RobotStart(EXPLORE, "Z9", type="X"), "has no robot type 'X' (explorer)"),
+        (RobotStart(EXPLORE, "a b"), "robot id 'a b': 1 to 32 letters"),
+        (RobotStart(EXPLORE, "R1", expect=("R1", "")), "--expect R1,: '' is no robot's id"),
     ],
 )
-def test_bad_arguments_are_explained(options: list[str], message: str) -> None:
+def test_a_robot_that_cannot_be_is_explained(start: RobotStart, message: str) -> None:
     with pytest.raises(InputError) as error:
-        make_driver(parser().parse_args(["--mission", str(EXPLORE), *options]))
+        make_driver(start, on_network)
     assert message in str(error.value)
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--team", "a/b"], "--team 'a/b': 1 to 32 letters"),
-        (["--run", "a:b"], "--run 'a:b': 1 to 32 letters"),
-        (["--beat", "0.5"], "at least 3 beat periods"),
+        ({"team": "a/b"}, "--team 'a/b': 1 to 32 letters"),
+        ({"run": "a:b"}, "--run 'a:b': 1 to 32 letters"),
+        ({"beat_s": 0.5}, "at least 3 beat periods"),
     ],
 )
-def test_an_address_that_cannot_be_is_explained(options: list[str], message: str) -> None:
+def test_an_address_that_cannot_be_is_explained(options: dict[str, Any], message: str) -> None:
     with pytest.raises(AddressError) as error:
-        make_driver(parser().parse_args(["--mission", str(EXPLORE), "--robot", "R1", *options]))
+        make_driver(RobotStart(EXPLORE, "R1"), partial(on_network, robot="R1", **options))
     assert message in str(error.value)
-
-
-def test_variables_stand_for_options_and_options_win(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in (("MISSION", "m.yaml"), ("TEAM", "t"), ("RUN", "r")):
-        monkeypatch.setenv(f"MRBT_{name}", value)
-    options = parser().parse_args(["--robot", "R1", "--team", "other"])
-    assert (options.mission, options.team, options.run) == (Path("m.yaml"), "other", "r")
 
 
 def test_a_newcomer_of_a_known_type_gets_its_capabilities() -> None:

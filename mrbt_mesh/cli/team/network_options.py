@@ -1,0 +1,80 @@
+"""The options that say where a team is on the network: to its robots, and to who looks for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from mrbt_mesh.cli.framework.declare import option
+from mrbt_mesh.runtime.settings import (
+    DEFAULT_BEAT_S,
+    DEFAULT_DETECTION_S,
+    RUN_VARIABLE,
+    TEAM_VARIABLE,
+)
+
+if TYPE_CHECKING:
+    from mrbt_mesh.core.mission.mission import Mission
+    from mrbt_mesh.runtime.team_address import TeamAddress
+
+PANEL = "The team on the network"
+_option = partial(option, panel=PANEL)
+
+
+@dataclass(frozen=True)
+class TeamNetworkOptions:
+    """Who says the same of all of these finds one another."""
+
+    team: Annotated[
+        str | None,
+        _option("The team's name. Default: the mission's.", "NAME", variable=TEAM_VARIABLE),
+    ] = None
+    run: Annotated[
+        str | None,
+        _option(
+            "Run id; robots of different runs ignore each other. Default: one of the mission.",
+            "ID",
+            variable=RUN_VARIABLE,
+        ),
+    ] = None
+    connect: Annotated[
+        tuple[str, ...],
+        _option("Endpoint of another robot; name each. Default: discover them.", "tcp/IP:PORT"),
+    ] = ()
+    multicast: Annotated[
+        str | None,
+        _option("Interface for discovery. Default: auto, unless endpoints are given.", "NAME"),
+    ] = None
+    transport: Annotated[
+        Literal["wired", "wireless"],
+        _option("TCP, or QUIC for lossy networks, which needs --key."),
+    ] = "wired"
+    key: Annotated[Path | None, _option("The team's key, made by `mrbt key FILE`.", "FILE")] = None
+    beat: Annotated[float, _option("Heartbeat period.", "SECONDS", above=0, most=3600)] = (
+        DEFAULT_BEAT_S
+    )
+    detection: Annotated[
+        float, _option("Silence until a robot is dead.", "SECONDS", above=0, most=3600)
+    ] = DEFAULT_DETECTION_S
+
+    def locate(
+        self, mission: Mission, robot: str = "", listen: tuple[str, ...] = ()
+    ) -> TeamAddress:
+        """The team of a mission, for a robot or (without one) an observer; raises InputError."""
+        from mrbt_mesh.runtime.team_address import on_network
+
+        return on_network(
+            mission,
+            robot=robot,
+            team=self.team,
+            run=self.run,
+            listen=listen,
+            connect=self.connect,
+            multicast=self.multicast,
+            beat_s=self.beat,
+            detection_s=self.detection,
+            profile=self.transport,
+            key=self.key,
+        )

@@ -1,0 +1,177 @@
+"""One robot's process: the agent with its driver, put together and run to its end.
+
+Given a compiled mission, it imports nothing of the mission format.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import secrets
+import socket
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+from mrbt_mesh import __version__
+from mrbt_mesh.core.agent.config import AgentConfig
+from mrbt_mesh.core.membership.timing import SECOND_US
+from mrbt_mesh.core.mission.mission import Mission, is_robot_id
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.runtime.driver import Driver, RobotSetup
+from mrbt_mesh.runtime.engine_choice import chosen_engine
+from mrbt_mesh.runtime.journal import Journal, journal_path
+from mrbt_mesh.runtime.log import configure_log, robot_logger
+from mrbt_mesh.runtime.program_loader import check_program, load_program
+from mrbt_mesh.runtime.run_dir import RunDir
+from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S
+from mrbt_mesh.runtime.solver_loader import solver_for
+from mrbt_mesh.runtime.solver_process import SolverProcess
+from mrbt_mesh.runtime.team_address import TeamAddress
+
+# From so many on, planning may take longer than the event loop may stand still.
+LARGE_ROBOTS = 100
+LARGE_NODES = 2_000
+
+# Where the team of a mission is, as this robot sees it; raises InputError.
+Locate = Callable[[Mission], TeamAddress]
+
+
+@dataclass(frozen=True)
+class RobotStart:
+    """Which robot is started, and how.
+
+    `type`: for a robot that the mission does not list. `program`, `solver`: None for the mission's.
+    `expect`: robots that it waits for, for `gather_s` if no team is there (None: all of the
+    mission). `run_dir`: folder for its journal, log and events. `takeover`: it replaces a live
+    robot of the same id.
+    """
+
+    mission: Path
+    robot: str
+    type: str | None = None
+    program: str | None = None
+    solver: str | None = None
+    expect: tuple[str, ...] | None = None
+    gather_s: float = DEFAULT_GATHER_S
+    run_dir: Path | None = None
+    speed: float = 1.0
+    takeover: bool = False
+    exit_when_done: bool = False
+
+
+def robot_of(mission: Mission, robot: str, kind: str | None) -> tuple[str, Mapping[str, int]]:
+    """(type, capabilities) of a robot; raises InputError where the mission lacks it."""
+    if not is_robot_id(robot):
+        raise InputError(f"robot id {robot!r}: 1 to 32 letters, digits, '_' or '-'")
+    known = mission.robots.get(robot)
+    if known is not None and kind in (None, known.type):
+        return known.type, known.capabilities
+    if kind is None:
+        listed = ", ".join(mission.robots)
+        raise InputError(
+            f"mission {mission.name} has no robot {robot!r} (it has {listed}); "
+            "name its --type to add it"
+        )
+    if kind not in mission.robot_types:
+        listed = ", ".join(sorted(mission.robot_types))
+        raise InputError(f"mission {mission.name} has no robot type {kind!r} ({listed})")
+    return kind, mission.robot_types[kind]
+
+
+def make_driver(start: RobotStart, locate: Locate) -> Driver:
+    """Put a robot together; raises InputError."""
+    mission = load_mission(start.mission)
+    kind, capabilities = robot_of(mission, start.robot, start.type)
+    reference = start.program or mission.program
+    if reference is None:
+        raise InputError(f"mission {mission.name} names no program: give one with --program")
+    program = load_program(reference)
+    lacking = check_program(program, mission, capabilities)
+    if lacking:
+        raise InputError(f"{reference} has no {', no '.join(lacking)} for type {kind}")
+    expected = list(mission.robots) if start.expect is None else start.expect
+    for robot in expected:
+        if not is_robot_id(robot):
+            raise InputError(f"--expect {','.join(expected)}: {robot!r} is no robot's id")
+    address = locate(mission)
+    journal = open_journal(start.run_dir, mission, address.run, start.robot)
+    solver = solver_for(mission, start.solver)
+    is_large = len(mission.robots) >= LARGE_ROBOTS or len(mission.tree.nodes) >= LARGE_NODES
+    config = AgentConfig(
+        robot=start.robot,
+        type=kind,
+        capabilities=dict(capabilities),
+        run=address.run,
+        nonce=secrets.token_hex(4),
+        solver=SolverProcess(solver) if is_large else solver,
+        plans_apart=is_large,
+        engine=chosen_engine(),
+        timing=address.timing,
+        expected=frozenset(expected),
+        gather_us=round(start.gather_s * SECOND_US),
+        takeover=start.takeover,
+        exit_when_done=start.exit_when_done,
+        software=__version__,
+        host=socket.gethostname(),
+        pid=os.getpid(),
+        restored=journal.open() if journal is not None else (),
+    )
+    setup = RobotSetup(
+        mission, config, address.transport, program, start.speed, start.run_dir, journal
+    )
+    return Driver(setup)
+
+
+def open_journal(run_dir: Path | None, mission: Mission, run: str, robot: str) -> Journal | None:
+    """The robot's journal in its run directory, not yet opened; None without a directory."""
+    if run_dir is None:
+        return None
+    logger = robot_logger(robot)
+
+    def log(level: str, event: str, **fields: Any) -> None:
+        getattr(logger, level)(event, **fields)
+
+    return Journal(journal_path(run_dir, robot), mission.digest, run, robot, log)
+
+
+def claim_run_dir(run_dir: Path, robot: str, takeover: bool) -> None:
+    """Make this process the robot of the run directory; raises InputError if one runs."""
+    run_dir.mkdir(parents=True, exist_ok=True)
+    found = RunDir(run_dir)
+    running = found.process(robot)
+    # In a container that was started again, the last life may have had this very pid.
+    if running is not None and running.pid != os.getpid() and not takeover:
+        raise InputError(
+            f"robot {robot} is already running here (pid {running.pid}): stop it first, "
+            "or start with --takeover to replace it"
+        )
+    found.write_process(robot)
+
+
+def run_robot(start: RobotStart, locate: Locate) -> NoReturn:
+    """Run one robot; ends the process itself, since a Zenoh session may take 10 s to close."""
+    message = ""
+    try:
+        if start.run_dir is not None:
+            claim_run_dir(start.run_dir, start.robot, start.takeover)
+        configure_log(start.robot, start.run_dir)
+        driver = make_driver(start, locate)
+        # What is there for good is not looked through in every collection: of a large mission
+        # that would take longer than a robot should be deaf.
+        gc.collect()
+        gc.freeze()
+        stop = driver.run()
+        code = stop.code
+        if code == 2 or start.run_dir is None:
+            message = f"{start.robot}: {stop.reason}"
+    except (InputError, OSError, ValueError) as error:
+        code, message = 2, str(error)
+    if message:
+        sys.stderr.write(f"mrbt agent: {message}\n")
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)

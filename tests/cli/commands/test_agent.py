@@ -1,0 +1,92 @@
+"""`mrbt agent`: what its options become, and what is refused before anything is opened."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.runtime import robot_process
+from mrbt_mesh.runtime.robot_process import RobotStart
+from mrbt_mesh.runtime.team_address import TeamAddress
+from tests.support.command import EXPLORE, mrbt
+
+Started = tuple[RobotStart, TeamAddress]
+
+
+@pytest.fixture
+def started(monkeypatch: pytest.MonkeyPatch) -> list[Started]:
+    """What `mrbt agent` would run."""
+    found: list[Started] = []
+
+    def run(start: RobotStart, locate: Callable[[Any], TeamAddress]) -> None:
+        found.append((start, locate(load_mission(start.mission))))
+
+    monkeypatch.setattr(robot_process, "run_robot", run)
+    return found
+
+
+def test_a_robot_on_the_network(started: list[Started]) -> None:
+    assert mrbt("agent", "--mission", EXPLORE, "--robot", "R1") == (0, "", "")
+    ((start, address),) = started
+    assert start == RobotStart(Path(EXPLORE), "R1")
+    assert (address.transport.team, address.transport.robot) == ("explore", "R1")
+    assert address.transport.multicast_interface == "auto"
+
+
+def test_every_option_arrives(started: list[Started], tmp_path: Path) -> None:
+    words = ["--type", "explorer", "--program", "p.py", "--solver", "cp_sat", "--speed", "2"]
+    words += ["--run-dir", str(tmp_path), "--takeover", "--exit-when-done", "--expect", "R1,R2"]
+    words += ["--gather", "3", "--team", "t", "--run", "r", "--listen", "tcp/127.0.0.1:1"]
+    words += ["--connect", "tcp/127.0.0.1:2", "--connect", "tcp/127.0.0.1:3", "--beat", "0.1"]
+    code, _, problems = mrbt(
+        "agent", "--mission", EXPLORE, "--robot", "R9", *words, "--detection", "0.4"
+    )
+    assert (code, problems) == (0, "")
+    ((start, address),) = started
+    assert start == RobotStart(
+        Path(EXPLORE),
+        "R9",
+        type="explorer",
+        program="p.py",
+        solver="cp_sat",
+        expect=("R1", "R2"),
+        gather_s=3,
+        run_dir=tmp_path,
+        speed=2,
+        takeover=True,
+        exit_when_done=True,
+    )
+    assert (address.transport.team, address.run) == ("t", "r")
+    assert address.transport.listen == ("tcp/127.0.0.1:1",)
+    assert address.transport.connect == ("tcp/127.0.0.1:2", "tcp/127.0.0.1:3")
+    assert (address.timing.heartbeat_us, address.timing.detection_us) == (100_000, 400_000)
+
+
+def test_variables_stand_for_options_and_options_win(started: list[Started]) -> None:
+    variables = {"MRBT_MISSION": EXPLORE, "MRBT_TEAM": "t", "MRBT_RUN": "r"}
+    assert mrbt("agent", "--robot", "R1", "--team", "other", **variables)[0] == 0
+    ((start, address),) = started
+    assert (start.mission, address.transport.team, address.run) == (Path(EXPLORE), "other", "r")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--robot", "R1"], "Missing option '--mission'"),
+        (["--mission", EXPLORE], "Missing option '--robot'"),
+        (["--mission", EXPLORE, "--robot", "R1", "--beat", "inf"], "inf: expected a number"),
+        (["--mission", EXPLORE, "--robot", "R1", "--speed", "0"], "expected a number, 0.01 to"),
+        (["--mission", EXPLORE, "--robot", "R1", "--gather", "-1"], "expected a number, 0 to"),
+        (["--mission", EXPLORE, "--robot", "R1", "--bogus"], "No such option '--bogus'"),
+        (["--mission", EXPLORE, "--robot", "R1", "more"], "unexpected extra argument (more)"),
+        (["--mission", EXPLORE, "--robot", "R1", "--transport", "x"], "'x' is not one of"),
+    ],
+)
+def test_what_cannot_be_is_refused(started: list[Started], words: list[str], message: str) -> None:
+    code, output, problems = mrbt("agent", *words)
+    assert (code, output, started) == (2, "", [])
+    assert message in problems
