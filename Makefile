@@ -6,12 +6,13 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow test-docker lint check-lock lock drills soak clean \
+.PHONY: help setup demo test test-plain test-slow test-docker lint check-lock lock drills soak clean \
 	bench bench-failover bench-resume bench-membership bench-estimate bench-robustness walk paper
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
 	@echo "make test            checks and tests"
+	@echo "make test-plain      the fast tests with MRBT_PLAIN=1: nothing but the plain definitions"
 	@echo "make test-docker     the docker-compose demo; as root, installs Debian's docker.io if missing"
 	@echo "make test-slow       wireless teams, discovery, split sessions: real processes, some minutes"
 	@echo "make lint            ruff, mypy, import-linter"
@@ -49,6 +50,10 @@ lint: $(READY)
 test: lint
 	$(BIN)/pytest -n auto -m "not processes"
 	$(BIN)/pytest -n 2 -m "processes and not docker and not slow"
+
+# What robots compute with must make no difference: everything by the plain definitions.
+test-plain: $(READY)
+	MRBT_PLAIN=1 MRBT_CHAOS_SEEDS=100 $(BIN)/pytest -n auto -m "not processes"
 
 test-slow: $(READY)
 	$(BIN)/pytest -m slow

@@ -17,6 +17,9 @@ from mrbt_mesh.core.mission.mission import AssignmentPolicy
 from mrbt_mesh.sim.chaos.campaign import Verdict, judge, run_seed
 from tests.support.runs import source
 
+# Each test is many runs: much of the usual limit on a busy machine.
+pytestmark = pytest.mark.timeout(600)
+
 SEEDS = int(os.environ.get("MRBT_CHAOS_SEEDS", "200"))
 BLOCK = 20
 # What was never checked was not shown. Exclusive tasks and garbage are in one seed of five only.

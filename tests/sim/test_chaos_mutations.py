@@ -29,6 +29,8 @@ CAUGHT = {
     "grants_not_synced": ("I9", (50, 57)),
     "rounds_are_mixed": ("I4", (89, 240)),
     "garbled_commands_pause": ("I8", (0, 63)),
+    "evaluation_overlooks_changes": ("I7", (1, 3)),
+    "incremental_plans_forget_pins": ("I7", (1, 3)),
 }
 
 

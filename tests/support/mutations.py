@@ -22,7 +22,9 @@ from mrbt_mesh.core.facts.activation_facts import ActivationFacts
 from mrbt_mesh.core.facts.records import GRANT, ConditionValue, OrderKind, Outcome
 from mrbt_mesh.core.facts.store import Entry, FactMap, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.incremental.evaluation.update import TickUpdate
 from mrbt_mesh.core.incremental.planning import capabilities as followed_capabilities
+from mrbt_mesh.core.incremental.planning.steps import IncrementalSteps
 from mrbt_mesh.core.membership import leases
 from mrbt_mesh.core.membership.anti_entropy import AntiEntropy
 from mrbt_mesh.core.membership.leases import LeaseGrantor
@@ -303,4 +305,23 @@ def garbled_commands_pause() -> Iterator[None]:
 
     original = Commands.carry_out
     with mock.patch.object(Commands, "carry_out", carry_out):
+        yield
+
+
+@mutation
+def evaluation_overlooks_changes() -> Iterator[None]:
+    """An incremental evaluator does not look again at nodes of which something was said."""
+    with mock.patch.object(TickUpdate, "look_at"):
+        yield
+
+
+@mutation
+def incremental_plans_forget_pins() -> Iterator[None]:
+    """An incremental planner says of no robot that it goes on with what it does."""
+
+    def line(self: IncrementalSteps, robot: str, demand: Any, pinned: bool) -> Any:
+        return original(self, robot, demand, False)
+
+    original = IncrementalSteps.line
+    with mock.patch.object(IncrementalSteps, "line", line):
         yield

@@ -12,8 +12,10 @@ from mrbt_mesh.core.agent import inputs
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.bt.tree import NodeSpec
+from mrbt_mesh.core.engine import Engine
 from mrbt_mesh.core.mission.mission import GlobalTask, InDoubtPolicy, Mission
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.runtime.engine_choice import chosen_engine
 from tests.support import build
 from tests.support.harness import TIMING, Team
 
@@ -35,10 +37,11 @@ WORDS: dict[str, Callable[..., NodeSpec]] = {
 
 
 class Script:
-    """Carries out the commands of a golden file."""
+    """Carries out the commands of a golden file, by robots that compute with `engine`."""
 
-    def __init__(self) -> None:
+    def __init__(self, engine: Engine | None = None) -> None:
         self.team = Team()
+        self.engine = engine or chosen_engine()
         self.robots: dict[str, dict[str, float]] = {}
         self.tasks: list[GlobalTask] = []
         self.tree: NodeSpec | None = None
@@ -103,7 +106,7 @@ class Script:
     def do_observe(self) -> None:
         """From now on an observer listens."""
         mission = self.mission()
-        self.team.observer = Observer(mission, build.RUN, TIMING, min_cost_flow)
+        self.team.observer = Observer(mission, build.RUN, TIMING, min_cost_flow, self.engine)
 
     def do_stranger(self, name: str) -> None:
         """A robot that runs another mission file."""
@@ -125,6 +128,7 @@ class Script:
             gather_us=5_000_000 if "patient" in options else 0,
             takeover="takeover" in options,
             exit_when_done="exit_when_done" in options,
+            engine=self.engine,
         )
         self.team.start(process, mission, config)
 

@@ -6,6 +6,7 @@ that follows the same facts. Whatever the robot computes with, it has to come to
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -27,12 +28,13 @@ class PlanComparison:
     """Gives robots an engine that makes every plan again, in the other ways.
 
     `engine` is that engine. `findings` notes where two plans differ; it must be there before the
-    first one is made.
+    first one is made. `compared` counts.
     """
 
     findings: RunFindings
 
     def __init__(self, engine: Engine) -> None:
+        self.compared = 0
         self.engine = replace(engine, plan_making=self._plan_making)
         self._chosen = engine
         self._by_definition: dict[tuple[bytes, frozenset[tuple[str, Incarnation]]], Plan] = {}
@@ -65,10 +67,11 @@ class PlanComparison:
 
     def _compare(self, plan: Plan, other: Plan, name: str) -> None:
         """Every field must be equal, also those of the evaluation, and every byte."""
-        self.findings.checks["I7"] += 1
+        self.compared += 1
         if plan != other or plan.packed != other.packed:
             mine, others = plan.to_json(), other.to_json()
-            parts = [part for part in mine if mine[part] != others[part]] or ["evaluation"]
+            parts = [part for part in mine if json.dumps(mine[part]) != json.dumps(others[part])]
+            parts = parts or ["evaluation"]  # what is not shown of it
             self.findings.say("I7", f"a plan is not {name}: {', '.join(parts)}")
 
 

@@ -11,14 +11,15 @@ from pathlib import Path
 
 import pytest
 
+from mrbt_mesh.core.engine import DEFINITIONS, INCREMENTAL, Engine
 from tests.support.script import Script
 
 SCRIPTS = sorted((Path(__file__).parent / "scripts").glob("*.txt"))
 
 
-def replayed(text: str) -> str:
+def replayed(text: str, engine: Engine | None = None) -> str:
     """The script with the output of every block as it is now."""
-    script = Script()
+    script = Script(engine)
     parts = []
     for block in text.strip().split("\n\n"):
         commands = block.partition("\n----")[0].splitlines()
@@ -35,6 +36,15 @@ def test_the_conversation_goes_as_written(path: Path) -> None:
     if os.environ.get("MRBT_REWRITE"):
         path.write_text(found)
     assert found.splitlines() == written.splitlines()
+
+
+@pytest.mark.parametrize("engine", [DEFINITIONS, INCREMENTAL], ids=["definitions", "incremental"])
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
+def test_the_conversation_is_the_same_whatever_robots_compute_with(
+    path: Path, engine: Engine
+) -> None:
+    written = path.read_text()
+    assert replayed(written, engine).splitlines() == written.splitlines()
 
 
 def test_there_are_scripts() -> None:

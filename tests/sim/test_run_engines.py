@@ -1,0 +1,38 @@
+"""Whatever robots compute with, a run is the same, effect for effect."""
+
+from __future__ import annotations
+
+import pytest
+
+from mrbt_mesh.core.engine import DEFINITIONS, FASTEST, INCREMENTAL
+from mrbt_mesh.sim import SimulationResult
+from mrbt_mesh.sim.run import run_scenario
+from tests.support.runs import source
+
+# Quick ones, with all kinds of nodes, tasks and faults between them.
+SEEDS = (1, 3, 9, 12, 220, 224, 231, 238)
+EXAMPLES = ("couriers", "dispense", "explore", "lift", "tool_search", "vehicle_repair")
+
+
+def runs(name: str | None, seed: int) -> list[SimulationResult]:
+    """One chaos run with each engine."""
+    mission, program = source(name).load(seed)
+    scenario = source(name).scenario(seed, mission)
+    engines = (FASTEST, INCREMENTAL, DEFINITIONS)
+    return [run_scenario(mission, program, scenario, engine=engine) for engine in engines]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_on_generated_missions(seed: int) -> None:
+    _are_one(runs(None, seed))
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_on_the_examples(name: str) -> None:
+    _are_one(runs(name, 2))
+
+
+def _are_one(results: list[SimulationResult]) -> None:
+    assert [result.violations for result in results] == [[], [], []]
+    assert len({result.effect_log_digest for result in results}) == 1
+    assert results[0].effect_log_digest
