@@ -1,6 +1,12 @@
-"""Behavior trees: nodes as data, names of activations, and the definition of a tick.
+"""Behavior trees: nodes as data, activations, and the definition of a tick.
 
-`evaluator` has one place for the rule of each kind of node; `activation` says to what an outcome
-belongs. Imports nothing of the project. A tree holds no run state; nothing here is written for
-speed.
+Where to find it:
+
+- kinds of nodes, how a tree is built and checked: `tree`
+- the rule of each kind (a Parallel's, say), and what a node with memory does: `evaluator`
+- what an evaluation reads and what comes of it: `evaluation`
+- to what an outcome belongs, what guards are, what is obsolete: `activation`
+- T_i, the tree that every robot runs: `robot_tree`
+
+Imports nothing of the project. A tree holds no run state; nothing here is written for speed.
 """

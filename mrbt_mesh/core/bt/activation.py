@@ -1,12 +1,15 @@
-"""Names of activations: to what an outcome belongs.
+"""Activations: to what outcomes, attempt numbers and memory belong.
 
-No node remembers anything. What a memoryless tree would forget or repeat is decided by the name
-of an *activation*: the run, the leaf, the attempt numbers of the enclosing Retry and Repeat nodes,
-and how often the leaf's guards have turned against it. Same facts, same name, on every robot. A
-guard that flipped and flipped back gives a new name, so the work is done again.
+Nodes remember nothing. What a memoryless tree would forget or repeat is decided by the *name* of an
+activation, which follows from its causes alone: the run, the node, the attempt numbers of the
+Retry and Repeat nodes around it, and how often its *guards* have turned against it. So it is the
+same on every robot that has the same facts.
 
-Attempt counters, expired Timeouts and what nodes with memory remember have names of the same form
-(*scopes*).
+A guard of a node is a condition that every evaluation reads before it can reach the node, with the
+value that keeps it from being reached. When such a condition turns to that value, the count grows
+and the node has another activation: what was done there is done again. When it turns back, nothing
+changes. What other nodes return has no part in the name, so a late outcome elsewhere cannot undo
+what was done here.
 """
 
 from __future__ import annotations
@@ -14,17 +17,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import TypeAlias
 
 from mrbt_mesh.core.bt.evaluation import EvaluationFacts
 from mrbt_mesh.core.bt.tree import ATTEMPT_KINDS, Kind, Memory, Node, Status, Tree
 
-# A condition, and the value that turns against what it guards.
-Guard = tuple[str, bool]
+# A condition, and the value at which what it guards cannot be reached.
+Guard: TypeAlias = tuple[str, bool]
 
 
 @dataclass(frozen=True, slots=True)
 class Activation:
-    """The parts of an activation's or attempt counter's name, for comparison."""
+    """One activation of a node; its text is its name.
+
+    `subject` is that of the node, empty for inner nodes. `attempts`: of the loops around it,
+    outermost first. `turns`: how often its guards have turned against it, in all.
+    """
 
     run: str
     node: int
@@ -46,7 +54,7 @@ def parse_activation(text: str) -> Activation:
 
 
 class ActivationNames:
-    """The names of what happens in one tree; what it keeps follows from the tree alone."""
+    """The activations of one tree's nodes; what it keeps follows from the tree alone."""
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
@@ -64,10 +72,11 @@ class ActivationNames:
         return self.tree.containing(Kind.CONDITION)
 
     @cached_property
-    def remembering(self) -> list[bool]:
-        """By node: whether it does not look again at children that have ended.
+    def has_memory(self) -> list[bool]:
+        """By node: whether it does not tick children again that have ended.
 
-        Where there are only conditions, a node ends in the tick in which it begins.
+        Above conditions alone memory makes no difference: such a node ends in the tick in which it
+        begins.
         """
         return [
             node.memory is not Memory.NONE and self.has_action[node.index]
@@ -75,17 +84,16 @@ class ActivationNames:
         ]
 
     @cached_property
-    def guards(self) -> list[tuple[Guard, ...]]:
-        """By node: the conditions that every evaluation reads before it can reach the node.
+    def guards_of(self) -> list[tuple[Guard, ...]]:
+        """By node: its guards. Those of its parent, then what its left siblings read.
 
-        Those of its parent, then at each level those of its left siblings. A guard counts once a
-        level, but as often as one sibling reads it.
+        A guard counts once a level, but as often as one sibling reads it.
         """
         found: list[tuple[Guard, ...]] = [()] * len(self.tree.nodes)
         for node in self.tree.nodes:
             guards = found[node.index]
             for position, child in enumerate(node.children):
-                fresh = () if self.remembering[node.index] else self.read_before(node, position)
+                fresh = () if self.has_memory[node.index] else self.read_before(node, position)
                 guards = (*guards, *(guard for guard in fresh if guard not in guards))
                 found[child] = guards
                 if node.kind is Kind.IF_THEN_ELSE:
@@ -93,7 +101,12 @@ class ActivationNames:
         return found
 
     def read_before(self, node: Node, position: int) -> tuple[Guard, ...]:
-        """What the left sibling of a child reads that may turn against the child."""
+        """The guards that the left sibling of a child reads, with the values against the child.
+
+        In a Sequence a sibling must succeed for the child to be reached, in a Fallback it must
+        fail, in an IfThenElse the first child decides. Children of a Parallel do not guard one
+        another.
+        """
         if position == 0:
             return ()
         left = node.children[position - 1]
@@ -105,18 +118,19 @@ class ActivationNames:
             case Kind.IF_THEN_ELSE:
                 wanted = Status.SUCCESS if position == 1 else Status.FAILURE
                 return self._read(node.children[0], wanted)
-        return ()  # children of a Parallel do not guard one another
+        return ()
 
     def _read(self, index: int, wanted: Status) -> tuple[Guard, ...]:
-        """Conditions that every evaluation reads below `index`, with the value that turns against.
+        """The guards that every evaluation reads at or below a node.
 
-        `wanted` is the status that the node must keep for its right siblings to be reached. A
-        composite of the same kind as its parent counts as written out in the parent. What is read
-        below an IfThenElse or a remembering node depends on more than the present conditions.
+        `wanted` is the status that the node must have for its right siblings to be reached. A
+        Sequence in a Sequence counts as if its children stood in the outer one, and so does a
+        Fallback in a Fallback. What is read below an IfThenElse or a node with memory depends on
+        more than the present conditions.
         """
         node = self.tree.nodes[index]
         succeed = wanted is Status.SUCCESS
-        if self.remembering[index] or not self.has_condition[index]:
+        if self.has_memory[index] or not self.has_condition[index]:
             return ()
         children = node.children
         match node.kind:
@@ -134,7 +148,7 @@ class ActivationNames:
 
     def turns_at(self, node: int, facts: EvaluationFacts) -> int:
         """How often the guards of a node have turned against it, in all."""
-        return sum(facts.turns(name, value) for name, value in self.guards[node])
+        return sum(facts.turns(name, value) for name, value in self.guards_of[node])
 
     # -- the attempts -------------------------------------------------------------------------
 
@@ -153,24 +167,24 @@ class ActivationNames:
         loop = self.tree.nodes[node]
         return -1 if loop.kind is Kind.KEEP_RUNNING_UNTIL_FAILURE else loop.limit
 
-    def attempt(self, node: int, recorded: int) -> int:
-        """The attempt that is on, given the recorded number: never beyond the last one."""
+    def current_attempt(self, node: int, used: int) -> int:
+        """The number of the present attempt, given how many are used up: never beyond the last."""
         limit = self.limit(node)
-        return recorded if limit < 0 else min(recorded, limit - 1)
+        return used if limit < 0 else min(used, limit - 1)
 
-    # -- the names ----------------------------------------------------------------------------
+    # -- activations --------------------------------------------------------------------------
 
     def activation(self, node: int, attempts: Sequence[int], facts: EvaluationFacts) -> Activation:
-        """The name of what happens at `node` under these facts and attempt numbers."""
+        """The activation of `node` under these facts and attempt numbers."""
         subject = self.tree.nodes[node].subject
         return Activation(facts.run, node, subject, tuple(attempts), self.turns_at(node, facts))
 
     def memory_activation(
         self, node: int, attempts: Sequence[int], facts: EvaluationFacts
     ) -> Activation:
-        """The name under which a node with memory remembers.
+        """The activation to which the memory of a node belongs.
 
-        A Retry changes nothing for one that remembers until it succeeds.
+        A Retry around it changes nothing for one that remembers until it succeeds.
         """
         if self.tree.nodes[node].memory is Memory.UNTIL_SUCCESS:
             outer = zip(self.enclosing_loops[node], attempts, strict=True)
@@ -179,25 +193,27 @@ class ActivationNames:
         return self.activation(node, attempts, facts)
 
     def current_activation(self, node: int, facts: EvaluationFacts) -> Activation:
-        """The name under the attempt numbers that are facts now, whether or not it is reached."""
+        """The activation under the attempt numbers that are facts now, reached or not."""
         attempts: list[int] = []
         for loop in self.enclosing_loops[node]:
             recorded = facts.attempts_used(str(self.activation(loop, attempts, facts)))
-            attempts.append(self.attempt(loop, recorded))
-        if self.remembering[node]:
+            attempts.append(self.current_attempt(loop, recorded))
+        if self.has_memory[node]:
             return self.memory_activation(node, attempts, facts)
         return self.activation(node, attempts, facts)
 
-    def is_obsolete(self, name: Activation, facts: EvaluationFacts) -> bool:
-        """Whether no evaluation, now or later, can reach this name any more.
+    def is_obsolete(self, activation: Activation, facts: EvaluationFacts) -> bool:
+        """Whether no evaluation, now or later, can reach this activation any more.
 
-        Turns only grow, and while they stand attempt numbers only grow (they begin again where a
-        guard of the Retry has turned), so every replica comes to the same answer. A name that is
+        Turns only grow. While they stay, attempt numbers only grow (they begin again where a guard
+        of the loop has turned). So every replica comes to the same answer. An activation that is
         ahead of these facts is not obsolete.
         """
-        if name.run != facts.run or not 0 <= name.node < len(self.tree.nodes):
+        if activation.run != facts.run or not 0 <= activation.node < len(self.tree.nodes):
             return True
-        current = self.current_activation(name.node, facts)
-        if name.subject != current.subject or len(name.attempts) != len(current.attempts):
+        current = self.current_activation(activation.node, facts)
+        if activation.subject != current.subject or len(activation.attempts) != len(
+            current.attempts
+        ):
             return True
-        return (name.turns, name.attempts) < (current.turns, current.attempts)
+        return (activation.turns, activation.attempts) < (current.turns, current.attempts)

@@ -11,11 +11,17 @@ _STATUSES = tuple(Status)
 
 
 class EvaluationFacts(Protocol):
-    """What a tree may read. The team's facts and a robot's own facts both provide it."""
+    """What a tree may read. The team's facts (T_G) and a robot's own (T_A, T_Li) provide it."""
 
     @property
-    def run(self) -> str: ...
-    def condition(self, name: str) -> bool: ...
+    def run(self) -> str:
+        """The run's id, a part of every activation's name."""
+        ...
+
+    def condition(self, name: str) -> bool:
+        """Whether the condition holds."""
+        ...
+
     def turns(self, name: str, value: bool) -> int:
         """How often the condition has turned to `value`; it never falls."""
         ...
@@ -24,8 +30,14 @@ class EvaluationFacts(Protocol):
         """RUNNING until the activation has a result."""
         ...
 
-    def attempts_used(self, activation: str) -> int: ...
-    def has_expired(self, activation: str) -> bool: ...
+    def attempts_used(self, activation: str) -> int:
+        """How many attempts of a Retry or Repeat are used up."""
+        ...
+
+    def has_expired(self, activation: str) -> bool:
+        """Whether a Timeout's time is over."""
+        ...
+
     def child_result(self, activation: str, position: int) -> Status | None:
         """How that child of a node with memory ended, None if nobody has said so."""
         ...
@@ -51,12 +63,12 @@ class RunningTimeout:
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """The outcome of one tick: a status per node, requests in tree order, facts to record.
+    """What one tick has found: a status per node, requests in tree order, facts to write.
 
-    `statuses` has one byte per node, the value of its `Status`. `attempts` are (scope, attempt
-    number) pairs that have become true by this evaluation, and `passed` (scope, position, success)
-    of children that nodes with memory have done with; `failures` are the activations of the
-    actions that were ticked and have failed, used-up attempts left out.
+    `statuses` has one byte per node, the value of its `Status`. Facts that have become true:
+    `attempts`, pairs (activation of a loop, attempts used up), and `child_results`, triples
+    (activation of a node with memory, position, success). `failures`: activations of the actions
+    that were ticked and have failed, except in attempts that are used up.
     """
 
     statuses: bytes

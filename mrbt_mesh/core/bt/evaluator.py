@@ -1,8 +1,22 @@
-"""Evaluating a tree: a pure function from facts to statuses and an ordered list of requests.
+"""Evaluating a tree: a pure function from facts to a status of every node and a list of requests.
 
-This is the definition. Every kind of node has its rule in one method of `_Tick`. The statuses are
-those of the paper, section III; rules for nodes that the paper does not have are those of
-BehaviorTree.CPP 4. What is faster gives the same evaluations (`core.incremental`).
+This is the definition of the project's behavior trees. `Tick.rule` has one place for each kind of
+node; what is faster gives the same evaluations (`core.incremental.evaluation`). The rules are those
+of the paper, section III, and of BehaviorTree.CPP 4 for nodes that the paper does not have:
+
+| kind of node | without memory | with memory (`Tick.remembering`) |
+|---|---|---|
+| Sequence | the paper's; ReactiveSequence | Sequence; SequenceWithMemory |
+| Fallback | the paper's Selector; ReactiveFallback | Fallback |
+| Parallel | the paper's | Parallel |
+| IfThenElse | WhileDoElse | IfThenElse |
+| Action, Condition | the paper's | |
+| Inverter, ForceSuccess, ForceFailure, Timeout, SubTree | of the same names | |
+| Retry, Repeat, KeepRunningUntilFailure | RetryUntilSuccessful, Repeat, KeepRunningUntilFailure | |
+
+Two things differ from an executor that ticks again and again. An action that has ended keeps its
+outcome for as long as its activation has the same name (`activation`), so it is not run again at
+the next tick. And nothing has to be halted: what is not requested is not carried out.
 """
 
 from __future__ import annotations
@@ -12,9 +26,9 @@ from typing import TypeAlias
 
 from mrbt_mesh.core.bt.activation import Activation, ActivationNames
 from mrbt_mesh.core.bt.evaluation import Evaluation, EvaluationFacts, Request, RunningTimeout
-from mrbt_mesh.core.bt.tree import Kind, Memory, Node, Status, parallel_status
+from mrbt_mesh.core.bt.tree import Kind, Memory, Node, Status
 
-# A status, and whether outcomes decided it: only those use up attempts.
+# A status, and whether an outcome of an action had part in it: only those use up attempts.
 Result: TypeAlias = tuple[Status, bool]
 TickChild: TypeAlias = Callable[[int], Result]
 
@@ -37,7 +51,11 @@ class Evaluator(ActivationNames):
 
 
 class _Tick:
-    """The working state of one tick. `attempts` are those of the loops around the present node."""
+    """The working state of one tick.
+
+    `attempts`: the attempt numbers of the loops around the present node. `child_results`: what
+    nodes with memory that run are to remember; `kept_results`: the same of those that have failed.
+    """
 
     def __init__(self, names: ActivationNames, facts: EvaluationFacts) -> None:
         self.names = names
@@ -49,10 +67,11 @@ class _Tick:
         self.timeouts: list[RunningTimeout] = []
         self.used_up: list[tuple[str, int]] = []
         self.failures: list[str] = []
-        self.passed: list[tuple[str, int, bool]] = []
-        self.kept: list[tuple[str, int, bool]] = []
+        self.child_results: list[tuple[str, int, bool]] = []
+        self.kept_results: list[tuple[str, int, bool]] = []
 
     def run(self) -> Evaluation:
+        """Tick the root."""
         self.tick(0)
         return Evaluation(
             bytes(self.statuses),
@@ -60,16 +79,17 @@ class _Tick:
             tuple(self.timeouts),
             tuple(self.used_up),
             tuple(self.failures),
-            (*self.passed, *self.kept),
+            (*self.child_results, *self.kept_results),
         )
 
     def tick(self, index: int) -> Result:
         """Tick a node. One that has finished asks for nothing, nor does anything below it."""
-        marks = len(self.requests), len(self.timeouts), len(self.passed)
+        marks = len(self.requests), len(self.timeouts), len(self.child_results)
         node = self.nodes[index]
-        result = self.remembering(node) if self.names.remembering[index] else self.rule(node)
+        result = self.remembering(node) if self.names.has_memory[index] else self.rule(node)
         if result[0] is not Status.RUNNING:
-            del self.requests[marks[0] :], self.timeouts[marks[1] :], self.passed[marks[2] :]
+            del self.requests[marks[0] :], self.timeouts[marks[1] :]
+            del self.child_results[marks[2] :]
         self.statuses[index] = result[0]
         return result
 
@@ -94,8 +114,8 @@ class _Tick:
             case Kind.RETRY | Kind.REPEAT | Kind.KEEP_RUNNING_UNTIL_FAILURE:
                 return self.loop(node)
             case Kind.INVERTER | Kind.FORCE_SUCCESS | Kind.FORCE_FAILURE | Kind.SUBTREE:
-                status, acted = tick(node.children[0])
-                return decorated(node.kind, status), acted
+                status, has_acted = tick(node.children[0])
+                return decorated(node.kind, status), has_acted
 
     # -- leaves -------------------------------------------------------------------------------
 
@@ -104,7 +124,7 @@ class _Tick:
         return (Status.SUCCESS if self.facts.condition(node.subject) else Status.FAILURE), False
 
     def action(self, node: Node) -> Result:
-        """Paper, section III: Running, which asks for robots, until its activation has a result."""
+        """Paper, section III: Running, which is the request for it, until it has a result."""
         activation = str(self.names.activation(node.index, self.attempts, self.facts))
         status = self.facts.task_status(node.subject, activation)
         if status is Status.RUNNING:
@@ -120,82 +140,86 @@ class _Tick:
 
         That the time is over is a fact, written by whoever sees it pass.
         """
-        scope = str(self.names.activation(node.index, self.attempts, self.facts))
-        status, acted = self.tick(node.children[0])
+        activation = str(self.names.activation(node.index, self.attempts, self.facts))
+        status, has_acted = self.tick(node.children[0])
         if status is not Status.RUNNING:
-            return status, acted
-        if self.facts.has_expired(scope):
+            return status, has_acted
+        if self.facts.has_expired(activation):
             return Status.FAILURE, True
-        self.timeouts.append(RunningTimeout(node.index, scope, node.timeout_us))
-        return status, acted
+        self.timeouts.append(RunningTimeout(node.index, activation, node.timeout_us))
+        return status, has_acted
 
     def loop(self, node: Node) -> Result:
         """BehaviorTree.CPP's RetryUntilSuccessful, Repeat and KeepRunningUntilFailure.
 
-        The child is ticked again at once when it has failed (Retry) or succeeded (Repeat), as
-        another attempt, of which all activations have other names. An attempt is used up by
-        outcomes, never by a condition alone: where conditions alone decide, all remaining attempts
-        would end the same way at once. A limited node takes that status, one without a limit waits.
+        When the child has failed (Retry) or succeeded (the others) it is ticked again at once, as
+        another attempt: all activations below have other names then. An attempt is used up by
+        outcomes, never by conditions alone. Where conditions alone decide, all remaining attempts
+        would end the same way at once: a node with a limit takes that status, one without waits.
         """
         names, child = self.names, node.children[0]
         again = Status.FAILURE if node.kind is Kind.RETRY else Status.SUCCESS
         limit = names.limit(node.index)
-        scope = str(names.activation(node.index, self.attempts, self.facts))
-        recorded = self.facts.attempts_used(scope)
-        attempt = names.attempt(node.index, recorded)
+        activation = str(names.activation(node.index, self.attempts, self.facts))
+        recorded = self.facts.attempts_used(activation)
+        attempt = names.current_attempt(node.index, recorded)
         while True:
             mark = len(self.failures)
-            self.forget_statuses(child)
+            self.reset(child)
             self.attempts.append(attempt)
-            status, acted = self.tick(child)
+            status, has_acted = self.tick(child)
             self.attempts.pop()
-            if status is not again or not acted or attempt + 1 == limit:
+            if status is not again or not has_acted or attempt + 1 == limit:
                 break
             attempt += 1
             del self.failures[mark:]  # the attempt number says it for good
         if attempt > recorded:
-            self.used_up.append((scope, attempt))
+            self.used_up.append((activation, attempt))
         if status is again and limit < 0:
             status = Status.RUNNING
-        return status, acted
+        return status, has_acted
 
-    def forget_statuses(self, index: int) -> None:
+    def reset(self, index: int) -> None:
         """As if nothing at or below this node had been ticked."""
         self.statuses[index] = Status.IDLE
         for child in self.nodes[index].children:
-            self.forget_statuses(child)
+            self.reset(child)
 
     def remembering(self, node: Node) -> Result:
-        """BehaviorTree.CPP's controls with memory: children that have ended are not ticked again.
+        """A control with memory does not tick children again that have ended.
 
-        That a child has ended, and how, is a fact under the name of the node. It is one only where
-        it could end differently: without a condition below, and without another attempt, the same
-        outcomes would decide it again. `Memory.UNTIL_SUCCESS` keeps the successes when it fails.
+        `Memory.WHILE_RUNNING` is BehaviorTree.CPP's Sequence, Fallback, Parallel and IfThenElse:
+        they remember until they have ended themselves. `Memory.UNTIL_SUCCESS` is its
+        SequenceWithMemory: a failure does not make it forget the successes.
+
+        That a child has ended, and how, is a fact under the activation of the node. It is written
+        only where the child could end differently. Without a condition below, and without another
+        attempt, the same outcomes would decide it again.
         """
         names, keeps = self.names, node.memory is Memory.UNTIL_SUCCESS
-        scope = str(names.memory_activation(node.index, self.attempts, self.facts))
+        activation = str(names.memory_activation(node.index, self.attempts, self.facts))
         ended: list[tuple[str, int, bool]] = []
 
         def tick(child: int) -> Result:
             if not names.has_condition[child] and not keeps:
                 return self.tick(child)
             position = node.children.index(child)
-            before = self.facts.child_result(scope, position)
+            before = self.facts.child_result(activation, position)
             if before is not None:
                 self.statuses[child] = before
                 # What an earlier attempt has done uses up no further one.
                 return before, names.has_action[child] and not keeps
-            status, acted = self.tick(child)
+            status, has_acted = self.tick(child)
             if status is not Status.RUNNING:
-                ended.append((scope, position, status is Status.SUCCESS))
-            return status, acted
+                ended.append((activation, position, status is Status.SUCCESS))
+            return status, has_acted
 
-        status, acted = self.rule(node, tick)
+        status, has_acted = self.rule(node, tick)
         if status is Status.RUNNING:
-            self.passed += ended
+            self.child_results += ended
         elif status is Status.FAILURE and keeps:
-            self.kept += [child for child in ended if child[2]]
-        return status, acted
+            self.kept_results += [result for result in ended if result[2]]
+        return status, has_acted
 
 
 # -- controls and decorators ------------------------------------------------------------------
@@ -205,39 +229,61 @@ def in_order(children: Sequence[int], passing: Status, tick: TickChild) -> Resul
     """Sequence (`passing` is Success) and Fallback (Failure): paper, section III.
 
     Children are ticked from the left until one does not return `passing`; its status is the
-    node's, and what stands further right is not ticked.
+    node's, and what stands further right is not ticked. If all return `passing`, so does the node.
     """
-    any_acted = False
+    has_acted = False
     for child in children:
-        status, acted = tick(child)
-        any_acted = any_acted or acted
+        status, child_acted = tick(child)
+        has_acted = has_acted or child_acted
         if status is not passing:
-            return status, any_acted
-    return passing, any_acted
+            return status, has_acted
+    return passing, has_acted
 
 
 def parallel(node: Node, tick: TickChild) -> Result:
     """Parallel: paper, section III. All children are ticked; `parallel_status` decides."""
     results = [tick(child) for child in node.children]
     status = parallel_status([status for status, _ in results], node.limit, node.failures)
-    return status, any(acted for _, acted in results)
+    return status, any(has_acted for _, has_acted in results)
+
+
+def parallel_status(statuses: Sequence[Status], needed: int, allowed: int = 0) -> Status:
+    """Success at M = `needed` successes, Failure once they are out of reach, Running otherwise.
+
+    Paper, section III. BehaviorTree.CPP's `failure_count` comes on top: with `allowed` above 0 also
+    Failure at that many failures. As there, children count from the left, and the first of these
+    that comes true decides.
+    """
+    successes = failures = 0
+    for status in statuses:
+        successes += status is Status.SUCCESS
+        failures += status is Status.FAILURE
+        if successes >= needed:
+            return Status.SUCCESS
+        if len(statuses) - failures < needed or (allowed and failures >= allowed):
+            return Status.FAILURE
+    return Status.RUNNING
 
 
 def if_then_else(node: Node, tick: TickChild) -> Result:
-    """BehaviorTree.CPP's IfThenElse: the second child if the first succeeds, else the third.
+    """The second child if the first succeeds, the third if it fails.
 
-    Without a third child the Failure of the first is its own.
+    BehaviorTree.CPP's WhileDoElse, and with memory its IfThenElse. Without a third child the
+    Failure of the first is its own.
     """
-    status, acted = tick(node.children[0])
+    status, has_acted = tick(node.children[0])
     branches = {Status.SUCCESS: 1, Status.FAILURE: 2}
     if status is Status.RUNNING or branches[status] >= len(node.children):
-        return status, acted
-    status, also_acted = tick(node.children[branches[status]])
-    return status, acted or also_acted
+        return status, has_acted
+    status, branch_acted = tick(node.children[branches[status]])
+    return status, has_acted or branch_acted
 
 
 def decorated(kind: Kind, status: Status) -> Status:
-    """What a decorator makes of its child's status; Running stays Running."""
+    """BehaviorTree.CPP's Inverter, ForceSuccess and ForceFailure; Running stays Running.
+
+    A SubTree only names its child.
+    """
     if status is Status.RUNNING:
         return status
     match kind:
@@ -247,4 +293,4 @@ def decorated(kind: Kind, status: Status) -> Status:
             return Status.SUCCESS
         case Kind.FORCE_FAILURE:
             return Status.FAILURE
-    return status  # a SubTree only names its child
+    return status

@@ -1,8 +1,8 @@
 """T_i = Parallel(T_A, T_G, T_Li, 3): the tree that every robot builds and ticks.
 
-Source: paper, section IV, equation (1). T_G is the mission's; T_A is the same everywhere;
-T_Li has one branch per local task that the robot can do. All three are evaluated by the same
-evaluator, T_A and T_Li over the robot's own facts.
+Source: paper, section V, equation (1). T_G is the mission's; T_A is the same everywhere; T_Li has
+one branch per local task that the robot can do. All three are evaluated by the same evaluator, T_A
+and T_Li over the robot's own facts.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 
-from mrbt_mesh.core.bt.evaluator import Evaluator
-from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, Tree, build_tree, parallel_status
+from mrbt_mesh.core.bt.evaluator import Evaluator, parallel_status
+from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, Tree, build_tree
 
 LOCAL_TASK_FINISHED = "local_task_finished"
 NEW_GLOBAL_TASK_EXECUTED = "new_global_task_executed"
@@ -22,7 +22,7 @@ ASSIGNED = "assigned"
 
 
 def assignment_tree() -> Tree:
-    """T_A: on a trigger, check consistency and assign agents."""
+    """T_A (paper, section V): on a trigger, check consistency and assign agents."""
     triggers = (
         NodeSpec(Kind.CONDITION, subject=LOCAL_TASK_FINISHED),
         NodeSpec(Kind.CONDITION, subject=NEW_GLOBAL_TASK_EXECUTED),
@@ -41,7 +41,7 @@ def assignment_tree() -> Tree:
 
 
 def local_tree(local_tasks: Iterable[str]) -> Tree:
-    """T_Li: rest while nothing is assigned, else perform the local task that is."""
+    """T_Li (paper, section V): rest while nothing is assigned, else perform what is."""
     rest = NodeSpec(Kind.INVERTER, (NodeSpec(Kind.CONDITION, subject=ASSIGNED),))
     branches = (
         NodeSpec(
@@ -83,7 +83,7 @@ class OwnFacts:
         return None
 
 
-# All robots tick the same few trees over the same few facts: what came of it is kept.
+# All robots tick the same few trees over the same few facts, so what came of it is kept.
 
 
 @lru_cache
@@ -117,10 +117,10 @@ class RobotTree:
         self._ticked: tuple[Status, Status, str | None] | None = None
         self._wanted: str | None = None
 
-    def tick_assignment(self, finished: bool, requested: bool, feasible: bool) -> None:
+    def tick_assignment(self, has_finished: bool, has_new_request: bool, is_feasible: bool) -> None:
         """Tick T_A after a plan was made; without a trigger it keeps its last solved status."""
-        if finished or requested:
-            self._solved = assignment_status(finished, requested, feasible)
+        if has_finished or has_new_request:
+            self._solved = assignment_status(has_finished, has_new_request, is_feasible)
 
     def tick(self, global_tasks: Status, assigned: str | None) -> str | None:
         """Tick T_Li and T_i; returns the local-task type that T_Li wants to run, or None."""

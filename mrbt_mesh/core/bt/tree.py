@@ -1,14 +1,14 @@
-"""Behavior trees as immutable data: node kinds, the tree, and how to build one.
+"""Behavior trees as immutable data: kinds of nodes, the tree, and how to build one.
 
-A tree holds no run state. Nodes are numbered in depth-first preorder, so an index
-names the same node on every robot that runs the same mission.
-Source of the node types: paper, section III.
+A tree holds no run state. Nodes are numbered in depth-first preorder, so an index names the same
+node on every robot that runs the same mission. The kinds are those of the paper, section III, and
+others of BehaviorTree.CPP 4; `evaluator` has their rules.
 """
 
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 MAX_DEPTH = 64
@@ -16,7 +16,7 @@ MAX_NODES = 20_000
 
 
 class Kind(enum.StrEnum):
-    """The node types. `SUBTREE` is transparent: it names its one child."""
+    """The kinds of nodes. A SubTree is transparent: it names its one child."""
 
     SEQUENCE = "Sequence"
     FALLBACK = "Fallback"
@@ -35,12 +35,12 @@ class Kind(enum.StrEnum):
 
 
 class Memory(enum.StrEnum):
-    """How long a control node remembers which of its children have ended.
+    """How long a control remembers which of its children have ended.
 
-    `NONE`: it reads all of them again at every tick (the paper's nodes, BehaviorTree.CPP's
-    reactive ones). `WHILE_RUNNING`: until it has ended itself (BehaviorTree.CPP's Sequence,
-    Fallback, Parallel, IfThenElse). `UNTIL_SUCCESS`: a failure does not make it forget either
-    (SequenceWithMemory).
+    `NONE`: it ticks all of them again (the paper's nodes; BehaviorTree.CPP's ReactiveSequence,
+    ReactiveFallback, WhileDoElse). `WHILE_RUNNING`: until it has ended itself (BehaviorTree.CPP's
+    Sequence, Fallback, Parallel, IfThenElse). `UNTIL_SUCCESS`: a failure does not make it forget
+    either (its SequenceWithMemory).
     """
 
     NONE = "none"
@@ -73,8 +73,8 @@ class NodeSpec:
     `subject` is the global task, local task or condition of a leaf, else empty.
     `limit` is M of a Parallel, or the attempts or cycles of a Retry or Repeat (-1: no limit).
     `timeout_us` is the time limit of a Timeout, in microseconds. `memory` is that of a control.
-    `failures` is how many of its children's failures fail a Parallel; 0: as many as put M out of
-    reach (the paper's rule).
+    `failures`: so many failed children fail a Parallel; 0: only as many as put M out of reach (the
+    paper's rule).
     """
 
     kind: Kind
@@ -240,19 +240,3 @@ def build_tree(spec: NodeSpec) -> Tree:
 
     add(spec, -1, "", 1)
     return Tree(tuple(node for node in nodes if node is not None))
-
-
-def parallel_status(statuses: Sequence[Status], needed: int, allowed: int = 0) -> Status:
-    """The paper's Parallel rule: success at M successes, failure once M is out of reach.
-
-    `allowed`: failure at that many failures already, if it is not 0. Children count in their order.
-    """
-    successes = failures = 0
-    for status in statuses:
-        successes += status is Status.SUCCESS
-        failures += status is Status.FAILURE
-        if successes >= needed:
-            return Status.SUCCESS
-        if len(statuses) - failures < needed or (allowed and failures >= allowed):
-            return Status.FAILURE
-    return Status.RUNNING

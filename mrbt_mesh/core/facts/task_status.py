@@ -1,6 +1,6 @@
 """When a global task has succeeded, and when it has failed.
 
-This is the paper's *Perform Global Task g* (section IV, definition of T_G): the status of the
+This is the paper's *Perform Global Task g* (section V, definition of T_G): the status of the
 action leaf, computed from the outcomes of its activation. Where the paper is silent or
 contradicts itself, docs/decisions says what was decided. Never a function of who is thought alive:
 lack of living robots is *blocked*, not failure.

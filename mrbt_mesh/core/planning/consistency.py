@@ -1,7 +1,7 @@
 """*Check Consistency*: which requests can be served together, and why others cannot be at all.
 
 Requests are taken in tree order; one is kept if all kept so far stay feasible: if every lower
-bound can be met by different robots. Source: paper, section IV, T_A.
+bound can be met by different robots. Source: paper, section V, T_A.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Demands: what the requests of T_G ask of the team.
 
-Source: paper, section IV, T_A: the bounds a_j and b_j.
+Source: paper, section V, T_A: the bounds a_j and b_j.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.evaluation import Evaluation
-from mrbt_mesh.core.bt.evaluator import Evaluator
+from mrbt_mesh.core.bt.evaluator import Evaluator, parallel_status
 from mrbt_mesh.core.bt.tree import LEAVES, Kind, NodeSpec, Status, build_tree
 from tests.support.build import (
     World,
@@ -235,3 +235,25 @@ def test_an_inverted_timeout_succeeds_when_it_expires() -> None:
     world = World(inverter(timeout(1, action("a"))))
     world.expire()
     assert world.status is SUCCESS
+
+
+@given(st.lists(st.sampled_from(Status), min_size=1, max_size=6), st.data())
+def test_a_parallel_fails_exactly_when_success_is_out_of_reach(
+    statuses: list[Status], data: st.DataObject
+) -> None:
+    needed = data.draw(st.integers(1, len(statuses)))
+    successes = statuses.count(Status.SUCCESS)
+    failures = statuses.count(Status.FAILURE)
+    best_case = len(statuses) - failures
+    found = parallel_status(statuses, needed)
+    assert (found is Status.SUCCESS) == (successes >= needed)
+    assert (found is Status.FAILURE) == (best_case < needed)
+
+
+def test_a_parallel_may_fail_at_fewer_failures_and_its_children_count_in_their_order() -> None:
+    won, lost, runs = Status.SUCCESS, Status.FAILURE, Status.RUNNING
+    assert parallel_status([lost, runs, runs], 1) is runs
+    assert parallel_status([lost, runs, runs], 1, 1) is lost
+    assert parallel_status([lost, won, runs], 1, 1) is lost
+    assert parallel_status([won, lost, runs], 1, 1) is won
+    assert parallel_status([lost, runs, won], 2, 2) is runs

@@ -1,4 +1,4 @@
-"""T_i = Parallel(T_A, T_G, T_Li, 3), the tree of every robot: paper, section IV, equation (1)."""
+"""T_i = Parallel(T_A, T_G, T_Li, 3), the tree of every robot: paper, section V, equation (1)."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import itertools
 
 import pytest
 
+from mrbt_mesh.core.bt.evaluator import parallel_status
 from mrbt_mesh.core.bt.robot_tree import RobotTree, assignment_tree, local_tree
-from mrbt_mesh.core.bt.tree import Kind, Status, parallel_status
+from mrbt_mesh.core.bt.tree import Kind, Status
 
 RUNNING, SUCCESS, FAILURE = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 

@@ -2,7 +2,6 @@
 
 import pytest
 from hypothesis import given
-from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.tree import (
     MAX_DEPTH,
@@ -10,10 +9,8 @@ from mrbt_mesh.core.bt.tree import (
     Kind,
     Memory,
     NodeSpec,
-    Status,
     TreeError,
     build_tree,
-    parallel_status,
 )
 from tests.support.build import (
     action,
@@ -138,28 +135,6 @@ def test_labels_are_short_texts_for_people(spec: NodeSpec, label: str) -> None:
 def test_actions_come_in_tree_order() -> None:
     tree = build_tree(sequence(action("b"), condition("c"), fallback(action("a"), action("b"))))
     assert [node.subject for node in tree.actions()] == ["b", "a", "b"]
-
-
-@given(st.lists(st.sampled_from(Status), min_size=1, max_size=6), st.data())
-def test_a_parallel_fails_exactly_when_success_is_out_of_reach(
-    statuses: list[Status], data: st.DataObject
-) -> None:
-    needed = data.draw(st.integers(1, len(statuses)))
-    successes = statuses.count(Status.SUCCESS)
-    failures = statuses.count(Status.FAILURE)
-    best_case = len(statuses) - failures
-    found = parallel_status(statuses, needed)
-    assert (found is Status.SUCCESS) == (successes >= needed)
-    assert (found is Status.FAILURE) == (best_case < needed)
-
-
-def test_a_parallel_may_fail_at_fewer_failures_and_its_children_count_in_their_order() -> None:
-    won, lost, runs = Status.SUCCESS, Status.FAILURE, Status.RUNNING
-    assert parallel_status([lost, runs, runs], 1) is runs
-    assert parallel_status([lost, runs, runs], 1, 1) is lost
-    assert parallel_status([lost, won, runs], 1, 1) is lost
-    assert parallel_status([won, lost, runs], 1, 1) is won
-    assert parallel_status([lost, runs, won], 2, 2) is runs
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ class CompiledTree:
         self.positions = [0] * count
         self.ends = [0] * count
         self.has_action, self.has_condition = names.has_action, names.has_condition
-        self.remembering, self.loops = names.remembering, names.enclosing_loops
+        self.remembering, self.loops = names.has_memory, names.enclosing_loops
         for node in reversed(nodes):
             self.ends[node.index] = self.ends[node.children[-1]] if node.children else node.index
             for position, child in enumerate(node.children):

@@ -11,7 +11,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from mrbt_mesh.core.bt.evaluation import EvaluationFacts, Request, RunningTimeout
-from mrbt_mesh.core.bt.tree import Kind, Status, parallel_status
+from mrbt_mesh.core.bt.evaluator import parallel_status
+from mrbt_mesh.core.bt.tree import Kind, Status
 from mrbt_mesh.core.incremental.evaluation.compiled_tree import CompiledTree
 
 RUNNING, SUCCESS, FAILURE = int(Status.RUNNING), int(Status.SUCCESS), int(Status.FAILURE)

@@ -44,7 +44,7 @@ def test_the_guards_of_a_node_are_those_of_the_rules(
     counts = dict(zip(layout.guards, sums.turned, strict=True))
     for node in range(len(tree.nodes)):
         found = sorted(layout.guards[number] for number in layout.guards_at(node))
-        assert found == sorted(plain.guards[node])
+        assert found == sorted(plain.guards_of[node])
         assert sums.at(node) == sum(counts[guard] for guard in found)
 
 
