@@ -224,6 +224,7 @@ class Costs:
         return self.capabilities.get(local_task, 1)
 
 
+# Attributes: the sections of a mission file, made ground.
 @dataclass(frozen=True)
 class Mission:
     """Everything that all robots of a team must agree on before they start.
