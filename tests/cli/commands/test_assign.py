@@ -65,7 +65,7 @@ def test_assign_prefers_the_order_of_the_file_among_equals(tmp_path: Path) -> No
     assert answer["assignment"] == {"a": "late", "b": "early"}
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(data=st.data())
 def test_assign_equals_brute_force(tmp_path_factory: pytest.TempPathFactory, data: Any) -> None:
     names = ["a", "b", "c"]
