@@ -170,6 +170,13 @@ def test_the_status_of_a_run_that_is_over_needs_no_network_and_no_solver(tmp_pat
     assert (code, packages & (LARGE | {"rich"})) == (0, set())
 
 
+def test_who_watches_a_team_loads_no_solver_before_a_plan_needs_one() -> None:
+    """Reading a team's plan takes numbers, but mostly nothing has to be solved for it."""
+    code = "import sys, mrbt_mesh.cli.team.status; print('ortools' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
+
+
 def a_run(path: Path, pid: int) -> Path:
     """The directory of a run of which the robot R1 has this process; 0: of which nobody runs."""
     mission = load_mission(Path(EXPLORE))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -140,3 +142,17 @@ def test_the_documents_example_runs_as_it_stands(
 def test_the_document_lists_every_solver_and_no_other() -> None:
     rows = re.findall(r"^\| `(\w+)` \| [A-Zt]", DOCUMENT.read_text(), re.MULTILINE)
     assert set(rows) - {"robots", "demands", "performance"} == set(SOLVERS)
+
+
+@pytest.mark.parametrize("named", [None, "min_cost_flow", "cp_sat"])
+def test_a_solver_has_loaded_its_libraries_before_a_team_waits_for_a_plan(
+    named: str | None,
+) -> None:
+    code = (
+        "import sys\n"
+        "from mrbt_mesh.runtime.solver_loader import load_solver\n"
+        "assert 'ortools' not in sys.modules\n"
+        f"load_solver({named!r}, constrained=False)\n"
+        "assert 'ortools' in sys.modules\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

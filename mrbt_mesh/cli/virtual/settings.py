@@ -39,10 +39,8 @@ def points(
     for values in swept.values():
         wanted *= len(values)
     if len(found) < wanted:
-        note(
-            f"{wanted - len(found)} of {wanted} settings are left out: the team cannot suffer so "
-            "many faults"
-        )
+        less = wanted - len(found)
+        note(f"left out: {less} of {wanted} settings, of more faults than the team can suffer")
     return found
 
 

@@ -131,4 +131,4 @@ def test_settings_that_no_team_can_suffer_are_left_out_and_counted() -> None:
     code, output, problems = estimate(EXPLORE, *arguments)
     assert code == 0
     assert [point["major"] for point in json.loads(output)["points"]] == ["0", "1", "2"]
-    assert "1 of 4 settings are left out" in problems
+    assert "left out: 1 of 4 settings" in problems
