@@ -6,7 +6,7 @@ import enum
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mrbt_mesh.core.observer.run_record import MajorFault, MinorFault
+from mrbt_mesh.core.observer.episodes import MajorFault, MinorFault
 from mrbt_mesh.drills.physical import Span
 from paper.account import Account
 

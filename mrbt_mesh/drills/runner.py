@@ -12,6 +12,7 @@ import anyio
 
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.drills.drill_file import Drill
 from mrbt_mesh.drills.inject import Deed, DrillInjector
 from mrbt_mesh.drills.journals import read
@@ -171,7 +172,9 @@ class _Run:
             takeovers=[
                 takeover | {"inflicted": fault.robot in deeds.hit(), "ended": fault.exact}
                 for takeover, fault in zip(
-                    record.summary(result, boottime_us())["takeovers"], record.major, strict=True
+                    run_summary(record, result, boottime_us())["takeovers"],
+                    record.major,
+                    strict=True,
                 )
             ],
             blocked=frozenset(episode.request for episode in record.blocked),

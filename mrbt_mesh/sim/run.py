@@ -14,6 +14,7 @@ from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.engine import Engine
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.runtime.engine_choice import chosen_engine
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim.checkers.comparison import PlanComparison
@@ -185,7 +186,7 @@ def _result(world: World) -> SimulationResult:
     return SimulationResult(
         seed=world.setup.seed,
         result=result,
-        summary=observer.record.summary(result, now_us),
+        summary=run_summary(observer.record, result, now_us),
         events=world.events,
         effect_log_digest=world.inspection.effect_log_digest,
         effect_log=list(world.inspection.effect_log),

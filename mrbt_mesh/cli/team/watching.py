@@ -16,6 +16,7 @@ from mrbt_mesh.cli.framework.terminal import console, errors, print_json
 from mrbt_mesh.cli.team.show_options import ShowOptions
 from mrbt_mesh.cli.views.live_view import render_live
 from mrbt_mesh.cli.views.summary_view import render_summary
+from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.run_dir import SUMMARY_FILE, write_atomically
 from mrbt_mesh.runtime.team import Team
@@ -119,7 +120,7 @@ def _report(team: Team | None, watcher: Watcher, show: ShowOptions, why: str | N
         result = team.result(observer, now_us)
     else:
         result = observer.result(anybody_lives=bool(observer.membership.alive_set()))
-    summary = observer.record.summary(result, now_us)
+    summary = run_summary(observer.record, result, now_us)
     if why is not None:
         summary["ended_because"] = why
     if team is not None:

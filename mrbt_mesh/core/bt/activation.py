@@ -47,7 +47,7 @@ class Activation:
 
 @lru_cache(maxsize=4_096)
 def parse_activation(text: str) -> Activation:
-    """The inverse of `str(ScopeName)`; raises ValueError if it is none."""
+    """The inverse of `str(Activation)`; raises ValueError if it is none."""
     run, node, subject, attempts, turns = text.split(":")
     numbers = tuple(int(part) for part in attempts.split(".")) if attempts else ()
     return Activation(run, int(node), subject, numbers, int(turns))

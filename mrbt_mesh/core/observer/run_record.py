@@ -1,9 +1,7 @@
-"""The record of one run: what happened when, and the summary that `up` and `sim` print."""
+"""The record of one run: what happened when. `summary` makes the report of it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 from mrbt_mesh.core.bt.activation import parse_activation
@@ -13,66 +11,17 @@ from mrbt_mesh.core.facts.records import Bid, Claim, ConditionValue, Member, NoC
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import MICRO, Mission
+from mrbt_mesh.core.observer.episodes import (
+    BiddingRecord,
+    BlockedEpisode,
+    MajorFault,
+    MinorFault,
+    TaskRecord,
+)
 from mrbt_mesh.core.planning.plan import Plan
 
 
-@dataclass(slots=True)
-class MajorFault:
-    """A robot's death: when, what it held, when others knew and when somebody took over."""
-
-    robot: str
-    incarnation: Incarnation
-    at_us: int
-    held: Claim | None
-    detected_us: int | None = None
-    reassigned_us: int | None = None
-    replacement: str | None = None
-    until_us: int | None = None
-    exact: bool = False
-
-
-@dataclass(slots=True)
-class MinorFault:
-    """Capabilities that a robot has lost."""
-
-    robot: str
-    local_tasks: tuple[str, ...]
-    at_us: int
-    until_us: int | None = None
-
-
-@dataclass(slots=True)
-class BlockedEpisode:
-    """A time during which a request could not be served by any living robots."""
-
-    request: str
-    reason: str
-    from_us: int
-    to_us: int | None = None
-
-
-@dataclass(slots=True)
-class BiddingRecord:
-    """What robots bid for a local task of one activation, in units, and who ran it.
-
-    None: a robot said that it has no bid.
-    """
-
-    global_task: str
-    local_task: str
-    at_us: int
-    bids: dict[str, float | None] = field(default_factory=dict)
-    robots: set[str] = field(default_factory=set)
-
-
-@dataclass(slots=True)
-class TaskRecord:
-    """A global task: its status and who took part (ran one of its local tasks)."""
-
-    status: Status = Status.IDLE
-    robots: set[str] = field(default_factory=set)
-
-
+# Attributes: a list for each kind of thing that happens; `summary` makes one report of them.
 class RunRecord:
     """Collects the run. Times are on the observer's clock, reported from `started_us` on.
 
@@ -310,89 +259,8 @@ class RunRecord:
         if task is not None:
             task.robots.add(robot)
 
-    # -- the summary ----------------------------------------------------------------------
-
     def seconds(self, at_us: int | None) -> float | None:
         """A time of this record as seconds from the start; None if nobody has joined yet."""
         if at_us is None or self.started_us is None:
             return None
         return round((at_us - self.started_us) / 1e6, 6)
-
-    def summary(self, result: str, now_us: int) -> dict[str, Any]:
-        """The summary of the run as plain data; `result` is the observer's word for it.
-
-        `takeovers`: `detected_s` and `reassigned_s` count from the fault; null: never.
-        """
-
-        def since(fault: MajorFault, at_us: int | None) -> float | None:
-            return None if at_us is None else round(max(0, at_us - fault.at_us) / 1e6, 6)
-
-        faults: list[dict[str, Any]] = [
-            {
-                "kind": "major",
-                "robot": fault.robot,
-                "at_s": self.seconds(fault.at_us),
-                "until_s": self.seconds(fault.until_us),
-            }
-            for fault in self.major
-        ] + [
-            {
-                "kind": "minor",
-                "robot": fault.robot,
-                "local_tasks": list(fault.local_tasks),
-                "at_s": self.seconds(fault.at_us),
-                "until_s": self.seconds(fault.until_us),
-            }
-            for fault in self.minor
-        ]
-        return {
-            "mission": self.mission.name,
-            "result": result,
-            "duration_s": self.seconds(self.ended_us if self.ended_us is not None else now_us),
-            "robots": {name: _robot(self.robots[name]) for name in sorted(self.robots)},
-            "global_tasks": {
-                name: {"status": task.status.name.lower(), "robots": sorted(task.robots)}
-                for name, task in self.tasks.items()
-            },
-            "faults": sorted(faults, key=lambda fault: (fault["at_s"] or 0, fault["robot"])),
-            "blocked": [
-                {
-                    "request": episode.request,
-                    "reason": episode.reason,
-                    "from": self.seconds(episode.from_us),
-                    "to": self.seconds(episode.to_us),
-                }
-                for episode in self.blocked
-            ],
-            "bids": [
-                {
-                    "global_task": bidding.global_task,
-                    "local_task": bidding.local_task,
-                    "at_s": self.seconds(bidding.at_us),
-                    "bids": {robot: bidding.bids[robot] for robot in sorted(bidding.bids)},
-                    "robots": sorted(bidding.robots),
-                }
-                for bidding in self.biddings.values()
-            ],
-            "takeovers": [
-                {
-                    "robot": fault.robot,
-                    "at_s": self.seconds(fault.at_us),
-                    "detected_s": since(fault, fault.detected_us),
-                    "reassigned_s": since(fault, fault.reassigned_us),
-                    "held": fault.held.local_task if fault.held else None,
-                    "replacement": fault.replacement,
-                }
-                for fault in self.major
-            ],
-        }
-
-
-def _robot(known: Mapping[str, Any]) -> dict[str, Any]:
-    state = known.get("state")
-    return {
-        "type": known.get("type"),
-        "state": str(state) if state else None,
-        "lost": list(known.get("lost", ())),
-        "pid": known.get("pid"),
-    }

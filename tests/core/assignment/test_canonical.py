@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.assignment import canonical as canonical_module
+from mrbt_mesh.core.assignment import tie_breaking
 from mrbt_mesh.core.assignment.canonical import canonical, solve
 from mrbt_mesh.core.assignment.problem import UNASSIGNED, AssignmentProblem, Bounds, SolverError
 from mrbt_mesh.core.assignment.solvers import SOLVERS, min_cost_flow
@@ -61,7 +61,7 @@ def test_the_answer_does_not_depend_on_how_ties_are_searched(many: int, few: int
         bounds = [(max(0, taken.count(d) - 1), taken.count(d) + d % 2) for d in range(30)]
         tied = problem(bounds, *rows)
         expected = solve(tied, min_cost_flow)
-        with mock.patch.multiple(canonical_module, _MANY=many, _FEW=few):
+        with mock.patch.multiple(tie_breaking, _MANY=many, _FEW=few):
             assert canonical(tied, taken) == expected
 
 
@@ -71,7 +71,7 @@ def test_every_way_to_search_ties_finds_the_canonical_optimum(
 ) -> None:
     best = optima(given_problem)
     if best:
-        with mock.patch.multiple(canonical_module, _MANY=many, _FEW=few):
+        with mock.patch.multiple(tie_breaking, _MANY=many, _FEW=few):
             assert canonical(given_problem, best[-1]) == best[0]
 
 

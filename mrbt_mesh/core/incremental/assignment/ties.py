@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from mrbt_mesh.core.assignment.canonical import first_of_ties
+from mrbt_mesh.core.assignment.tie_breaking import first_of_ties
 from mrbt_mesh.core.incremental.assignment.arc_costs import ENTRY, IDLE, Integers
 from mrbt_mesh.core.incremental.assignment.residual import Residual
 

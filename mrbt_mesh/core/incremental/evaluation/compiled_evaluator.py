@@ -9,7 +9,8 @@ from mrbt_mesh.core.bt.evaluation import Evaluation, EvaluationFacts, Request, R
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import Tree
 from mrbt_mesh.core.incremental.evaluation.compiled_tree import CompiledTree
-from mrbt_mesh.core.incremental.evaluation.tick import NodeFunctions, Tick
+from mrbt_mesh.core.incremental.evaluation.node_functions import node_functions
+from mrbt_mesh.core.incremental.evaluation.tick import Tick
 
 
 class CompiledEvaluator(Evaluator):
@@ -18,7 +19,7 @@ class CompiledEvaluator(Evaluator):
     def __init__(self, tree: Tree) -> None:
         super().__init__(tree)
         self.layout = CompiledTree(self)
-        self.functions = NodeFunctions(self.layout)
+        self.functions = node_functions(self.layout)
 
     def turns_at(self, node: int, facts: EvaluationFacts) -> int:
         guards = self.layout.guards

@@ -1,0 +1,66 @@
+"""What a run's record holds: faults, blocked requests, biddings and tasks, with their times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts.records import Claim
+from mrbt_mesh.core.facts.store import Incarnation
+
+
+@dataclass(slots=True)
+class MajorFault:
+    """A robot's death: when, what it held, when others knew and when somebody took over."""
+
+    robot: str
+    incarnation: Incarnation
+    at_us: int
+    held: Claim | None
+    detected_us: int | None = None
+    reassigned_us: int | None = None
+    replacement: str | None = None
+    until_us: int | None = None
+    exact: bool = False
+
+
+@dataclass(slots=True)
+class MinorFault:
+    """Capabilities that a robot has lost."""
+
+    robot: str
+    local_tasks: tuple[str, ...]
+    at_us: int
+    until_us: int | None = None
+
+
+@dataclass(slots=True)
+class BlockedEpisode:
+    """A time during which a request could not be served by any living robots."""
+
+    request: str
+    reason: str
+    from_us: int
+    to_us: int | None = None
+
+
+@dataclass(slots=True)
+class BiddingRecord:
+    """What robots bid for a local task of one activation, in units, and who ran it.
+
+    None: a robot said that it has no bid.
+    """
+
+    global_task: str
+    local_task: str
+    at_us: int
+    bids: dict[str, float | None] = field(default_factory=dict)
+    robots: set[str] = field(default_factory=set)
+
+
+@dataclass(slots=True)
+class TaskRecord:
+    """A global task: its status and who took part (ran one of its local tasks)."""
+
+    status: Status = Status.IDLE
+    robots: set[str] = field(default_factory=set)

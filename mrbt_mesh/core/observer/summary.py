@@ -1,0 +1,89 @@
+"""The summary of a run, as `up` and `sim` print and write it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from mrbt_mesh.core.observer.episodes import MajorFault
+from mrbt_mesh.core.observer.run_record import RunRecord
+
+
+def run_summary(record: RunRecord, result: str, now_us: int) -> dict[str, Any]:
+    """The summary of the run as plain data; `result` is the observer's word for it.
+
+    `takeovers`: `detected_s` and `reassigned_s` count from the fault; null: never.
+    """
+
+    def since(fault: MajorFault, at_us: int | None) -> float | None:
+        return None if at_us is None else round(max(0, at_us - fault.at_us) / 1e6, 6)
+
+    faults: list[dict[str, Any]] = [
+        {
+            "kind": "major",
+            "robot": fault.robot,
+            "at_s": record.seconds(fault.at_us),
+            "until_s": record.seconds(fault.until_us),
+        }
+        for fault in record.major
+    ] + [
+        {
+            "kind": "minor",
+            "robot": fault.robot,
+            "local_tasks": list(fault.local_tasks),
+            "at_s": record.seconds(fault.at_us),
+            "until_s": record.seconds(fault.until_us),
+        }
+        for fault in record.minor
+    ]
+    return {
+        "mission": record.mission.name,
+        "result": result,
+        "duration_s": record.seconds(record.ended_us if record.ended_us is not None else now_us),
+        "robots": {name: _robot(record.robots[name]) for name in sorted(record.robots)},
+        "global_tasks": {
+            name: {"status": task.status.name.lower(), "robots": sorted(task.robots)}
+            for name, task in record.tasks.items()
+        },
+        "faults": sorted(faults, key=lambda fault: (fault["at_s"] or 0, fault["robot"])),
+        "blocked": [
+            {
+                "request": episode.request,
+                "reason": episode.reason,
+                "from": record.seconds(episode.from_us),
+                "to": record.seconds(episode.to_us),
+            }
+            for episode in record.blocked
+        ],
+        "bids": [
+            {
+                "global_task": bidding.global_task,
+                "local_task": bidding.local_task,
+                "at_s": record.seconds(bidding.at_us),
+                "bids": {robot: bidding.bids[robot] for robot in sorted(bidding.bids)},
+                "robots": sorted(bidding.robots),
+            }
+            for bidding in record.biddings.values()
+        ],
+        "takeovers": [
+            {
+                "robot": fault.robot,
+                "at_s": record.seconds(fault.at_us),
+                "detected_s": since(fault, fault.detected_us),
+                "reassigned_s": since(fault, fault.reassigned_us),
+                "held": fault.held.local_task if fault.held else None,
+                "replacement": fault.replacement,
+            }
+            for fault in record.major
+        ],
+    }
+
+
+def _robot(known: Mapping[str, Any]) -> dict[str, Any]:
+    state = known.get("state")
+    return {
+        "type": known.get("type"),
+        "state": str(state) if state else None,
+        "lost": list(known.get("lost", ())),
+        "pid": known.get("pid"),
+    }
