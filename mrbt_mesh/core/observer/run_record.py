@@ -91,8 +91,16 @@ class RunRecord:
     def verdict(self, robot: str, incarnation: Incarnation, now_us: int) -> None:
         """A robot of the team has declared another one dead."""
         known = self.robots.get(robot, {})
-        if known.get("incarnation") != incarnation or self.result is not None:
+        if self.result is not None:
             return  # after the end robots stop one after the other, which is no fault
+        if known.get("described_by") == incarnation != known.get("incarnation"):
+            # It had joined, and died before its first heartbeat came here.
+            exited_us = self._exits.get(robot)
+            self.robot_seen(robot, incarnation, now_us)
+            if exited_us is not None:
+                self._exits[robot] = exited_us
+        if known.get("incarnation") != incarnation:
+            return
         fault = self._open_fault(robot, incarnation)
         if fault is None and known.get("state") is not State.LEFT:
             fault = self._died(robot, incarnation, now_us)
@@ -130,6 +138,7 @@ class RunRecord:
                 known = self.robots.setdefault(robot, {})
                 self._lost(robot, tuple(known.get("lost", ())), member.lost, now_us)
                 known.update(type=member.type, lost=member.lost, pid=member.pid, host=member.host)
+                known["described_by"] = entry.version.incarnation
                 if member.is_leaving and known.get("state") is not State.DEAD:
                     known["state"] = State.LEFT
             case Claim() as claim:

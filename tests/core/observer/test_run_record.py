@@ -104,3 +104,19 @@ def test_when_robots_joined_and_what_conditions_became_are_kept(record: RunRecor
         record.fact(entry, (3 + revision) * S)
     assert record.joined_us == {"A": S, "B": 2 * S}
     assert record.conditions == [(4 * S, "open(1)", True), (5 * S, "open(1)", False)]
+
+
+def test_a_robot_that_dies_before_its_first_beat_came_here_is_a_fault(record: RunRecord) -> None:
+    """It had joined, since others declare that life dead, and it may have begun to work."""
+    claim = Claim("r:0:weld::0", "weld", "weld", Phase.RUNNING, 1).to_value()
+    record.robot_seen("B", FIRST, 0)
+    record.fact(member("A"), 0)
+    record.fact(make_entry("A", CLAIM, Version(FIRST, 2), claim), 0)
+    record.exited("A", S)
+    record.verdict("A", SECOND, 2 * S)
+    assert record.major == [], "of another life nothing is known"
+    record.verdict("A", FIRST, 2 * S)
+    record.fact(make_entry("B", CLAIM, Version(FIRST, 2), claim), 3 * S)
+    (fault,) = record.major
+    assert (fault.at_us, fault.detected_us, fault.reassigned_us) == (S, 2 * S, 3 * S)
+    assert (fault.held is not None, fault.replacement) == (True, "B")
