@@ -11,9 +11,9 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
 from mrbt_mesh.core.agent.commands import Decision
-from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Phase
 from mrbt_mesh.core.mission.mission import MAX_ROBOTS
+from mrbt_mesh.core.observer.task_log import TaskState
 from mrbt_mesh.formats.file_model import (
     EXPLAINED,
     FileModel,
@@ -40,7 +40,7 @@ Profile: TypeAlias = Literal["wired", "wireless"]
 Yes: TypeAlias = Annotated[Literal[True], one_of("true", lambda v: v is True)]
 
 _PHASES = (*(phase.name.lower() for phase in Phase), DONE)
-_STATUSES = tuple(status.name.lower() for status in Status)
+_STATUSES = tuple(map(str, TaskState))
 
 
 def _in(names: tuple[str, ...]) -> Any:
@@ -98,7 +98,7 @@ Robots: TypeAlias = Annotated[
 
 
 class GlobalTaskTrigger(FileModel):
-    """A global task has come to a status: idle, running, success, failure."""
+    """A global task has come to a status: idle, running, success, failure, cancelled."""
 
     global_task: GroundText
     status: _in(_STATUSES) = "running"  # type: ignore[valid-type]

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import type_name
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.core.observer.task_log import TaskState
 from mrbt_mesh.drills.model import (
     DONE,
     BlockedTrigger,
@@ -48,7 +48,7 @@ class Sight:
 
     now_us: int
     started_us: int | None = None
-    statuses: Mapping[str, Status] = field(default_factory=dict)
+    statuses: Mapping[str, TaskState] = field(default_factory=dict)
     claims: Mapping[str, Claim] = field(default_factory=dict)
     claimed: Sequence[tuple[int, str, Claim]] = ()
     done: frozenset[tuple[str, str]] = frozenset()
@@ -65,7 +65,7 @@ class Sight:
         return cls(
             now_us,
             record.started_us,
-            {name: task.status for name, task in record.tasks.items()},
+            {name: task.state for name, task in record.task_log.tasks.items()},
             {robot: claim for robot, claim in claims.items() if claim is not None},
             record.claims,
             frozenset(
@@ -133,7 +133,7 @@ def holds(when: Any, sight: Sight, fates: Fates, since_us: int) -> bool:
     """Whether a trigger's condition holds; `since_us` is when the step before began."""
     match when:
         case GlobalTaskTrigger(global_task=task, status=status):
-            return sight.statuses.get(task, Status.IDLE) is Status[status.upper()]
+            return sight.statuses.get(task, TaskState.IDLE) is TaskState(status)
         case LocalTaskTrigger():
             return _local_task(when, sight, since_us)
         case RobotTrigger(robot=robots, state=state):

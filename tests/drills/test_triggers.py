@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.membership.peer import State
+from mrbt_mesh.core.observer.task_log import TaskState
 from mrbt_mesh.drills.model import RoleModel, StepModel
 from mrbt_mesh.drills.triggers import Fates, Schedule, Sight, Takeover, chosen, holds
 from mrbt_mesh.sim import Kill, simulate
@@ -25,7 +25,7 @@ def claim(local_task: str, phase: Phase = Phase.RUNNING, global_task: str = "fix
 SIGHT = Sight(
     now_us=10 * S,
     started_us=2 * S,
-    statuses={"fix": Status.RUNNING, "open": Status.SUCCESS},
+    statuses={"fix": TaskState.RUNNING, "open": TaskState.SUCCESS},
     claims={"A1": claim("weld(2)"), "B1": claim("weld(3)", Phase.CLAIMED)},
     claimed=(
         (7 * S, "B1", claim("cut", Phase.CLAIMED)),
@@ -200,7 +200,7 @@ def test_the_sight_of_an_observer_in_the_middle_of_a_run() -> None:
     seen = simulate(mission, program, seed=3, schedule=kill, timeout_us=16 * S)
     sight = Sight.of(seen.observer, ["broken(2)", "nominal"], 16 * S)
     assert sight.started_us is not None
-    assert sight.statuses["remove_cover"] is Status.SUCCESS
+    assert sight.statuses["remove_cover"] is TaskState.SUCCESS
     assert sight.conditions == {"broken(2)": True, "nominal": False}
     assert sight.states["A1"] is State.DEAD
     assert "A1" not in sight.claims

@@ -56,8 +56,8 @@ def status_data(watcher: Watcher) -> dict[str, Any]:
         "result": plan.result.name.lower() if plan else None,
         "robots": robots,
         "global_tasks": {
-            name: {"status": task.status.name.lower(), "robots": working.get(name, [])}
-            for name, task in observer.record.tasks.items()
+            name: {"status": str(task.state), "robots": working.get(name, [])}
+            for name, task in observer.record.task_log.tasks.items()
         },
         "blocked": [
             {"request": w.global_task, "reason": w.reason} for w in waiting if w.is_blocked

@@ -50,6 +50,6 @@ def _tasks(tasks: Mapping[str, Any]) -> list[Text]:
         by_status.setdefault(task["status"], []).append(name)
     return [
         Text.assemble((f"{status}:", "dim"), f" {', '.join(by_status[status])}")
-        for status in ("running", "success", "failure")
+        for status in ("running", "success", "failure", "cancelled")
         if status in by_status
     ]

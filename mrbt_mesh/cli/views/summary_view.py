@@ -19,7 +19,13 @@ RESULTS = {
 PLAIN = "not bold"
 MOST_BIDS = 20
 STATES = {"alive": "green", "suspect": "yellow", "dead": "red", "left": "dim"}
-STATUSES = {"success": "green", "failure": "red", "running": "yellow", "idle": "dim"}
+STATUSES = {
+    "success": "green",
+    "failure": "red",
+    "running": "yellow",
+    "idle": "dim",
+    "cancelled": "dim",
+}
 
 
 def render_summary(summary: Mapping[str, Any]) -> RenderableType:

@@ -1,10 +1,9 @@
-"""What a run's record holds: faults, blocked requests, biddings and tasks, with their times."""
+"""What a run's record holds: faults, blocked requests and biddings, with their times."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.facts.store import Incarnation
 
@@ -55,12 +54,4 @@ class BiddingRecord:
     local_task: str
     at_us: int
     bids: dict[str, float | None] = field(default_factory=dict)
-    robots: set[str] = field(default_factory=set)
-
-
-@dataclass(slots=True)
-class TaskRecord:
-    """A global task: its status and who took part (ran one of its local tasks)."""
-
-    status: Status = Status.IDLE
     robots: set[str] = field(default_factory=set)

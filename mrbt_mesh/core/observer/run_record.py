@@ -16,8 +16,8 @@ from mrbt_mesh.core.observer.episodes import (
     BlockedEpisode,
     MajorFault,
     MinorFault,
-    TaskRecord,
 )
+from mrbt_mesh.core.observer.task_log import TaskLog
 from mrbt_mesh.core.planning.plan import Plan
 
 
@@ -35,7 +35,7 @@ class RunRecord:
         self.ended_us: int | None = None
         self.result: Status | None = None
         self.robots: dict[str, dict[str, Any]] = {}
-        self.tasks = {task: TaskRecord() for task in mission.global_tasks}
+        self.task_log = TaskLog(mission)
         self.major: list[MajorFault] = []
         self.minor: list[MinorFault] = []
         self.blocked: list[BlockedEpisode] = []
@@ -133,6 +133,7 @@ class RunRecord:
     def fact(self, entry: Entry, now_us: int) -> None:
         """An entry of the fact map has changed."""
         robot = entry.author
+        self.task_log.fact(entry)
         match entry.record:
             case Member() as member:
                 known = self.robots.setdefault(robot, {})
@@ -149,7 +150,7 @@ class RunRecord:
                 self._claims.pop(robot, None)
             case Outcome() as outcome:
                 _, activation, local_task, *_ = entry.parts
-                self._took_part(robot, activation)
+                self.task_log.took_part(robot, activation)
                 how = "done" if outcome.success else "failed"
                 self.say(now_us, f"{robot}: {local_task} {how}")
             case ConditionValue() as condition:
@@ -163,18 +164,11 @@ class RunRecord:
                 self.say(now_us, f"operator: {order.kind}")
 
     def plan(self, plan: Plan, now_us: int, settled: bool = True) -> None:
-        """A new plan: statuses of global tasks, and what is blocked.
+        """A new plan: how far global tasks are, and what is blocked.
 
         While robots are joining (not `settled`), nothing that lacks them counts as blocked.
         """
-        statuses: dict[str, list[Status]] = {}
-        for node in self.mission.tree.actions():
-            statuses.setdefault(node.subject, []).append(plan.evaluation.status_of(node.index))
-        order = (Status.RUNNING, Status.FAILURE, Status.SUCCESS)
-        for task, found in statuses.items():
-            status = next((s for s in order if s in found), Status.IDLE)
-            if status is not Status.IDLE:
-                self.tasks[task].status = status
+        self.task_log.plan(plan)
         now_blocked = {w.global_task: w.reason for w in plan.waiting if w.is_blocked}
         for episode in self.blocked:
             if episode.to_us is None and now_blocked.get(episode.request) != episode.reason:
@@ -235,7 +229,7 @@ class RunRecord:
             self._running(robot, claim, now_us)
 
     def _running(self, robot: str, claim: Claim, now_us: int) -> None:
-        self._took_part(robot, claim.activation)
+        self.task_log.took_part(robot, claim.activation)
         bidding = self.biddings.get((claim.activation, claim.local_task))
         if bidding is not None:
             bidding.robots.add(robot)
@@ -262,11 +256,6 @@ class RunRecord:
         bidding.bids[robot] = None if number is None else number / MICRO
         words = "has no bid" if number is None else f"bids {number / MICRO:g}"
         self.say(now_us, f"{robot}: {words} for {local_task}")
-
-    def _took_part(self, robot: str, activation: str) -> None:
-        task = self.tasks.get(parse_activation(activation).subject)
-        if task is not None:
-            task.robots.add(robot)
 
     def seconds(self, at_us: int | None) -> float | None:
         """A time of this record as seconds from the start; None if nobody has joined yet."""

@@ -42,8 +42,8 @@ def run_summary(record: RunRecord, result: str, now_us: int) -> dict[str, Any]:
         "duration_s": record.seconds(record.ended_us if record.ended_us is not None else now_us),
         "robots": {name: _robot(record.robots[name]) for name in sorted(record.robots)},
         "global_tasks": {
-            name: {"status": task.status.name.lower(), "robots": sorted(task.robots)}
-            for name, task in record.tasks.items()
+            name: {"status": str(task.state), "robots": sorted(task.robots)}
+            for name, task in record.task_log.tasks.items()
         },
         "faults": sorted(faults, key=lambda fault: (fault["at_s"] or 0, fault["robot"])),
         "blocked": [

@@ -234,7 +234,7 @@ class Progress:
             findings.checks["I6"] += 1  # from now on it is demanded
         quiet_us = now_us - max(healed_us, findings.fault_us)
         still_us = min(quiet_us, now_us - self._progress_us)
-        patience_us = 2 * (findings.repair_us + findings.verdict_us) + self._longest_us
+        patience_us = self._patience_us
         if still_us <= findings.repair_us + findings.verdict_us:
             self.is_settled = self.is_endless and quiet_us > patience_us
             return
@@ -270,15 +270,26 @@ class Progress:
         if names:
             self._findings.say("I6", f"the mission is over, but {names} did not stop")
 
+    @property
+    def _patience_us(self) -> int:
+        """How long nothing may be finished by robots that have something to do."""
+        return 2 * (self._findings.repair_us + self._findings.verdict_us) + self._longest_us
+
     def timed_out(self) -> None:
-        """After a run without a result: the living could not have finished the mission."""
+        """After a run without a result: the living could have gone on, and did not.
+
+        A team at work has only been given too little time, as any has whose mission never ends.
+        """
         world = self._findings.world
         agents = [p.agent.view for p in world.living() if p.agent is not None]
         if not agents or world.network.blocked or world.healed_us is not None:
             return
+        still_us = world.clock.now_us - self._progress_us
+        if any(agent.action for agent in agents) or still_us <= self._patience_us:
+            return
         if can_finish(agents[0], {agent.robot: agent.incarnation for agent in agents}):
-            text = "the living robots could finish the mission, but did not in time"
-            self._findings.say("I6", text)
+            text = "the living robots could finish the mission, but nothing was finished for"
+            self._findings.say("I6", f"{text} {still_us / 1e6:.1f} s")
 
 
 def is_endless(mission: Mission) -> bool:

@@ -65,6 +65,19 @@ def test_a_blocked_mission_exits_3() -> None:
     assert json.loads(output)["result"] == "blocked"
 
 
+def test_an_endless_mission_exits_3_when_its_time_is_up(tmp_path: Path) -> None:
+    mission = (ROOT / "examples" / "explore" / "mission.yaml").read_text(encoding="utf-8")
+    program = ROOT / "agents" / "explore.py"
+    mission = mission.replace("../../agents/explore.py", str(program))
+    start = mission.index("tree:")
+    file = tmp_path / "mission.yaml"
+    tree = "tree: {Repeat: {cycles: -1, do: explore_area(A)}}\n"
+    file.write_text(mission[:start] + tree, encoding="utf-8")
+    code, output, problems = sim(str(file), "--timeout", "60", "--json")
+    assert (code, problems) == (3, "")
+    assert json.loads(output)["result"] == "timeout"
+
+
 def test_files_are_written(tmp_path: Path) -> None:
     events, log = tmp_path / "events.jsonl", tmp_path / "log.txt"
     assert sim(EXPLORE, "--events", str(events), "--log", str(log))[0] == 0

@@ -5,20 +5,33 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+import anyio
 import pytest
 
+from mrbt_mesh import RobotProgram, TaskContext
 from mrbt_mesh.core.agent.effects import CancelAction, Persist
 from mrbt_mesh.core.agent.inputs import TimerFired
 from mrbt_mesh.core.agent.work import Ticket
 from mrbt_mesh.core.facts.records import BROKEN, OUTCOME, Claim, OrderKind, Phase
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.team_facts import KnownMember
 from mrbt_mesh.core.membership.joining import Joining
 from mrbt_mesh.sim import simulate
 from mrbt_mesh.sim.checkers.findings import is_connected
 from tests.support import inside
+from tests.support.build import action, keep_running, make_mission
 from tests.support.checked_team import SECOND_US, Team, start
 from tests.support.mutations import MUTATIONS
 from tests.support.runs import Run, example
+
+
+def enable(team: Team, local_task: str) -> None:
+    """From now on A1 can do it too."""
+    for agent in team.agents:
+        member, incarnation = agent.view.facts.members["A1"]
+        able = dict(member.capabilities) | {local_task: 1_000_000}
+        described = dataclasses.replace(member, capabilities=able)
+        agent.view.facts.members["A1"] = KnownMember(described, incarnation)
 
 
 def test_i4_work_that_a_robot_cannot_do(team: Team) -> None:
@@ -61,11 +74,41 @@ def test_i4_bounds_that_are_not_met(run: Run, monkeypatch: pytest.MonkeyPatch) -
     )
 
 
-def test_i6_a_mission_that_is_not_finished_in_time() -> None:
+def test_i6_a_team_at_work_has_only_been_given_too_little_time() -> None:
     mission, program = example("explore")
     result = simulate(mission, program, seed=1, timeout_us=2 * SECOND_US)
-    assert result.result == "timeout"
-    assert [text[:2] for text in result.violations] == ["I6"]
+    assert (result.result, result.violations) == ("timeout", [])
+
+
+def test_i6_a_mission_that_never_ends_is_no_violation() -> None:
+    """One robot looks for ever: it ends with the time that it was given."""
+    mission = make_mission(keep_running(action("look")))
+    program = RobotProgram()
+
+    @program.local_task("look")
+    async def look(task: TaskContext) -> None:
+        await anyio.sleep(0.2)
+
+    result = simulate(mission, program, seed=1, timeout_us=120 * SECOND_US)
+    assert (result.result, result.violations) == ("timeout", [])
+    assert result.summary["global_tasks"]["look"]["status"] == "running"
+
+
+def test_i6_a_team_that_could_finish_and_does_nothing(team: Team) -> None:
+    """At the timeout nobody works, nothing was finished for long, and all could be served."""
+    team.checkers.i6.timed_out()
+    assert team.checkers.violations == [], "the cover needs two robots of type C"
+    enable(team, "move_frame")
+    team.checkers.i6.timed_out()
+    assert (
+        "could finish the mission, but nothing was finished for 100.0 s"
+        in (team.checkers.violations[0])
+    )
+    team.checkers.violations.clear()
+    activation = f"{team.agents[0].view.facts.run}:4:remove_cover::0"
+    inside.context(team.agents[0]).work.action = Ticket(1, activation, "remove_cover", "move_frame")
+    team.checkers.i6.timed_out()
+    assert team.checkers.violations == []
 
 
 def test_i6_robots_that_do_not_stop(team: Team) -> None:
@@ -142,10 +185,7 @@ def test_i6_a_request_that_could_be_served_but_is_not(team: Team) -> None:
     assert team.checkers.violations == []
     assert team.checkers.i6.is_settled
     team.checkers.i6.is_settled = False
-    for agent in team.agents:
-        member, incarnation = agent.view.facts.members["A1"]
-        able = dict(member.capabilities) | {"move_frame": 1_000_000}
-        agent.view.facts.members["A1"] = dataclasses.replace(member, capabilities=able), incarnation
+    enable(team, "move_frame")
     samples(60)
     assert team.checkers.checks["I6"] == 1
     assert "I6" in {text[:2] for text in team.checkers.violations}

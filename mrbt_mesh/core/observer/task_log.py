@@ -1,0 +1,97 @@
+"""What became of each global task in a run: in what state it is, and who took part."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+
+from mrbt_mesh.core.bt.activation import parse_activation
+from mrbt_mesh.core.bt.tree import Kind, Status
+from mrbt_mesh.core.facts.activation_facts import ActivationFacts
+from mrbt_mesh.core.facts.records import OrderKind
+from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.facts.task_status import has_succeeded
+from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.planning.plan import Plan
+
+
+class TaskState(enum.StrEnum):
+    """How far a global task is. CANCELLED: it was requested, and is no more, without a result."""
+
+    IDLE = "idle"
+    RUNNING = "running"
+    SUCCESS = "success"
+    FAILURE = "failure"
+    CANCELLED = "cancelled"
+
+
+@dataclass(slots=True)
+class TaskRecord:
+    """A global task: its state and who took part (ran one of its local tasks)."""
+
+    state: TaskState = TaskState.IDLE
+    robots: set[str] = field(default_factory=set)
+
+
+class TaskLog:
+    """Follows the global tasks through facts and plans.
+
+    A plan shows how a task ended only as long as its node is reached; once a condition takes it
+    out of reach, what was said of its latest activation tells. That is kept here, since the facts
+    are dropped then.
+    """
+
+    def __init__(self, mission: Mission) -> None:
+        self.tasks = {task: TaskRecord() for task in mission.global_tasks}
+        self._mission = mission
+        self._said: dict[str, ActivationFacts] = {}
+        self._latest: dict[str, ActivationFacts] = {}
+        self._failed: set[str] = set()
+
+    def took_part(self, robot: str, activation: str) -> None:
+        """The robot has run a local task of this activation."""
+        task = self.tasks.get(parse_activation(activation).subject)
+        if task is not None:
+            task.robots.add(robot)
+
+    def fact(self, entry: Entry) -> None:
+        """An entry of the fact map has changed."""
+        if Kind.ACTION in ACTIVATION_KINDS.get(entry.parts[0], ()):
+            self._known(entry.parts[1]).add(entry)
+
+    def plan(self, plan: Plan) -> None:
+        """A new plan: the state of every task that it shows, and of those that are out of reach."""
+        evaluation = plan.evaluation
+        requests = () if plan.order is OrderKind.ABORT else evaluation.requests
+        for request in requests:
+            self._known(request.activation)
+        self._failed.update(evaluation.failures)
+        shown: dict[str, set[TaskState]] = {
+            request.subject: {TaskState.RUNNING} for request in requests
+        }
+        for node in self._mission.tree.actions():
+            status = evaluation.status_of(node.index)
+            if status in (Status.SUCCESS, Status.FAILURE):
+                shown.setdefault(node.subject, set()).add(TaskState[status.name])
+        order = (TaskState.RUNNING, TaskState.FAILURE, TaskState.SUCCESS)
+        for name, task in self.tasks.items():
+            found = shown.get(name, ())
+            task.state = next((state for state in order if state in found), self._ended(name))
+
+    def _known(self, activation: str) -> ActivationFacts:
+        said = self._said.get(activation)
+        if said is None:
+            said = self._said[activation] = ActivationFacts(parse_activation(activation))
+            self._latest[said.activation.subject] = said
+        return said
+
+    def _ended(self, name: str) -> TaskState:
+        """What became of a task that no node shows any more."""
+        said = self._latest.get(name)
+        if said is None:
+            return self.tasks[name].state
+        if said.is_done or has_succeeded(self._mission.global_tasks[name], said):
+            return TaskState.SUCCESS
+        is_failure = said.has_verdict or str(said.activation) in self._failed
+        return TaskState.FAILURE if is_failure else TaskState.CANCELLED
