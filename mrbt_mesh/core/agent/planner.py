@@ -11,7 +11,8 @@ from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import Forget, MakePlan
 from mrbt_mesh.core.assignment.problem import Solver, SolverError
 from mrbt_mesh.core.assignment.solvers import default_solver
-from mrbt_mesh.core.bt.robot_tree import RobotTree
+from mrbt_mesh.core.bt.robot_tree import AssignmentLeaves, RobotTree
+from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.engine import PlanFunction
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import newly_broken
@@ -30,7 +31,7 @@ class Awaited:
 
 
 class Planner:
-    """Plans when facts or the alive set have changed, and ticks T_A for each plan.
+    """Ticks T_A, whose leaves are here: each change of facts or of the alive set has it plan.
 
     `plan`: the newest one, None while this robot has never joined. `awaited`: the one that is being
     made elsewhere, if there is one; until then the facts must stay as they are.
@@ -47,11 +48,11 @@ class Planner:
         # What the robot's solver did wrong; the default one made those plans.
         self._failures: list[str] = []
         self._number = 0
-        # The facts and the alive set of the plan, of one that is being made elsewhere, and what T_A
-        # had to go on.
+        # The facts and the alive set of the plan, and of one that is being made elsewhere.
         self._planned: tuple[int, int] | None = None
         self.awaited: Awaited | None = None
-        self._trigger: tuple[int, tuple[str, ...]] = (0, ())
+        # How many outcomes there were, and what the alive set was, when T_A last planned.
+        self._finished: tuple[int, int] | None = None
 
     def _plans_with(self, solver: Solver) -> PlanFunction:
         context = self._context
@@ -59,7 +60,7 @@ class Planner:
 
     def forget(self) -> None:
         """Plan anew at the next update, whatever has changed or is being made."""
-        self._planned = self.awaited = None
+        self._planned = self.awaited = self._finished = None
 
     @property
     def is_current(self) -> bool:
@@ -73,25 +74,28 @@ class Planner:
         return self._context.facts.changes, self._context.membership.alive_changes
 
     def update(self, now_us: int, apart: bool) -> None:
-        """Plan again if facts or the alive set have changed, until nothing more follows.
+        """Tick T_A until nothing more follows.
 
         With `apart` a plan is only asked for: then it is awaited.
         """
         context, facts = self._context, self._context.facts
+        leaves = AssignmentLeaves(
+            self._local_task_finished,
+            self._new_global_task_executed,
+            partial(self._check_consistency, apart),
+            self._assign_agents,
+        )
         dropped: list[tuple[str, str]] = []
         while True:
             dropped += facts.prune(self._evaluator)
-            latches: list[tuple[str, Any]] = []
-            state = self._state()
-            if self.plan is None or self._planned != state:
-                alive = context.alive()
-                self._number += 1
-                if apart:
-                    self.awaited = Awaited(self._number, state, alive)
-                    context.emit(MakePlan(self._number, partial(self._make, alive)))
-                    break
-                latches = self._follow(self._make(alive), state, alive)
+            before = self._number
+            self._robot_tree.tick_assignment(leaves)
+            if self.awaited is not None:
+                break
             assert self.plan is not None
+            latches: list[tuple[str, Any]] = []
+            if self._number != before:
+                latches = self._latches(self.plan, context.alive())
             latches += self.deadlines.expired(self.plan, facts, now_us)
             if not latches:
                 break
@@ -104,21 +108,53 @@ class Planner:
         self._failures.clear()
 
     def made(self, number: int, plan: Plan, now_us: int) -> None:
-        """Follow the plan that was asked for."""
+        """*Assign Agents*, which took place elsewhere, has ended with this plan."""
         awaited = self.awaited
         if awaited is not None and number == awaited.number:
             self.awaited = None
-            latches = self._follow(plan, awaited.state, awaited.alive)
+            self.plan, self._planned = plan, awaited.state
+            self._robot_tree.end_assignment(_solved(plan))
+            latches = self._latches(plan, awaited.alive)
             if latches:
                 self._context.write(latches, now_us)
 
-    def _follow(
-        self, plan: Plan, state: tuple[int, int], alive: Mapping[str, Incarnation]
-    ) -> list[tuple[str, Any]]:
-        """Take a plan for the present one; returns facts to write."""
-        self.plan, self._planned = plan, state
-        self._tick_assignment(plan)
-        return self._latches(plan, alive)
+    # -- the leaves of T_A --------------------------------------------------------------------
+
+    def _local_task_finished(self) -> bool:
+        """Whether a robot has ended a local task: with an outcome, or because it is gone."""
+        return self._finished != self._ends()
+
+    def _ends(self) -> tuple[int, int]:
+        return self._context.facts.outcome_changes, self._context.membership.alive_changes
+
+    def _new_global_task_executed(self) -> bool:
+        """Whether T_G is executed over new facts, and so may ask for something else.
+
+        Any fact counts: what a robot can do, or is doing, changes the assignment problem as well.
+        """
+        return self._planned != self._state()
+
+    def _check_consistency(self, apart: bool) -> bool:
+        """Have a plan made. Its first half says whether any request can be served."""
+        context, state = self._context, self._state()
+        alive = context.alive()
+        self._finished = self._ends()
+        self._number += 1
+        if apart:
+            self.awaited = Awaited(self._number, state, alive)
+            context.emit(MakePlan(self._number, partial(self._make, alive)))
+            return True
+        self.plan, self._planned = self._make(alive), state
+        return self.plan.consistent
+
+    def _assign_agents(self) -> Status:
+        """Running while the plan is made elsewhere; its second half says how that ended."""
+        if self.awaited is not None:
+            return Status.RUNNING
+        assert self.plan is not None
+        return _solved(self.plan)
+
+    # -- what they do -------------------------------------------------------------------------
 
     def _make(self, alive: Mapping[str, Incarnation]) -> Plan:
         """Any exact solver leads to the same plan, so a broken one can be replaced at once.
@@ -155,9 +191,7 @@ class Planner:
                 latched += [(f"{records.BROKEN}/{request.activation}/{t}", True) for t in broken]
         return latched
 
-    def _tick_assignment(self, plan: Plan) -> None:
-        requested = tuple(request.activation for request in plan.evaluation.requests)
-        finished = self._context.facts.outcome_changes
-        trigger = (finished != self._trigger[0], requested != self._trigger[1])
-        self._robot_tree.tick_assignment(*trigger, plan.feasible)
-        self._trigger = (finished, requested)
+
+def _solved(plan: Plan) -> Status:
+    """What T_A returns behind its triggers."""
+    return Status.SUCCESS if plan.feasible else Status.FAILURE

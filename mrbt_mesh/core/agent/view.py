@@ -8,6 +8,7 @@ from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.executor import Executor
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.agent.work import Ticket
+from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
@@ -99,6 +100,11 @@ class AgentView:
     def plan(self) -> Plan | None:
         """Its newest plan, None while it has never joined."""
         return self._planner.plan
+
+    @property
+    def statuses(self) -> tuple[Status, Status, Status, Status]:
+        """Those of T_i, T_A, T_G and T_Li after the last tick."""
+        return self._executor.tree.statuses
 
     @property
     def is_plan_current(self) -> bool:

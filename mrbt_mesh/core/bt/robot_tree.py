@@ -2,14 +2,15 @@
 
 Source: paper, section V, equation (1). T_G is the mission's; T_A is the same everywhere; T_Li has
 one branch per local task that the robot can do. All three are evaluated by the same evaluator, T_A
-and T_Li over the robot's own facts.
+and T_Li over the robot's own facts. The leaves of T_A are functions: to tick it is to plan.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import TypeAlias
 
 from mrbt_mesh.core.bt.evaluator import Evaluator, parallel_status
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, Tree, build_tree
@@ -19,6 +20,10 @@ NEW_GLOBAL_TASK_EXECUTED = "new_global_task_executed"
 CHECK_CONSISTENCY = "check_consistency"
 ASSIGN_AGENTS = "assign_agents"
 ASSIGNED = "assigned"
+
+# A condition of T_A, and its action; each is called when its leaf is ticked, and not before.
+Check: TypeAlias = Callable[[], bool]
+Act: TypeAlias = Callable[[], Status]
 
 
 def assignment_tree() -> Tree:
@@ -83,20 +88,60 @@ class OwnFacts:
         return None
 
 
+@dataclass(frozen=True, slots=True)
+class AssignmentLeaves:
+    """What stands behind the leaves of T_A.
+
+    `local_task_finished` and `new_global_task_executed` say whether there is a reason to plan.
+    `check_consistency` finds the requests that can be served together: false if there are requests
+    and none can be. `assign_agents` puts robots on them: Running while that takes place elsewhere,
+    Failure if the assignment problem has no solution.
+    """
+
+    local_task_finished: Check
+    new_global_task_executed: Check
+    check_consistency: Check
+    assign_agents: Act
+
+
+class _AssignmentFacts:
+    """The leaves of T_A as its evaluation reads them."""
+
+    run = ""
+
+    def __init__(self, leaves: AssignmentLeaves) -> None:
+        self._leaves = leaves
+        self.was_triggered = False
+
+    def condition(self, name: str) -> bool:
+        if name == CHECK_CONSISTENCY:
+            self.was_triggered = True
+            return self._leaves.check_consistency()
+        if name == LOCAL_TASK_FINISHED:
+            return self._leaves.local_task_finished()
+        return self._leaves.new_global_task_executed()
+
+    def task_status(self, subject: str, activation: str) -> Status:
+        return self._leaves.assign_agents()
+
+    def turns(self, name: str, value: bool) -> int:
+        return 0
+
+    def attempts_used(self, activation: str) -> int:
+        return 0
+
+    def has_expired(self, activation: str) -> bool:
+        return False
+
+    def child_result(self, activation: str, position: int) -> Status | None:
+        return None
+
+
+# T_A has no state and is the same for all robots.
+_ASSIGNMENT = Evaluator(assignment_tree())
+
+
 # All robots tick the same few trees over the same few facts, so what came of it is kept.
-
-
-@lru_cache
-def assignment_status(finished: bool, requested: bool, feasible: bool) -> Status:
-    """The status of T_A, ticked with these triggers and with robots assigned or no assignment."""
-    holding = {CHECK_CONSISTENCY}
-    if finished:
-        holding.add(LOCAL_TASK_FINISHED)
-    if requested:
-        holding.add(NEW_GLOBAL_TASK_EXECUTED)
-    solved = Status.SUCCESS if feasible else Status.FAILURE
-    facts = OwnFacts(frozenset(holding), {ASSIGN_AGENTS: solved})
-    return Evaluator(assignment_tree()).evaluate(facts).status
 
 
 @lru_cache(maxsize=1_024)
@@ -108,27 +153,35 @@ def local_status(local_tasks: frozenset[str], assigned: str | None) -> tuple[Sta
 
 
 class RobotTree:
-    """T_i of one robot; `statuses` are those of T_i, T_A, T_G and T_Li after the last tick."""
+    """T_i of one robot."""
 
     def __init__(self, local_tasks: Iterable[str]) -> None:
         self._local_tasks = frozenset(local_tasks)
-        self.statuses = (Status.IDLE,) * 4
-        self._solved = Status.SUCCESS
-        self._ticked: tuple[Status, Status, str | None] | None = None
-        self._wanted: str | None = None
+        self._assignment = Status.SUCCESS
+        self._global_tasks = Status.IDLE
+        self._local = Status.IDLE
 
-    def tick_assignment(self, has_finished: bool, has_new_request: bool, is_feasible: bool) -> None:
-        """Tick T_A after a plan was made; without a trigger it keeps its last solved status."""
-        if has_finished or has_new_request:
-            self._solved = assignment_status(has_finished, has_new_request, is_feasible)
+    @property
+    def statuses(self) -> tuple[Status, Status, Status, Status]:
+        """Those of T_i, T_A, T_G and T_Li after the last tick; all idle before the first."""
+        if self._global_tasks is Status.IDLE:
+            return (Status.IDLE,) * 4
+        parts = (self._assignment, self._global_tasks, self._local)
+        return parallel_status(parts, 3), *parts
+
+    def tick_assignment(self, leaves: AssignmentLeaves) -> None:
+        """Tick T_A, which plans; without a trigger it keeps its last status."""
+        facts = _AssignmentFacts(leaves)
+        status = _ASSIGNMENT.evaluate(facts).status
+        if facts.was_triggered:
+            self._assignment = status
+
+    def end_assignment(self, status: Status) -> None:
+        """*Assign Agents*, which took place elsewhere, has ended: T_A has its status."""
+        self._assignment = status
 
     def tick(self, global_tasks: Status, assigned: str | None) -> str | None:
         """Tick T_Li and T_i; returns the local-task type that T_Li wants to run, or None."""
-        inputs = (self._solved, global_tasks, assigned)
-        if inputs == self._ticked:
-            return self._wanted
-        local, self._wanted = local_status(self._local_tasks, assigned)
-        parts = (self._solved, global_tasks, local)
-        self.statuses = (parallel_status(parts, 3), *parts)
-        self._ticked = inputs
-        return self._wanted
+        self._global_tasks = global_tasks
+        self._local, wanted = local_status(self._local_tasks, assigned)
+        return wanted

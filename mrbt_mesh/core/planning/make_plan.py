@@ -42,7 +42,7 @@ def make_plan(
     leaving = {robot: "leaving" for robot in sorted(alive) if robot not in team}
     if order is not OrderKind.RESUME:
         idle = dict.fromkeys(team, f"the operator's order is {order}")
-        return Plan(evaluation, order, {}, idle | leaving, (), True)
+        return Plan(evaluation, order, {}, idle | leaving, ())
 
     # What that asks of the team.
     requests = evaluation.requests
@@ -53,12 +53,17 @@ def make_plan(
     if mission.assignment is AssignmentPolicy.SPARE_SCARCE:
         offered = spare_scarce(facts, evaluation, demands, team)
 
-    # *Check Consistency*, then *Assign Agents*: robots at work go on, the others are assigned.
+    # T_A, *Check Consistency*: which requests can be served together. Robots at work go on.
     kept, pinned = steps.keep(facts, offered, team, obstacles)
+    is_consistent = bool(kept) or not requests
     at_work = running_on(offered, pinned)
     lines = {robot: steps.line(robot, demand, True) for robot, demand in at_work.items()}
-    assigned = _assign(mission, [offered[index] for index in kept], team, at_work, steps)
-    lines |= assigned or {}
+
+    # T_A, *Assign Agents*: the other robots are put on these.
+    assigned = None
+    if is_consistent:
+        assigned = _assign(mission, [offered[index] for index in kept], team, at_work, steps)
+        lines |= assigned or {}
 
     # Who waits, and why.
     held = bids.held_back(kept, lines)
@@ -84,6 +89,7 @@ def make_plan(
         _with_leaders(facts, lines, team),
         idle | leaving,
         tuple(waiting.values()),
+        is_consistent,
         assigned is not None,
         bids.biddings,
     )

@@ -144,7 +144,10 @@ class Waiting:
 class Plan:
     """`lines` by robot; `idle` says why a robot has none; `waiting`, `biddings` in tree order.
 
-    `feasible` is what *Assign Agents* returns: whether the assignment problem had a solution.
+    What the leaves of T_A return (paper, section V): *Check Consistency* holds if `consistent`, so
+    unless there are requests and none of them can be served; *Assign Agents* succeeds if
+    `feasible`, so if the assignment problem, equation (2), has a solution. A request that waits is
+    no part of the problem, unless all of them wait.
     """
 
     evaluation: Evaluation
@@ -152,7 +155,8 @@ class Plan:
     lines: Mapping[str, Line]
     idle: Mapping[str, str]
     waiting: tuple[Waiting, ...]
-    feasible: bool
+    consistent: bool = True
+    feasible: bool = True
     biddings: tuple[Bidding, ...] = ()
 
     @cached_property

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import pytest
 
 from mrbt_mesh.core.bt.evaluator import parallel_status
-from mrbt_mesh.core.bt.robot_tree import RobotTree, assignment_tree, local_tree
+from mrbt_mesh.core.bt.robot_tree import (
+    AssignmentLeaves,
+    RobotTree,
+    assignment_tree,
+    local_tree,
+)
 from mrbt_mesh.core.bt.tree import Kind, Status
 
 RUNNING, SUCCESS, FAILURE = Status.RUNNING, Status.SUCCESS, Status.FAILURE
@@ -42,38 +48,70 @@ def test_what_a_robot_cannot_do_is_a_failure_of_its_own_tree() -> None:
     assert tree.statuses[3] is FAILURE
 
 
+class Leaves:
+    """Leaves of T_A that say what they are told, and note when they are ticked."""
+
+    def __init__(
+        self, finished: bool, requested: bool, consistent: bool = True, solved: Status = SUCCESS
+    ) -> None:
+        self.ticked: list[str] = []
+        self.values = AssignmentLeaves(
+            lambda: self.note("finished", finished),
+            lambda: self.note("requested", requested),
+            lambda: self.note("consistent", consistent),
+            lambda: self.note("assign", solved),
+        )
+
+    def note(self, name: str, value: Any) -> Any:
+        self.ticked.append(name)
+        return value
+
+
+def ticked(tree: RobotTree, leaves: Leaves) -> tuple[Status, list[str]]:
+    """T_A's status after a tick, and its leaves in the order in which they were ticked."""
+    tree.tick_assignment(leaves.values)
+    tree.tick(RUNNING, None)
+    return tree.statuses[1], leaves.ticked
+
+
 @pytest.mark.parametrize(
-    ("finished", "requested", "feasible", "status"),
+    ("leaves", "status", "order"),
     [
-        (True, False, True, SUCCESS),
-        (False, True, True, SUCCESS),
-        (True, True, False, FAILURE),
+        (Leaves(True, False), SUCCESS, ["finished", "consistent", "assign"]),
+        (Leaves(False, True), SUCCESS, ["finished", "requested", "consistent", "assign"]),
+        (Leaves(True, True, False), FAILURE, ["finished", "consistent"]),
+        (Leaves(True, True, True, FAILURE), FAILURE, ["finished", "consistent", "assign"]),
+        (Leaves(True, True, True, RUNNING), RUNNING, ["finished", "consistent", "assign"]),
     ],
 )
-def test_a_trigger_has_t_a_assign_agents(
-    finished: bool, requested: bool, feasible: bool, status: Status
+def test_a_trigger_has_t_a_check_consistency_and_then_assign_agents(
+    leaves: Leaves, status: Status, order: list[str]
 ) -> None:
-    tree = RobotTree({"weld"})
-    tree.tick_assignment(finished, requested, feasible)
-    tree.tick(RUNNING, None)
-    assert tree.statuses[1] is status
+    assert ticked(RobotTree({"weld"}), leaves) == (status, order)
 
 
-def test_without_a_trigger_t_a_keeps_its_last_solved_status() -> None:
+@pytest.mark.parametrize("before", [SUCCESS, FAILURE])
+def test_without_a_trigger_t_a_does_nothing_and_keeps_its_last_status(before: Status) -> None:
     tree = RobotTree({"weld"})
-    tree.tick_assignment(True, False, False)
-    tree.tick_assignment(False, False, True)
-    tree.tick(RUNNING, None)
-    assert tree.statuses[1] is FAILURE
+    tree.tick_assignment(Leaves(True, False, True, before).values)
+    assert ticked(tree, Leaves(False, False)) == (before, ["finished", "requested"])
+
+
+def test_an_assignment_that_takes_place_elsewhere_is_running_until_it_has_ended() -> None:
+    tree = RobotTree({"weld"})
+    tree.tick_assignment(Leaves(True, False, True, RUNNING).values)
+    assert ticked(tree, Leaves(False, False))[0] is RUNNING
+    tree.end_assignment(FAILURE)
+    assert ticked(tree, Leaves(False, False))[0] is FAILURE
 
 
 def test_t_i_succeeds_when_all_three_parts_do() -> None:
-    for t_g, assigned, feasible in itertools.product(
-        (RUNNING, SUCCESS, FAILURE), ("weld", None, "fly"), (True, False)
+    for t_g, assigned, solved in itertools.product(
+        (RUNNING, SUCCESS, FAILURE), ("weld", None, "fly"), (RUNNING, SUCCESS, FAILURE)
     ):
         tree = RobotTree({"weld"})
-        tree.tick_assignment(True, True, feasible)
+        tree.tick_assignment(Leaves(True, True, True, solved).values)
         tree.tick(t_g, assigned)
         whole, *parts = tree.statuses
-        assert parts[1] is t_g
+        assert parts[:2] == [solved, t_g]
         assert whole is parallel_status(parts, 3)

@@ -14,7 +14,16 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
-from tests.support.build import World, action, fallback, make_mission, parallel, sequence, task
+from tests.support.build import (
+    World,
+    action,
+    condition,
+    fallback,
+    make_mission,
+    parallel,
+    sequence,
+    task,
+)
 from tests.support.strategies import worlds
 
 
@@ -253,8 +262,36 @@ def test_a_plan_keeps_every_bound_and_asks_nobody_for_what_it_cannot_do(world: W
             for robot in on_it:
                 assert need.local_task in world.facts.members[robot].member.capabilities
                 assert robot in world.alive
-    assert plan.feasible
+    served = {request.activation for request in plan.evaluation.requests} - waiting
+    assert plan.consistent is plan.feasible
+    assert plan.feasible or not served
     assert set(plan.lines) | set(plan.idle) == set(world.alive)
+
+
+def test_the_problem_is_infeasible_when_no_request_can_be_served() -> None:
+    tasks = [task("cover", ("lift", 2, 2)), task("part", ("look", 1, 1))]
+    robots = {"A": {"lift": 1.0, "look": 1.0}, "B": {"lift": 1.0}, "C": {"look": 1.0}}
+    world = World(make_mission(parallel(2, action("cover"), action("part")), robots, tasks))
+    world.die("C")
+    # Waiting for a robot that is busy is no failure, nor being blocked beside what is served.
+    assert (world.plan().consistent, world.plan().feasible) == (True, True)
+    assert [each.global_task for each in world.plan().waiting] == ["part"]
+    world.die("B")
+    assert [each.global_task for each in world.plan().waiting] == ["cover"]
+    assert world.plan().feasible
+    world.die("A")
+    assert [each.global_task for each in world.plan().waiting] == ["cover", "part"]
+    assert (world.plan().consistent, world.plan().feasible) == (False, False)
+    # The operator's word is no failure: nothing is asked for.
+    world.order("pause", 1)
+    assert world.plan().feasible
+
+
+def test_nothing_to_be_assigned_is_a_solved_problem() -> None:
+    robots, tasks = {"A": {"look": 1.0}}, [task("part", ("look", 1, 1))]
+    world = World(make_mission(sequence(condition("c"), action("part")), robots, tasks))
+    assert not world.plan().evaluation.requests
+    assert world.plan().feasible
 
 
 def test_the_digest_tells_different_work_apart() -> None:
