@@ -25,6 +25,7 @@ from mrbt_mesh.drills.model import (
     GlobalTaskTrigger,
     LinksModel,
     LocalTaskTrigger,
+    PerformanceModel,
     RobotTrigger,
     RoleModel,
     StepModel,
@@ -236,6 +237,9 @@ class _Checker:
                 self.robots((*path, "robots"), robots)
                 if task != "all":
                     self.local_task((*path, "local_task"), task)
+            case PerformanceModel(robots=robots, local_task=task):
+                self.robots((*path, "robots"), robots)
+                self.local_task((*path, "local_task"), task)
             case DecisionModel(global_task=task):
                 self.global_task((*path, "global_task"), task)
             case LinksModel(source=source, target=target):

@@ -12,13 +12,14 @@ from typing import Any
 import anyio
 import psutil
 
-from mrbt_mesh.core.agent.commands import DECIDE, FAULT, LEAVE, RESTORE
+from mrbt_mesh.core.agent.commands import DECIDE, FAULT, LEAVE, PERFORM, RESTORE
 from mrbt_mesh.drills.journals import Done, read
 from mrbt_mesh.drills.model import (
     CapabilityModel,
     DecisionModel,
     DelayModel,
     LossModel,
+    PerformanceModel,
     Robots,
     StepModel,
 )
@@ -109,6 +110,10 @@ class DrillInjector:
                 command = FAULT if name == "lose_capability" else RESTORE
                 robots = chosen(fault.robots, sight, self.deeds.fates)
                 await self._order(name, robots, command, fault.local_task)
+            elif isinstance(fault, PerformanceModel):
+                robots = chosen(fault.robots, sight, self.deeds.fates)
+                argument = f"{fault.local_task}={fault.performance}"
+                await self._order(name, robots, PERFORM, argument)
             elif isinstance(fault, DecisionModel):
                 living = sorted(self._watcher.observer.membership.alive_set())
                 argument = f"{fault.global_task} {fault.decision}"

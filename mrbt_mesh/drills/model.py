@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from mrbt_mesh.core.agent.commands import Decision
 from mrbt_mesh.core.facts.records import Phase
-from mrbt_mesh.core.mission.mission import MAX_ROBOTS
+from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MAX_ROBOTS, MICRO
 from mrbt_mesh.core.observer.task_log import TaskState
 from mrbt_mesh.formats.file_model import (
     EXPLAINED,
@@ -174,6 +174,14 @@ class CapabilityModel(FileModel):
     local_task: GroundText = "all"
 
 
+class PerformanceModel(FileModel):
+    """Robots, a local task, ground or a type, and how well they do it from now on."""
+
+    robots: Robots
+    local_task: GroundText
+    performance: Annotated[float, Field(ge=0, le=MAX_PERFORMANCE // MICRO)]
+
+
 class DecisionModel(FileModel):
     """The operator's word on an exclusive task that is in doubt."""
 
@@ -223,6 +231,7 @@ class StepModel(FileModel):
     resume_team: Yes | None = None
     lose_capability: CapabilityModel | None = None
     restore_capability: CapabilityModel | None = None
+    change_performance: PerformanceModel | None = None
     decide: DecisionModel | None = None
     partition: Annotated[list[Robots], Field(min_length=1)] | None = None
     block: LinksModel | None = None

@@ -20,6 +20,7 @@ from mrbt_mesh.drills.model import (
     GlobalTaskTrigger,
     LinksModel,
     LocalTaskTrigger,
+    PerformanceModel,
     Robots,
     RobotTrigger,
     RoleModel,
@@ -242,7 +243,7 @@ def _robots_of(step: StepModel) -> list[Robots]:
         match fault:
             case True | DecisionModel():
                 pass
-            case CapabilityModel(robots=robots):
+            case CapabilityModel(robots=robots) | PerformanceModel(robots=robots):
                 found.append(robots)
             case LinksModel(source=source, target=target):
                 found += [robots for robots in (source, target) if robots is not None]

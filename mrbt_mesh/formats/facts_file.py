@@ -8,18 +8,21 @@ outcomes:                                  # single results of local tasks
 running: {A2: diagnose_part(2)}            # what robots work on
 bids: {fetch(1): {drive(1): {A1: -12.5}}}  # where performances are bid; null: it has no bid
 lost: {B1: [use_soldering_iron]}           # minor faults
+performances: {A2: {replace_hw: 0.5}}      # where they are not as the mission says
 order: pause
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.description import Description
 from mrbt_mesh.core.facts.records import (
     Claim,
     Coalition,
@@ -31,7 +34,7 @@ from mrbt_mesh.core.facts.records import (
 )
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
-from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, Mission, Robot
+from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, Mission, micro_performance
 from mrbt_mesh.formats.mission_file import read_limited
 from mrbt_mesh.formats.problems import (
     Report,
@@ -69,11 +72,13 @@ class _Builder:
         self._crews: dict[str, list[CoalitionMember]] = {}
         self._report = Report("", {})
         for robot in mission.robots.values():
-            self._write_member(robot, ())
+            member = Member(robot.type, robot.capabilities, (), False, "", "", 0)
+            self._write_member(robot.id, member, ())
 
     def read(self, path: Path) -> None:
         data = self._load(path)
         sections: dict[str, Callable[[SourcePath, Any], None]] = {
+            "performances": self._performances,
             "lost": self._lost,
             "conditions": self._conditions,
             "done": lambda path, value: self._ended(path, value, success=True),
@@ -211,7 +216,23 @@ class _Builder:
         for robot, names in self._mapping(path, value):
             if self._is_robot((*path, robot), robot):
                 lost = [str(name) for _, name in self._list((*path, robot), names)]
-                self._write_member(self.mission.robots[robot], lost)
+                before = self.facts.members[robot].member
+                self._write_member(robot, before, [*before.lost, *lost])
+
+    def _performances(self, path: SourcePath, value: Any) -> None:
+        for robot, rows in self._mapping(path, value):
+            if not self._is_robot((*path, robot), robot):
+                continue
+            known = self.mission.robots[robot]
+            described = Description(robot, known.type, known.capabilities, "", "", 0)
+            for local_task, number in self._mapping((*path, robot), rows):
+                try:
+                    problem = described.perform(local_task, micro_performance(number))
+                except ValueError as error:
+                    problem = str(error)
+                if problem is not None:
+                    self._report.add((*path, robot, local_task), problem)
+            self._write(robot, records.MEMBER, described.to_value(is_leaving=False))
 
     def _order(self, path: SourcePath, value: Any) -> None:
         kinds = [str(kind) for kind in OrderKind]
@@ -239,9 +260,9 @@ class _Builder:
         token = self._token(parse_activation(activation).subject)
         self._write(robot, f"{name}/{token}" if token else name, [success, None])
 
-    def _write_member(self, robot: Robot, lost: Iterable[str]) -> None:
-        member = Member(robot.type, robot.capabilities, tuple(sorted(lost)), False, "", "", 0)
-        self._write(robot.id, records.MEMBER, member.to_value())
+    def _write_member(self, robot: str, member: Member, lost: Iterable[str]) -> None:
+        described = replace(member, lost=tuple(sorted(set(lost))))
+        self._write(robot, records.MEMBER, described.to_value())
 
     def _write(self, robot: str, name: str, value: Any) -> None:
         self._sequence += 1

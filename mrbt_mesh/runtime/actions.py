@@ -24,6 +24,7 @@ from mrbt_mesh.core.agent.inputs import (
     CapabilityChanged,
     ConditionSet,
     Input,
+    PerformanceChanged,
     ProgressReported,
 )
 from mrbt_mesh.core.facts.store import Incarnation
@@ -32,6 +33,7 @@ from mrbt_mesh.core.mission.mission import (
     MAX_PERFORMANCE,
     MICRO,
     Mission,
+    micro_performance,
     split_call,
 )
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext, TaskFailedError
@@ -109,6 +111,9 @@ class _Port:
 
     def restore_capability(self, local_task: str) -> None:
         self._host.submit(CapabilityChanged(local_task, lost=False))
+
+    def report_performance(self, local_task: str, performance: float) -> None:
+        self._host.submit(PerformanceChanged(local_task, micro_performance(performance)))
 
     def record_event(self, event: Mapping[str, Any]) -> None:
         self._host.record_event(event)

@@ -46,6 +46,7 @@ class TaskPort(Protocol):
     def report_progress(self, fraction: float) -> None: ...
     def lose_capability(self, local_task: str) -> None: ...
     def restore_capability(self, local_task: str) -> None: ...
+    def report_performance(self, local_task: str, performance: float) -> None: ...
     def record_event(self, event: Mapping[str, Any]) -> None: ...
     def unix_time_s(self) -> float: ...
 
@@ -55,9 +56,9 @@ class TaskPort(Protocol):
 class TaskContext:
     """What a local task gets beside its arguments.
 
-    `performance` is this robot's p(i, l), `work` the local task's nominal work; a simulated
-    robot needs work / (performance * speed) seconds. `partners` are the other robots that the
-    plan has on the same local task. `parameters` are the mission file's parameters.
+    `performance` is this robot's p(i, l) when the task began, `work` the local task's nominal
+    work; a simulated robot needs work / (performance * speed) seconds. `partners` are the other
+    robots that the plan has on the same local task. `parameters` are the mission file's parameters.
     """
 
     robot: str
@@ -98,6 +99,14 @@ class TaskContext:
     def restore_capability(self, local_task: str) -> None:
         """Declare that this robot can do `local_task` again."""
         self.port.restore_capability(local_task)
+
+    def report_performance(self, local_task: str, performance: float) -> None:
+        """Tell how well this robot does `local_task` (a type or ground) from now on.
+
+        It replaces the mission file's performance in the plans to come; 0 is a minor fault. Raises
+        ValueError for anything but a number from 0 to 1e6.
+        """
+        self.port.report_performance(local_task, performance)
 
     def record_event(self, event: Mapping[str, Any]) -> None:
         """Append one line to the run's events.jsonl. Only robots write there, never the mesh."""

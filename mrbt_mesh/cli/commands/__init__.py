@@ -21,7 +21,7 @@ PANELS = {
         "kill": "Kill a robot's process with SIGKILL: a major fault.",
         "freeze": "Freeze a robot's process with SIGSTOP: it falls silent, but its links stay up.",
         "thaw": "Let a frozen robot go on with SIGCONT.",
-        "fault": "Take a capability from a robot: a minor fault.",
+        "fault": "Make a robot lose a capability, or do something better or worse.",
         "restore": "Let a robot do again what it had lost.",
         "leave": "Have a robot leave on purpose: its work is handed over at once.",
         "pause": "Stop all work until `mrbt resume`.",

@@ -55,6 +55,9 @@ class NamedFaultOptions:
         Faults, _fault("Lose a capability, or all of them.", "A1:LOCAL_TASK@4,...")
     ] = ()
     restore: Annotated[Faults, _fault("Have it again.", "A1[:LOCAL_TASK]@6,...")] = ()
+    performance: Annotated[
+        Faults, _fault("Do it better or worse from then on.", "A1:LOCAL_TASK=0.5@4,...")
+    ] = ()
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,11 @@ from mrbt_mesh.cli.framework.exits import FAILURE, SUCCESS, fail
 from mrbt_mesh.cli.framework.terminal import console, print_json
 from mrbt_mesh.cli.team.orders import nobody, with_team
 from mrbt_mesh.cli.views.status_view import render_status
+from mrbt_mesh.core.facts.records import Member
+from mrbt_mesh.core.facts.team_facts import changed_performances
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.timing import SECOND_US
+from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.runtime.watcher import Watcher
@@ -85,7 +88,13 @@ def _robot(watcher: Watcher, robot: str) -> dict[str, Any]:
         "global_task": claim.global_task if claim else None,
         "phase": claim.phase.name.lower() if claim else None,
         "lost": list(member[0].lost) if member else [],
+        "performances": _performances(observer.mission, robot, member[0]) if member else {},
     }
+
+
+def _performances(mission: Mission, robot: str, member: Member) -> dict[str, float]:
+    changed = changed_performances(mission, robot, member)
+    return {name: value / MICRO for name, value in changed.items()}
 
 
 def _here(run_dir: RunDir, robot: str, state: State) -> tuple[int | None, State]:

@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mrbt_mesh.cli.views.live_view import STATE_STYLES
+from mrbt_mesh.cli.views.summary_view import capability_changes
 from mrbt_mesh.core.membership.peer import State
 
 
@@ -28,7 +29,7 @@ def render_status(data: Mapping[str, Any]) -> RenderableType:
 
 
 def _robots(robots: Mapping[str, Any]) -> Table:
-    headings = ("robot", "type", "host", "pid", "state", "works on", "lost")
+    headings = ("robot", "type", "host", "pid", "state", "works on", "lost, or now at")
     table = Table(*headings, box=None, header_style="dim")
     for robot, row in robots.items():
         table.add_row(
@@ -38,7 +39,7 @@ def _robots(robots: Mapping[str, Any]) -> Table:
             str(row["pid"] or ""),
             Text(row["state"], style=STATE_STYLES[State(row["state"])]),
             row["local_task"] or Text("nothing", style="dim"),
-            Text(", ".join(row["lost"]), style="red"),
+            capability_changes(row),
         )
     return table
 

@@ -59,7 +59,7 @@ def _headline(summary: Mapping[str, Any]) -> Text:
 
 
 def _robots(summary: Mapping[str, Any]) -> Table:
-    table = _table("robot", "type", "state", "lost", "took part in")
+    table = _table("robot", "type", "state", "lost, or now at", "took part in")
     for robot, known in summary.get("robots", {}).items():
         state = known.get("state") or "?"
         tasks = [
@@ -71,10 +71,21 @@ def _robots(summary: Mapping[str, Any]) -> Table:
             Text(robot, "bold"),
             Text(known.get("type") or ""),
             Text(state, STATES.get(state, "")),
-            Text(", ".join(known.get("lost", ())), "red"),
+            capability_changes(known),
             Text(", ".join(tasks)),
         )
     return table
+
+
+def capability_changes(known: Mapping[str, Any]) -> Text:
+    """What a robot has lost, and what it does better or worse than the mission says."""
+    lost = known.get("lost", ())
+    text = Text(", ".join(lost), "red")
+    for name, value in known.get("performances", {}).items():
+        if name not in lost:
+            text.append(", " if text else "", "not red")
+            text.append(f"{name} {value:g}", "not red yellow")
+    return text
 
 
 def _global_tasks(summary: Mapping[str, Any]) -> RenderableType:

@@ -1,4 +1,4 @@
-"""Faults as `mrbt sim` is told them, ROBOT[:LOCAL_TASK]@SECONDS: read, and checked in order."""
+"""Faults as `mrbt sim` is told them, ROBOT[:LOCAL_TASK[=X]]@SECONDS: read, checked in order."""
 
 from __future__ import annotations
 
@@ -7,7 +7,14 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from mrbt_mesh.core.mission.mission import Mission, performance, type_name
+from mrbt_mesh.core.mission.mission import (
+    MAX_PERFORMANCE,
+    MICRO,
+    Mission,
+    micro_performance,
+    performance,
+    type_name,
+)
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.sim.engine import faults
 
@@ -24,6 +31,7 @@ RobotFault: TypeAlias = (
     | faults.Leave
     | faults.Lose
     | faults.Restore
+    | faults.Perform
 )
 _OF_A_ROBOT: dict[str, Callable[[str], RobotFault]] = {
     "--kill": faults.Kill,
@@ -68,13 +76,28 @@ def _fault(mission: Mission, option: str, text: str) -> NamedFault:
         raise InputError(f"{said}: no robot {robot!r} ({', '.join(sorted(mission.robots))})")
     if option in _OF_A_ROBOT:
         if colon:
-            raise InputError(f"{said}: only --fault and --restore name a local task")
+            raise InputError(f"{said}: only --fault, --restore, --performance name a local task")
         return NamedFault(at_us, _OF_A_ROBOT[option](robot), said)
+    if option == "--performance":
+        return NamedFault(at_us, _performance(mission, robot, local_task, said), said)
     if not local_task and (colon or option == "--fault"):
         raise InputError(f"{said}: which local task? e.g. {robot}:all@4")
     _check_local_task(mission, robot, local_task, said)
     make = faults.Lose if option == "--fault" else faults.Restore
     return NamedFault(at_us, make(robot, local_task or "all"), said)
+
+
+def _performance(mission: Mission, robot: str, text: str, said: str) -> faults.Perform:
+    local_task, equals, number = text.rpartition("=")
+    if not equals or local_task in ("", "all"):
+        raise InputError(f"{said}: of which local task? e.g. {robot}:LOCAL_TASK=0.5@4")
+    try:
+        value = micro_performance(float(number))
+    except ValueError:
+        problem = f"a performance from 0 to {MAX_PERFORMANCE // MICRO} expected"
+        raise InputError(f"{said}: {problem}, found {number!r}") from None
+    _check_local_task(mission, robot, local_task, said)
+    return faults.Perform(robot, local_task, value)
 
 
 def _check_local_task(mission: Mission, robot: str, local_task: str, said: str) -> None:

@@ -26,6 +26,7 @@ from mrbt_mesh.core.agent.inputs import (
     Input,
     LeaveRequested,
     MessageReceived,
+    PerformanceChanged,
     PlanMade,
     ProgressReported,
     QueryReceived,
@@ -118,6 +119,8 @@ class Agent:
                 self._reports.set_conditions({name: value}, now_us)
             case CapabilityChanged(local_task, lost):
                 self._reports.change_capability(local_task, lost, now_us)
+            case PerformanceChanged(local_task, performance):
+                self._reports.change_performance(local_task, performance, now_us)
             case BidsMade():
                 self._reports.bids_made(event, now_us)
             case LeaveRequested():

@@ -11,8 +11,10 @@ from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import CoalitionId, OrderKind
+from mrbt_mesh.core.mission.mission import micro_performance
 
 FAULT, RESTORE, LEAVE, ORDER, DECIDE = "fault", "restore", "leave", "order", "decide"
+PERFORM = "perform"
 MAX_ARGUMENT = 1_024
 
 
@@ -60,6 +62,8 @@ class Commands:
                     return False, problem
                 names = ", ".join(self._context.description.lost) or "nothing"
                 return True, f"{me} has lost {names}"
+            case "perform":
+                return self._perform(argument, now_us)
             case "leave":
                 self._reports.leave(now_us)
                 return True, f"{me} leaves"
@@ -68,6 +72,19 @@ class Commands:
             case "decide":
                 return self._decide(argument, now_us)
         return False, f"no command {command!r}"
+
+    def _perform(self, argument: str, now_us: int) -> tuple[bool, str]:
+        """`argument` is a local task and a performance in units: `replace_hw=0.5`."""
+        local_task, _, text = argument.rpartition("=")
+        try:
+            value = micro_performance(float(text))
+        except ValueError:
+            return False, f"{argument!r}: LOCAL_TASK=PERFORMANCE expected, e.g. replace_hw=0.5"
+        problem = self._reports.change_performance(local_task, value, now_us)
+        if problem is not None:
+            return False, problem
+        me, lost = self._context.me, not value
+        return True, f"{me} has lost {local_task}" if lost else f"{me} does {local_task} at {text}"
 
     def _order(self, argument: str, now_us: int) -> tuple[bool, str]:
         me = self._context.me

@@ -9,9 +9,9 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from mrbt_mesh.core.agent.config import AgentConfig
-from mrbt_mesh.core.agent.description import Description
 from mrbt_mesh.core.agent.effects import Ask, Effect, Log, Persist, Publish, Stop
 from mrbt_mesh.core.agent.work import Work
+from mrbt_mesh.core.facts.description import Description
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.joining import Joining

@@ -19,7 +19,7 @@ from mrbt_mesh.core.facts.records import Claim, Coalition, CoalitionId, Phase
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.leases import Leases
 from mrbt_mesh.core.membership.wire import Heartbeat
-from mrbt_mesh.core.mission.mission import GlobalTask, performance, type_name
+from mrbt_mesh.core.mission.mission import GlobalTask, type_name
 from mrbt_mesh.core.planning.plan import Plan
 
 
@@ -75,11 +75,11 @@ class Executor:
     def _start(self, plan: Plan, token: CoalitionId | None) -> StartAction:
         context, claim = self._context, self._context.work.claim
         assert claim is not None
-        declared = performance(context.config.capabilities, claim.local_task)
-        assert declared is not None
+        value = context.description.performance(claim.local_task)
+        assert value is not None
         coalition = str(token) if token is not None else ""
         partners = plan.partners(context.me)
-        return context.work.start(partners, declared, context.replica.incarnation, coalition)
+        return context.work.start(partners, value, context.replica.incarnation, coalition)
 
     def _announce(self, start: StartAction) -> None:
         self._context.emit(start)

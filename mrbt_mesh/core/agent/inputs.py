@@ -91,6 +91,17 @@ class CapabilityChanged:
 
 
 @dataclass(frozen=True, slots=True)
+class PerformanceChanged:
+    """How well this robot does a local task from now on, in micro-units; 0: a minor fault.
+
+    `local_task` is a type or a ground name.
+    """
+
+    local_task: str
+    performance: int
+
+
+@dataclass(frozen=True, slots=True)
 class BidMade:
     """What this robot would do a local task with, in micro-units.
 
@@ -138,6 +149,7 @@ Input: TypeAlias = (
     | ProgressReported
     | ConditionSet
     | CapabilityChanged
+    | PerformanceChanged
     | BidsMade
     | LeaveRequested
     | TimerFired

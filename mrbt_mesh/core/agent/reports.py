@@ -1,4 +1,4 @@
-"""What a robot tells its team of itself: outcomes, conditions, bids, lost capabilities."""
+"""What a robot tells its team of itself: outcomes, conditions, bids, what it can do how well."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import OrderKind
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
-from mrbt_mesh.core.mission.mission import performance, type_name
+from mrbt_mesh.core.mission.mission import type_name
 
 CONDITIONS_PER_OUTCOME = 1_000
 
@@ -116,14 +116,12 @@ class Reports:
         }
         fresh = sorted(wanted.keys() - self._asked_bids)
         self._asked_bids = set(wanted)
-        capabilities, incarnation = context.config.capabilities, context.replica.incarnation
+        incarnation = context.replica.incarnation
         for place in fresh:
-            declared = performance(capabilities, place[1])
-            if declared is not None:
+            value = context.description.performance(place[1])
+            if value is not None:
                 activation, local_task = place
-                context.emit(
-                    RequestBid(activation, wanted[place], local_task, declared, incarnation)
-                )
+                context.emit(RequestBid(activation, wanted[place], local_task, value, incarnation))
 
     def bids_made(self, event: BidsMade, now_us: int) -> None:
         """Tell the team, all in one batch. What was asked for before a new life is asked again."""
@@ -151,13 +149,21 @@ class Reports:
 
     def change_capability(self, local_task: str, lost: bool, now_us: int) -> str | None:
         """Declare a minor fault or its end; returns what is wrong with it, or None."""
-        context = self._context
-        change = context.description.lose if lost else context.description.restore
-        problem = change(local_task)
+        description = self._context.description
+        change = description.lose if lost else description.restore
+        return self._described(change(local_task), now_us)
+
+    def change_performance(self, local_task: str, value: int, now_us: int) -> str | None:
+        """Tell how well this robot does something now; returns what is wrong with it, or None."""
+        return self._described(self._context.description.perform(local_task, value), now_us)
+
+    def _described(self, problem: str | None, now_us: int) -> str | None:
+        """Tell everybody, unless there was a problem with what has been said."""
+        context, description = self._context, self._context.description
         if problem is not None:
             context.log("error", "capability_unknown", reason=problem)
             return problem
-        context.log("warning", "capabilities_changed", lost=list(context.description.lost))
+        context.log("warning", "capabilities_changed", **description.changes())
         if context.joining is None:
             context.write(
                 [(records.MEMBER, context.description.to_value(context.is_leaving))], now_us

@@ -8,6 +8,7 @@ Where to find a rule:
 - when a global task has succeeded or failed, by either policy: `task_status`
 - which coalition is at work, which is broken or in doubt: `coalitions`
 - what is said of one activation: `activation_facts`
+- how a robot describes itself, with what it has lost and how well it does now: `description`
 - whose claim counts, what the operator's order is, what may be dropped: `team_facts`
 
 Imports `mission` and what is below. Joining is commutative, associative and idempotent; whatever is

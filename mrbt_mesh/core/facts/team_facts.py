@@ -54,6 +54,13 @@ def capability(member: Member, local_task: str) -> int | None:
     return performance(member.capabilities, local_task)
 
 
+def changed_performances(mission: Mission, robot: str, member: Member) -> dict[str, int]:
+    """What a robot does better or worse than the mission says, in micro-units."""
+    known = mission.robots.get(robot)
+    declared = known.capabilities if known else mission.robot_types.get(member.type, {})
+    return {n: v for n, v in sorted(member.capabilities.items()) if declared.get(n) != v}
+
+
 class TeamFacts:
     """The replicated facts of one run of one mission, indexed.
 

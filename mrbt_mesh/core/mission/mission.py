@@ -205,6 +205,17 @@ def performance(capabilities: Mapping[str, int], local_task: LocalTaskId) -> int
     return exact if exact is not None else capabilities.get(type_name(local_task))
 
 
+def micro_performance(value: float) -> int:
+    """A performance in micro-units, as a robot or an operator may tell it; 0: it cannot do it.
+
+    Raises ValueError for anything but a number from 0 to 1e6.
+    """
+    most = MAX_PERFORMANCE // MICRO
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= most:
+        raise ValueError(f"a performance is a number from 0 to {most}, not {value!r:.80}")
+    return round(value * MICRO)
+
+
 @dataclass(frozen=True, slots=True)
 class Costs:
     """What one more robot of a type costs, and one more robot that is capable of a local task.

@@ -9,6 +9,7 @@ from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Bid, Claim, ConditionValue, Member, NoClaim, Outcome, Phase
 from mrbt_mesh.core.facts.store import Entry, Incarnation
+from mrbt_mesh.core.facts.team_facts import changed_performances
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.observer.episodes import (
@@ -138,6 +139,7 @@ class RunRecord:
             case Member() as member:
                 known = self.robots.setdefault(robot, {})
                 self._lost(robot, tuple(known.get("lost", ())), member.lost, now_us)
+                self._performs(robot, member, now_us)
                 known.update(type=member.type, lost=member.lost, pid=member.pid, host=member.host)
                 known["described_by"] = entry.version.incarnation
                 if member.is_leaving and known.get("state") is not State.DEAD:
@@ -220,6 +222,16 @@ class RunRecord:
         if fresh:
             self.minor.append(MinorFault(robot, fresh, now_us))
             self.say(now_us, f"{robot} lost {', '.join(fresh)}")
+
+    def _performs(self, robot: str, member: Member, now_us: int) -> None:
+        """Note what the robot does better or worse than the mission says."""
+        known, changed = self.robots[robot], changed_performances(self.mission, robot, member)
+        before = known.get("performances", {})
+        known["performances"] = changed
+        for name in sorted({*before, *changed}):
+            if before.get(name) != changed.get(name):
+                value = changed.get(name, member.capabilities.get(name, 0)) / MICRO
+                self.say(now_us, f"{robot}: {name} at {value:g}")
 
     def _claimed(self, robot: str, now_us: int) -> None:
         """A claim counts once its incarnation is known to live: it may be of an earlier life."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from mrbt_mesh.core.mission.mission import MICRO
 from mrbt_mesh.core.observer.episodes import MajorFault
 from mrbt_mesh.core.observer.run_record import RunRecord
 
@@ -85,5 +86,6 @@ def _robot(known: Mapping[str, Any]) -> dict[str, Any]:
         "type": known.get("type"),
         "state": str(state) if state else None,
         "lost": list(known.get("lost", ())),
+        "performances": {name: v / MICRO for name, v in known.get("performances", {}).items()},
         "pid": known.get("pid"),
     }

@@ -18,7 +18,7 @@ from itertools import permutations
 from typing import Any
 
 from mrbt_mesh.core.agent.commands import ORDER
-from mrbt_mesh.core.mission.mission import Mission, type_name
+from mrbt_mesh.core.mission.mission import MICRO, Mission, type_name
 from mrbt_mesh.sim.engine import faults
 from mrbt_mesh.sim.engine.network import Link, LinkKnobs
 from mrbt_mesh.sim.engine.scenario import Scenario, Step
@@ -35,7 +35,8 @@ class ChaosKnobs:
     `chaos_us` is how long it lasts, `longest_us` how long a single fault, `max_down` how many
     robots may be dead, frozen or gone at once (but for `team_crashes`, which take all), and
     `quiet_us` how long at most the team has afterwards. Chances are from 0 to 1: `returns` that
-    a killed robot is started again before the end of the chaos, `revived` otherwise after it.
+    a killed robot is started again before the end of the chaos, `revived` otherwise after it,
+    `performance_changes` that some robots do things better or worse than they did.
     """
 
     chaos_us: int = 6 * SECOND_US
@@ -64,6 +65,7 @@ class ChaosKnobs:
     pauses: float = 0.3
     replays: float = 0.7
     garbage: float = 0.7
+    performance_changes: float = 0.5
 
 
 _NO_RATES = (
@@ -74,6 +76,7 @@ _NO_RATES = (
     "returns",
     "revived",
     "stays",
+    "performance_changes",
 )
 _RATES = tuple(f.name for f in dataclasses.fields(ChaosKnobs) if f.name not in _NO_RATES)
 
@@ -156,6 +159,7 @@ class _Chaos:
         for mean, make in makers:
             for _ in range(self._count(mean)):
                 make()
+        self._change_performances()
         lost = {robot for robot in sorted(self.dead) if self.pick.random() >= knobs.revived}
         heal = faults.Heal(tuple(r for r in self.robots if r not in lost), self.broken)
         # Whatever has not ended by then ends with the healing.
@@ -335,6 +339,18 @@ class _Chaos:
         local_task = self.pick.choice(self.local_tasks[robot])
         lose, restore = faults.Lose(robot, local_task), faults.Restore(robot, local_task)
         self._during(lose, restore)
+
+    def _change_performances(self) -> None:
+        """Drawn apart: it changes nothing else of a seed. 0 is a minor fault, until the healing."""
+        pick = random.Random(f"{self.seed}/performances")
+        if pick.random() >= self.knobs.performance_changes:
+            return
+        for _ in range(pick.randint(1, 4)):
+            robot = pick.choice(self.robots)
+            known = [task for task in self.local_tasks[robot] if task != "all"]
+            value = pick.choice([0, MICRO // 4, MICRO // 2, MICRO, 2 * MICRO, 4 * MICRO])
+            at_us = pick.randrange(self.knobs.chaos_us)
+            self.steps.append((at_us, faults.Perform(robot, pick.choice(known), value)))
 
     def _pause(self) -> None:
         one, other = self._robot(), self._robot()

@@ -17,6 +17,7 @@ from mrbt_mesh.core.facts.records import (
     Claim,
     ConditionValue,
     Latch,
+    Member,
     OrderKind,
     Outcome,
     Phase,
@@ -179,7 +180,8 @@ class Progress:
     def __init__(self, findings: RunFindings) -> None:
         self._findings = findings
         self._progress_us = 0
-        self._longest_us = longest_us(findings.world.mission, findings.world.speed)
+        declared = [robot.capabilities for robot in findings.world.mission.robots.values()]
+        self._longest_us = longest_us(findings.world.mission, findings.world.speed, declared)
         self.is_endless = is_endless(findings.world.mission)
         self._done: set[tuple[object, ...]] = set()
         self._successes: Counter[tuple[str, str, str]] = Counter()
@@ -200,6 +202,14 @@ class Progress:
             for entry in written:
                 if self._is_progress(entry):
                     self._progress_us = self._findings.world.clock.now_us
+                if isinstance(entry.record, Member):
+                    self._may_take_longer(entry.record)
+
+    def _may_take_longer(self, member: Member) -> None:
+        """A robot that says how well it does things now may be slower than any was before."""
+        world = self._findings.world
+        longest = longest_us(world.mission, world.speed, [member.capabilities])
+        self._longest_us = max(self._longest_us, longest)
 
     def _is_progress(self, entry: Entry) -> bool:
         """Not that a coalition forms or breaks, nor that it repeats what another one has done."""
@@ -298,13 +308,14 @@ def is_endless(mission: Mission) -> bool:
     return any(n.kind is Kind.KEEP_RUNNING_UNTIL_FAILURE or n.limit < 0 for n in nodes)
 
 
-def longest_us(mission: Mission, speed: float) -> int:
-    """How long the slowest robot takes for the longest local task of the mission."""
+def longest_us(mission: Mission, speed: float, capabilities: Iterable[Mapping[str, int]]) -> int:
+    """How long the slowest of these robots takes for the longest local task of the mission."""
+    robots = list(capabilities)
     longest = 0
     for task in mission.global_tasks.values():
         for need in task.needs:
             kind = mission.local_tasks[type_name(need.local_task)]
-            able = (performance(r.capabilities, need.local_task) for r in mission.robots.values())
+            able = (performance(each, need.local_task) for each in robots)
             for value in filter(None, able):
                 longest = max(longest, kind.work * MICRO // value)
     return round(longest / speed)

@@ -91,6 +91,18 @@ class Restore:
 
 
 @dataclass(frozen=True, slots=True)
+class Perform:
+    """From now on the robot does a local task (a type or a ground one) so well, in micro-units.
+
+    0 is a minor fault.
+    """
+
+    robot: str
+    local_task: str
+    performance: int
+
+
+@dataclass(frozen=True, slots=True)
 class Block:
     """Nothing passes over these links, each in one direction."""
 
@@ -203,6 +215,7 @@ Fault: TypeAlias = (
     | Leave
     | Lose
     | Restore
+    | Perform
     | Block
     | Unblock
     | Disturb

@@ -12,6 +12,7 @@ from mrbt_mesh.core.agent.inputs import (
     Input,
     LeaveRequested,
     MessageReceived,
+    PerformanceChanged,
     QueryReceived,
     TokenChanged,
 )
@@ -38,7 +39,7 @@ _ISOLATING = (
     | faults.LoseToken  # a suspect is left out when agreement is counted
 )
 # What a robot lacks from the beginning it finds out once it has started.
-_OF_THE_ROBOT = faults.Lose | faults.Restore
+_OF_THE_ROBOT = faults.Lose | faults.Restore | faults.Perform
 BOOT_US = 1_000
 
 
@@ -175,6 +176,8 @@ class Injector:
                 return CapabilityChanged(local_task, lost=True)
             case faults.Restore(_, local_task):
                 return CapabilityChanged(local_task, lost=False)
+            case faults.Perform(_, local_task, performance):
+                return PerformanceChanged(local_task, performance)
             case faults.Command(_, command, argument):
                 body = command_body(command, argument)
                 data = encode(self._setup.header, MessageKind.COMMAND, body)

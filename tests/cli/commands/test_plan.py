@@ -51,6 +51,33 @@ def test_plan_says_what_is_blocked(tmp_path: Path) -> None:
     assert waiting["reason"] == "blocked: move_frame needs 2, 1 alive"
 
 
+def test_plan_follows_performances_that_have_changed(tmp_path: Path) -> None:
+    uncovered = "conditions: {broken(2): true}\ndone: [remove_screws, remove_cover" + "".join(
+        f", diagnose_part({part})" for part in range(1, 6)
+    )
+    best = write(tmp_path, f"{uncovered}]\n")
+    assert plan(REPAIR, "--facts", best)["lines"].keys() == {"A1"}
+    worse = write(tmp_path, f"{uncovered}]\nperformances: {{A1: {{replace_hw: 0.5}}}}\n")
+    assert plan(REPAIR, "--facts", worse)["lines"].keys() == {"A2"}
+    text = "performances: {A1: {replace_hw(2): 0}, A2: {replace_hw: 0.5}}\nlost: {B1: [replace_hw]}"
+    lost = write(tmp_path, f"{uncovered}]\n{text}\n")
+    lines = plan(REPAIR, "--facts", lost)["lines"]
+    assert {robot: line["performance"] for robot, line in lines.items()} == {"B2": 1.0}
+
+
+def test_performances_that_are_none_are_refused_with_their_line(tmp_path: Path) -> None:
+    text = (
+        "performances:\n  A1:\n    fly: 1\n    replace_hw: -1\n    do_diagnosis: much\n  Z9: {}\n"
+    )
+    code, _, problems = mrbt("plan", REPAIR, "--facts", write(tmp_path, text))
+    assert code == 2
+    said = " ".join(problems.split())
+    assert "facts.yaml:3: performances/A1/fly: A1 has no local task 'fly'" in said
+    assert "facts.yaml:4: performances/A1/replace_hw: a performance is a number from 0" in said
+    assert "facts.yaml:5: performances/A1/do_diagnosis: a performance is a number" in said
+    assert "facts.yaml:6: performances/Z9: no robot 'Z9'" in said
+
+
 def test_plan_follows_conditions_outcomes_and_losses(tmp_path: Path) -> None:
     facts = write(
         tmp_path,

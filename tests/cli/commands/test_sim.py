@@ -47,6 +47,29 @@ def test_the_summary_for_people_tells_the_story() -> None:
     assert "replaced by A1" in text
 
 
+def test_a_robot_that_does_something_worse_hands_it_on() -> None:
+    """In the example robots of type A replace hardware best."""
+
+    def who(*arguments: str) -> list[str]:
+        code, output, problems = sim(REPAIR, "--seed", "3", "--json", *arguments)
+        assert code == 0, problems
+        summary = json.loads(output)
+        told = summary["robots"]["A1"]["performances"]
+        assert told == ({"replace_hw": 0.5} if arguments else {})
+        return sorted(
+            {
+                r
+                for n, t in summary["global_tasks"].items()
+                for r in t["robots"]
+                if n.startswith("fix_hw")
+            }
+        )
+
+    assert who() == ["A1", "A2"]
+    worse = ("--performance", "A1:replace_hw=0.5@2,A2:replace_hw=0.5@2")
+    assert who(*worse) == ["B1", "B2"]
+
+
 def test_a_failed_mission_exits_1(tmp_path: Path) -> None:
     mission = (ROOT / "examples" / "tool_search" / "mission.yaml").read_text(encoding="utf-8")
     program = ROOT / "agents" / "tool_search.py"
@@ -95,7 +118,12 @@ def test_files_are_written(tmp_path: Path) -> None:
         (["--kill", "Z9@1"], "no robot 'Z9' (A1, A2, B1, B2, C1, C2)"),
         (["--kill", "A1"], "expected ROBOT@SECONDS, e.g. A1@12.5"),
         (["--kill", "A1@-4"], "expected ROBOT@SECONDS, e.g. A1@12.5"),
-        (["--kill", "A1:replace_hw@4"], "only --fault and --restore name a local task"),
+        (["--kill", "A1:replace_hw@4"], "only --fault, --restore, --performance name a local task"),
+        (["--performance", "A1:replace_hw@4"], "of which local task? e.g. A1:LOCAL_TASK=0.5@4"),
+        (["--performance", "A1:all=1@4"], "of which local task?"),
+        (["--performance", "A1:fly=1@4"], "A1 has no local task 'fly'"),
+        (["--performance", "A1:replace_hw=-1@4"], "from 0 to 1000000 expected, found '-1'"),
+        (["--performance", "A1:replace_hw=inf@4"], "from 0 to 1000000 expected, found 'inf'"),
         (["--fault", "A1@4"], "which local task? e.g. A1:all@4"),
         (["--fault", "A1:fly@4"], "A1 has no local task 'fly'"),
         (["--restore", "A1:@4"], "which local task? e.g. A1:all@4"),

@@ -103,6 +103,18 @@ def test_minor_faults_have_a_beginning_and_an_end() -> None:
     assert round(fault["until_s"] - fault["at_s"], 6) == 0.3
 
 
+def test_what_a_robot_does_worse_is_told_with_the_time() -> None:
+    script, observer = watched("tell A perform weld=0.25", "pass 100")
+    assert summary(script, observer)["robots"]["A"]["performances"] == {"weld": 0.25}
+    assert summary(script, observer)["faults"] == []
+    assert "A: weld at 0.25" in [text for _, text in observer.record.timeline]
+    script.block(["tell A perform weld=0", "pass 100", "tell A perform weld=1", "pass 100"])
+    (fault,) = summary(script, observer)["faults"]
+    assert (fault["local_tasks"], fault["until_s"] is None) == (["weld"], False)
+    assert summary(script, observer)["robots"]["A"]["performances"] == {}
+    assert "A: weld at 1" in [text for _, text in observer.record.timeline]
+
+
 def test_a_robot_that_left_is_no_fault() -> None:
     script, observer = watched("leave C", "pass 3000")
     assert observer.robot_state("C") is State.LEFT
