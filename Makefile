@@ -6,13 +6,14 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-plain test-slow test-docker lint check-lock lock drills soak clean \
+.PHONY: help setup demo test test-long test-plain test-slow test-docker lint check-lock lock drills soak clean \
 	bench bench-failover bench-resume bench-membership bench-estimate bench-robustness walk paper
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
 	@echo "make test            checks and tests"
 	@echo "make test-plain      the fast tests with MRBT_PLAIN=1: nothing but the plain definitions"
+	@echo "make test-long       the fast tests with 1,000 seeds of chaos and 1,000 examples each"
 	@echo "make test-docker     the docker-compose demo; as root, installs Debian's docker.io if missing"
 	@echo "make test-slow       wireless teams, discovery, split sessions: real processes, some minutes"
 	@echo "make lint            ruff, mypy, import-linter"
@@ -50,6 +51,10 @@ lint: $(READY)
 test: lint
 	$(BIN)/pytest -n auto -m "not processes"
 	$(BIN)/pytest -n 2 -m "processes and not docker and not slow"
+
+# The same with more seeds and more examples of every property.
+test-long: $(READY)
+	MRBT_CHAOS_SEEDS=1000 MRBT_EXAMPLES=1000 $(BIN)/pytest -n auto -m "not processes"
 
 # What robots compute with must make no difference: everything by the plain definitions.
 test-plain: $(READY)

@@ -158,7 +158,7 @@ def at_work(result: SimulationResult) -> list[Span]:
     return [span if span.end else replace(span, end_s=5.0) for span in found]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(1))
 @pytest.mark.parametrize("kills", [(), ((5 * SECOND_US, f.Kill("R3")),)])
 def test_a_team_keeps_its_side_constraints_all_the_time(seed: int, kills: Any) -> None:
     mission = carry(CARRY + LIMITS)

@@ -276,6 +276,9 @@ class World:
     def tick(self) -> Evaluation:
         """Evaluate, and record what has become true, as every agent does."""
         while True:
+            turned = self.facts.conditions.unnoted()
+            if turned:
+                self.write("R1", *((f"{records.EXPRESSION}/{n}", v.to_value()) for n, v in turned))
             evaluation = self.evaluator.evaluate(self.facts)
             latches = [(f"{records.ATTEMPT}/{s}", n) for s, n in evaluation.attempts]
             latches += [

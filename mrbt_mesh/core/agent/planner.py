@@ -87,6 +87,7 @@ class Planner:
         )
         dropped: list[tuple[str, str]] = []
         while True:
+            self._note_guards(now_us)
             dropped += facts.prune(self._evaluator)
             before = self._number
             self._robot_tree.tick_assignment(leaves)
@@ -190,6 +191,13 @@ class Planner:
                 broken = newly_broken(facts, task, request.activation, alive, self._context.me)
                 latched += [(f"{records.BROKEN}/{request.activation}/{t}", True) for t in broken]
         return latched
+
+    def _note_guards(self, now_us: int) -> None:
+        """Write down which guards of several conditions have turned, before anything is planned."""
+        turned = self._context.facts.conditions.unnoted()
+        if turned:
+            rows = [(f"{records.EXPRESSION}/{name}", each.to_value()) for name, each in turned]
+            self._context.write(rows, now_us)
 
 
 def _solved(plan: Plan) -> Status:

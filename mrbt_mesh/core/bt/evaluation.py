@@ -23,7 +23,7 @@ class EvaluationFacts(Protocol):
         ...
 
     def turns(self, name: str, value: bool) -> int:
-        """How often the condition has turned to `value`; it never falls."""
+        """How often a condition, or an expression by its id, has turned to `value`; never falls."""
         ...
 
     def task_status(self, subject: str, activation: str) -> Status:

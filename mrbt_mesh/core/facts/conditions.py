@@ -1,17 +1,29 @@
-"""How the team reads a condition.
+"""How the team reads a condition, and how often a guard has turned.
 
 Every robot may set a condition. Over all authors the value with the greatest (revision, stamp,
 author) stands. A condition that nobody has set has its declared default.
+
+A boolean alternates, so a revision tells how often a condition has turned to either value. Of an
+*expression*, several conditions that decide together, the revisions do not tell: so whoever sees
+its value change writes that down, with the revisions of the conditions that it has read. Over all
+authors the greatest revision stands; of equal ones, all that was read. Only who knows of all that
+was read before may write the next one, so nobody takes late news for a change.
 """
 
 from __future__ import annotations
 
-from mrbt_mesh.core.facts.records import ConditionValue
+from collections.abc import Sequence
+
+from mrbt_mesh.core.bt.evaluator import Evaluator
+from mrbt_mesh.core.bt.guards import Expression
+from mrbt_mesh.core.bt.robot_tree import OwnFacts
+from mrbt_mesh.core.bt.tree import Status, build_tree
+from mrbt_mesh.core.facts.records import ConditionValue, ExpressionRevision
 from mrbt_mesh.core.mission.mission import Mission
 
 
 class Conditions:
-    """The conditions of one mission, as the team's entries say."""
+    """The conditions of one mission, and the expressions that are guards, as the entries say."""
 
     def __init__(self, mission: Mission) -> None:
         self._mission = mission
@@ -20,6 +32,13 @@ class Conditions:
         # Read at every tick: standing values, and defaults that were asked for.
         self._values: dict[str, bool] = {}
         self._defaults: dict[str, bool] = {}
+        self._noted: dict[str, dict[str, ExpressionRevision]] = {}
+        self._readers: dict[str, list[Expression]] = {}
+        for expression in mission.evaluator.expressions.values():
+            for name in expression.conditions:
+                self._readers.setdefault(name, []).append(expression)
+        # Of which something was said since they were looked at last.
+        self._touched: dict[str, Expression] = {}
 
     def set(self, name: str, author: str, value: ConditionValue) -> None:
         """What an author says from now on. Conditions are never dropped."""
@@ -28,6 +47,8 @@ class Conditions:
         _, _, winner = max((each.revision, each.stamp, by) for by, each in values.items())
         self._standing[name] = values[winner]
         self._values[name] = values[winner].value
+        for expression in self._readers.get(name, ()):
+            self._touched[expression.id] = expression
 
     def value(self, name: str) -> bool:
         """Whether the condition holds."""
@@ -37,25 +58,76 @@ class Conditions:
         return value
 
     def revision(self, name: str) -> int:
-        """How often the condition has changed."""
+        """How often the condition, or expression, has changed."""
+        if name in self._noted:
+            return self.noted(name).revision
         standing = self._standing.get(name)
         return standing.revision if standing is not None else 0
 
     def turns(self, name: str, value: bool) -> int:
-        """How often the condition has turned to `value`."""
-        standing = self._standing.get(name)
-        return self.turns_at(name, value, standing.revision) if standing is not None else 0
+        """How often the condition, or expression, has turned to `value`."""
+        revision = self.revision(name)
+        return self.turns_at(name, value, revision) if revision else 0
 
     def turns_at(self, name: str, value: bool, revision: int) -> int:
         """The same at any revision: a boolean alternates, from its default on."""
         return revision // 2 if value == self._default(name) else (revision + 1) // 2
 
     def names(self) -> list[str]:
-        """The conditions that somebody has set."""
-        return list(self._standing)
+        """The conditions that somebody has set, and expressions that have turned."""
+        return [*self._standing, *self._noted]
 
     def _default(self, name: str) -> bool:
         default = self._defaults.get(name)
         if default is None:
-            default = self._defaults[name] = self._mission.condition_default(name)
+            expression = self._mission.evaluator.expressions.get(name)
+            if expression is None:
+                default = self._mission.condition_default(name)
+            else:
+                at_first = (0,) * len(expression.conditions)
+                default = expression_value(self._mission, expression, at_first)
+            self._defaults[name] = default
         return default
+
+    # -- expressions --------------------------------------------------------------------------
+
+    def note(self, name: str, author: str, noted: ExpressionRevision) -> None:
+        """What an author has seen of an expression."""
+        self._noted.setdefault(name, {})[author] = noted
+        self._touched[name] = self._mission.evaluator.expressions[name]
+
+    def noted(self, name: str) -> ExpressionRevision:
+        """What the team knows of an expression: the join of what all authors have seen."""
+        said = self._noted.get(name)
+        if not said:
+            return ExpressionRevision(0, ())
+        revision = max(each.revision for each in said.values())
+        rows = [each.read for each in said.values() if each.revision == revision]
+        return ExpressionRevision(revision, tuple(map(max, zip(*rows, strict=True))))
+
+    def unnoted(self) -> list[tuple[str, ExpressionRevision]]:
+        """The expressions whose values have changed, as far as is known here: to be noted."""
+        found = []
+        for name, expression in sorted(self._touched.items()):
+            noted = self.noted(name)
+            read = tuple(self.revision(each) for each in expression.conditions)
+            if any(mine < theirs for mine, theirs in zip(read, noted.read, strict=False)):
+                continue  # late news: it is looked at again when the rest has come
+            was = self._default(name) ^ bool(noted.revision % 2)
+            if expression_value(self._mission, expression, read) != was:
+                found.append((name, ExpressionRevision(noted.revision + 1, read)))
+            else:
+                del self._touched[name]
+        return found
+
+
+def expression_value(mission: Mission, expression: Expression, revisions: Sequence[int]) -> bool:
+    """Whether an expression holds (succeeds) when its conditions have these revisions."""
+    holding = frozenset(
+        name
+        for name, revision in zip(expression.conditions, revisions, strict=True)
+        if mission.condition_default(name) ^ bool(revision % 2)
+    )
+    return Evaluator(build_tree(expression.spec)).evaluate(OwnFacts(holding)).status is (
+        Status.SUCCESS
+    )

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from mrbt_mesh.core.facts.records import MAX_CAPABILITIES, MAX_TEXT, Member
+from mrbt_mesh.core.facts.records import MAX_CAPABILITIES, Member
+from mrbt_mesh.core.facts.values import MAX_TEXT
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, performance, type_name
 
 ALL = "all"

@@ -7,62 +7,23 @@ its kind, and nothing else.
 from __future__ import annotations
 
 import enum
-import reprlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar
 
+from mrbt_mesh.core.facts.values import (
+    check_depth,
+    read_boolean,
+    read_fields,
+    read_integer,
+    read_text,
+    shown,
+)
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MAX_ROBOTS
 
 MAX_NAME = 2_048
-MAX_TEXT = 640
 MAX_CAPABILITIES = 1_000
-MAX_STAMP = (1 << 53) - 1
-MAX_DATA_DEPTH = 16
-
-
-def _shown(value: Any) -> str:
-    """A short text of a value that may be huge, or nested too deeply for `repr`."""
-    return reprlib.repr(value)[:60]
-
-
-def _text(value: Any, limit: int = MAX_TEXT) -> str:
-    if not isinstance(value, str) or len(value) > limit:
-        raise ValueError(f"text of at most {limit} characters expected, found {_shown(value)}")
-    return value
-
-
-def _integer(value: Any, low: int = 0, high: int = MAX_STAMP) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
-        raise ValueError(f"integer from {low} to {high} expected, found {_shown(value)}")
-    return value
-
-
-def _boolean(value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise ValueError(f"boolean expected, found {_shown(value)}")
-    return value
-
-
-def _fields(value: Any, count: int) -> list[Any]:
-    if not isinstance(value, list) or len(value) != count:
-        raise ValueError(f"list of {count} expected, found {_shown(value)}")
-    return value
-
-
-def _check_depth(data: Any) -> None:
-    level = [data]
-    for _ in range(MAX_DATA_DEPTH + 1):
-        level = [
-            part
-            for each in level
-            if isinstance(each, (list, tuple, dict))
-            for part in (each.values() if isinstance(each, dict) else each)
-        ]
-        if not level:
-            return
-    raise ValueError(f"data nested more than {MAX_DATA_DEPTH} levels deep")
 
 
 class Record:
@@ -100,20 +61,20 @@ class Member(Record):
 
     @staticmethod
     def parse(value: Any) -> Member:
-        kind, capabilities, lost, leaving, software, host, pid = _fields(value, 7)
+        kind, capabilities, lost, leaving, software, host, pid = read_fields(value, 7)
         if not isinstance(capabilities, dict) or len(capabilities) > MAX_CAPABILITIES:
             raise ValueError("capabilities: a map expected")
         if not isinstance(lost, list) or len(lost) > MAX_CAPABILITIES:
             raise ValueError("lost capabilities: a list expected")
-        table = {_text(k): _integer(v, 1, MAX_PERFORMANCE) for k, v in capabilities.items()}
+        table = {read_text(k): read_integer(v, 1, MAX_PERFORMANCE) for k, v in capabilities.items()}
         return Member(
-            _text(kind),
+            read_text(kind),
             table,
-            tuple(_text(name) for name in lost),
-            _boolean(leaving),
-            _text(software),
-            _text(host),
-            _integer(pid),
+            tuple(read_text(name) for name in lost),
+            read_boolean(leaving),
+            read_text(software),
+            read_text(host),
+            read_integer(pid),
         )
 
 
@@ -159,14 +120,14 @@ def parse_claim(value: Any) -> Claim | NoClaim:
     """A claim, or NoClaim for None."""
     if value is None:
         return NoClaim()
-    activation, global_task, local_task, phase, since, coalition = _fields(value, 6)
+    activation, global_task, local_task, phase, since, coalition = read_fields(value, 6)
     return Claim(
-        _text(activation, MAX_NAME),
-        _text(global_task),
-        _text(local_task),
-        Phase(_integer(phase, 1, 3)),
-        _integer(since),
-        _text(coalition),
+        read_text(activation, MAX_NAME),
+        read_text(global_task),
+        read_text(local_task),
+        Phase(read_integer(phase, 1, 3)),
+        read_integer(since),
+        read_text(coalition),
     )
 
 
@@ -187,10 +148,10 @@ class CoalitionId:
 
     @staticmethod
     def parse(text: str) -> CoalitionId:
-        leader, counter, nonce, since = _text(text).split(".")
-        token = CoalitionId(_integer(int(since)), leader, _integer(int(counter)), nonce)
+        leader, counter, nonce, since = read_text(text).split(".")
+        token = CoalitionId(read_integer(int(since)), leader, read_integer(int(counter)), nonce)
         if str(token) != text:
-            raise ValueError(f"no coalition has the name {_shown(text)}")
+            raise ValueError(f"no coalition has the name {shown(text)}")
         return token
 
 
@@ -224,17 +185,17 @@ class Coalition(Record):
     @staticmethod
     def parse(value: Any) -> Coalition:
         if not isinstance(value, list) or not 0 < len(value) <= MAX_ROBOTS:
-            raise ValueError(f"a list of members expected, found {_shown(value)}")
-        rows = [_fields(row, 6) for row in value]
+            raise ValueError(f"a list of members expected, found {shown(value)}")
+        rows = [read_fields(row, 6) for row in value]
         return Coalition(
             tuple(
                 CoalitionMember(
-                    _text(robot),
-                    _text(local_task),
-                    _integer(counter),
-                    _text(nonce),
-                    _integer(sequence),
-                    _integer(since),
+                    read_text(robot),
+                    read_text(local_task),
+                    read_integer(counter),
+                    read_text(nonce),
+                    read_integer(sequence),
+                    read_integer(since),
                 )
                 for robot, local_task, counter, nonce, sequence, since in rows
             )
@@ -257,9 +218,9 @@ class Outcome(Record):
 
     @staticmethod
     def parse(value: Any) -> Outcome:
-        success, data = _fields(value, 2)
-        _check_depth(data)
-        return Outcome(_boolean(success), data)
+        success, data = read_fields(value, 2)
+        check_depth(data)
+        return Outcome(read_boolean(success), data)
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,8 +236,29 @@ class ConditionValue(Record):
 
     @staticmethod
     def parse(value: Any) -> ConditionValue:
-        holds, revision, stamp = _fields(value, 3)
-        return ConditionValue(_boolean(holds), _integer(revision, 1), _integer(stamp))
+        holds, revision, stamp = read_fields(value, 3)
+        return ConditionValue(read_boolean(holds), read_integer(revision, 1), read_integer(stamp))
+
+
+@dataclass(frozen=True, slots=True)
+class ExpressionRevision(Record):
+    """How often several conditions that decide together have changed what they say.
+
+    `read`: the revisions of these conditions, sorted by name, at which that was seen last.
+    """
+
+    revision: int
+    read: tuple[int, ...]
+
+    def to_value(self) -> list[Any]:
+        return [self.revision, list(self.read)]
+
+    @staticmethod
+    def parse(value: Any) -> ExpressionRevision:
+        revision, read = read_fields(value, 2)
+        if not isinstance(read, list):
+            raise ValueError(f"list of revisions expected, found {shown(read)}")
+        return ExpressionRevision(read_integer(revision, 1), tuple(map(read_integer, read)))
 
 
 class OrderKind(enum.StrEnum):
@@ -302,8 +284,8 @@ class Order(Record):
 
     @staticmethod
     def parse(value: Any) -> Order:
-        kind, stamp = _fields(value, 2)
-        return Order(OrderKind(_text(kind)), _integer(stamp))
+        kind, stamp = read_fields(value, 2)
+        return Order(OrderKind(read_text(kind)), read_integer(stamp))
 
 
 @dataclass(frozen=True, slots=True)
@@ -318,7 +300,7 @@ class Attempt(Record):
 
     @staticmethod
     def parse(value: Any) -> Attempt:
-        return Attempt(_integer(value))
+        return Attempt(read_integer(value))
 
 
 @dataclass(frozen=True, slots=True)
@@ -336,7 +318,7 @@ class ChildResult(Record):
 
     @staticmethod
     def parse(value: Any) -> ChildResult:
-        return ChildResult(_boolean(value))
+        return ChildResult(read_boolean(value))
 
 
 @dataclass(frozen=True, slots=True)
@@ -351,7 +333,9 @@ class Bid(Record):
 
     @staticmethod
     def parse(value: Any) -> Bid:
-        return Bid(None if value is None else _integer(value, -MAX_PERFORMANCE, MAX_PERFORMANCE))
+        return Bid(
+            None if value is None else read_integer(value, -MAX_PERFORMANCE, MAX_PERFORMANCE)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -375,6 +359,8 @@ OUTCOME, CONDITION, ATTEMPT, VERDICT, EXPIRED = (
     "verdict",
     "expired",
 )
+# Of an expression of conditions that is a guard.
+EXPRESSION = "expression"
 # Of one coalition of one activation, named by its token. BROKEN: too few members are left.
 # GRANT: the author has granted it an exclusive task. DOUBT: that grant has ended, and nobody
 # knows how far the work got. CLEARED: it never began, or the operator lets it be tried again.
@@ -392,6 +378,7 @@ _PARSERS: Mapping[str, Callable[[Any], Record]] = {
     ORDER: Order.parse,
     OUTCOME: Outcome.parse,
     CONDITION: ConditionValue.parse,
+    EXPRESSION: ExpressionRevision.parse,
     ATTEMPT: Attempt.parse,
     VERDICT: Latch.parse,
     EXPIRED: Latch.parse,
@@ -421,7 +408,7 @@ _PARTS: Mapping[str, tuple[int, ...]] = {
 
 def split_name(name: str) -> tuple[str, ...]:
     """The parts of an entry's name: kind first; raises ValueError if it is none."""
-    return _split(_text(name, MAX_NAME))
+    return _split(read_text(name, MAX_NAME))
 
 
 # Each name is read several times, by every robot that is simulated in one process.
@@ -429,7 +416,7 @@ def split_name(name: str) -> tuple[str, ...]:
 def _split(name: str) -> tuple[str, ...]:
     parts = tuple(name.split("/"))
     if parts[0] not in _PARSERS or len(parts) not in _PARTS.get(parts[0], (2,)):
-        raise ValueError(f"no kind of fact has the name {_shown(name)}")
+        raise ValueError(f"no kind of fact has the name {shown(name)}")
     return parts
 
 

@@ -20,6 +20,7 @@ from mrbt_mesh.core.facts.records import (
     Claim,
     CoalitionId,
     ConditionValue,
+    ExpressionRevision,
     Member,
     NoClaim,
     Order,
@@ -90,7 +91,7 @@ class TeamFacts:
         return self.conditions.value(name)
 
     def turns(self, name: str, value: bool) -> int:
-        """How often the condition has turned to `value`."""
+        """How often the condition, or expression, has turned to `value`."""
         return self.conditions.turns(name, value)
 
     def task_status(self, subject: str, activation: str) -> Status:
@@ -255,6 +256,8 @@ class TeamFacts:
             case ConditionValue():
                 self.conditions.set(entry.parts[1], author, record)
                 self._see_stamp(record.stamp)
+            case ExpressionRevision():
+                self.conditions.note(entry.parts[1], author, record)
             case Order():
                 self._orders[author] = record
                 self._see_stamp(record.stamp)

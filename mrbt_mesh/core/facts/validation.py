@@ -9,7 +9,13 @@ from __future__ import annotations
 from mrbt_mesh.core.bt.activation import Activation, parse_activation
 from mrbt_mesh.core.bt.tree import ATTEMPT_KINDS, CONTROLS, Kind, Memory
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import Coalition, CoalitionId, ConditionValue
+from mrbt_mesh.core.facts.conditions import expression_value
+from mrbt_mesh.core.facts.records import (
+    Coalition,
+    CoalitionId,
+    ConditionValue,
+    ExpressionRevision,
+)
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission
 
@@ -30,6 +36,8 @@ def refusal_reason(entry: Entry, mission: Mission, run: str) -> str | None:
     parts = entry.parts
     if parts[0] == records.CONDITION:
         return _refuse_condition(entry, parts[1], mission)
+    if parts[0] == records.EXPRESSION:
+        return _refuse_expression(entry, parts[1], mission)
     if parts[0] in ACTIVATION_KINDS:
         return _refuse_of_activation(entry, parts, mission, run)
     return None
@@ -43,6 +51,22 @@ def _refuse_condition(entry: Entry, name: str, mission: Mission) -> str | None:
     assert isinstance(record, ConditionValue)
     if record.value != (mission.condition_default(name) ^ bool(record.revision % 2)):
         return f"condition {name!r}: value and revision {record.revision} disagree"
+    return None
+
+
+def _refuse_expression(entry: Entry, name: str, mission: Mission) -> str | None:
+    """What it says follows from the revisions that were read, and takes at least as many."""
+    expression = mission.evaluator.expressions.get(name)
+    if expression is None:
+        return f"{name!r:.80} is no guard of several conditions in this mission's tree"
+    record = entry.record
+    assert isinstance(record, ExpressionRevision)
+    if len(record.read) != len(expression.conditions) or sum(record.read) < record.revision:
+        return f"expression {name!r}: revision {record.revision} does not follow from {record.read}"
+    at_first = expression_value(mission, expression, (0,) * len(record.read))
+    now = expression_value(mission, expression, record.read)
+    if now != at_first ^ bool(record.revision % 2):
+        return f"expression {name!r}: value and revision {record.revision} disagree"
     return None
 
 

@@ -39,6 +39,7 @@ from mrbt_mesh.formats.btcpp.script import (
     Unary,
 )
 from mrbt_mesh.formats.btcpp.script_parser import parse
+from mrbt_mesh.formats.btcpp.team_notes import notes, returns_between_steps
 from mrbt_mesh.formats.problems import Problem
 
 # BehaviorTree.CPP's nodes and the core's that do the same.
@@ -89,7 +90,6 @@ _REASONS = {
         "it chooses by a value on the blackboard, which a team does not share",
     ),
 }
-_REACTIVE_KINDS = frozenset({Kind.SEQUENCE, Kind.FALLBACK, Kind.IF_THEN_ELSE})
 # Controls that neither halt a child nor begin it again before they have ended themselves.
 _LEAVES_ALONE = frozenset({"Sequence", "AsyncSequence", "Fallback", "AsyncFallback", "IfThenElse"})
 _NAME = re.compile(NAME_PATTERN)
@@ -156,6 +156,7 @@ class _Translation:
         self.refusals: list[Problem] = []
         self.notes: list[Problem] = []
         self.keepers = _keepers(tree.root)
+        self.yielding: set[str] = set()
         self.written = self.written_entries(tree.root)
 
     def refuse(self, node: ExpandedNode, reason: str) -> None:
@@ -293,7 +294,7 @@ class _Translation:
         )
 
     def checked(self, node: ExpandedNode, spec: NodeSpec) -> NodeSpec | None:
-        """What depends on the children: SequenceWithMemory, and actions in reactive nodes."""
+        """What depends on the children: SequenceWithMemory, and what a team does otherwise."""
         if spec.memory is Memory.UNTIL_SUCCESS and node.path not in self.keepers:
             self.refuse(
                 node,
@@ -301,14 +302,12 @@ class _Translation:
                 "below a RetryUntilSuccessful, with nothing above that halts or repeats it",
             )
             return None
-        is_reactive = spec.memory is Memory.NONE and spec.kind in _REACTIVE_KINDS
-        asking = spec.children[:1] if spec.kind is Kind.IF_THEN_ELSE else spec.children[:-1]
-        if is_reactive and any(child.contains(Kind.ACTION) for child in asking):
-            reason = (
-                "an action before its last child is begun again at every tick by "
-                "BehaviorTree.CPP; a team does it once"
-            )
-            self.note(node, reason)
+        guards = node.children[:1] if spec.kind is Kind.IF_THEN_ELSE else node.children[:-1]
+        yields = any(each.path in self.yielding for child in guards for each in child.walk())
+        for text in notes(node.type, spec, yields):
+            self.note(node, text)
+        if returns_between_steps(node.type, spec):
+            self.yielding.add(node.path)
         return spec
 
     def leaf(self, node: ExpandedNode) -> NodeSpec:

@@ -28,6 +28,7 @@ CONDITIONS = ("c0", "c1", "c2")
 STEPS = 24
 VERSION = Version(Incarnation(1, "n"), 1)
 REMEMBERS = Memory.WHILE_RUNNING
+GUARDS = (Kind.SEQUENCE, Kind.FALLBACK)
 DECORATORS = (
     Kind.INVERTER,
     Kind.FORCE_SUCCESS,
@@ -85,16 +86,24 @@ class Grower:
             for position in range(count)
         )
 
-    def _guard(self) -> NodeSpec:
-        """One condition. Of several that decide together, facts do not tell how often the whole
-        has turned; that they renew work too often or too seldom is in ARCHITECTURE.md.
-        """
-        guard = condition(self.random.choice(CONDITIONS))
-        kinds = (Kind.INVERTER, Kind.SUBTREE, Kind.REPEAT, Kind.RETRY)
-        while self.random.random() < 0.3:
-            guard = NodeSpec(kind := self.random.choice(kinds), (guard,))
-            guard = replace(guard, limit=2 if kind in (Kind.REPEAT, Kind.RETRY) else 0)
-        return guard
+    def _guard(self, depth: int = 2) -> NodeSpec:
+        """Conditions that decide together."""
+        if depth == 0 or self.random.random() < 0.5:
+            guard = condition(self.random.choice(CONDITIONS))
+            kinds = (Kind.INVERTER, Kind.SUBTREE, Kind.REPEAT, Kind.RETRY)
+            while self.random.random() < 0.3:
+                guard = NodeSpec(kind := self.random.choice(kinds), (guard,))
+                guard = replace(guard, limit=2 if kind in (Kind.REPEAT, Kind.RETRY) else 0)
+            return guard
+        kind = self.random.choice((*GUARDS, Kind.PARALLEL, Kind.IF_THEN_ELSE, Kind.INVERTER))
+        if kind is Kind.INVERTER:
+            return NodeSpec(kind, (self._guard(depth - 1),))
+        count = self.random.randint(2, 3)
+        children = tuple(self._guard(depth - 1) for _ in range(count))
+        if kind is not Kind.PARALLEL:
+            return NodeSpec(kind, children)
+        limit, failures = self.random.randint(1, count), self.random.randint(0, count)
+        return NodeSpec(kind, children, limit=limit, failures=failures, memory=REMEMBERS)
 
     def _leaf(self, with_actions: bool) -> NodeSpec:
         if with_actions and self.random.random() < 0.7:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import parse_record
 from mrbt_mesh.core.facts.store import MAX_VALUE_BYTES, Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.values import MAX_DATA_DEPTH, MAX_TEXT
 from mrbt_mesh.core.membership import wire
 from mrbt_mesh.core.membership.wire import (
     Header,
@@ -216,7 +217,7 @@ def test_deeply_nested_values_are_read_or_refused(name: str, depth: int) -> None
 
 def test_outcome_data_may_not_be_nested_too_deeply_to_be_shown_or_sent_on() -> None:
     value: Any = None
-    for _ in range(records.MAX_DATA_DEPTH + 1):
+    for _ in range(MAX_DATA_DEPTH + 1):
         value = [value]
     with pytest.raises(ValueError, match="nested"):
         parse_record(f"outcome/{SCOPE}/drill", [True, value])
@@ -229,7 +230,7 @@ def test_outcome_data_may_not_be_nested_too_deeply_to_be_shown_or_sent_on() -> N
         ("member", ["A", {"drill": 0}, [], False, "", "", 1]),
         ("member", ["A", {"drill": True}, [], False, "", "", 1]),
         ("member", ["A", {1: 1}, [], False, "", "", 1]),
-        ("member", ["A", {"drill": 1}, ["x" * (records.MAX_TEXT + 1)], False, "", "", 1]),
+        ("member", ["A", {"drill": 1}, ["x" * (MAX_TEXT + 1)], False, "", "", 1]),
         ("member", ["A", {"drill": 1}, [], 0, "", "", 1]),
         ("member", ["A", {}, [], False, "", "", -1]),
         ("claim", [SCOPE, "a", "drill", 4, 1, ""]),

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from mrbt_mesh.core.bt.activation import Guard
 from mrbt_mesh.core.bt.evaluation import Evaluation, EvaluationFacts, Request, RunningTimeout
 from mrbt_mesh.core.bt.evaluator import Evaluator
+from mrbt_mesh.core.bt.guards import Guard
 from mrbt_mesh.core.bt.tree import Tree
 from mrbt_mesh.core.incremental.evaluation.compiled_tree import CompiledTree
 from mrbt_mesh.core.incremental.evaluation.node_functions import node_functions

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from mrbt_mesh.core.bt.activation import ActivationNames, Guard
+from mrbt_mesh.core.bt.activation import ActivationNames
+from mrbt_mesh.core.bt.guards import Guard
 from mrbt_mesh.core.bt.tree import Kind, Memory, Node
 
 
@@ -15,8 +16,7 @@ class CompiledTree:
     `ends`: the last index of the subtree. `ranks`: the place in postorder; a subtree takes those
     from `firsts` to its own. `fresh`: the guards that a child has besides those of its left
     sibling, or of its parent, as positions in `guards`; `entries` the other way round: where a
-    guard comes in. A guard is named as often as it counts: twice if the left sibling reads the
-    condition twice.
+    guard comes in.
     """
 
     def __init__(self, names: ActivationNames) -> None:
@@ -81,7 +81,7 @@ class CompiledTree:
         node = self.tree.nodes[index]
         added: list[Guard] = []
         for position, child in enumerate(node.children):
-            before = () if self.remembering[index] else names.read_before(node, position)
+            before = names.read_before(node, position)
             fresh = [guard for guard in before if guard not in active]
             for guard in fresh:
                 if guard not in self._numbers:
@@ -100,7 +100,7 @@ class CompiledTree:
         active.difference_update(added)
 
     def guards_at(self, index: int) -> Iterable[int]:
-        """All guards of a node, as often as they count."""
+        """All guards of a node."""
         while index > 0:
             parent = self.parents[index]
             yield from self.fresh[index]

@@ -8,7 +8,8 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right, insort
 from collections.abc import Callable, Iterable, Sequence
 
-from mrbt_mesh.core.bt.activation import Activation, Guard, parse_activation
+from mrbt_mesh.core.bt.activation import Activation, parse_activation
+from mrbt_mesh.core.bt.guards import Guard
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Claim, Member, Outcome
 from mrbt_mesh.core.facts.store import Change, Entry
@@ -20,9 +21,9 @@ from mrbt_mesh.core.mission.mission import FailurePolicy
 class FactChanges:
     """What may make an evaluation differ, since it was cleared last.
 
-    `conditions` by name; `nodes` of whose activations something was said, or may be read
-    otherwise; `child_results`: (node, position) where a node with memory was told of a child. The
-    values are None: in the order in which it happened, each once.
+    `conditions` by name, expressions by id; `nodes` of whose activations something was said, or may
+    be read otherwise; `child_results`: (node, position) where a node with memory was told of a
+    child. The values are None: in the order in which it happened, each once.
     """
 
     def __init__(self, facts: TeamFacts) -> None:
@@ -56,7 +57,7 @@ class FactChanges:
         entry = new or old
         assert entry is not None
         kind, *rest = entry.parts
-        if kind == records.CONDITION:
+        if kind in (records.CONDITION, records.EXPRESSION):
             self.conditions[rest[0]] = None
         elif kind == records.CHILD_RESULT:
             self.child_results[parse_activation(rest[0]).node, int(rest[1])] = None
@@ -124,7 +125,7 @@ class PruneCandidates:
                 self._remove(old.parts[1])
 
     def _note_new(self, kind: str, name: str = "") -> None:
-        if kind == records.CONDITION:
+        if kind in (records.CONDITION, records.EXPRESSION):
             self._conditions[name] = None
         elif kind in ACTIVATION_KINDS:
             node = self._add(name)

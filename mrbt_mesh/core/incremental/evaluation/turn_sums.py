@@ -8,8 +8,8 @@ from mrbt_mesh.core.incremental.evaluation.compiled_tree import CompiledTree
 class TurnSums:
     """For every node, how often its guards have turned against it in all.
 
-    A Fenwick tree over the nodes: a turn, or a question, takes as many steps as the number of
-    nodes has binary digits. `turned` has the turns of each guard of the layout.
+    A Fenwick tree over the nodes: a turn, or a question, takes O(log n) steps. `turned` has the
+    turns of each guard of the layout.
     """
 
     def __init__(self, layout: CompiledTree) -> None:

@@ -58,11 +58,11 @@ def test_every_subtree_takes_neighbouring_ranks_its_root_the_last(spec: NodeSpec
         assert layout.by_rank[layout.ranks[node]] == node
 
 
-def test_a_condition_that_guards_twice_counts_twice() -> None:
+def test_a_condition_that_is_read_twice_guards_once() -> None:
     tree = build_tree(sequence(sequence(condition("c"), condition("c")), action("a")))
     layout = CompiledTree(ActivationNames(tree))
     guards = [layout.guards[number] for number in layout.guards_at(4)]
-    assert guards == [("c", False), ("c", False)]
+    assert guards == [("c", False)]
 
 
 def test_a_retry_that_begins_anew_keeps_what_was_latched_below() -> None:

@@ -1,0 +1,208 @@
+"""Guards: the conditions that decide whether a node can be reached.
+
+A *guard* of a node is an expression of conditions that every evaluation reads before it can reach
+the node, with the value that keeps it from being reached. When the expression turns to that value,
+the node gets another activation (`activation`): what was done there is done again. When it turns
+back, nothing changes.
+
+An *expression* is a subtree without actions, or the first children of a control if they have none.
+A single condition needs no more than its name: its revisions say how often it has turned. Of
+several conditions that decide together this cannot be told from theirs, since they may change at
+once; so it is a fact of its own (`facts.conditions`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
+
+from mrbt_mesh.core.bt.tree import Kind, Memory, Node, NodeSpec, Status, Tree
+
+# A condition's name or an expression's id, and the value at which what it guards is out of reach.
+Guard: TypeAlias = tuple[str, bool]
+
+_FORCES = frozenset({Kind.FORCE_SUCCESS, Kind.FORCE_FAILURE})
+
+
+@dataclass(frozen=True, slots=True)
+class Expression:
+    """Several conditions that decide together; its value is whether `spec` succeeds.
+
+    `id`: `#7` for the subtree at node 7, `#7:2` for its first two children. `conditions`: the names
+    that it reads, sorted.
+    """
+
+    id: str
+    spec: NodeSpec
+    conditions: tuple[str, ...]
+
+
+class Guards:
+    """The guards of one tree's nodes; what it keeps follows from the tree alone."""
+
+    def __init__(self, tree: Tree) -> None:
+        self.tree = tree
+
+    @cached_property
+    def has_action(self) -> list[bool]:
+        """By node: whether it or any below it is an action."""
+        return self.tree.containing(Kind.ACTION)
+
+    @cached_property
+    def has_condition(self) -> list[bool]:
+        """By node: whether it or any below it is a condition."""
+        return self.tree.containing(Kind.CONDITION)
+
+    @cached_property
+    def has_memory(self) -> list[bool]:
+        """By node: whether it does not tick children again that have ended.
+
+        Above conditions alone memory makes no difference: such a node ends in the tick in which it
+        begins.
+        """
+        return [
+            node.memory is not Memory.NONE and self.has_action[node.index]
+            for node in self.tree.nodes
+        ]
+
+    @cached_property
+    def guards_of(self) -> list[tuple[Guard, ...]]:
+        """By node: its guards, each once. Those of its parent, then what its left siblings read."""
+        found: list[tuple[Guard, ...]] = [()] * len(self.tree.nodes)
+        for node in self.tree.nodes:
+            guards = found[node.index]
+            for position, child in enumerate(node.children):
+                fresh = self.read_before(node, position)
+                guards = (*guards, *(guard for guard in fresh if guard not in guards))
+                found[child] = guards
+                if node.kind is Kind.IF_THEN_ELSE:
+                    guards = found[node.index]
+        return found
+
+    @cached_property
+    def expressions(self) -> dict[str, Expression]:
+        """The expressions among all guards, by id; conditions alone are none."""
+        for node in self.tree.nodes:
+            for position in range(1, len(node.children)):
+                self.read_before(node, position)
+        return self._expressions
+
+    @cached_property
+    def _expressions(self) -> dict[str, Expression]:
+        return {}
+
+    def read_before(self, node: Node, position: int) -> tuple[Guard, ...]:
+        """The guards that the left sibling of a child reads, with the values against the child.
+
+        In a Sequence a sibling must succeed for the child to be reached, in a Fallback it must
+        fail, in an IfThenElse the first child decides. Children of a Parallel do not guard one
+        another, nor do those of a node with memory, which does not look at them again.
+        """
+        if position == 0 or self.has_memory[node.index]:
+            return ()
+        left, wanted = node.children[position - 1], Status.SUCCESS
+        match node.kind:
+            case Kind.SEQUENCE:
+                pass
+            case Kind.FALLBACK:
+                wanted = Status.FAILURE
+            case Kind.IF_THEN_ELSE:
+                left = node.children[0]
+                wanted = Status.SUCCESS if position == 1 else Status.FAILURE
+            case _:
+                return ()
+        return tuple(dict.fromkeys(self._read(left, wanted, is_needed=True)))
+
+    def _read(self, index: int, wanted: Status, is_needed: bool) -> Iterator[Guard]:
+        """The guards that every evaluation reads at or below a node.
+
+        `wanted` is the status that the node must have for its right siblings to be reached;
+        `is_needed`: without it they cannot be reached at all. What is read below an IfThenElse or
+        a node with memory depends on more than the present conditions.
+        """
+        node = self.tree.nodes[index]
+        if self.has_memory[index] or not self.has_condition[index] or node.kind in _FORCES:
+            return
+        if not self.has_action[index]:
+            yield from self._of_conditions(index, wanted, is_needed)
+            return
+        match node.kind:
+            case Kind.IF_THEN_ELSE:
+                return
+            case Kind.INVERTER:
+                wanted = _opposite(wanted)
+        if needs_all(node, wanted):
+            for child in node.children:
+                yield from self._read(child, wanted, is_needed)
+        elif node.kind in (Kind.SEQUENCE, Kind.FALLBACK):
+            count = self._leading_conditions(node)
+            if count > 1:
+                yield self._expression(node, count), wanted is not Status.SUCCESS
+            else:
+                yield from self._read(node.children[0], wanted, is_needed=False)
+
+    def _of_conditions(self, index: int, wanted: Status, is_needed: bool) -> Iterator[Guard]:
+        """The guards of a subtree without actions.
+
+        Where all its children are needed they count one by one: once one has turned, nothing
+        behind is reached until all have turned back.
+        """
+        node = self.tree.nodes[index]
+        if node.kind is Kind.CONDITION:
+            yield node.subject, wanted is not Status.SUCCESS
+        elif node.kind in _FORCES:
+            return
+        elif len(node.children) == 1 or (is_needed and needs_all(node, wanted)):
+            if node.kind is Kind.INVERTER:
+                wanted = _opposite(wanted)
+            for child in node.children:
+                yield from self._of_conditions(child, wanted, is_needed)
+        else:
+            yield self._expression(node, 0), wanted is not Status.SUCCESS
+
+    def _leading_conditions(self, node: Node) -> int:
+        """How many of the first children have no actions."""
+        flags = [self.has_action[child] for child in node.children]
+        return flags.index(True)
+
+    def _expression(self, node: Node, count: int) -> str:
+        """The id of the subtree at a node, or of its first children."""
+        name = f"#{node.index}:{count}" if count else f"#{node.index}"
+        if name not in self._expressions:
+            spec = self.tree.spec(node.index)
+            if count:
+                spec = NodeSpec(node.kind, spec.children[:count])
+            self._expressions[name] = Expression(name, spec, tuple(sorted(conditions_in(spec))))
+        return name
+
+
+def needs_all(node: Node, wanted: Status) -> bool:
+    """Whether all children of a node must have the wanted status for the node to have it.
+
+    Of an Inverter, and others with one child, that status is the child's own.
+    """
+    match node.kind:
+        case Kind.SEQUENCE:
+            return wanted is Status.SUCCESS
+        case Kind.FALLBACK:
+            return wanted is Status.FAILURE
+        case Kind.PARALLEL if wanted is Status.SUCCESS:
+            return node.limit == len(node.children)
+        case Kind.PARALLEL:
+            return node.limit == 1 and node.failures in (0, len(node.children))
+        case Kind.IF_THEN_ELSE:
+            return False
+    return True
+
+
+def conditions_in(spec: NodeSpec) -> set[str]:
+    """The names of the conditions in a tree."""
+    if spec.kind is Kind.CONDITION:
+        return {spec.subject}
+    return {name for child in spec.children for name in conditions_in(child)}
+
+
+def _opposite(status: Status) -> Status:
+    return Status.FAILURE if status is Status.SUCCESS else Status.SUCCESS

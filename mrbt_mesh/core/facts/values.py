@@ -1,0 +1,53 @@
+"""Reading values from the network: each is exactly of its kind, else ValueError is raised."""
+
+from __future__ import annotations
+
+import reprlib
+from typing import Any
+
+MAX_TEXT = 640
+MAX_STAMP = (1 << 53) - 1
+MAX_DATA_DEPTH = 16
+
+
+def shown(value: Any) -> str:
+    """A short text of a value that may be huge, or nested too deeply for `repr`."""
+    return reprlib.repr(value)[:60]
+
+
+def read_text(value: Any, limit: int = MAX_TEXT) -> str:
+    if not isinstance(value, str) or len(value) > limit:
+        raise ValueError(f"text of at most {limit} characters expected, found {shown(value)}")
+    return value
+
+
+def read_integer(value: Any, low: int = 0, high: int = MAX_STAMP) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
+        raise ValueError(f"integer from {low} to {high} expected, found {shown(value)}")
+    return value
+
+
+def read_boolean(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError(f"boolean expected, found {shown(value)}")
+    return value
+
+
+def read_fields(value: Any, count: int) -> list[Any]:
+    if not isinstance(value, list) or len(value) != count:
+        raise ValueError(f"list of {count} expected, found {shown(value)}")
+    return value
+
+
+def check_depth(data: Any) -> None:
+    level = [data]
+    for _ in range(MAX_DATA_DEPTH + 1):
+        level = [
+            part
+            for each in level
+            if isinstance(each, (list, tuple, dict))
+            for part in (each.values() if isinstance(each, dict) else each)
+        ]
+        if not level:
+            return
+    raise ValueError(f"data nested more than {MAX_DATA_DEPTH} levels deep")
