@@ -56,5 +56,6 @@ def _as_data(mission: Mission, found: Plan) -> dict[str, Any]:
     return {
         **found.to_json(),
         "digest": found.digest.hex(),
+        "bounds": [bounds.to_json() for bounds in found.bounds],
         "statuses": {place: status.name.lower() for place, status in statuses.items()},
     }

@@ -26,9 +26,14 @@ def note(text: str) -> None:
     errors.print(labelled("note", "yellow", text), soft_wrap=True)
 
 
+def json_text(data: Any) -> str:
+    """One JSON document as text."""
+    return json.dumps(data, indent=2) + "\n"
+
+
 def print_json(data: Any) -> None:
     """One JSON document on stdout, as it is: no colours, no wrapping."""
-    sys.stdout.write(json.dumps(data, indent=2) + "\n")
+    sys.stdout.write(json_text(data))
 
 
 def write_file(path: Path, text: str) -> None:

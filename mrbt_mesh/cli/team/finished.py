@@ -26,5 +26,6 @@ def tell_finished(summary: dict[str, Any], as_json: bool) -> None:
     robots = {
         robot: {**row, "pid": None, "local_task": None} for robot, row in summary["robots"].items()
     }
-    status = {**summary, "over": True, "robots": robots, "blocked": [], "agreement": True}
+    status = {**summary, "over": True, "robots": robots, "bounds": []}
+    status |= {"blocked": [], "agreement": True}
     click.echo(json.dumps(status, indent=2))

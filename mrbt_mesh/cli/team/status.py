@@ -62,6 +62,7 @@ def status_data(watcher: Watcher) -> dict[str, Any]:
             name: {"status": str(task.state), "robots": working.get(name, [])}
             for name, task in observer.record.task_log.tasks.items()
         },
+        "bounds": [bounds.to_json() for bounds in plan.bounds] if plan else [],
         "blocked": [
             {"request": w.global_task, "reason": w.reason} for w in waiting if w.is_blocked
         ],

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -27,11 +30,25 @@ def render_plan(mission: Mission, plan: Plan) -> RenderableType:
             robots = ", ".join(workers.get(request.activation, []))
             notes[request.node] = Text(robots, style="bold")
     parts: list[RenderableType] = [_lines(plan)]
+    if plan.demands:
+        parts += ["", render_bounds([bounds.to_json() for bounds in plan.bounds])]
     if plan.biddings:
         parts += ["", _bids(plan)]
     result = Text(f"mission: {plan.result.name.lower()}", style="bold")
     tree = render_tree(mission.tree, plan.evaluation, notes)
     return Group(tree, "", *parts, "", result)
+
+
+def render_bounds(bounds: Sequence[Mapping[str, Any]]) -> Table:
+    """a_j and b_j of what is requested (`DemandBounds.to_json`), and who is on it."""
+    table = Table(
+        "local task", "for", "a_j", "b_j", "robots", box=None, header_style="dim", pad_edge=False
+    )
+    for row in bounds:
+        robots = ", ".join(row["robots"]) or Text("nobody", style="dim")
+        numbers = str(row["lower"]), str(row["upper"])
+        table.add_row(row["local_task"], row["global_task"], *numbers, robots)
+    return table
 
 
 def _lines(plan: Plan) -> Table:

@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mrbt_mesh.cli.views.live_view import STATE_STYLES
+from mrbt_mesh.cli.views.plan_view import render_bounds
 from mrbt_mesh.cli.views.summary_view import capability_changes
 from mrbt_mesh.core.membership.peer import State
 
@@ -23,6 +24,7 @@ def render_status(data: Mapping[str, Any]) -> RenderableType:
         Text.assemble((str(data["mission"]), "bold"), f": {data['result']}"),
         _robots(data["robots"]),
         *_tasks(data["global_tasks"]),
+        *([render_bounds(data["bounds"])] if data["bounds"] else []),
         *(Text(f"{row['request']} {row['reason']}", "red") for row in data["blocked"]),
         agreement,
     )

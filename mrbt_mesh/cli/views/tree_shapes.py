@@ -5,8 +5,11 @@ from __future__ import annotations
 import enum
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
+from mrbt_mesh.core.bt.robot_tree import assignment_tree, local_tree
 from mrbt_mesh.core.bt.tree import CONTROLS, Kind, NodeSpec, Tree
+from mrbt_mesh.core.mission.mission import MICRO, Mission, type_name
 from mrbt_mesh.formats.btcpp.builtin_nodes import category_of
 from mrbt_mesh.formats.btcpp.document import (
     SUBTREE,
@@ -86,6 +89,16 @@ class Shape:
             yield shape
             waiting.extend(reversed(shape.children))
 
+    def to_json(self) -> dict[str, Any]:
+        """Plain data, with the children nested."""
+        children = [child.to_json() for child in self.children]
+        return {
+            "type": str(self.look),
+            "label": self.label,
+            "notes": list(self.notes),
+            "children": children,
+        }
+
 
 def file_shapes(library: Library) -> list[Shape]:
     """A shape per <BehaviorTree>, the main one first."""
@@ -128,6 +141,33 @@ def mission_shapes(name: str, tree: Tree) -> list[Shape]:
     """The one shape of a mission's tree."""
     child = _spec_shape(tree.spec(), tree, 0)[0]
     return [Shape(Look.TREE, name, LOOK_SYMBOLS[Look.TREE], ["T_G"], [child])]
+
+
+def robot_shape(mission: Mission, robot: str) -> Shape:
+    """T_i = Parallel(T_A, T_G, T_Li, 3) of a robot of the mission."""
+    capabilities = mission.robots[robot].capabilities
+    local = local_tree({type_name(name) for name in capabilities})
+    parts = [
+        _named("T_A", assignment_tree(), "task assignment"),
+        _named("T_G", mission.tree, "global tasks, the same for all robots"),
+        _named("T_Li", local, f"what {robot} can do"),
+    ]
+    for leaf in parts[2].walk():
+        if leaf.look is Look.ACTION:
+            leaf.notes += [
+                f"p = {value / MICRO:g}" if name == leaf.label else f"{name}: p = {value / MICRO:g}"
+                for name, value in sorted(capabilities.items())
+                if type_name(name) == leaf.label
+            ]
+    kind = Kind.PARALLEL
+    whole = Shape(Look.CONTROL, f"T_i ({kind} {len(parts)}/{len(parts)})", SYMBOLS[kind])
+    whole.children = parts
+    return Shape(Look.TREE, robot, LOOK_SYMBOLS[Look.TREE], [mission.name], [whole])
+
+
+def _named(name: str, tree: Tree, note: str) -> Shape:
+    child = _spec_shape(tree.spec(), tree, 0)[0]
+    return Shape(Look.SUBTREE, name, LOOK_SYMBOLS[Look.SUBTREE], [note], [child])
 
 
 def _spec_shape(spec: NodeSpec, tree: Tree, index: int) -> tuple[Shape, int]:

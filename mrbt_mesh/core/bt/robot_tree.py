@@ -40,7 +40,6 @@ def assignment_tree() -> Tree:
                 NodeSpec(Kind.CONDITION, subject=CHECK_CONSISTENCY),
                 NodeSpec(Kind.ACTION, subject=ASSIGN_AGENTS),
             ),
-            name="T_A",
         )
     )
 
@@ -58,7 +57,7 @@ def local_tree(local_tasks: Iterable[str]) -> Tree:
         )
         for name in sorted(local_tasks)
     )
-    return build_tree(NodeSpec(Kind.FALLBACK, (rest, *branches), name="T_Li"))
+    return build_tree(NodeSpec(Kind.FALLBACK, (rest, *branches)))
 
 
 @dataclass(slots=True)

@@ -92,6 +92,7 @@ def make_plan(
         is_consistent,
         assigned is not None,
         bids.biddings,
+        demands,
     )
 
 

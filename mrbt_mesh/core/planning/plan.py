@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -18,6 +18,7 @@ from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import OrderKind
 from mrbt_mesh.core.mission.mission import MICRO
+from mrbt_mesh.core.planning.demands import Group
 
 # How many robots are listed by name.
 _SHOWN = 3
@@ -140,9 +141,37 @@ class Waiting:
         return "blocked: " + "; ".join(map(str, self.shortages))
 
 
+@dataclass(frozen=True, slots=True)
+class DemandBounds:
+    """How many robots a local task of a request is to have now, at least and at most.
+
+    `lower` and `upper` are a_j and b_j (paper, section V): min and max of the mission file, less
+    by the outcomes so far. `robots` are those that the plan has on it.
+    """
+
+    activation: str
+    global_task: str
+    local_task: str
+    lower: int
+    upper: int
+    robots: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        return {
+            "activation": self.activation,
+            "global_task": self.global_task,
+            "local_task": self.local_task,
+            "lower": self.lower,
+            "upper": self.upper,
+            "robots": list(self.robots),
+        }
+
+
 @dataclass(frozen=True)
 class Plan:
-    """`lines` by robot; `idle` says why a robot has none; `waiting`, `biddings` in tree order.
+    """`lines` by robot; `idle` says why a robot has none; `waiting`, `biddings`, `demands` in tree
+    order. The demands are what the plan was made from, and no part of what it says.
 
     What the leaves of T_A return (paper, section V): *Check Consistency* holds if `consistent`, so
     unless there are requests and none of them can be served; *Assign Agents* succeeds if
@@ -158,6 +187,7 @@ class Plan:
     consistent: bool = True
     feasible: bool = True
     biddings: tuple[Bidding, ...] = ()
+    demands: Sequence[Group] = field(default=(), compare=False, repr=False)
 
     @cached_property
     def result(self) -> Status:
@@ -174,6 +204,25 @@ class Plan:
     def packed(self) -> bytes:
         """The whole plan as bytes; equal on all robots with the same facts and alive set."""
         return bytes(msgpack.packb(self.to_json()))
+
+    @property
+    def bounds(self) -> tuple[DemandBounds, ...]:
+        """a_j and b_j of every local task that is requested, in tree order."""
+        working: dict[tuple[str, str], list[str]] = {}
+        for line in self.lines.values():
+            working.setdefault((line.activation, line.local_task), []).append(line.robot)
+        return tuple(
+            DemandBounds(
+                demand.request.activation,
+                demand.request.subject,
+                demand.local_task,
+                demand.lower,
+                demand.upper,
+                tuple(working.get((demand.request.activation, demand.local_task), ())),
+            )
+            for group in self.demands
+            for demand in group
+        )
 
     def partners(self, robot: str) -> tuple[str, ...]:
         """The other robots on the same local task of the same activation."""

@@ -45,6 +45,29 @@ def test_plan_starts_with_both_c_on_the_screws() -> None:
     assert data["idle"]["A1"] == "no request needs what it can do"
 
 
+def bounds(data: dict[str, Any]) -> list[tuple[Any, ...]]:
+    keys = ("global_task", "local_task", "lower", "upper", "robots")
+    return [tuple(row[key] for key in keys) for row in data["bounds"]]
+
+
+def test_plan_shows_the_bounds_a_and_b_as_outcomes_shrink_them(tmp_path: Path) -> None:
+    # The paper, section VI, on the first task: a = nu = 1 and b = mu = 2 for both C.
+    screws = ("remove_screws", "use_screwdriver")
+    assert bounds(plan(REPAIR)) == [(*screws, 1, 2, ["C1", "C2"])]
+    failed = "{robot: C1, global_task: remove_screws, local_task: use_screwdriver, success: false}"
+    facts = write(tmp_path, f"outcomes: [{failed}]")
+    assert bounds(plan(REPAIR, "--facts", facts)) == [(*screws, 1, 1, ["C2"])]
+    # What waits is asked for as well: five parts, four robots.
+    facts = write(tmp_path, "done: [remove_screws, remove_cover]")
+    found = bounds(plan(REPAIR, "--facts", facts))
+    assert [row[2:4] for row in found] == [(1, 1)] * 5
+    assert [len(row[4]) for row in found] == [1, 1, 1, 1, 0]
+    code, output, _ = mrbt("plan", REPAIR, "--facts", facts)
+    assert code == 0
+    table = output[output.index("a_j") :].splitlines()
+    assert table[5].split() == ["do_diagnosis(5)", "diagnose_part(5)", "1", "1", "nobody"]
+
+
 def test_plan_says_what_is_blocked(tmp_path: Path) -> None:
     facts = write(tmp_path, "done: [remove_screws]\n")
     (waiting,) = plan(REPAIR, "--facts", facts, "--alive", "A1,B1,C2")["waiting"]

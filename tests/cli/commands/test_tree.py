@@ -49,6 +49,68 @@ def tree(*arguments: str | Path) -> tuple[int, str, str]:
     return mrbt("tree", *map(str, arguments), AMENT_PREFIX_PATH="")
 
 
+def test_show_the_whole_tree_of_a_robot() -> None:
+    code, output, problems = tree("show", REPAIR, "--robot", "C1")
+    assert (code, problems) == (0, "")
+    lines = output.splitlines()
+    assert lines[:10] == [
+        "▤ C1  vehicle_repair",
+        "└── ⇉ T_i (Parallel 3/3)",
+        "    ├── ▣ T_A  task assignment",
+        "    │   └── → Sequence",
+        "    │       ├── ? Fallback",
+        "    │       │   ├── ○ local_task_finished",
+        "    │       │   └── ○ new_global_task_executed",
+        "    │       ├── ○ check_consistency",
+        "    │       └── ▶ assign_agents",
+        "    ├── ▣ T_G  global tasks, the same for all robots",
+    ]
+    assert lines[lines.index("    └── ▣ T_Li  what C1 can do") :] == [
+        "    └── ▣ T_Li  what C1 can do",
+        "        └── ? Fallback",
+        "            ├── ! Inverter",
+        "            │   └── ○ assigned",
+        "            ├── → Sequence",
+        "            │   ├── ○ assigned(move_frame)",
+        "            │   └── ▶ move_frame  p = 1",
+        "            └── → Sequence",
+        "                ├── ○ assigned(use_screwdriver)",
+        "                └── ▶ use_screwdriver  p = 1",
+    ]
+
+
+def test_show_the_trees_of_robots_as_json() -> None:
+    code, output, _ = tree("show", REPAIR, "--robot", "B1,A1", "--json")
+    assert code == 0
+    shown = json.loads(output)["trees"]
+    assert [each["label"] for each in shown] == ["A1", "B1"]
+    (whole,) = shown[0]["children"]
+    t_a, t_g, t_li = whole["children"]
+    assert [part["label"] for part in (t_a, t_g, t_li)] == ["T_A", "T_G", "T_Li"]
+    assert t_g["children"] == json.loads(tree("show", REPAIR, "--json")[1])["trees"][0]["children"]
+    branches = [each["children"][1] for each in t_li["children"][0]["children"][1:]]
+    assert [(leaf["type"], leaf["label"], leaf["notes"]) for leaf in branches] == [
+        ("action", "do_diagnosis", ["p = 3"]),
+        ("action", "replace_hw", ["p = 1.5"]),
+        ("action", "replace_wires", ["p = 1.5"]),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        ((REPAIR, "--robot", "Z9"), "--robot Z9: mission vehicle_repair has no robot Z9"),
+        ((REPAIR, "--robot", "A1", "--only", "x"), "give --robot or --only"),
+        ((REPAIR, "--json", "--dot"), "give one of --svg, --dot, --mermaid and --json"),
+        ((LIFT / "robot.xml", "--robot", "A1"), "--robot is for mission files"),
+    ],
+)
+def test_show_refuses_what_does_not_fit(arguments: tuple[Any, ...], problem: str) -> None:
+    code, output, problems = tree("show", *arguments)
+    assert (code, output) == (2, "")
+    assert problem in problems
+
+
 def test_show_as_text(old: Path) -> None:
     code, output, problems = tree("show", old)
     assert (code, problems) == (0, "")
@@ -276,7 +338,7 @@ def test_check_a_mission() -> None:
         (["show", "none.xml"], "none.xml: there is no such file"),
         (["show", "none.yaml"], "none.yaml: there is no such file"),
         (["show", "tree.txt"], "a tree is in a file that ends in .xml"),
-        (["show", REPAIR, "--svg", "--dot"], "give one of --svg, --dot and --mermaid"),
+        (["show", REPAIR, "--svg", "--dot"], "give one of --svg, --dot, --mermaid and --json"),
         (["convert", REPAIR, "out.yaml"], "the file to write has to end in .xml"),
         (["convert", REPAIR, "out.xml", "--ids"], "--ids and --merge are for BehaviorTree.CPP"),
         (["convert", "a.xml", "b.xml", "--ids", "--merge"], "--ids goes without"),

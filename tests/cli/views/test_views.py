@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 from rich.console import Console, RenderableType
 
+from mrbt_mesh.cli.team.status import status_data
 from mrbt_mesh.cli.views.live_view import render_live
+from mrbt_mesh.cli.views.status_view import render_status
 from mrbt_mesh.cli.views.summary_view import render_summary
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
@@ -91,3 +96,20 @@ def test_bids_are_in_the_live_view_and_in_the_summary() -> None:
     assert "K4 -5.12, K1 -7.41, K2 -13, K3 -13.62" in line_of(summary, "deliver(bread)  ")
     begun = simulate(mission, program, seed=1, timeout_us=SECOND)
     assert "K4: bids -2.8 for deliver(keys)" in live(begun, 1)
+
+
+def test_the_status_shows_the_bounds_of_what_is_requested() -> None:
+    # C1 dies with one of two frames to move; the screws of both are out.
+    observer = run(8.0, (1 * SECOND, Kill("C1"))).observer
+    watcher = SimpleNamespace(observer=observer, address=SimpleNamespace(run_dir=None))
+    data = status_data(cast("Any", watcher))
+    (row,) = data["bounds"]
+    assert row["local_task"] == "move_frame"
+    assert (row["global_task"], row["lower"], row["upper"], row["robots"]) == (
+        "remove_cover",
+        2,
+        2,
+        [],
+    )
+    _, _, table = drawn(render_status(data)).partition("a_j")
+    assert table.splitlines()[1].split() == ["move_frame", "remove_cover", "2", "2", "nobody"]

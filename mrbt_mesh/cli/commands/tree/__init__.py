@@ -6,7 +6,7 @@ from mrbt_mesh.cli.framework.group import CommandGroup
 
 PANELS = {
     "Commands": {
-        "show": "Draw the trees of a file.",
+        "show": "Draw the trees of a file, or all that a robot of a mission runs.",
         "convert": "Write a tree as BehaviorTree.CPP 4 XML that Groot2 opens: explicit, with all "
         "models.",
         "check": "Check a file; exit status 2 if there are errors.",
