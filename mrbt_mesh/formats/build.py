@@ -41,7 +41,9 @@ from mrbt_mesh.formats.expand import (
 )
 from mrbt_mesh.formats.mission_model import (
     BidModel,
+    Blocked,
     FailAfterModel,
+    FailurePolicyModel,
     GlobalTaskModel,
     MissionModel,
     RobotModel,
@@ -212,9 +214,22 @@ class _Builder:
                 if isinstance(need.performance, BidModel):
                     place = (*path, "performance", "bid_within_s")
                     micro_or_report(need.performance.bid_within_s, place, self.report)
-            if isinstance(task.blocked, FailAfterModel):
-                place = ("global_tasks", name, "blocked", "fail_after_s")
-                micro_or_report(task.blocked.fail_after_s, place, self.report)
+            self.blocked_us(task.blocked, ("global_tasks", name, "blocked", "fail_after_s"))
+            self.failure(task, ("global_tasks", name, "failure", "after_s"))
+        self.blocked_us(self.model.blocked, ("blocked", "fail_after_s"))
+
+    def blocked_us(self, blocked: Blocked | None, path: SourcePath) -> int | None:
+        """After how long a blocked task fails; None: it waits."""
+        if not isinstance(blocked, FailAfterModel):
+            return None
+        return micro_or_report(blocked.fail_after_s, path, self.report)
+
+    def failure(self, task: GlobalTaskModel, path: SourcePath) -> tuple[FailurePolicy, int | None]:
+        """The policy, and for how long the team has to agree; None: the usual time."""
+        if not isinstance(task.failure, FailurePolicyModel):
+            return FailurePolicy(task.failure), None
+        after_us = micro_or_report(task.failure.after_s, path, self.report)
+        return FailurePolicy(task.failure.policy), after_us
 
     def check_same_robot(
         self, same: SameRobotModel, scope: frozenset[str], path: SourcePath
@@ -260,18 +275,18 @@ class _Builder:
             model = self.model.global_tasks[name]
             bound = dict(zip(model.parameters, arguments, strict=True))
             scope = {**self.model.parameters, **bound}
-            blocked = model.blocked
+            failure, after_us = self.failure(model, path)
+            blocked = self.model.blocked if model.blocked is None else model.blocked
             tasks[ground] = GlobalTask(
                 ground,
                 self.needs(ground, name, model, scope),
-                FailurePolicy(model.failure),
-                micro_or_report(blocked.fail_after_s, path, self.report)
-                if isinstance(blocked, FailAfterModel)
-                else None,
+                failure,
+                self.blocked_us(blocked, path),
                 model.preemptive,
                 model.simultaneous,
                 model.exclusive,
                 InDoubtPolicy(model.in_doubt or InDoubtPolicy.HOLD),
+                after_us,
             )
         return tasks
 

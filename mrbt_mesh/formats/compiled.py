@@ -97,8 +97,11 @@ def _check_global_tasks(mission: Mission) -> None:
     for goal in mission.global_tasks.values():
         here = f"global task {goal.id}"
         split_call(goal.id)
-        after = goal.blocked_fail_after_us
-        _expect(after is None or (type(after) is int and after > 0), f"{here}: blocked")
+        for key, after in (
+            ("blocked", goal.blocked_fail_after_us),
+            ("failure", goal.failure_after_us),
+        ):
+            _expect(after is None or (type(after) is int and after > 0), f"{here}: {key}")
         for flag in ("preemptive", "simultaneous", "exclusive"):
             _expect(isinstance(getattr(goal, flag), bool), f"{here}: {flag}")
         for need in goal.needs:

@@ -128,27 +128,44 @@ class NeedModel(FileModel):
     ] = "declared"
 
 
+class FailurePolicyModel(FileModel):
+    """When a global task fails: as `policy` says, once the team has agreed on it for `after_s`."""
+
+    policy: Literal["resilient", "paper"] = "resilient"
+    after_s: Annotated[float, Field(gt=0, le=MAX_SECONDS)]
+
+
 class FailAfterModel(FileModel):
     """A global task that fails after it was blocked for this many seconds."""
 
     fail_after_s: Annotated[float, Field(gt=0, le=MAX_SECONDS)]
 
 
+Blocked: TypeAlias = Annotated[
+    Annotated[Literal["wait"], Tag("<text>")] | Annotated[FailAfterModel, Tag("<mapping>")],
+    by_type("wait, or {fail_after_s: 20}", {str: "<text>", dict: "<mapping>"}),
+]
+
+
 class GlobalTaskModel(FileModel):
     """A task of the whole team: the local tasks that it needs, and its policies.
 
-    `simultaneous`: its robots start together. `exclusive`: never done twice; what became of a
-    robot that vanished in the middle is `in_doubt`, to be held for the operator (hold), counted
-    as failed (fail) or tried again (retry).
+    `failure`: once a robot has failed, the task fails when nobody who lives is left to try
+    (resilient), by the paper's count of assigned robots that live (paper), or not while the dead
+    may return (patient). `blocked`: nobody has failed, and nobody who lives could do it.
+    `simultaneous`: its robots start together. `exclusive`: never done twice; what became of a robot
+    that vanished in the middle is `in_doubt`, to be held for the operator (hold), counted as failed
+    (fail) or tried again (retry).
     """
 
     parameters: Parameters = []
     needs: Annotated[dict[CallText, NeedModel], Field(min_length=1)]
-    failure: Literal["resilient", "paper"] = "resilient"
-    blocked: Annotated[
-        Annotated[Literal["wait"], Tag("<text>")] | Annotated[FailAfterModel, Tag("<mapping>")],
-        by_type("wait, or {fail_after_s: 20}", {str: "<text>", dict: "<mapping>"}),
-    ] = "wait"
+    failure: Annotated[
+        Annotated[Literal["resilient", "paper", "patient"], Tag("<text>")]
+        | Annotated[FailurePolicyModel, Tag("<mapping>")],
+        by_type("resilient, paper, patient, or {after_s: 5}", {str: "<text>", dict: "<mapping>"}),
+    ] = "resilient"
+    blocked: Blocked | None = None
     preemptive: bool = False
     simultaneous: bool = False
     exclusive: bool = False
@@ -215,13 +232,15 @@ class MissionModel(FileModel):
     """A mission of a team of robots.
 
     `assignment: spare_scarce`: where robots may break at work, those that others can replace go
-    first, even if something has to wait for them. `solver`: what solves the assignment problem,
-    `constraints`: what else it has to mind (docs/solvers.md).
+    first, even if something has to wait for them. `blocked`: for global tasks that do not say it
+    themselves. `solver`: what solves the assignment problem, `constraints`: what else it has to
+    mind (docs/solvers.md).
     """
 
     mission: Name
     program: ProgramText | None = None
     assignment: Literal["any", "spare_scarce"] = "any"
+    blocked: Blocked = "wait"
     solver: SolverText | None = None
     constraints: ConstraintsModel = ConstraintsModel()
     parameters: dict[Name, JsonValue] = {}

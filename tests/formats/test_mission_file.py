@@ -244,6 +244,7 @@ def test_defaults_of_a_global_task() -> None:
     (task,) = load_text(text).global_tasks.values()
     assert (task.needs[0].min_robots, task.needs[0].max_robots) == (3, 3)
     assert task.failure is FailurePolicy.RESILIENT
+    assert task.failure_after_us is None
     assert task.blocked_fail_after_us is None
     assert not task.preemptive
 
@@ -339,6 +340,8 @@ def _damaged(change: str) -> str:
         ("d['global_tasks'][0][1][0][1] = 2", "bounds of weld(3)"),
         ("d['global_tasks'][0][2] = 'never'", "'never' is not a valid FailurePolicy"),
         ("d['global_tasks'][0][3] = 0", "blocked"),
+        ("d['global_tasks'][0].append(0)", "failure"),
+        ("d['global_tasks'][0] += [5, 5]", "damaged"),
         ("d['global_tasks'][0][4] = 0", "preemptive"),
         ("d['tree'][2] = 'other'", "tree node 0: 'other'"),
         ("d['tree'][0] = 'Condition'", "tree node 0: 'fix(3)'"),

@@ -13,7 +13,7 @@ from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.bt.tree import NodeSpec
 from mrbt_mesh.core.engine import Engine
-from mrbt_mesh.core.mission.mission import GlobalTask, InDoubtPolicy, Mission
+from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, InDoubtPolicy, Mission
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.runtime.engine_choice import chosen_engine
 from tests.support import build
@@ -64,7 +64,7 @@ class Script:
 
     def do_task(self, name: str, *words: str) -> None:
         """task cover lift 2..2 fail_after=0.5; task dose pour exclusive in_doubt=retry;
-        task fetch drive 1..1 bid_within=0.5"""
+        task fetch drive 1..1 bid_within=0.5; task look see failure=paper after=2"""
         needs: list[tuple[Any, ...]] = []
         policies: dict[str, Any] = {}
         for word in words:
@@ -76,6 +76,10 @@ class Script:
                 policies[word] = True
             elif key == "in_doubt":
                 policies[key] = InDoubtPolicy(value)
+            elif key == "failure":
+                policies[key] = FailurePolicy(value)
+            elif key == "after":
+                policies["failure_after_us"] = round(float(value) * 1e6)
             elif is_policy:
                 policies["blocked_fail_after_us"] = round(float(value) * 1e6)
             elif ".." in word:

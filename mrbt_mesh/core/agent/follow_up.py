@@ -145,5 +145,6 @@ class FollowUp:
         self.step_us = min(ahead_us, default=NEVER_US)
         self._seen = None
         if joining is None and leases.is_idle and planner.is_current:
-            self._reads_reports = done_us is not None or is_waiting or self._lifecycle.is_over
+            awaits_reports = is_waiting or planner.deadlines.awaits_agreement
+            self._reads_reports = done_us is not None or awaits_reports or self._lifecycle.is_over
             self._seen = self._changes()

@@ -38,8 +38,9 @@ class Planner:
     """
 
     def __init__(self, context: Context, robot_tree: RobotTree) -> None:
+        timing = context.config.timing
         self.plan: Plan | None = None
-        self.deadlines = Deadlines(context.config.timing.bid_wait_us)
+        self.deadlines = Deadlines(timing.bid_wait_us, timing.verdict_us)
         self._context = context
         self._robot_tree = robot_tree
         self._evaluator = context.config.engine.evaluator(context.facts)
@@ -61,6 +62,7 @@ class Planner:
     def forget(self) -> None:
         """Plan anew at the next update, whatever has changed or is being made."""
         self._planned = self.awaited = self._finished = None
+        self.deadlines.restart_verdicts()
 
     @property
     def is_current(self) -> bool:
@@ -69,6 +71,10 @@ class Planner:
         Not so between an update's own last words (a claim) and the next one.
         """
         return self.plan is not None and self._planned == self._state()
+
+    def _is_agreed(self) -> bool:
+        """Whether all robots in good standing report this plan."""
+        return self.plan is not None and self._context.membership.all_report_plan(self.plan.digest)
 
     def _state(self) -> tuple[int, int]:
         return self._context.facts.changes, self._context.membership.alive_changes
@@ -97,7 +103,7 @@ class Planner:
             latches: list[tuple[str, Any]] = []
             if self._number != before:
                 latches = self._latches(self.plan, context.alive())
-            latches += self.deadlines.expired(self.plan, facts, now_us)
+            latches += self.deadlines.expired(self.plan, facts, now_us, self._is_agreed)
             if not latches:
                 break
             context.write(latches, now_us)

@@ -3,7 +3,8 @@
 This is the paper's *Perform Global Task g* (section V, definition of T_G): the status of the
 action leaf, computed from the outcomes of its activation. Where the paper is silent or
 contradicts itself, docs/decisions says what was decided. Never a function of who is thought alive:
-lack of living robots is *blocked*, not failure.
+what follows from that becomes a verdict, a fact, once the team has agreed on it for some time
+(`planning.verdicts`).
 """
 
 from __future__ import annotations
@@ -32,9 +33,9 @@ class TeamMembers(Protocol):
 
 
 def task_status(task: GlobalTask, said: ActivationFacts, team: TeamMembers) -> Status:
-    """Success goes before failure: one that arrives late still counts.
+    """Success goes before failure: one that arrives late still counts, also after a verdict.
 
-    The operator's word (`is_done`) and a latched failure (`has_verdict`) count like outcomes.
+    The operator's word (`is_done`) and a verdict (`has_verdict`) count like outcomes.
     """
     if said.is_done or has_succeeded(task, said):
         return Status.SUCCESS
@@ -70,7 +71,7 @@ def _need_failed(task: GlobalTask, need: Need, said: ActivationFacts, team: Team
     """There is a failure, and
 
     policy `paper`: failures exceed assigned - nu, where assigned = outcomes + valid claims;
-    policy `resilient`: successes and robots that may still try are fewer than nu.
+    other policies: successes and robots that may still try, dead or not, are fewer than nu.
     """
     results = said.outcomes.get(need.local_task, {})
     failures = sum(not success for success in results.values())
@@ -91,12 +92,13 @@ def _coalitions_failed(
     """There is a failure, and
 
     policy `paper`: in one coalition the failures exceed its members - nu;
-    policy `resilient`: the robots that have not failed, in any coalition, are fewer than nu.
+    other policies: the robots that have not failed in any coalition, dead or not, are fewer than
+    nu.
     """
     failed = coalitions.failed_robots(need.local_task)
     if not failed:
         return False
-    if task.failure is FailurePolicy.RESILIENT:
+    if task.failure is not FailurePolicy.PAPER:
         return len(set(team.robots_with(need.local_task)) - failed) < need.min_robots
     for coalition, members in coalitions.members.items():
         there = [member for member in members if member.local_task == need.local_task]

@@ -81,6 +81,13 @@ class Timing:
         return self.detection_us * 3 // 10
 
     @property
+    def verdict_us(self) -> int:
+        """Where the mission does not say how long: for so long the team must agree that those who
+        live cannot make good a failure. It is the detection time once more.
+        """
+        return self.detection_us
+
+    @property
     def repair_us(self) -> int:
         """Fact digests that differ for longer than this are repaired by asking."""
         return self.heartbeat_us // 2

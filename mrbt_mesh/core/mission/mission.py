@@ -43,10 +43,15 @@ GlobalTaskId: TypeAlias = str
 
 
 class FailurePolicy(enum.StrEnum):
-    """When a global task fails: by the paper's count, or only once nobody is left to try."""
+    """When a global task fails of which some robot has failed.
+
+    By the paper's count; once nobody who lives is left to try (resilient); or once nobody at all
+    is, since dead robots and lost capabilities are waited for (patient).
+    """
 
     PAPER = "paper"
     RESILIENT = "resilient"
+    PATIENT = "patient"
 
 
 class AssignmentPolicy(enum.StrEnum):
@@ -120,11 +125,12 @@ class Need:
 class GlobalTask:
     """A ground global task g: psi(g) and its policies.
 
-    `blocked_fail_after_us`: None waits for robots to return; otherwise the task fails
-    after it has been blocked that long. `simultaneous`: its robots start together, and only
-    the successes of one such coalition count. `exclusive`: it is never done by two coalitions
-    at the same time, nor again after it was done or left `in_doubt`. `by_coalition`: it is either,
-    so it is carried out by coalitions, whose robots all start together.
+    `failure_after_us`: for how long the team must agree that those who live cannot make good a
+    failure; None: `Timing.verdict_us`. `blocked_fail_after_us`: None waits for robots to return;
+    otherwise the task fails after it has been blocked that long. `simultaneous`: its robots start
+    together, and only the successes of one such coalition count. `exclusive`: it is never done by
+    two coalitions at the same time, nor again after it was done or left `in_doubt`. `by_coalition`:
+    it is either, so it is carried out by coalitions, whose robots all start together.
     """
 
     id: GlobalTaskId
@@ -135,6 +141,7 @@ class GlobalTask:
     simultaneous: bool = False
     exclusive: bool = False
     in_doubt: InDoubtPolicy = InDoubtPolicy.HOLD
+    failure_after_us: int | None = None
     by_coalition: bool = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -143,6 +150,36 @@ class GlobalTask:
     def need(self, local_task: LocalTaskId) -> Need | None:
         """What it needs of a local task, None if nothing."""
         return next((need for need in self.needs if need.local_task == local_task), None)
+
+    def to_json(self) -> list[Any]:
+        """Its fields in their order; `failure_after_us` only where it is set."""
+        row = [
+            self.id,
+            [need.to_json() for need in self.needs],
+            str(self.failure),
+            self.blocked_fail_after_us,
+            self.preemptive,
+            self.simultaneous,
+            self.exclusive,
+            str(self.in_doubt),
+        ]
+        return row if self.failure_after_us is None else [*row, self.failure_after_us]
+
+    @classmethod
+    def from_json(cls, data: list[Any]) -> GlobalTask:
+        """The other way round; raises TypeError or ValueError for anything else."""
+        name, needs, failure, blocked, preemptive, simultaneous, exclusive, in_doubt, *after = data
+        return cls(
+            name,
+            tuple(Need.from_json(need) for need in needs),
+            FailurePolicy(failure),
+            blocked,
+            preemptive,
+            simultaneous,
+            exclusive,
+            InDoubtPolicy(in_doubt),
+            *after,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,6 +321,12 @@ class Mission:
         return any(need.by_bid for task in self.global_tasks.values() for need in task.needs)
 
     @cached_property
+    def has_paper_policy(self) -> bool:
+        """Whether any task fails by the paper's count."""
+        tasks = self.global_tasks.values()
+        return any(task.failure is FailurePolicy.PAPER for task in tasks)
+
+    @cached_property
     def has_preemptive(self) -> bool:
         """Whether any task may take running robots from tasks further right."""
         return any(task.preemptive for task in self.global_tasks.values())
@@ -324,19 +367,7 @@ class Mission:
             "conditions": {
                 c.name: [list(c.parameters), c.default] for c in self.conditions.values()
             },
-            "global_tasks": [
-                [
-                    t.id,
-                    [need.to_json() for need in t.needs],
-                    str(t.failure),
-                    t.blocked_fail_after_us,
-                    t.preemptive,
-                    t.simultaneous,
-                    t.exclusive,
-                    str(t.in_doubt),
-                ]
-                for t in self.global_tasks.values()
-            ],
+            "global_tasks": [task.to_json() for task in self.global_tasks.values()],
             "tree": _spec_to_json(self.tree.spec()),
             "parameters": dict(self.parameters),
             "program": self.program,
@@ -374,28 +405,7 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
             conditions={
                 n: ConditionType(n, tuple(p), d) for n, (p, d) in data["conditions"].items()
             },
-            global_tasks={
-                i: GlobalTask(
-                    i,
-                    tuple(Need.from_json(need) for need in needs),
-                    FailurePolicy(failure),
-                    blocked,
-                    preemptive,
-                    simultaneous,
-                    exclusive,
-                    InDoubtPolicy(in_doubt),
-                )
-                for (
-                    i,
-                    needs,
-                    failure,
-                    blocked,
-                    preemptive,
-                    simultaneous,
-                    exclusive,
-                    in_doubt,
-                ) in data["global_tasks"]
-            },
+            global_tasks={row[0]: GlobalTask.from_json(row) for row in data["global_tasks"]},
             tree=build_tree(_spec_from_json(data["tree"])),
             assignment=AssignmentPolicy(data.get("assignment", AssignmentPolicy.ANY)),
             parameters=data["parameters"],

@@ -1,48 +1,85 @@
-"""Deadlines that become facts: of the tree's Timeouts, of global tasks that are blocked, of bids.
+"""Deadlines that become facts: of Timeouts, of tasks that are blocked or about to fail, of bids.
 
-Every robot measures from when it first saw the thing run; whoever sees the deadline pass
-first says so, once, for all.
+Every robot measures from when it first saw the thing run, and anew once it saw it not run; whoever
+sees the deadline pass first says so, once, for all.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeAlias
 
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.planning.plan import Plan
 
+# A fact, and whether it follows from who is alive: then the others have to agree.
+_Due: TypeAlias = tuple[str, bool]
+
 
 class Deadlines:
-    """The deadlines that are running, by the name of the fact that they will become.
+    """The deadlines that are running, by what they will become.
 
-    `bid_us`: how long bids are waited for where the mission does not say.
+    `bid_us`, `verdict_us`: how long bids are waited for, and how long a verdict is pending, where
+    the mission does not say.
     """
 
-    def __init__(self, bid_us: int) -> None:
+    def __init__(self, bid_us: int, verdict_us: int) -> None:
         self._bid_us = bid_us
-        self._due_us: dict[str, int] = {}
+        self._verdict_us = verdict_us
+        self._due_us: dict[_Due, int] = {}
+        # They have passed, but the others do not agree.
+        self._held: set[_Due] = set()
 
-    def expired(self, plan: Plan, facts: TeamFacts, now_us: int) -> list[tuple[str, Any]]:
-        """Follow a plan; returns the facts to write for deadlines that have passed."""
-        if not (plan.evaluation.timeouts or plan.waiting or self._due_us):
+    def expired(
+        self, plan: Plan, facts: TeamFacts, now_us: int, is_agreed: Callable[[], bool]
+    ) -> list[tuple[str, Any]]:
+        """Follow a plan; returns the facts to write for deadlines that have passed.
+
+        `is_agreed`: whether all robots in good standing report this plan.
+        """
+        if not (plan.evaluation.timeouts or plan.waiting or plan.pending_verdicts or self._due_us):
             return []
-        running = {
-            f"{records.EXPIRED}/{t.activation}": t.timeout_us for t in plan.evaluation.timeouts
+        before, self._due_us = self._due_us, {}
+        for due, limit_us in self._running(plan, facts).items():
+            self._due_us[due] = before.get(due, now_us + limit_us)
+        passed = {due for due, at_us in self._due_us.items() if at_us <= now_us}
+        verdicts = {due for due in passed if due[1]}
+        self._held = set() if not verdicts or is_agreed() else verdicts
+        return [(name, True) for name in sorted({name for name, _ in passed - self._held})]
+
+    def _running(self, plan: Plan, facts: TeamFacts) -> dict[_Due, int]:
+        """What runs now, and for how long at most, in microseconds."""
+        running: dict[_Due, int] = {
+            (f"{records.EXPIRED}/{t.activation}", False): t.timeout_us
+            for t in plan.evaluation.timeouts
         }
         for waiting in plan.waiting:
             limit_us = facts.mission.global_tasks[waiting.global_task].blocked_fail_after_us
             if waiting.shortages and limit_us is not None:
-                running[f"{records.VERDICT}/{waiting.activation}"] = limit_us
+                running[f"{records.VERDICT}/{waiting.activation}", False] = limit_us
+        for verdict in plan.pending_verdicts:
+            after_us = verdict.after_us
+            limit_us = self._verdict_us if after_us is None else after_us
+            running[verdict.verdict_name, True] = limit_us
         for bidding in plan.biddings:
             if bidding.is_open:
                 within_us = bidding.within_us
-                running[bidding.closed_name] = self._bid_us if within_us is None else within_us
-        due_us = {}
-        for name, limit_us in running.items():
-            due_us[name] = self._due_us.get(name, now_us + limit_us)
-        self._due_us = due_us
-        return [(name, True) for name in sorted(due_us) if due_us[name] <= now_us]
+                limit_us = self._bid_us if within_us is None else within_us
+                running[bidding.closed_name, False] = limit_us
+        return running
+
+    def restart_verdicts(self) -> None:
+        """This robot has not seen for a while who is alive."""
+        self._due_us = {due: at_us for due, at_us in self._due_us.items() if not due[1]}
+        self._held.clear()
+
+    @property
+    def awaits_agreement(self) -> bool:
+        """Whether one has passed that becomes a fact as soon as all report the same plan."""
+        return bool(self._held)
 
     def next_deadline_us(self) -> int | None:
-        return min(self._due_us.values(), default=None)
+        """The next one, of those that do not await agreement."""
+        times_us = (at_us for due, at_us in self._due_us.items() if due not in self._held)
+        return min(times_us, default=None)

@@ -26,6 +26,7 @@ from mrbt_mesh.core.planning.side_constraints import (
     side_constraints,
 )
 from mrbt_mesh.core.planning.steps import PlanningSteps
+from mrbt_mesh.core.planning.verdicts import pending_verdicts
 
 
 def make_plan(
@@ -81,6 +82,9 @@ def make_plan(
             index: _limited(each, check, demands[index], kept, index, pinned)
             for index, each in waiting.items()
         }
+    pending = pending_verdicts(facts, requests, waiting, obstacles, team)
+    for index in sorted(pending.keys() & waiting.keys()):
+        waiting[index] = replace(waiting[index], is_failing=True)
     unassigned = [robot for robot in team if robot not in lines]
     idle = _why_idle(unassigned, demands, offered, served, held)
     return Plan(
@@ -93,6 +97,7 @@ def make_plan(
         assigned is not None,
         bids.biddings,
         demands,
+        tuple(pending.values()),
     )
 
 

@@ -107,12 +107,28 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True)
+class PendingVerdict:
+    """A request that fails if the plan goes on to say so for `after_us`.
+
+    Some robot has failed, and those who live cannot make it good. None: `Timing.verdict_us`.
+    """
+
+    activation: str
+    after_us: int | None
+
+    @property
+    def verdict_name(self) -> str:
+        """The fact that it has failed."""
+        return f"{records.VERDICT}/{self.activation}"
+
+
+@dataclass(frozen=True, slots=True)
 class Waiting:
     """A request that is not served. With `shortages` it is blocked: no living robots could.
 
     `obstacle` is what else keeps it from being served, whoever is free. `held_by`: the side
     constraints without which it would not have to wait now. `awaited`: the robots without whose
-    bids it is not decided who serves it.
+    bids it is not decided who serves it. `is_failing`: it fails unless that changes.
     """
 
     activation: str
@@ -121,6 +137,7 @@ class Waiting:
     obstacle: str = ""
     held_by: str = ""
     awaited: tuple[str, ...] = ()
+    is_failing: bool = False
 
     @property
     def is_blocked(self) -> bool:
@@ -130,15 +147,16 @@ class Waiting:
     @property
     def reason(self) -> str:
         """For people: `blocked: move_frame needs 2, 1 alive`."""
+        end = "; fails unless that changes" if self.is_failing else ""
         if self.obstacle:
-            return f"blocked: {self.obstacle}"
+            return f"blocked: {self.obstacle}{end}"
         if self.held_by:
             return f"waiting: {self.held_by}"
         if self.awaited:
             return f"waiting for bids of {shortened(self.awaited)}"
         if not self.shortages:
             return "waiting: the robots it needs are busy with earlier requests"
-        return "blocked: " + "; ".join(map(str, self.shortages))
+        return "blocked: " + "; ".join(map(str, self.shortages)) + end
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,8 +188,8 @@ class DemandBounds:
 
 @dataclass(frozen=True)
 class Plan:
-    """`lines` by robot; `idle` says why a robot has none; `waiting`, `biddings`, `demands` in tree
-    order. The demands are what the plan was made from, and no part of what it says.
+    """`lines` by robot; `idle` says why a robot has none; the others in tree order. The demands are
+    what the plan was made from, and no part of what it says.
 
     What the leaves of T_A return (paper, section V): *Check Consistency* holds if `consistent`, so
     unless there are requests and none of them can be served; *Assign Agents* succeeds if
@@ -188,6 +206,7 @@ class Plan:
     feasible: bool = True
     biddings: tuple[Bidding, ...] = ()
     demands: Sequence[Group] = field(default=(), compare=False, repr=False)
+    pending_verdicts: tuple[PendingVerdict, ...] = ()
 
     @cached_property
     def result(self) -> Status:
@@ -265,4 +284,5 @@ class Plan:
                 for w in self.waiting
             ],
             "bids": [bidding.to_json() for bidding in self.biddings],
+            "pending_verdicts": [verdict.activation for verdict in self.pending_verdicts],
         }

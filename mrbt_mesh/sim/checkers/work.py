@@ -30,6 +30,7 @@ from mrbt_mesh.core.planning.demands import demands_of
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.core.planning.side_constraints import feasibility
 from mrbt_mesh.sim.checkers.findings import RunFindings, current_plan, is_connected, joined
+from mrbt_mesh.sim.checkers.finishing import can_finish
 from mrbt_mesh.sim.engine.process import SimProcess
 
 _OVER = (Status.SUCCESS, Status.FAILURE)
@@ -256,12 +257,13 @@ class Progress:
         for agent in agents:
             waits = agent.waits_for_deadline
             request = servable(agent, agent.alive())
-            if request is not None:
-                text = f"for {agent.robot}, {request} could be served, but nothing was finished "
+            if request is None and (waits or agent.facts.order() is OrderKind.PAUSE):
+                return
+            could = f"{request} could be served" if request else "the mission could be finished"
+            if request is not None or can_finish(agent, agent.alive()):
+                text = f"for {agent.robot}, {could}, but nothing was finished "
                 findings.say("I6", text + f"for {still_us / 1e6:.1f} s after the last fault")
                 self.is_settled = True
-            elif waits or agent.facts.order() is OrderKind.PAUSE:
-                return
         self.is_settled = True
 
     def _check_joining(self, agents: Sequence[AgentView]) -> None:
@@ -294,7 +296,7 @@ class Progress:
         agents = [p.agent.view for p in world.living() if p.agent is not None]
         if not agents or world.network.blocked or world.healed_us is not None:
             return
-        still_us = world.clock.now_us - self._progress_us
+        still_us = world.clock.now_us - max(self._progress_us, self._findings.fault_us)
         if any(agent.action for agent in agents) or still_us <= self._patience_us:
             return
         if can_finish(agents[0], {agent.robot: agent.incarnation for agent in agents}):
@@ -369,19 +371,3 @@ def _can_serve(facts: TeamFacts, request: Request, alive: Mapping[str, Incarnati
 
     slots.sort(key=len)
     return seat(0, frozenset())
-
-
-def can_finish(agent: AgentView, alive: Mapping[str, Incarnation]) -> bool:
-    """Whether the living could serve every global task of the tree: more than they may need."""
-    mission = agent.mission
-    if agent.facts.order() is not OrderKind.RESUME:
-        return False
-    if agent.plan is not None and any(waiting.obstacle for waiting in agent.plan.waiting):
-        return False  # an exclusive task in doubt, or without a majority that lives
-    capable = capabilities_of(agent.facts, alive)
-    for node in mission.tree.actions():
-        request = Request(node.index, node.subject, "")
-        (group,) = demands_of(agent.facts, [request], capable, agent.mission.evaluator)
-        if not feasibility(mission.constraints, list(capable.team), [group]).keep(0, group, {}):
-            return False
-    return True

@@ -411,13 +411,15 @@ def test_whoever_sees_the_time_pass_says_so() -> None:
     world = town("A", needs=("drive", 1, 1, True, 700_000))
     usual, name = town("A"), f"closed/{world.activation('fetch')}/drive"
     for each, limit_us in ((world, 700_000), (usual, 300_000)):
-        watches = Deadlines(300_000)
-        assert watches.expired(each.plan(), each.facts, 50) == []
+        watches = Deadlines(300_000, 1_000_000)
+        assert watches.expired(each.plan(), each.facts, 50, lambda: True) == []
         assert watches.next_deadline_us() == limit_us + 50
-        assert watches.expired(each.plan(), each.facts, limit_us + 49) == []
-        assert watches.expired(each.plan(), each.facts, limit_us + 50) == [(name, True)]
+        assert watches.expired(each.plan(), each.facts, limit_us + 49, lambda: True) == []
+        assert watches.expired(each.plan(), each.facts, limit_us + 50, lambda: True) == [
+            (name, True)
+        ]
         bid_all(each, A=3)
-        assert watches.expired(each.plan(), each.facts, limit_us + 50) == []
+        assert watches.expired(each.plan(), each.facts, limit_us + 50, lambda: True) == []
 
 
 def test_the_plan_as_data_says_who_bid_what() -> None:

@@ -15,7 +15,6 @@ from mrbt_mesh.core.facts.records import Claim, Member, Outcome
 from mrbt_mesh.core.facts.store import Change, Entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS
-from mrbt_mesh.core.mission.mission import FailurePolicy
 
 
 class FactChanges:
@@ -31,9 +30,8 @@ class FactChanges:
         self.nodes: dict[int, None] = {}
         self.child_results: dict[tuple[int, int], None] = {}
         self._facts = facts
-        tasks = facts.mission.global_tasks.values()
         # Only then does a task's status depend on claims.
-        self._reads_claims = any(task.failure is FailurePolicy.PAPER for task in tasks)
+        self._reads_claims = facts.mission.has_paper_policy
         # Nodes of which somebody has told a failure: who else is capable matters there.
         self._failed_nodes: dict[int, None] = {}
         for entry in facts.map:

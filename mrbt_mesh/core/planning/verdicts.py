@@ -1,0 +1,76 @@
+"""Which requests are about to fail because of who is dead.
+
+A global task's status never follows from who is thought alive, or a false suspicion would turn the
+tree to a fallback and back (`facts.task_status`). But once a robot has failed, and those who live
+cannot make it good, whoever waits for the dead waits in vain. The plan says so: a verdict is
+*pending*. When it has said so for some time without a break, and all report the same plan, the
+verdict is written as a fact (`planning.deadlines`) and holds for that activation, whoever returns.
+
+Where nobody has failed, a request that nobody can serve is *blocked*, as its policy says. So is an
+exclusive one in doubt, without a living majority, or with a coalition out of reach: others may be
+at it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+from mrbt_mesh.core.bt.evaluation import Request
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask
+from mrbt_mesh.core.planning.plan import PendingVerdict, Waiting
+
+
+def pending_verdicts(
+    facts: TeamFacts,
+    requests: Sequence[Request],
+    waiting: Mapping[int, Waiting],
+    obstacles: Collection[int],
+    team: Collection[str],
+) -> dict[int, PendingVerdict]:
+    """The requests, by index and in tree order, of which some robot has failed and
+
+    policy `resilient`: no living robots could serve it, whoever is free;
+    policy `paper`: that too, or failures exceed assigned - nu, where assigned = outcomes + claims
+    of the living.
+
+    `waiting`: the requests that are not served; `obstacles`: those that are held whoever is free.
+    """
+    tasks = facts.mission.global_tasks
+    counted = range(len(requests)) if facts.mission.has_paper_policy else ()
+    found = {}
+    for index in sorted({*waiting, *counted}):
+        activation = requests[index].activation
+        task = tasks[requests[index].subject]
+        if index in obstacles or task.failure is FailurePolicy.PATIENT:
+            continue
+        if not facts.has_outcome(activation) or not _has_failure(facts, task, activation):
+            continue
+        is_blocked = index in waiting and waiting[index].is_blocked
+        by_count = task.failure is FailurePolicy.PAPER
+        if is_blocked or (by_count and _has_failed_by_count(facts, task, activation, team)):
+            found[index] = PendingVerdict(activation, task.failure_after_us)
+    return found
+
+
+def _has_failure(facts: TeamFacts, task: GlobalTask, activation: str) -> bool:
+    """Whether some robot has failed there."""
+    return any(
+        not success
+        for need in task.needs
+        for success in facts.results(activation, need.local_task).values()
+    )
+
+
+def _has_failed_by_count(
+    facts: TeamFacts, task: GlobalTask, activation: str, team: Collection[str]
+) -> bool:
+    """Whether the failures of some need exceed assigned - nu."""
+    for need in task.needs:
+        results = facts.results(activation, need.local_task)
+        failures = sum(not success for success in results.values())
+        claimants = facts.claimants(activation, need.local_task)
+        at_it = sum(robot in team and robot not in results for robot in claimants)
+        if failures and failures > len(results) + at_it - need.min_robots:
+            return True
+    return False
