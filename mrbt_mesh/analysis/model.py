@@ -136,6 +136,8 @@ class FaultModel:
         spare, able = self._room(service, subset)
         gone = self._gone(service, subset, able, is_break=False)
         if isinstance(gone, int):
+            if gone > spare:  # it never finds them, whatever happens
+                self.model.add_bool_or([] if unless is None else [unless])
             return
         constraint = self.model.add(gone <= spare)
         if unless is not None:

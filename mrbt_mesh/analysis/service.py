@@ -70,11 +70,12 @@ def entries_of(
 def service(mission: Mission, tasks: tuple[GlobalTask, ...], name: str) -> Service:
     """The service of doing these global tasks at one time.
 
-    Needs that the same robots meet with the same capabilities become one.
+    Needs that the same robots meet with the same capabilities become one; one that asks for nobody
+    is none.
     """
     counts: dict[str, int] = {}
     for task in tasks:
-        for need in task.needs:
+        for need in filter(lambda need: need.min_robots, task.needs):
             counts[need.local_task] = counts.get(need.local_task, 0) + need.min_robots
     needs = []
     for local_task, count in counts.items():

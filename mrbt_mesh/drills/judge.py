@@ -285,7 +285,8 @@ def repeats(mission: Mission, found: Iterable[Span], deeds: Deeds) -> list[Span]
         }
         own = any(done.robot == span.robot and not done.coalition for done in known)
         together = Counter(done.coalition for done in known)
-        enough = max(together.values(), default=0) >= least(span.global_task, span.ground)
+        # Where nobody has to help, nobody who does is one too many.
+        enough = 0 < least(span.global_task, span.ground) <= max(together.values(), default=0)
         if own or enough:
             result.append(span)
     return result

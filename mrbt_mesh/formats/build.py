@@ -203,11 +203,19 @@ class _Builder:
     def check_global_tasks(self) -> None:
         for name, task in self.model.global_tasks.items():
             scope = self.globals | set(task.parameters)
+            if not any(need.min for need in task.needs.values()):
+                text = (
+                    f"{name} would succeed at once: give one of its needs a min (nu) of at least 1"
+                )
+                self.report.add(("global_tasks", name, "needs"), text)
             for text, need in task.needs.items():
                 path: SourcePath = ("global_tasks", name, "needs", text)
                 check_call(text, "local task", self.local_parameters, scope, path, self.report)
                 if need.same_robot_as is not None:
                     self.check_same_robot(need.same_robot_as, scope, (*path, "same_robot_as"))
+                if need.max is None and need.min == 0:
+                    text = "min (nu) is 0, so nobody has to: say with max (mu) how many may help"
+                    self.report.add(path, text)
                 if need.max is not None and need.min > need.max:
                     message = f"min (nu) is {need.min}, but max (mu) is {need.max}"
                     self.report.add(path, f"{message}; max has to be at least min")

@@ -104,13 +104,14 @@ def _check_global_tasks(mission: Mission) -> None:
             _expect(after is None or (type(after) is int and after > 0), f"{here}: {key}")
         for flag in ("preemptive", "simultaneous", "exclusive"):
             _expect(isinstance(getattr(goal, flag), bool), f"{here}: {flag}")
+        _expect(any(need.min_robots for need in goal.needs), f"{here}: nobody is needed")
         for need in goal.needs:
             name, arguments = split_call(need.local_task)
             declared = mission.local_tasks.get(name)
             fits = declared is not None and len(declared.parameters) == len(arguments)
             _expect(fits, f"{here}: local task {need.local_task!r}")
             low, high = need.min_robots, need.max_robots
-            in_order = _is_integer(high, 1, MAX_ROBOTS) and _is_integer(low, 1, high)
+            in_order = _is_integer(high, 1, MAX_ROBOTS) and _is_integer(low, 0, high)
             _expect(in_order, f"{here}: bounds of {need.local_task}")
             before = need.same_robot_as
             if before is not None:

@@ -114,11 +114,12 @@ class BidModel(FileModel):
 class NeedModel(FileModel):
     """How many robots a local task needs (`min`, nu) and can use (`max`, mu; default `min`).
 
+    `min: 0`: robots may help with it, and none has to.
     `same_robot_as`: only robots that have succeeded with that before.
     `performance: bid`: how well a robot does it is known only to the robot, which bids for it.
     """
 
-    min: Count = 1
+    min: Annotated[int, Field(ge=0, le=MAX_ROBOTS)] = 1
     max: Count | None = None
     same_robot_as: SameRobotModel | None = None
     performance: Annotated[

@@ -275,6 +275,23 @@ def test_either_of_two_alternatives_is_enough_but_one_must_stay() -> None:
     assert key_figures(data["keeps_every_task"]) == [False, False, 0, 1, 0, 1]
 
 
+def test_an_alternative_that_nobody_could_ever_do_is_of_no_use() -> None:
+    """Told with proof, not when the time for the question is up."""
+    mission = make_mission(parallel(1, A, B), {"R1": {"a": 1}})
+    data = analyse(mission, Costs(), 60).to_json()
+    assert data["complete"]
+    assert key_figures(data) == [False, False, 0, 1, 0, 1]
+
+
+def test_who_may_help_and_need_not_is_not_missed() -> None:
+    robots = {"R1": {"a": 1, "b": 1}, "R2": {"a": 1, "b": 1}, "R3": {"b": 1}}
+    mission = make_mission(A, robots, [task("a", ("a", 1, 1), ("b", 0, 2))])
+    data = analyse(mission, Costs(), 60).to_json()
+    assert key_figures(data) == [True, True, 2, 2, 4, 2]
+    (only,) = data["tasks"]
+    assert [need["local_task"] for need in only["needs"]] == ["a"]
+
+
 def test_a_mission_that_is_not_feasible_says_why() -> None:
     lacking = make_mission(action("g"), {"R1": {"h": 1}}, [task("g"), task("h")])
     data = analyse(lacking, Costs(), 60).to_json()

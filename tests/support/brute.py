@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import random
 from collections.abc import Callable, Collection, Iterable
+from dataclasses import replace
 from functools import cache
 
 from mrbt_mesh.core.bt.tree import Kind, Memory, Node, NodeSpec, build_tree
@@ -37,7 +38,7 @@ _DECORATORS = (
 
 def random_mission(seed: int) -> Mission:
     """At most 4 robots, 9 capabilities and 5 leaves; tasks that wait, fail, are exclusive."""
-    pick = random.Random(seed)
+    pick, optional = random.Random(seed), random.Random(f"{seed}/optional")
     names = [f"l{i}" for i in range(pick.randint(1, 3))]
     robots: dict[str, Robot] = {}
     left = MAX_CAPABILITIES
@@ -55,7 +56,7 @@ def random_mission(seed: int) -> Mission:
             return NodeSpec(Kind.CONDITION, subject=f"c{pick.randint(0, 1)}")
         name = f"g{pick.randint(0, 4)}"
         if name not in tasks:
-            tasks[name] = _task(name, names, pick)
+            tasks[name] = _task(name, names, pick, optional)
         return NodeSpec(Kind.ACTION, subject=name)
 
     def node(budget: int, depth: int) -> NodeSpec:
@@ -86,12 +87,14 @@ def random_mission(seed: int) -> Mission:
     )
 
 
-def _task(name: str, names: list[str], pick: random.Random) -> GlobalTask:
+def _task(name: str, names: list[str], pick: random.Random, optional: random.Random) -> GlobalTask:
     chosen = pick.sample(names, pick.randint(1, min(2, len(names))))
     ground = [f"{each}(1)" if pick.random() < 0.15 else each for each in chosen]
     needs = tuple(
         Need(each, least := pick.choice([1, 1, 1, 2]), least + 1) for each in sorted(set(ground))
     )
+    if len(needs) > 1 and optional.random() < 0.3:  # robots may help with it, and none has to
+        needs = (needs[0], replace(needs[1], min_robots=0))
     waits = None if pick.random() < 0.5 else 1_000_000
     return GlobalTask(
         name, needs, blocked_fail_after_us=waits, exclusive=pick.random() < 0.1, simultaneous=True

@@ -131,7 +131,9 @@ def worlds(draw: st.DrawFn) -> World:
     tasks = []
     for number in range(draw(st.integers(1, 4))):
         chosen = draw(st.lists(st.sampled_from(kinds), min_size=1, max_size=2, unique=True))
-        needs = [(kind, draw(st.integers(1, 2)), 3) for kind in chosen]
+        least = draw(st.lists(st.integers(0, 2), min_size=len(chosen), max_size=len(chosen)))
+        least[0] = max(1, least[0])
+        needs = [(kind, low, 3) for kind, low in zip(chosen, least, strict=True)]
         tasks.append(task(f"t{number}", *needs))
     can = st.lists(st.sampled_from(kinds), max_size=3, unique=True)
     robots = {f"r{i}": dict.fromkeys(draw(can), 1.0) for i in range(draw(st.integers(0, 5)))}

@@ -84,6 +84,7 @@ class SameRobotAs:
 class Need:
     """One local task of psi(g) with its bounds nu (`min_robots`) and mu (`max_robots`).
 
+    With nu = 0 robots may help and none has to; a task has another need that asks for somebody.
     `same_robot_as`: only robots that have succeeded with that before are put on it.
     `by_bid`: a robot's performance is what it bids for the activation, and the plan waits
     `bid_within_us` for it (None: `Timing.bid_us`).

@@ -221,7 +221,7 @@ def shortages(
         return Shortage(demand.local_task, demand.needed, alive, done, failed, demand.after)
 
     short = [demand for demand in group if len(demand.candidates) < demand.lower]
-    return tuple(shortage(demand) for demand in short or group)
+    return tuple(shortage(demand) for demand in short or [d for d in group if d.lower])
 
 
 def _could_be_met(group: Sequence[Demand], team: Collection[str]) -> bool:

@@ -53,8 +53,8 @@ def demands_of(
     """The demands of each request, in tree order and the task's order of needs.
 
     lower = nu - successes, upper = mu - successes - failures (never below lower). Once successes
-    reach nu, nobody new is assigned. At most mu running claims are pinned, in the canonical order
-    of claims: (since, robot).
+    reach nu, nobody new is assigned; where nu is 0, robots may help up to the end. At most mu
+    running claims are pinned, in the canonical order of claims: (since, robot).
     """
     running = running_claims(facts, capabilities.team)
     return [
@@ -148,7 +148,7 @@ def _demand(
         candidates = {robot: value for robot, value in able.items() if robot not in results}
     runners = running.get(need.local_task, ())
     pinned = tuple(robot for robot in runners if robot in candidates)[:upper]
-    if not lower:
+    if not lower and need.min_robots:
         upper = len(pinned)
     bounds = need.min_robots, lower, upper
     return Demand(request, need.local_task, *bounds, pinned, candidates, need.after)

@@ -70,7 +70,10 @@ def _values(
 
 
 def _remaining(facts: TeamFacts, evaluation: Evaluation) -> dict[Need, int]:
-    """The needs of all actions that may still be asked for: nothing above them has ended."""
+    """The needs of all actions that may still be asked for: nothing above them has ended.
+
+    Those that ask for nobody are none.
+    """
     tree, found = facts.mission.tree, dict[Need, int]()
     ended: list[bool] = []
     for node in tree.nodes:  # parents come first
@@ -78,5 +81,7 @@ def _remaining(facts: TeamFacts, evaluation: Evaluation) -> dict[Need, int]:
         ended.append(over or (node.parent >= 0 and ended[node.parent]))
         if not ended[-1] and node.subject in facts.mission.global_tasks:
             for need in facts.mission.global_tasks[node.subject].needs:
+                if not need.min_robots:
+                    continue
                 found[need] = found.get(need, 0) + 1
     return found

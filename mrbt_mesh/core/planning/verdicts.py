@@ -54,10 +54,11 @@ def pending_verdicts(
 
 
 def _has_failure(facts: TeamFacts, task: GlobalTask, activation: str) -> bool:
-    """Whether some robot has failed there."""
+    """Whether some robot has failed there, other than one that merely helped."""
     return any(
         not success
         for need in task.needs
+        if need.min_robots
         for success in facts.results(activation, need.local_task).values()
     )
 

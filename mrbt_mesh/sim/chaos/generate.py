@@ -71,6 +71,9 @@ class _Generator:
         # Likewise what robots bid for, in one mission of four.
         self.bids = random.Random(f"{seed}/bids")
         self.bidding = self.bids.random() < 0.25
+        # Likewise local tasks with which robots may help and need not, in one mission of three.
+        self.optional = random.Random(f"{seed}/optional")
+        self.helping = self.optional.random() < 0.35
         self.conditions = [f"c{i}" for i in range(self.pick.randint(1, 4))]
         self.local_tasks = [f"t{i}" for i in range(self.pick.randint(1, 6))]
         self.global_tasks: dict[str, Any] = {}
@@ -211,6 +214,8 @@ class _Generator:
         count = min(self.pick.choice([1, 1, 1, 2]), len(self.local_tasks))
         chosen = self.pick.sample(self.local_tasks, count)
         task: dict[str, Any] = {"needs": {name: self.need(name) for name in chosen}}
+        if self.helping and count > 1 and self.optional.random() < 0.5:
+            task["needs"][self.optional.choice(chosen)]["min"] = 0
         if self.chance(0.3):
             task["failure"] = "paper"
         if self.chance(0.15):

@@ -8,6 +8,7 @@ from typing import Protocol
 
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.assignment.problem import Solver
+from mrbt_mesh.core.facts.coalitions import majority
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.make_plan import make_plan
@@ -90,6 +91,20 @@ class RunFindings:
         """How long it may take until all agree on who is alive, and newcomers have joined."""
         knobs = self.world.network.knobs
         return self.world.timing.max_detection_us + (knobs.token_delay_us or 0)
+
+    @property
+    def may_lack_grants(self) -> bool:
+        """Whether a living robot does not hear a majority, itself included, both ways.
+
+        Grants ride on heartbeats, which nobody passes on, so it may ask for them in vain.
+        """
+        blocked, grantors = self.world.network.blocked, self.world.mission.robot_ids
+        living = [process.robot for process in self.world.living() if process.robot in grantors]
+        return bool(blocked) and any(
+            sum((a, b) not in blocked and (b, a) not in blocked for b in living)
+            < majority(grantors)
+            for a in living
+        )
 
     @property
     def is_tolerable(self) -> bool:

@@ -133,7 +133,8 @@ class _Search:
         if self._can_serve(request):
             may_fail = task.failure is not FailurePolicy.PATIENT
             return (Status.SUCCESS, Status.FAILURE) if may_fail else (Status.SUCCESS,)
-        results = [facts.results(request.activation, need.local_task) for need in task.needs]
+        needs = [need.local_task for need in task.needs if need.min_robots]
+        results = [facts.results(request.activation, local_task) for local_task in needs]
         has_failed = any(not success for found in results for success in found.values())
         fails = has_failed and task.failure is not FailurePolicy.PATIENT
         return (Status.FAILURE,) if fails or task.blocked_fail_after_us is not None else ()

@@ -108,11 +108,14 @@ class WorkWithinBounds:
         self._findings.checks["I4"] += 1
         agent, alive = agents[0], {agent.robot: agent.incarnation for agent in agents}
         plan = current_plan(agent, self._findings.world.solver)
+        tasks, ungranted = agent.mission.global_tasks, self._findings.may_lack_grants
         for each in agents:
             line, claim = plan.lines.get(each.robot), each.claim
             wanted = (line.activation, line.local_task) if line else None
             runs = claim is not None and claim.phase is Phase.RUNNING
             found = (claim.activation, claim.local_task) if claim and runs else None
+            if line is not None and tasks[line.global_task].exclusive and ungranted:
+                continue
             if wanted != found:
                 text = f"{each.robot} works on {found}, by the plan on {wanted}"
                 self._findings.say("I4", text)
@@ -253,6 +256,10 @@ class Progress:
             self.is_settled = True
             return
         if still_us <= patience_us:
+            return
+        exclusive = any(task.exclusive for task in world.mission.global_tasks.values())
+        if exclusive and findings.may_lack_grants:
+            self.is_settled = True
             return
         for agent in agents:
             waits = agent.waits_for_deadline

@@ -66,7 +66,7 @@ def _united(robots: list[Robot]) -> Robot:
 
 def _within(need: Need, team: list[Robot]) -> Need:
     able = sum(performance(robot.capabilities, need.local_task) is not None for robot in team)
-    return replace(need, min_robots=max(1, min(need.min_robots, able)))
+    return replace(need, min_robots=min(need.min_robots, max(1, able)))
 
 
 def describe(robots: Mapping[str, Robot]) -> str:

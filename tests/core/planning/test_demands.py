@@ -88,6 +88,41 @@ def test_once_successes_reach_nu_nobody_new_is_assigned() -> None:
     assert (look.lower, look.upper) == (1, 1)
 
 
+@pytest.mark.parametrize(
+    ("script", "upper"), [("", 2), ("A+", 1), ("A-", 1), ("A+ B+", 0), ("A+ B- C+", 0)]
+)
+def test_where_nobody_has_to_help_as_many_may_as_are_allowed(script: str, upper: int) -> None:
+    """A success there ends nothing: it is the other need that the task waits for."""
+    robots = {name: {"hold": 1} for name in "ABCD"} | {"E": {"lift": 1}}
+    both = task("both", ("lift", 1, 1), ("hold", 0, 2))
+    world = World(make_mission(action("both"), robots, [both]))
+    for robot, event in script.split():
+        world.outcome(world.activation("both"), event == "+", robot, "hold")
+    lift, hold = all_demands(world)[0]
+    assert (lift.lower, lift.upper) == (1, 1)
+    assert (hold.lower, hold.upper) == (0, upper)
+
+
+def test_nobody_is_kept_from_a_request_by_those_who_might_help() -> None:
+    robots = {"A": {"hold": 2, "lift": 1}, "B": {"lift": 1}}
+    first, second = task("first", ("lift", 1, 1), ("hold", 0, 2)), task("second", ("lift", 1, 1))
+    tree = parallel(2, action("first"), action("second"))
+    world = World(make_mission(tree, robots, [first, second]))
+    lines = world.plan().lines
+    assert {robot: line.local_task for robot, line in lines.items()} == {"A": "lift", "B": "lift"}
+    world.outcome(world.activation("second"), True, "B", "lift")
+    lines = world.plan().lines
+    assert {robot: line.local_task for robot, line in lines.items()} == {"A": "hold", "B": "lift"}
+
+
+def test_who_is_missing_is_told_and_not_who_might_help() -> None:
+    """Each could be served, not both: B cannot lift and look at the same time."""
+    needs = ("lift", 1, 1), ("look", 1, 1), ("hold", 0, 1)
+    world = World(make_mission(action("all"), {"B": {"lift": 1, "look": 1}}, [task("all", *needs)]))
+    (waiting,) = world.plan().waiting
+    assert waiting.reason == "blocked: lift needs 1, 1 alive; look needs 1, 1 alive"
+
+
 # -- who may work -----------------------------------------------------------------------------
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.mission.constraints import NeverTogether
 from mrbt_mesh.core.mission.mission import FailurePolicy, InDoubtPolicy
@@ -68,6 +69,18 @@ def test_who_has_failed_at_any_part_counts() -> None:
     assert pending(world) == []
     world.outcome(activation, False, "R1", "a")
     assert pending(world) == ["a"]
+
+
+@pytest.mark.parametrize("policy", [RESILIENT, PAPER])
+def test_who_merely_helped_and_failed_does_not_count(policy: FailurePolicy) -> None:
+    """Nobody has failed at what is needed, so the task is blocked."""
+    world = world_of("R1", ("a", 1, 1), ("b", 0, 2), failure=policy)
+    for robot in ("R8", "R9"):
+        world.outcome(world.activation("a"), False, robot, "b")
+    world.die("R1")
+    assert pending(world) == []
+    assert [waiting.is_blocked for waiting in world.plan().waiting] == [True]
+    assert world.tick().status is Status.RUNNING
 
 
 def test_successes_count_for_what_is_needed() -> None:
