@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from mrbt_mesh.analysis.advice import Additions, advise
+from mrbt_mesh.analysis.cautions import cautions
 from mrbt_mesh.analysis.lemmas import Difference, Verdicts, verdicts
 from mrbt_mesh.analysis.model import Answer
 from mrbt_mesh.analysis.readings import READINGS, Question
@@ -104,6 +105,7 @@ class Analysis:
     tasks: tuple[TaskSlack, ...]
     weak_advice: Advice
     strong_advice: Advice
+    cautions: tuple[str, ...]
 
     @property
     def main(self) -> ReadingResult:
@@ -163,6 +165,7 @@ class Analysis:
                 "weakly_fault_tolerant": _advice_json(self.weak_advice),
                 "strongly_fault_tolerant": _advice_json(self.strong_advice),
             },
+            "cautions": list(self.cautions),
             "assumptions": list(assumptions(self.mission)),
         }
 
@@ -201,7 +204,8 @@ def analyse(mission: Mission, costs: Costs, limit_s: float, say: Say = silent) -
         )
 
     tasks = _slacks(readings["keeps_every_task"].question, set(reading.required.indispensable))
-    return Analysis(mission, readings, weak, strong, tasks, advice(False), advice(True))
+    advices = advice(False), advice(True)
+    return Analysis(mission, readings, weak, strong, tasks, *advices, tuple(cautions(mission)))
 
 
 def _part(say: Say, what: str) -> Callable[[int, int], None]:

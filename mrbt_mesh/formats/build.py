@@ -102,6 +102,7 @@ class _Builder:
             for name, condition in sorted(model.conditions.items())
         }
         self.check_global_tasks()
+        self.check_effects()
         template, subtrees = self.templates()
         # What is wrong so far would come up again for every value.
         self.report.raise_if_any()
@@ -295,6 +296,7 @@ class _Builder:
                 model.exclusive,
                 InDoubtPolicy(model.in_doubt or InDoubtPolicy.HOLD),
                 after_us,
+                self.effects(model, scope),
             )
         return tasks
 
@@ -325,6 +327,24 @@ class _Builder:
             by_bid = bid != "declared"
             needs[local] = Need(local, need.min, most, same, by_bid, within_us)
         return tuple(needs.values())
+
+    def check_effects(self) -> None:
+        conditions = {name: list(each.parameters) for name, each in self.model.conditions.items()}
+        for name, task in self.model.local_tasks.items():
+            scope = frozenset(task.parameters)
+            for text in task.effects:
+                path: SourcePath = ("local_tasks", name, "effects", text)
+                check_call(text, "condition", conditions, scope, path, self.report)
+
+    def effects(self, model: GlobalTaskModel, scope: Scope) -> tuple[tuple[str, bool], ...]:
+        """What the mission says that the local tasks of a global task set, ground."""
+        found: dict[str, bool] = {}
+        for text in model.needs:
+            _, arguments = self.ground(text, scope)
+            local = self.model.local_tasks[split_template(text)[0]]
+            bound = dict(zip(local.parameters, arguments, strict=True))
+            found |= {self.ground(name, bound)[0]: value for name, value in local.effects.items()}
+        return tuple(sorted(found.items()))
 
     def same_robot(
         self, model: SameRobotModel, scope: Scope, path: SourcePath

@@ -102,6 +102,9 @@ def _check_global_tasks(mission: Mission) -> None:
             ("failure", goal.failure_after_us),
         ):
             _expect(after is None or (type(after) is int and after > 0), f"{here}: {key}")
+        for condition, value in goal.effects:
+            is_known = mission.knows_condition(condition) and isinstance(value, bool)
+            _expect(is_known, f"{here}: effect on {condition!r}")
         for flag in ("preemptive", "simultaneous", "exclusive"):
             _expect(isinstance(getattr(goal, flag), bool), f"{here}: {flag}")
         _expect(any(need.min_robots for need in goal.needs), f"{here}: nobody is needed")

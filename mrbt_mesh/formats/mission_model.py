@@ -66,11 +66,13 @@ Cost: TypeAlias = Annotated[int, Field(ge=0, le=MAX_COST)]
 class LocalTaskModel(FileModel):
     """A local-task type; a robot with performance p needs work / p seconds for it.
 
-    `cost`: what it costs to make one more robot capable of it, for `mrbt analyze`.
+    `effects`: conditions that its action sets when it succeeds; robots' programs set them, checks
+    read them here. `cost`: what it costs to make one more robot capable of it, for `mrbt analyze`.
     """
 
     parameters: Parameters = []
     work: Annotated[float, Field(gt=0, le=MAX_WORK)] = 1.0
+    effects: dict[CallText, bool] = {}
     cost: Cost = 1
 
 

@@ -53,7 +53,6 @@ class TeamTaskModel(LocalTaskModel):
     writes: list[CallText] = []
     uses: list[CallText] = []
     requires: dict[CallText, bool] = {}
-    effects: dict[CallText, bool] = {}
     may_fail: bool = False
 
 

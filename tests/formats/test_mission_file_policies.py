@@ -60,6 +60,24 @@ def test_what_is_no_policy_is_refused(failure: str, message: str) -> None:
     assert str(caught.value).startswith("m.yaml:7")
 
 
+def test_what_local_tasks_set_is_ground_in_the_global_task() -> None:
+    text = FILE.replace(
+        "{weld: {}}\nrobot",
+        "{weld: {parameters: [p], effects: {hot($p): true}}}\n"
+        "conditions: {hot: {parameters: [p]}}\nrobot",
+    )
+    text = text.replace("{needs: {weld: {}}}", "{needs: {weld(3): {}}}")
+    mission = load(text)
+    (task,) = mission.global_tasks.values()
+    assert task.effects == (("hot(3)", True),)
+    assert mission_from_json(json.loads(json.dumps(mission.to_json()))) == mission
+    assert load(FILE).global_tasks["fix"].effects == ()
+    for wrong, message in (("cold($p)", "'cold' is no declared condition"), ("hot($q)", "$q")):
+        with pytest.raises(MissionError) as caught:
+            load(text.replace("hot($p)", wrong))
+        assert message in str(caught.value)
+
+
 def test_what_the_file_says_of_blocked_tasks_is_for_those_that_do_not_say_it() -> None:
     text = "blocked: {fail_after_s: 2}" + FILE
     (task,) = load(text).global_tasks.values()

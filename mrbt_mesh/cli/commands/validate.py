@@ -20,11 +20,12 @@ def validate(
 
     Example: mrbt validate examples/vehicle_repair/mission.yaml
     """
+    from mrbt_mesh.analysis.cautions import cautions
     from mrbt_mesh.cli.framework.terminal import console, labelled, print_json, write_file
     from mrbt_mesh.formats.mission_file import compile_mission, load_mission, mission_warnings
 
     loaded = load_mission(mission)
-    warnings = mission_warnings(loaded)
+    warnings = [*mission_warnings(loaded), *cautions(loaded)]
     if compile_to is not None:
         write_file(compile_to, compile_mission(loaded))
     counts = {

@@ -74,6 +74,7 @@ def html_report(analysis: Analysis, costs: Costs) -> str:
         _tasks(analysis),
         _lemmas(analysis),
         _advice(analysis, costs),
+        _cautions(analysis),
         "<h2>Assumed</h2><ul class='soft'>"
         + "".join(f"<li>{escape(line)}</li>" for line in assumptions(analysis.mission))
         + "</ul>",
@@ -203,6 +204,11 @@ def _lemmas(analysis: Analysis) -> str:
         + _table(("", "by definition", "corrected lemma", "lemma as printed"), rows)
         + (f"<ul>{listed}</ul>" if lines else "")
     )
+
+
+def _cautions(analysis: Analysis) -> str:
+    listed = "".join(f"<li>{escape(line)}</li>" for line in analysis.cautions)
+    return f"<h2>Cautions</h2><ul>{listed}</ul>" if listed else ""
 
 
 def _advice(analysis: Analysis, costs: Costs) -> str:

@@ -146,6 +146,9 @@ def render_analysis(analysis: Analysis) -> RenderableType:
     for found in (analysis.weak, analysis.strong):
         parts += [Text(f"  {line}", "yellow") for line in difference_texts(found)]
     parts += ["", _advice(analysis)]
+    if analysis.cautions:
+        parts += ["", Text("Cautions", "bold")]
+        parts += [Text(f"- {line}", "yellow") for line in analysis.cautions]
     if not analysis.is_complete:
         text = "Time ran out: ranges hold the true figures; a larger --limit narrows them."
         parts += ["", Text(text, "yellow")]

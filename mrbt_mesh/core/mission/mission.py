@@ -131,7 +131,9 @@ class GlobalTask:
     otherwise the task fails after it has been blocked that long. `simultaneous`: its robots start
     together, and only the successes of one such coalition count. `exclusive`: it is never done by
     two coalitions at the same time, nor again after it was done or left `in_doubt`. `by_coalition`:
-    it is either, so it is carried out by coalitions, whose robots all start together.
+    it is either, so it is carried out by coalitions, whose robots all start together. `effects`:
+    ground conditions and the values that they have once it has succeeded, as far as the mission
+    says; only checks and analysis read them.
     """
 
     id: GlobalTaskId
@@ -143,6 +145,7 @@ class GlobalTask:
     exclusive: bool = False
     in_doubt: InDoubtPolicy = InDoubtPolicy.HOLD
     failure_after_us: int | None = None
+    effects: tuple[tuple[str, bool], ...] = ()
     by_coalition: bool = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -153,7 +156,7 @@ class GlobalTask:
         return next((need for need in self.needs if need.local_task == local_task), None)
 
     def to_json(self) -> list[Any]:
-        """Its fields in their order; `failure_after_us` only where it is set."""
+        """Its fields in their order; the last two only where they say anything."""
         row = [
             self.id,
             [need.to_json() for need in self.needs],
@@ -164,12 +167,16 @@ class GlobalTask:
             self.exclusive,
             str(self.in_doubt),
         ]
+        if self.effects:
+            return [*row, self.failure_after_us, [list(effect) for effect in self.effects]]
         return row if self.failure_after_us is None else [*row, self.failure_after_us]
 
     @classmethod
     def from_json(cls, data: list[Any]) -> GlobalTask:
         """The other way round; raises TypeError or ValueError for anything else."""
-        name, needs, failure, blocked, preemptive, simultaneous, exclusive, in_doubt, *after = data
+        name, needs, failure, blocked, preemptive, simultaneous, exclusive, in_doubt, *more = data
+        usual: list[Any] = [None, []]
+        after_us, effects = more + usual[len(more) :]
         return cls(
             name,
             tuple(Need.from_json(need) for need in needs),
@@ -179,7 +186,8 @@ class GlobalTask:
             simultaneous,
             exclusive,
             InDoubtPolicy(in_doubt),
-            *after,
+            after_us,
+            tuple((condition, value) for condition, value in effects),
         )
 
 

@@ -23,6 +23,31 @@ def test_validate_names_file_and_line(tmp_path: Path) -> None:
     assert f"{path}:{line}:" in problems.replace("\n", "")
 
 
+def test_validate_warns_of_what_is_hardly_meant(tmp_path: Path) -> None:
+    """An alternative that never gets its turn, and an action that undoes what led to it."""
+    path = tmp_path / "mission.yaml"
+    path.write_text(
+        """
+mission: hand
+local_tasks: {pick: {effects: {holding: true}}, place: {effects: {holding: false}}, lift: {}}
+conditions: {holding: {}}
+robot_types: {T: {capabilities: {pick: 1, place: 1, lift: 1}}}
+robots: {R1: T}
+global_tasks: {pick: {needs: {pick: {}}}, place: {needs: {place: {}}}, lift: {needs: {lift: {}}}}
+tree: {Sequence: [{Fallback: [holding: , pick, lift]}, place]}
+""".replace("holding: ,", "{Condition: holding},")
+    )
+    code, output, _ = mrbt("validate", str(path), "--json")
+    assert code == 0
+    stuck, undoing = json.loads(output)["warnings"]
+    assert stuck.startswith("Sequence/Fallback[1]: the alternatives do not get their turn")
+    assert undoing.startswith("Sequence/place sets holding to false, and Sequence asks for the")
+    code, output, _ = mrbt("analyze", str(path), "--json")
+    assert json.loads(output)["cautions"] == [stuck, undoing]
+    code, output, _ = mrbt("validate", str(path))
+    assert "warning: Sequence/place sets holding" in output.replace("\n", " ")
+
+
 def test_a_compiled_mission_is_the_same_mission(tmp_path: Path) -> None:
     compiled = tmp_path / "mission.json"
     assert mrbt("validate", REPAIR, "--compile", str(compiled))[0] == 0
