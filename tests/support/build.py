@@ -13,6 +13,7 @@ from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, build_tree
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import ready_members
+from mrbt_mesh.core.facts.outcome_tick import OutcomeTick
 from mrbt_mesh.core.facts.records import Claim, Coalition, CoalitionId, Member, Phase
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
@@ -280,19 +281,36 @@ class World:
             if turned:
                 self.write("R1", *((f"{records.EXPRESSION}/{n}", v.to_value()) for n, v in turned))
             evaluation = self.evaluator.evaluate(self.facts)
-            latches = [(f"{records.ATTEMPT}/{s}", n) for s, n in evaluation.attempts]
-            latches += [
-                (f"{records.VERDICT}/{activation}", True)
-                for activation in evaluation.failures
-                if not self.facts.has_verdict(activation)
-            ]
-            latches += [
-                (f"{records.CHILD_RESULT}/{scope}/{position}", success)
-                for scope, position, success in evaluation.child_results
-            ]
-            if not latches:
+            if not self._latch(evaluation):
                 return evaluation
+
+    def returns(
+        self, activation: str, success: bool, conditions: Mapping[str, bool], robot: str = "R1"
+    ) -> Status:
+        """An action returns that has set conditions, which are still to be written.
+
+        The root's status in the tick in which it does.
+        """
+        self.outcome(activation, success, robot)
+        evaluation = self.evaluator.evaluate(OutcomeTick(self.facts, activation, conditions))
+        self._latch(evaluation)
+        return evaluation.status
+
+    def _latch(self, evaluation: Evaluation) -> bool:
+        """Record what has become true; whether anything has."""
+        latches = [(f"{records.ATTEMPT}/{s}", n) for s, n in evaluation.attempts]
+        latches += [
+            (f"{records.VERDICT}/{activation}", True)
+            for activation in evaluation.failures
+            if not self.facts.has_verdict(activation)
+        ]
+        latches += [
+            (f"{records.CHILD_RESULT}/{scope}/{position}", success)
+            for scope, position, success in evaluation.child_results
+        ]
+        if latches:
             self.write("R1", *latches)
+        return bool(latches)
 
     @property
     def status(self) -> Status:

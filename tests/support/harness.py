@@ -251,6 +251,15 @@ def entry_text(name: str, value: object) -> str:
             return f"member{text}{' leaving' if leaving else ''}"
         case "order", [order, _]:
             return f"order {order}"
+    return latch_text(kind, parts, value)
+
+
+def latch_text(kind: str, parts: list[str], value: object) -> str:
+    match kind, value:
+        case "result", success:
+            return f"the mission's {'success' if success else 'failure'}"
+        case "expression", [revision, _]:
+            return f"{parts[0]} (revision {revision})"
         case "attempt", number:
             return f"attempt {number}"
     scope = parse_activation(parts[0])

@@ -6,12 +6,13 @@ A block is a few commands, a line `----` and what followed.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from mrbt_mesh.core.agent import inputs
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
-from mrbt_mesh.core.bt.tree import NodeSpec
+from mrbt_mesh.core.bt.tree import Memory, NodeSpec
 from mrbt_mesh.core.engine import Engine
 from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, InDoubtPolicy, Mission
 from mrbt_mesh.core.observer.observer import Observer
@@ -29,6 +30,9 @@ def leaf(text: NodeSpec | str) -> NodeSpec:
 
 WORDS: dict[str, Callable[..., NodeSpec]] = {
     "Sequence": lambda *children: build.sequence(*map(leaf, children)),
+    "SequenceWithMemory": lambda *children: replace(
+        build.sequence(*map(leaf, children)), memory=Memory.WHILE_RUNNING
+    ),
     "Fallback": lambda *children: build.fallback(*map(leaf, children)),
     "Parallel": lambda needed, *children: build.parallel(needed, *map(leaf, children)),
     "Retry": lambda limit, child: build.retry(limit, leaf(child)),

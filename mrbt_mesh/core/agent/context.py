@@ -16,7 +16,7 @@ from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.joining import Joining
 from mrbt_mesh.core.membership.membership import Membership
-from mrbt_mesh.core.membership.replica import Replica
+from mrbt_mesh.core.membership.replica import Replica, Then
 from mrbt_mesh.core.membership.wire import Header, MessageKind
 from mrbt_mesh.core.mission.mission import Mission
 
@@ -67,9 +67,14 @@ class Context:
 
     # -- what goes out ------------------------------------------------------------------------
 
-    def write(self, values: Sequence[tuple[str, Any]], now_us: int) -> None:
-        """Write one batch of facts, at least one: to the journal, and to everybody."""
-        data, entries = self.replica.write(values, now_us)
+    def write(
+        self, values: Sequence[tuple[str, Any]], now_us: int, then: Then | None = None
+    ) -> None:
+        """Write one batch of facts, at least one: to the journal, and to everybody.
+
+        `then`: what else belongs to the batch, once the values are in the facts.
+        """
+        data, entries = self.replica.write(values, now_us, then)
         self._effects += (Persist(entries, synced=True), Publish(MessageKind.FACT, data))
 
     def keep(self, entries: Iterable[Entry]) -> None:

@@ -11,11 +11,13 @@ from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import Forget, MakePlan
 from mrbt_mesh.core.assignment.problem import Solver, SolverError
 from mrbt_mesh.core.assignment.solvers import default_solver
+from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.robot_tree import AssignmentLeaves, RobotTree
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.engine import PlanFunction
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import newly_broken
+from mrbt_mesh.core.facts.outcome_tick import OutcomeTick
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.planning.deadlines import Deadlines
 from mrbt_mesh.core.planning.plan import Plan
@@ -179,8 +181,23 @@ class Planner:
             self._make_by_default = self._plans_with(default_solver)
         return self._make_by_default(facts, alive)
 
-    def _latches(self, plan: Plan, alive: Mapping[str, Incarnation]) -> list[tuple[str, Any]]:
-        facts, evaluation = self._context.facts, plan.evaluation
+    def tick_outcome(
+        self, activation: str, conditions: Mapping[str, bool]
+    ) -> list[tuple[str, Any]]:
+        """What follows from the tick in which an action returns that has set these conditions.
+
+        Its outcome is in the facts, the conditions are not. Nodes with memory keep what that tick
+        shows, and where T_G ends in it the mission has ended.
+        """
+        tick = OutcomeTick(self._context.facts, activation, conditions)
+        evaluation = self._evaluator.evaluate(tick)
+        latched = self._of_tree(evaluation)
+        if evaluation.status is not Status.RUNNING:
+            latched.append((records.RESULT, evaluation.status is Status.SUCCESS))
+        return latched
+
+    def _of_tree(self, evaluation: Evaluation) -> list[tuple[str, Any]]:
+        """What one tick of T_G has found for good."""
         latched: list[tuple[str, Any]] = [
             (f"{records.ATTEMPT}/{scope}", number) for scope, number in evaluation.attempts
         ]
@@ -188,9 +205,16 @@ class Planner:
             (f"{records.CHILD_RESULT}/{scope}/{position}", success)
             for scope, position, success in evaluation.child_results
         ]
-        for activation in evaluation.failures:
-            if not facts.has_verdict(activation):
-                latched.append((f"{records.VERDICT}/{activation}", True))
+        latched += [
+            (f"{records.VERDICT}/{activation}", True)
+            for activation in evaluation.failures
+            if not self._context.facts.has_verdict(activation)
+        ]
+        return latched
+
+    def _latches(self, plan: Plan, alive: Mapping[str, Incarnation]) -> list[tuple[str, Any]]:
+        facts, evaluation = self._context.facts, plan.evaluation
+        latched = self._of_tree(evaluation)
         for request in evaluation.requests:
             task = facts.mission.global_tasks[request.subject]
             if task.by_coalition:

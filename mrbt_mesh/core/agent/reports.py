@@ -36,7 +36,10 @@ class Reports:
         self._unsaid: dict[str, bool] = {}
 
     def finished(self, event: ActionFinished, now_us: int) -> None:
-        """Write the outcome and the conditions in one batch, with the claim that ends."""
+        """Write the outcome and the conditions in one batch, with the claim that ends.
+
+        T_G is ticked in between.
+        """
         context, work = self._context, self._context.work
         claimed = work.claim
         action = work.finish(event.ticket)
@@ -51,11 +54,17 @@ class Reports:
             local_task = action.local_task
             context.log("error", "result_data_refused", local_task=local_task, reason=problem)
             writes = [(name, [event.success, None])]
-        if event.conditions:
-            writes += self._condition_writes(event.conditions)
+        conditions = self._condition_writes(event.conditions)
+        rest: list[tuple[str, Any]] = [*conditions]
         if work.claim is None and claimed is not None:
-            writes.append((records.CLAIM, None))
-        context.write(writes, now_us)
+            rest.append((records.CLAIM, None))
+        values = {name.partition("/")[2]: value for name, (value, *_) in conditions}
+
+        def then() -> list[tuple[str, Any]]:
+            ticked = self._planner.tick_outcome(action.activation, values) if values else []
+            return [*ticked, *rest]
+
+        context.write(writes, now_us, then)
         context.log(
             "info" if event.success else "warning",
             "local_task_finished",

@@ -322,6 +322,21 @@ class ChildResult(Record):
 
 
 @dataclass(frozen=True, slots=True)
+class MissionResult(Record):
+    """How T_G ended in the tick of an outcome that came with conditions; success wins."""
+
+    success: bool
+    first_stands: ClassVar[bool] = True
+
+    def rank(self) -> int:
+        return int(self.success)
+
+    @staticmethod
+    def parse(value: Any) -> MissionResult:
+        return MissionResult(read_boolean(value))
+
+
+@dataclass(frozen=True, slots=True)
 class Bid(Record):
     """What the author's performance would be, in micro-units; None: it has none to tell.
 
@@ -351,7 +366,7 @@ class Latch(Record):
         return Latch()
 
 
-MEMBER, CLAIM, ORDER = "member", "claim", "order"
+MEMBER, CLAIM, ORDER, RESULT = "member", "claim", "order", "result"
 OUTCOME, CONDITION, ATTEMPT, VERDICT, EXPIRED = (
     "outcome",
     "condition",
@@ -376,6 +391,7 @@ _PARSERS: Mapping[str, Callable[[Any], Record]] = {
     MEMBER: Member.parse,
     CLAIM: parse_claim,
     ORDER: Order.parse,
+    RESULT: MissionResult.parse,
     OUTCOME: Outcome.parse,
     CONDITION: ConditionValue.parse,
     EXPRESSION: ExpressionRevision.parse,
@@ -400,6 +416,7 @@ _PARTS: Mapping[str, tuple[int, ...]] = {
     MEMBER: (1,),
     CLAIM: (1,),
     ORDER: (1,),
+    RESULT: (1,),
     OUTCOME: (3, 4),
     CHILD_RESULT: (3,),
     **dict.fromkeys(sorted(COALITION_KINDS | BID_KINDS), (3,)),

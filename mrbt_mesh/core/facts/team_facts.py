@@ -22,6 +22,7 @@ from mrbt_mesh.core.facts.records import (
     ConditionValue,
     ExpressionRevision,
     Member,
+    MissionResult,
     NoClaim,
     Order,
     OrderKind,
@@ -62,6 +63,7 @@ def changed_performances(mission: Mission, robot: str, member: Member) -> dict[s
     return {n: v for n, v in sorted(member.capabilities.items()) if declared.get(n) != v}
 
 
+# Attributes: an index for each kind of entry.
 class TeamFacts:
     """The replicated facts of one run of one mission, indexed.
 
@@ -81,6 +83,7 @@ class TeamFacts:
         self.changes = 0
         self.outcome_changes = 0
         self._orders: dict[str, Order] = {}
+        self._results: dict[str, bool] = {}
         self._pruned_at = 0
         self.map.subscribe(self._index)
 
@@ -152,6 +155,12 @@ class TeamFacts:
             return OrderKind.ABORT
         latest = max(((order.stamp, author, order.kind) for author, order in orders), default=None)
         return latest[2] if latest else OrderKind.RESUME
+
+    def result(self) -> Status | None:
+        """How T_G ended in the tick of an outcome, None if it did not; success goes first."""
+        if not self._results:
+            return None
+        return Status.SUCCESS if any(self._results.values()) else Status.FAILURE
 
     # -- activations of global tasks ----------------------------------------------------------
 
@@ -258,6 +267,8 @@ class TeamFacts:
                 self._see_stamp(record.stamp)
             case ExpressionRevision():
                 self.conditions.note(entry.parts[1], author, record)
+            case MissionResult(success):
+                self._results[author] = success
             case Order():
                 self._orders[author] = record
                 self._see_stamp(record.stamp)

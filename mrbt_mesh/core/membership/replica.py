@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
@@ -23,6 +23,10 @@ from mrbt_mesh.core.membership.wire import (
     parse_summary,
     read_batch,
 )
+
+# Names of entries and what they say.
+Values: TypeAlias = Iterable[tuple[str, Any]]
+Then: TypeAlias = Callable[[], Values]
 
 # To take in a page takes a robot some milliseconds, in which it does nothing else.
 PAGE_BYTES = 1 << 16
@@ -82,15 +86,24 @@ class Replica:
         return self.facts.max_stamp + 1
 
     def write(
-        self, values: Iterable[tuple[str, Any]], now_us: int
+        self, values: Values, now_us: int, then: Then | None = None
     ) -> tuple[bytes, tuple[Entry, ...]]:
-        """Write one batch of own entries: (the message that tells it, the entries)."""
+        """Write one batch of own entries: (the message that tells it, the entries).
+
+        `then`: what else belongs to it, once the values are in the facts.
+        """
         self._sequence += 1
         version = Version(self.incarnation, self._sequence)
-        entries = [make_entry(self.me, name, version, value) for name, value in values]
-        self.facts.map.merge(entries)
+        entries = self._add(values, version)
+        if then is not None:
+            entries += self._add(then(), version)
         self.anti_entropy.note_change(now_us)
         return encode(self.header, MessageKind.FACT, pack_entries(entries)), tuple(entries)
+
+    def _add(self, values: Values, version: Version) -> list[Entry]:
+        entries = [make_entry(self.me, name, version, value) for name, value in values]
+        self.facts.map.merge(entries)
+        return entries
 
     def find_problem(self, name: str, value: Any) -> str | None:
         """Why this value cannot be written, or None if it can."""

@@ -41,9 +41,9 @@ def make_plan(
     capabilities = steps.capabilities(facts, alive)
     team = capabilities.team
     leaving = {robot: "leaving" for robot in sorted(alive) if robot not in team}
-    if order is not OrderKind.RESUME:
-        idle = dict.fromkeys(team, f"the operator's order is {order}")
-        return Plan(evaluation, order, {}, idle | leaving, ())
+    if reason := _nothing_to_do(facts, order):
+        idle = dict.fromkeys(team, reason) | leaving
+        return Plan(evaluation, order, {}, idle, (), ended=facts.result())
 
     # What that asks of the team.
     requests = evaluation.requests
@@ -99,6 +99,13 @@ def make_plan(
         demands,
         tuple(pending.values()),
     )
+
+
+def _nothing_to_do(facts: TeamFacts, order: OrderKind) -> str:
+    """Why no robot is to work, whatever T_G asks for; empty if they are."""
+    if order is not OrderKind.RESUME:
+        return f"the operator's order is {order}"
+    return "the mission has ended" if facts.result() is not None else ""
 
 
 def _obstacles(

@@ -195,6 +195,8 @@ class Plan:
     unless there are requests and none of them can be served; *Assign Agents* succeeds if
     `feasible`, so if the assignment problem, equation (2), has a solution. A request that waits is
     no part of the problem, unless all of them wait.
+
+    `ended`: how T_G ended in the tick of an outcome, None if it did not.
     """
 
     evaluation: Evaluation
@@ -207,11 +209,17 @@ class Plan:
     biddings: tuple[Bidding, ...] = ()
     demands: Sequence[Group] = field(default=(), compare=False, repr=False)
     pending_verdicts: tuple[PendingVerdict, ...] = ()
+    ended: Status | None = None
 
     @cached_property
     def result(self) -> Status:
-        """The mission's status: T_G's, or FAILURE once the operator has aborted."""
-        return Status.FAILURE if self.order is OrderKind.ABORT else self.evaluation.status
+        """The mission's status: T_G's, or FAILURE once the operator has aborted.
+
+        Once it has ended in the tick of an outcome, what comes with the outcome changes nothing.
+        """
+        if self.order is OrderKind.ABORT:
+            return Status.FAILURE
+        return self.evaluation.status if self.ended is None else self.ended
 
     @cached_property
     def digest(self) -> bytes:
