@@ -13,7 +13,7 @@ import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 
-from mrbt_mesh.analysis.lift import child_path, root_path
+from mrbt_mesh.analysis.places import child_path, root_path
 from mrbt_mesh.analysis.requirement import TooLargeError, could_fail
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.guards import Guards

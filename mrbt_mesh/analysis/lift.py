@@ -5,14 +5,14 @@ nu = mu = 1; a Sequence becomes Parallel(M=N) and a Fallback Parallel(M=1) where
 It is allowed where no run of the team's tree can end otherwise than the single robot's: of two
 children of a Sequence neither touches what the other writes, they share no resource, and none
 of them can fail while the other changes something (the single robot would have stopped there);
-of two children of a Fallback, besides, both change nothing, or just the same.
+of two children of a Fallback, besides, both change nothing: alternatives that act on the world are
+tried in turn, as the single robot does (the paper's large and small screwdriver).
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 from mrbt_mesh.analysis.arrange import Arrangement, Pair, Parallel, arrange, closure
 from mrbt_mesh.analysis.effects import (
@@ -25,6 +25,8 @@ from mrbt_mesh.analysis.effects import (
     summary,
     without,
 )
+from mrbt_mesh.analysis.places import child_path, label, root_path
+from mrbt_mesh.analysis.working_times import critical_work, serial_work
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec
 from mrbt_mesh.formats.declaration import Declaration
 
@@ -182,7 +184,7 @@ class Lifter:
             (i, j): reason
             for j in range(count)
             for i in range(j)
-            if (reason := self._conflict(spec, (i, j), found, guarding))
+            if (reason := self._conflict(spec, (i, j), found, guarding, assumed))
         }
         if spec.kind is Kind.SEQUENCE:
             self._order_by_failures(spec, known, found, trusted, reasons)
@@ -200,15 +202,26 @@ class Lifter:
         return arrangement, [self._known_after(spec, known, before[j]) for j in range(count)]
 
     def _conflict(
-        self, spec: NodeSpec, pair: Pair, found: list[EffectSummary], guarding: frozenset[str]
+        self,
+        spec: NodeSpec,
+        pair: Pair,
+        found: list[EffectSummary],
+        guarding: frozenset[str],
+        assumed: bool,
     ) -> str | None:
-        """Why the first of the pair has to come before the second, whatever may fail."""
+        """Why the first of the pair has to come before the second, whatever may fail.
+
+        `assumed`: somebody who knows says that the children are independent.
+        """
         i, j = pair
         one, other = found[i], found[j]
         for summed in (one, other):
             if summed.undeclared:
                 return f"{', '.join(summed.undeclared[:3])} declares nothing"
-        same = _same_effects(spec, pair, self.declared)
+        same = assumed and _same_effects(spec, pair, self.declared)
+        if spec.kind is Kind.FALLBACK and (one.writes or other.writes) and not same:
+            name = label(spec.children[i if one.writes else j])
+            return f"{name} acts on the world, and only one of them is to be done"
         touched = (one.writes & (other.reads | other.writes)) | (other.writes & one.reads)
         if touched and not same:
             return f"both touch {_listed(touched)}"
@@ -225,9 +238,6 @@ class Lifter:
                 if spec.children[index].contains(Kind.CONDITION):
                     name = label(spec.children[index])
                     return f"{name} is asked at every tick, and only if those before it fail"
-        if spec.kind is Kind.FALLBACK and (one.writes or other.writes) and not same:
-            name = label(spec.children[i if one.writes else j])
-            return f"{name} changes something, and only one of them is to be done"
         return None
 
     def _order_by_failures(
@@ -371,78 +381,5 @@ def drawn(arrangement: Arrangement, names: tuple[str, ...]) -> str:
     )
 
 
-def label(spec: NodeSpec) -> str:
-    """A child's name in explanations: its own, its leaf's, or its type with its first leaf."""
-    if spec.name or spec.subject:
-        return spec.name or spec.subject
-    first = spec
-    while first.children:
-        first = first.children[0]
-    return f"{spec.kind}({first.subject} ...)" if first is not spec else str(spec.kind)
-
-
-def root_path(spec: NodeSpec) -> str:
-    """The path of a tree's root."""
-    return spec.name or spec.subject or str(spec.kind)
-
-
-class Placed(NamedTuple):
-    """A node of a tree. `place`: the positions of it and its ancestors among their siblings."""
-
-    place: tuple[int, ...]
-    path: str
-    spec: NodeSpec
-
-
-def walk(spec: NodeSpec) -> Iterator[Placed]:
-    """All nodes of a tree, in preorder."""
-    waiting = [Placed((), root_path(spec), spec)]
-    while waiting:
-        node = waiting.pop()
-        yield node
-        waiting += [
-            Placed((*node.place, position), child_path(node.path, node.spec, position), child)
-            for position, child in reversed(list(enumerate(node.spec.children)))
-        ]
-
-
-def child_path(path: str, parent: NodeSpec, position: int) -> str:
-    """`Sequence/Fallback[2]`: the type or name, and the place among siblings of inner nodes."""
-    child = parent.children[position]
-    part = root_path(child)
-    if len(parent.children) > 1 and child.children:
-        part += f"[{position + 1}]"
-    return f"{path}/{part}"
-
-
 def _listed(names: Collection[str]) -> str:
     return ", ".join(sorted(names))
-
-
-def serial_work(spec: NodeSpec, work: Mapping[str, int]) -> int:
-    """What all actions below take one after the other, if each is done once and well."""
-    return _work(spec, work, is_serial=True)
-
-
-def critical_work(spec: NodeSpec, work: Mapping[str, int]) -> int:
-    """The longest chain of actions below."""
-    return _work(spec, work, is_serial=False)
-
-
-def _work(spec: NodeSpec, work: Mapping[str, int], is_serial: bool) -> int:
-    """If nothing fails: of a Fallback the first that acts, of a Parallel the M soonest done."""
-    if spec.kind is Kind.ACTION:
-        return work.get(spec.subject, 1_000_000)
-    parts = [_work(child, work, is_serial) for child in spec.children]
-    match spec.kind:
-        case Kind.FALLBACK:
-            children = zip(parts, spec.children, strict=True)
-            return next((part for part, child in children if child.contains(Kind.ACTION)), 0)
-        case Kind.PARALLEL:
-            needed = sorted(parts)[: spec.limit]
-            return sum(needed) if is_serial else max(needed)
-        case Kind.IF_THEN_ELSE:
-            return parts[0] + max(parts[1:])
-        case Kind.REPEAT:
-            return sum(parts) * max(1, spec.limit)
-    return sum(parts)

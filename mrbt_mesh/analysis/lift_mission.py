@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mrbt_mesh.analysis.lift import Lifted, Lifter, walk
+from mrbt_mesh.analysis.belonging import Follows, Templates, follows, templates
+from mrbt_mesh.analysis.lift import Lifted, Lifter
+from mrbt_mesh.analysis.places import walk
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec
 from mrbt_mesh.core.mission.mission import split_call, type_name
 from mrbt_mesh.formats.btcpp.document import Category, read_boolean
@@ -51,7 +53,40 @@ def lift_mission(
     work_us = {subject: team.work_us(subject) for subject in _subjects(spec, Kind.ACTION)}
     lifter = Lifter(declared, work_us, _independent(spec, found, independent))
     lifted = lifter.lift(spec)
-    return LiftedMission(_mission_data(lifted, team, name), lifted, found.notes)
+    found_before = follows(spec, declared, team.belongs_to_robots)
+    _check_capable(_subjects(spec, Kind.ACTION), found_before, team)
+    same_robots, unsaid = templates(found_before, lambda name: team.parameters(name) or [])
+    notes = [Problem(team.file, 0, each.action, _any_robot(each)) for each in unsaid]
+    data = _mission_data(lifted, team, name, same_robots)
+    return LiftedMission(data, lifted, (*found.notes, *notes))
+
+
+def _check_capable(actions: Collection[str], found: Collection[Follows], team: TeamFile) -> None:
+    """A team in which nobody can do something that the tree asks for waits there for ever."""
+    problems = []
+    robots = ", ".join(team.model.robots)
+    for action in actions:
+        if not team.capable(action):
+            text = (
+                f"nobody can do {action}: none of {robots} has the capability {type_name(action)}"
+            )
+            problems.append(
+                Problem(team.file, 0, "robots", f"{text}; give it to a robot or a type")
+            )
+    for each in found:
+        pair = (each.before, each.action) if each.before else ()
+        if pair and all(map(team.capable, pair)) and not team.capable(*pair):
+            able = "; ".join(f"{name}: {', '.join(team.capable(name))}" for name in pair)
+            text = f"{each.action} requires {each.condition} of the robot that did {each.before}"
+            problems.append(
+                Problem(team.file, 0, "robots", f"{text}, but none can do both ({able})")
+            )
+    if problems:
+        raise MissionError(problems)
+
+
+def _any_robot(each: Follows) -> str:
+    return f"requires {each.condition} of its robot, but any robot may be asked: {each.reason}"
 
 
 def _subjects(spec: NodeSpec, kind: Kind) -> list[str]:
@@ -93,6 +128,7 @@ def _declarations(spec: NodeSpec, found: TeamTree, team: TeamFile) -> dict[str, 
         extra = found.annotations.get(place, {})
         if {*LISTS, *VALUES, MAY_FAIL} & extra.keys():
             known = _annotated(known or Declaration(), extra)
+            known = replace(known, uses=team.shared(known.uses))
         if known is not None:
             declared[node.subject] = known
     return declared
@@ -137,7 +173,9 @@ def _independent(spec: NodeSpec, found: TeamTree, named: Collection[str]) -> fro
     return frozenset(chosen)
 
 
-def _mission_data(lifted: Lifted, team: TeamFile, name: str) -> dict[str, Any]:
+def _mission_data(
+    lifted: Lifted, team: TeamFile, name: str, same_robots: Templates
+) -> dict[str, Any]:
     """The mission file: every action a global task that one robot carries out."""
     model = team.model
     data: dict[str, Any] = {"mission": model.mission or name}
@@ -157,7 +195,9 @@ def _mission_data(lifted: Lifted, team: TeamFile, name: str) -> dict[str, Any]:
         data["conditions"] = conditions
     given = model.model_dump(mode="json", exclude_unset=True)
     data |= {key: given[key] for key in ("robot_types", "robots")}
-    data["global_tasks"] = {task: _global_task(task, team) for task in actions}
+    data["global_tasks"] = {
+        task: _global_task(task, team, same_robots.get(task)) for task in actions
+    }
     data["tree"] = tree_data(lifted.tree)
     return data
 
@@ -166,12 +206,15 @@ def _only_given(values: dict[str, Any], defaults: Mapping[str, Any]) -> dict[str
     return {key: value for key, value in values.items() if defaults.get(key) != value}
 
 
-def _global_task(task: str, team: TeamFile) -> dict[str, Any]:
+def _global_task(task: str, team: TeamFile, same_robot_as: str | None) -> dict[str, Any]:
     """psi = {alpha}, nu = mu = 1 (paper, section V-A)."""
     parameters = team.parameters(task) or []
     arguments = ", ".join(f"${name}" for name in parameters)
     call = f"{task}({arguments})" if parameters else task
-    needs = {"needs": {call: {"min": 1, "max": 1}}}
+    need: dict[str, Any] = {"min": 1, "max": 1}
+    if same_robot_as is not None:
+        need["same_robot_as"] = {"global_task": same_robot_as}
+    needs = {"needs": {call: need}}
     return {"parameters": parameters, **needs} if parameters else needs
 
 

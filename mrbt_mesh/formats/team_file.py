@@ -11,10 +11,13 @@
         writes: [log]
         uses: [crane]                         # or needs for itself
         may_fail: true                        # even if all that it requires holds
+    conditions: {holding: {per: robot}}       # every robot has its own
+    resources: {gripper: {per: robot}}        # others there is one of for the whole team
     robot_types: {Arm: {capabilities: {open_door: 1}}}
     robots: {R1: Arm, R2: Arm}
 
-A local task with none of the last six keys declares nothing: it may do anything.
+A local task without any of the keys from `requires` to `may_fail` declares nothing: it may do
+anything.
 """
 
 from __future__ import annotations
@@ -22,11 +25,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, JsonValue, ValidationError
 
-from mrbt_mesh.core.mission.mission import MAX_ROBOTS, split_call
+from mrbt_mesh.core.mission.mission import MAX_ROBOTS, performance, split_call, type_name
 from mrbt_mesh.formats.declaration import Declaration
 from mrbt_mesh.formats.expand import call_text, micro_or_report, split_template, to_micro
 from mrbt_mesh.formats.file_model import FileModel, Name, RobotName, explain
@@ -56,6 +59,18 @@ class TeamTaskModel(LocalTaskModel):
     may_fail: bool = False
 
 
+class TeamConditionModel(ConditionModel):
+    """A condition, of the team or of every robot."""
+
+    per: Literal["team", "robot"] = "team"
+
+
+class ResourceModel(FileModel):
+    """Something that actions use: there is one for the team, or every robot has its own."""
+
+    per: Literal["team", "robot"] = "team"
+
+
 class TeamModel(FileModel):
     """A team and what its local tasks do."""
 
@@ -63,7 +78,8 @@ class TeamModel(FileModel):
     program: ProgramText | None = None
     parameters: dict[Name, JsonValue] = {}
     local_tasks: dict[Name, TeamTaskModel]
-    conditions: dict[Name, ConditionModel] = {}
+    conditions: dict[Name, TeamConditionModel] = {}
+    resources: dict[Name, ResourceModel] = {}
     robot_types: dict[Name, RobotTypeModel]
     robots: Annotated[dict[RobotName, RobotEntry], Field(min_length=1, max_length=MAX_ROBOTS)]
 
@@ -79,6 +95,36 @@ class TeamFile:
         """The parameters of a local-task type; None if there is none of that name."""
         found = self.model.local_tasks.get(task)
         return None if found is None else list(found.parameters)
+
+    def belongs_to_robots(self, condition: str) -> bool:
+        """Whether every robot has its own value of a condition, given ground."""
+        declared = self.model.conditions.get(type_name(condition))
+        return declared is not None and declared.per == "robot"
+
+    def shared(self, resources: Iterable[str]) -> frozenset[str]:
+        """Those, given ground, of which the team has one: with their own, robots are not in each
+        other's way, and a robot never does two things at once.
+        """
+        own = {name for name, resource in self.model.resources.items() if resource.per == "robot"}
+        return frozenset(name for name in resources if type_name(name) not in own)
+
+    def capable(self, *actions: str) -> list[str]:
+        """The robots that can do all these actions, given ground."""
+        return [
+            robot
+            for robot in self.model.robots
+            if all(performance(self._capabilities(robot), action) for action in actions)
+        ]
+
+    def _capabilities(self, robot: str) -> dict[str, int]:
+        """What a robot can do; of a type that is unknown, nothing."""
+        entry = self.model.robots[robot]
+        own = {} if isinstance(entry, str) else entry.capabilities
+        kind = self.model.robot_types.get(entry if isinstance(entry, str) else entry.type)
+        given = {**(kind.capabilities if kind is not None else {}), **own}
+        return {
+            call_text(*split_template(text)): to_micro(value or 0) for text, value in given.items()
+        }
 
     def work_us(self, ground: str) -> int:
         """How long an action takes a robot of performance 1, in microseconds."""
@@ -98,7 +144,7 @@ class TeamFile:
         return Declaration(
             filled(task.reads),
             filled(task.writes),
-            filled(task.uses),
+            self.shared(filled(task.uses)),
             {_filled(text, values): value for text, value in task.requires.items()},
             {_filled(text, values): value for text, value in task.effects.items()},
             task.may_fail,

@@ -12,62 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mrbt_mesh.analysis.effects import Declarations
-from mrbt_mesh.analysis.lift import Lifter, child_path, root_path, walk
-from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec, Status, build_tree
+from mrbt_mesh.analysis.lift import Lifter
+from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec, Status
 from mrbt_mesh.formats.declaration import Declaration
 from tests.support.build import World, action, condition
+from tests.support.single_robot_trees import REST, VARIABLES, Grower
 
-VARIABLES = ("v0", "v1", "v2", "v3", "v4", "v5")
-REST = ("x0", "x1", "x2")  # what actions read and write besides conditions
 MOST_ACTIONS = 60
-
-
-# -- random single-robot trees ----------------------------------------------------------------
-
-
-@dataclass
-class Grower:
-    """A random tree of actions that declare what they do."""
-
-    random: random.Random
-    declared: dict[str, Declaration] = field(default_factory=dict)
-
-    def tree(self, depth: int = 3) -> NodeSpec:
-        roll = self.random.random()
-        if depth == 0 or roll < 0.15:
-            return self._leaf()
-        if roll < 0.25:
-            kind = self.random.choice(
-                (Kind.INVERTER, Kind.FORCE_SUCCESS, Kind.RETRY, Kind.SUBTREE, Kind.REPEAT)
-            )
-            limit = 2 if kind in (Kind.RETRY, Kind.REPEAT) else 0
-            return NodeSpec(kind, (self.tree(depth - 1),), limit=limit)
-        if roll < 0.32:
-            children = tuple(self.tree(depth - 1) for _ in range(self.random.randint(2, 3)))
-            return NodeSpec(Kind.IF_THEN_ELSE, children, memory=self._memory())
-        kind = Kind.SEQUENCE if self.random.random() < 0.65 else Kind.FALLBACK
-        children = tuple(self.tree(depth - 1) for _ in range(self.random.randint(2, 4)))
-        return NodeSpec(kind, children, memory=self._memory())
-
-    def _memory(self) -> Memory:
-        return self.random.choice((Memory.NONE, Memory.WHILE_RUNNING))
-
-    def _some(self, names: tuple[str, ...], most: int) -> list[str]:
-        return self.random.sample(names, self.random.choice([0, 0, *range(most + 1)]))
-
-    def _leaf(self) -> NodeSpec:
-        if self.random.random() < 0.2:
-            return condition(self.random.choice(VARIABLES))
-        name = f"a{len(self.declared)}"
-        self.declared[name] = Declaration(
-            reads=frozenset(self._some(REST, 1)),
-            writes=frozenset(self._some(REST, 1)),
-            uses=frozenset(self._some(("arm",), 1)) if self.random.random() < 0.2 else frozenset(),
-            requires={v: self.random.random() < 0.7 for v in self._some(VARIABLES, 1)},
-            effects={v: self.random.random() < 0.7 for v in self._some(VARIABLES, 2)},
-            may_fail=self.random.random() < 0.15,
-        )
-        return action(name)
 
 
 # -- runs -------------------------------------------------------------------------------------
@@ -249,13 +200,36 @@ def test_what_makes_sure_of_a_requirement_comes_before() -> None:
     assert arranged(sequence(A, B, C), declared) == "(a ; c) | b"
 
 
-def test_alternatives_are_tried_at_once_only_if_they_change_the_same() -> None:
+def test_alternatives_that_act_on_the_world_are_tried_in_turn() -> None:
+    """The paper's screwdrivers: both would tighten the one screw."""
+    large, small = action("use_large_screwdriver"), action("use_small_screwdriver")
+    spec = NodeSpec(Kind.FALLBACK, (large, small), "drive", memory=Memory.WHILE_RUNNING)
+    tightens = Declaration(effects={"tight": True}, may_fail=True)
+    declared = {large.subject: tightens, small.subject: tightens}
+    lifted = Lifter(declared).lift(spec)
+    assert lifted.tree == spec
+    (decision,) = lifted.decisions
+    assert decision.after == "use_large_screwdriver ; use_small_screwdriver"
+    (why,) = decision.dependences
+    assert why.reason.startswith(f"{large.subject} acts on the world, and only one of them")
+
+
+def test_alternatives_that_only_look_are_tried_at_once() -> None:
+    """The paper's storages: where the tools are found, nothing is changed."""
     spec = NodeSpec(Kind.FALLBACK, (A, B), memory=Memory.WHILE_RUNNING)
-    same = Declaration(effects={"done": True}, may_fail=True)
-    other = Declaration(effects={"elsewhere": True}, may_fail=True)
-    lifted = Lifter({"a": same, "b": same}).lift(spec)
+    looks = Declaration(may_fail=True)
+    lifted = Lifter({"a": looks, "b": looks}).lift(spec)
     assert (lifted.tree.kind, lifted.tree.limit) == (Kind.PARALLEL, 1)
-    assert Lifter({"a": same, "b": other}).lift(spec).tree == spec
+
+
+def test_alternatives_that_find_the_same_are_tried_at_once_where_somebody_says_so() -> None:
+    spec = NodeSpec(Kind.FALLBACK, (A, B), "search", memory=Memory.WHILE_RUNNING)
+    finds = Declaration(effects={"found": True}, may_fail=True)
+    other = Declaration(effects={"elsewhere": True}, may_fail=True)
+    assert Lifter({"a": finds, "b": finds}).lift(spec).tree == spec
+    lifted = Lifter({"a": finds, "b": finds}, {}, ["search"]).lift(spec)
+    assert (lifted.tree.kind, lifted.tree.limit) == (Kind.PARALLEL, 1)
+    assert Lifter({"a": finds, "b": other}, {}, ["search"]).lift(spec).tree == spec
 
 
 def test_what_is_nested_is_taken_apart_where_that_is_faster() -> None:
@@ -276,16 +250,3 @@ def test_below_a_timeout_everything_stays() -> None:
     inner = sequence(A, B)
     spec = NodeSpec(Kind.TIMEOUT, (inner,), timeout_us=5_000_000)
     assert Lifter({"a": PURE, "b": PURE}).lift(spec).tree == spec
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_a_walk_places_every_node_of_a_tree_in_preorder(seed: int) -> None:
-    tree = Grower(random.Random(seed)).tree()
-    nodes = list(walk(tree))
-    assert [node.spec.kind for node in nodes] == [node.kind for node in build_tree(tree).nodes]
-    assert [node.place for node in nodes] == sorted(node.place for node in nodes)
-    for node in nodes:
-        spec, path = tree, root_path(tree)
-        for position in node.place:
-            spec, path = spec.children[position], child_path(path, spec, position)
-        assert (spec, path) == (node.spec, node.path)

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from mrbt_mesh.core.mission.mission import SameRobotAs
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim.run import simulate
@@ -140,3 +141,114 @@ def test_an_unknown_node_is_not_assumed_independent() -> None:
     code, _, err = run(TREE, "--robots", TEAM, "--assume-independent", "prats")
     assert code == 2
     assert "no node has the path or name 'prats'" in err
+
+
+# -- what belongs to a robot ------------------------------------------------------------------
+
+CARRY = """
+local_tasks:
+  pick: {parameters: [item], requires: {}, effects: {holding($item): true}, uses: [gripper]}
+  carry: {parameters: [item], requires: {holding($item): true}, writes: [place($item)]}
+  place:
+    parameters: [item]
+    requires: {holding($item): true}
+    effects: {holding($item): false}
+    uses: [gripper]
+conditions: {holding: {parameters: [item], per: robot}}
+resources: {gripper: {per: robot}}
+robot_types:
+  Arm: {capabilities: {pick: 1, carry: 1, place: 1}}
+robots: {R1: Arm, R2: Arm}
+"""
+TWO_ITEMS = "".join(
+    f'<Action ID="{task}" item="{item}"/>' for item in (1, 2) for task in ("pick", "carry", "place")
+)
+
+
+def written(folder: Path, team: str, nodes: str) -> tuple[int, str, Path]:
+    """Lift a Sequence of these nodes: exit status, messages, and the mission."""
+    (folder / "team.yaml").write_text(team)
+    (folder / "tree.xml").write_text(
+        f'<root BTCPP_format="4"><BehaviorTree ID="M"><Sequence>{nodes}</Sequence>'
+        "</BehaviorTree></root>"
+    )
+    output = folder / "mission.yaml"
+    code, out, err = run(folder / "tree.xml", "--robots", folder / "team.yaml", "--output", output)
+    return code, out + err, output
+
+
+def test_what_a_robot_holds_is_carried_and_placed_by_it(tmp_path: Path) -> None:
+    code, text, output = written(tmp_path, CARRY, TWO_ITEMS)
+    assert code == 0, text
+    tasks = load_mission(output).global_tasks
+    for item in "12":
+        for name in ("carry", "place"):
+            (need,) = tasks[f"{name}({item})"].needs
+            assert need.same_robot_as == SameRobotAs(f"pick({item})", f"pick({item})")
+
+
+@pytest.mark.parametrize(
+    ("resources", "arrangement"),
+    [
+        ("resources: {gripper: {per: robot}}", "(pick(1) ; carry(1) ; place(1)) | "),
+        ("resources: {gripper: {per: team}}", "pick(1) ; "),
+        ("", "pick(1) ; "),
+    ],
+)
+def test_robots_use_their_own_grippers_at_once(
+    tmp_path: Path, resources: str, arrangement: str
+) -> None:
+    team = CARRY.replace("resources: {gripper: {per: robot}}", resources)
+    code, text, _ = written(tmp_path, team, TWO_ITEMS)
+    assert code == 0, text
+    assert arrangement in text
+
+
+@pytest.mark.parametrize(
+    ("nodes", "reason"),
+    [
+        (
+            '<Fallback><Action ID="pick" item="1"/><Action ID="pick" item="2"/></Fallback>'
+            '<Action ID="place" item="1"/>',
+            "pick(1) need not have been done before it",
+        ),
+        ('<Action ID="place" item="1"/>', "nothing before it makes holding(1) true"),
+        (
+            '<ReactiveSequence><ReactiveFallback><Condition ID="holding" item="1"/>'
+            '<Action ID="pick" item="1"/></ReactiveFallback><Action ID="place" item="1"/>'
+            "</ReactiveSequence>",
+            "need not have been done before it",
+        ),
+    ],
+)
+def test_where_nobody_can_tell_whose_it_is_the_command_says_so(
+    tmp_path: Path, nodes: str, reason: str
+) -> None:
+    code, text, output = written(tmp_path, CARRY, nodes)
+    assert code == 0, text
+    assert reason in " ".join(text.split())
+    needs = load_mission(output).global_tasks["place(1)"].needs
+    assert [need.same_robot_as for need in needs] == [None]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("carry: 1, ", "", "nobody can do carry(1): none of R1, R2 has the capability carry"),
+        (
+            "{R1: Arm, R2: Arm}",
+            "{R1: {type: Arm, capabilities: {place: null}}, "
+            "R2: {type: Arm, capabilities: {pick: null}}}",
+            "place(1) requires holding(1) of the robot that did pick(1), but none can do both "
+            "(pick(1): R1; place(1): R2)",
+        ),
+        ("gripper: {per: robot}", "gripper: {per: arm}", "per"),
+    ],
+)
+def test_a_team_that_cannot_do_it_is_refused(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    assert old in CARRY
+    code, text, _ = written(tmp_path, CARRY.replace(old, new), TWO_ITEMS)
+    assert code == 2
+    assert message in " ".join(text.split())
