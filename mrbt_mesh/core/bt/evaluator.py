@@ -207,8 +207,9 @@ class _Tick:
             before = self.facts.child_result(activation, position)
             if before is not None:
                 self.statuses[child] = before
-                # What an earlier attempt has done uses up no further one.
-                return before, names.has_action[child] and not keeps
+                # It was remembered because something has run meanwhile, so this is not decided by
+                # present conditions alone. What an earlier attempt has done uses up no further one.
+                return before, not keeps
             status, has_acted = self.tick(child)
             if status is not Status.RUNNING:
                 ended.append((activation, position, status is Status.SUCCESS))

@@ -5,12 +5,15 @@ from __future__ import annotations
 import random
 from collections import Counter
 from dataclasses import replace
+from unittest import mock
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status
 from mrbt_mesh.core.facts.outcome_tick import OutcomeTick
+from tests.support import inside
 from tests.support.btcpp.stories import (
     Grower,
     Story,
@@ -80,6 +83,21 @@ def test_actions_that_set_conditions_do_what_they_do_in_behaviortree_cpp(seed: i
 def test_in_some_of_a_thousand_stories_it_matters() -> None:
     counts = Counter(story_differs(seed) for seed in range(1_000))
     assert counts[True] >= 50
+
+
+@pytest.mark.parametrize("reads_before", [True, False])
+def test_a_tick_that_reads_all_conditions_alike_is_caught(reads_before: bool) -> None:
+    """As they were before the action, or as they are after it."""
+
+    def condition(self: OutcomeTick, name: str) -> bool:
+        mine = inside.outcome_conditions(self)
+        return mine[name] if name in mine and not reads_before else before(self, name)
+
+    def before(self: OutcomeTick, name: str) -> bool:
+        return inside.outcome_facts(self).condition(name)
+
+    with mock.patch.object(OutcomeTick, "condition", condition), pytest.raises(AssertionError):
+        Counter(story_differs(seed) for seed in range(1_000))
 
 
 def test_with_memory_the_tick_is_kept() -> None:

@@ -164,7 +164,7 @@ def _recalled(tick: Tick, node: int, turns: int, text: str) -> int:
         tick.skipped[node] = 1
         tick.statuses[node] = before
         # What an earlier attempt has done uses up no further one.
-        tick.acted[node] = tick.layout.has_action[node] and not tick.layout.keeps(parent)
+        tick.acted[node] = not tick.layout.keeps(parent)
         return before | ACTED if tick.acted[node] else int(before)
     code = tick.functions.inner[node](tick, node, turns, text)
     status = code & STATUS_BITS
