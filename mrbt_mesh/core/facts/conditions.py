@@ -14,10 +14,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.guards import Expression
 from mrbt_mesh.core.bt.robot_tree import OwnFacts
-from mrbt_mesh.core.bt.tree import Status, build_tree
+from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import ConditionValue, ExpressionRevision
 from mrbt_mesh.core.mission.mission import Mission
 
@@ -128,6 +127,5 @@ def expression_value(mission: Mission, expression: Expression, revisions: Sequen
         for name, revision in zip(expression.conditions, revisions, strict=True)
         if mission.condition_default(name) ^ bool(revision % 2)
     )
-    return Evaluator(build_tree(expression.spec)).evaluate(OwnFacts(holding)).status is (
-        Status.SUCCESS
-    )
+    evaluator = mission.expression_evaluators[expression.id]
+    return evaluator.evaluate(OwnFacts(holding)).status is Status.SUCCESS

@@ -311,6 +311,12 @@ class Mission:
         return Evaluator(self.tree)
 
     @cached_property
+    def expression_evaluators(self) -> dict[str, Evaluator]:
+        """By id, what evaluates an expression of conditions that is a guard."""
+        expressions = self.evaluator.expressions.values()
+        return {each.id: Evaluator(build_tree(each.spec)) for each in expressions}
+
+    @cached_property
     def digest(self) -> str:
         """SHA-256 of the canonical form, 64 hexadecimal digits."""
         data = self.to_json() | {"program": None}
