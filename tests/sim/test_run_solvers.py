@@ -79,16 +79,22 @@ BROKEN: dict[str, tuple[Solver, str]] = {
 }
 
 
+@functools.cache
+def plain_repair() -> SimulationResult:
+    """The repair by robots with the default solver."""
+    mission, program = example("vehicle_repair")
+    return simulate(mission, program, seed=3, inspect=False)
+
+
 @pytest.mark.parametrize("kind", BROKEN)
 def test_a_robot_with_a_broken_solver_plans_as_the_others_and_says_so_once(kind: str) -> None:
     solver, reason = BROKEN[kind]
     mission, program = example("vehicle_repair")
-    plain = simulate(mission, program, seed=3)
     result = simulate(
         mission, program, seed=3, agents=AgentOptions(solvers={"B1": solver}), keep_log=True
     )
     assert result.violations == []
-    assert story(result) == story(plain)
+    assert story(result) == story(plain_repair())
     (line,) = [line for line in result.effect_log if "solver_failed" in line]
     assert " B1 " in line
     assert reason in line
@@ -99,7 +105,7 @@ def test_a_robot_with_a_broken_solver_plans_as_the_others_and_says_so_once(kind:
 
 def test_nor_does_it_matter_where_robots_plan_together() -> None:
     mission, program = example("vehicle_repair")
-    plain = simulate(mission, program, seed=3, inspect=False)
+    plain = plain_repair()
     for broken in (dict.fromkeys(mission.robots, _raises), {"A1": _raises}):
         result = simulate(
             mission, program, seed=3, agents=AgentOptions(solvers=broken), inspect=False
