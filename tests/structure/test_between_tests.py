@@ -9,7 +9,7 @@ import pytest
 
 from tests.support.paths import ROOT
 from tests.support.structure.between_tests import imports_between_tests, path_changes
-from tests.support.structure.verdict import settle
+from tests.support.structure.source import settle
 
 Tree = Callable[[dict[str, str]], Path]
 

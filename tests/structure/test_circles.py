@@ -9,7 +9,7 @@ import pytest
 
 from tests.support.paths import ROOT
 from tests.support.structure.circles import circles, imports
-from tests.support.structure.verdict import settle
+from tests.support.structure.source import settle
 
 Tree = Callable[[dict[str, str]], Path]
 

@@ -13,7 +13,7 @@ from mrbt_mesh.cli.app import app
 from tests.support.paths import ROOT
 from tests.support.structure.commands import unknown_commands, unknown_options, unknown_targets
 from tests.support.structure.markdown import anchors, broken_links, missing_paths
-from tests.support.structure.verdict import settle
+from tests.support.structure.source import settle
 
 Tree = Callable[[dict[str, str]], Path]
 

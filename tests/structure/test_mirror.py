@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tests.support.paths import ROOT
 from tests.support.structure.mirror import misnamed_tests
-from tests.support.structure.verdict import settle
+from tests.support.structure.source import settle
 
 Tree = Callable[[dict[str, str]], Path]
 

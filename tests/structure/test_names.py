@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tests.support.paths import ROOT
 from tests.support.structure.names import classes_of_one_name, packages_without_docstring
-from tests.support.structure.verdict import settle
+from tests.support.structure.source import settle
 
 Tree = Callable[[dict[str, str]], Path]
 

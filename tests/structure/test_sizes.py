@@ -14,7 +14,7 @@ from tests.support.structure.sizes import (
     long_functions,
     needless_reasons,
 )
-from tests.support.structure.verdict import settle
+from tests.support.structure.source import Finding, settle
 
 Tree = Callable[[dict[str, str]], Path]
 
@@ -108,3 +108,9 @@ def test_a_reason_above_a_class_that_needs_none(tree: Tree) -> None:
     assert [str(each) for each in needless_reasons(root, "a")] == [
         "a/b.py: 1: this reason is not needed"
     ]
+
+
+def test_a_finding_fails_the_test_with_a_line_that_says_what() -> None:
+    with pytest.raises(pytest.fail.Exception, match=r"^nothing:\na.py: 500 lines$"):
+        settle("nothing", [Finding("a.py", "500 lines")])
+    settle("nothing", [])

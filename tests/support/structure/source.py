@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import ast
 import functools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import pytest
 
 
 @dataclass(frozen=True, order=True)
@@ -18,6 +20,12 @@ class Finding:
 
     def __str__(self) -> str:
         return f"{self.key}: {self.text}"
+
+
+def settle(check: str, findings: Sequence[Finding]) -> None:
+    """Fail the test, with a line for each finding."""
+    if findings:
+        pytest.fail("\n".join([f"{check}:", *map(str, findings)]), pytrace=False)
 
 
 def files(root: Path, suffix: str, *folders: str) -> list[Path]:
