@@ -12,6 +12,7 @@ from mrbt_mesh.drills.physical import Span, of, spans
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import Fault, Kill, SimulationResult, simulate
+from mrbt_mesh.sim.run import DEFAULT_TIMEOUT_US
 
 ROOT = Path(__file__).resolve().parents[1]
 MISSION = ROOT / "examples" / "vehicle_repair" / "mission.yaml"
@@ -42,11 +43,16 @@ def load() -> Mission:
     return load_mission(MISSION)
 
 
-def run(mission: Mission, seed: int, *schedule: tuple[int, Fault]) -> Account:
+def run(
+    mission: Mission,
+    seed: int,
+    *schedule: tuple[int, Fault],
+    timeout_us: int = DEFAULT_TIMEOUT_US,
+) -> Account:
     """The mission in virtual time; raises SimulationError, AccountError if an invariant broke."""
     assert mission.program is not None
     program = load_program(mission.program)
-    result = simulate(mission, program, seed=seed, schedule=schedule)
+    result = simulate(mission, program, seed=seed, schedule=schedule, timeout_us=timeout_us)
     if result.violations:
         raise AccountError(f"seed {seed}: {'; '.join(result.violations)}")
     record = result.observer.record

@@ -10,11 +10,13 @@ from paper.account import SEED, Account, AccountError, tell
 from paper.caption import all_of, caption, seconds
 from paper.picture import draw
 from paper.situations import SITUATIONS, Situation, find
+from paper.standing import damages
 from paper.tables import bounds, performances, table, tree_lines
 from paper.tolerance import spares, survived
 
 DOCUMENT = Path("docs") / "paper.md"
 PICTURES = Path("docs") / "paper"
+COMMAND = "`mrbt sim examples/vehicle_repair/standing_by.yaml --timeout 90`"
 
 
 def files(seed: int = SEED) -> dict[Path, str]:
@@ -38,6 +40,7 @@ def files(seed: int = SEED) -> dict[Path, str]:
         _team(account.mission),
         _tree(account.mission),
         _execution(account, shown),
+        _standing_by(seed),
         _tolerance(account.mission),
         _differences(),
     )
@@ -130,6 +133,37 @@ def _situation(situation: Situation, title: str, lines: list[str], picture: Path
         *_paragraph(situation.text),
         f"![{' '.join(lines)}]({picture.as_posix()})",
         "",
+    ]
+
+
+def _standing_by(seed: int) -> list[str]:
+    found = damages(seed)
+    rows = [
+        (
+            number,
+            all_of(list(each.parts)),
+            f"{each.at_s:.2f} s",
+            f"{each.took_s:.2f} s",
+            all_of(list(each.robots)),
+        )
+        for number, each in enumerate(found, start=1)
+    ]
+    return [
+        "## From one damage to the next",
+        "",
+        *_paragraph(
+            "In the paper the team does not go home: under normal conditions nobody is assigned, "
+            "a_j = b_j = 0; a fault on the vehicle takes place, the condition *Normal Operating "
+            "Conditions* is no longer true on any robot, and *Remove Screws* has to be executed. "
+            "[A second mission file](../examples/vehicle_repair/standing_by.yaml) says `ends: "
+            "never`, and "
+            f"{len(found)} damages come in. Whoever puts in the last screw says that all is well, "
+            "T_G succeeds, and the team stands by. Nothing has to be reset: the condition that "
+            "turned has renewed all that stands behind it."
+        ),
+        *table(["round", "broken parts", "from", "took", "robots"], rows),
+        "",
+        *_paragraph(f"So it went in virtual time, seed {seed}: {COMMAND}."),
     ]
 
 

@@ -18,6 +18,7 @@ from mrbt_mesh.core.mission.mission import (
     InDoubtPolicy,
     LocalTask,
     Mission,
+    MissionEnd,
     Need,
     Robot,
     SameRobotAs,
@@ -128,6 +129,7 @@ class _Builder:
             program=resolve_program(model.program, folder),
             solver=model.solver,
             constraints=constraints,
+            ends=MissionEnd(model.ends),
             costs=Costs(
                 {n: t.cost for n, t in sorted(model.robot_types.items()) if t.cost != 1},
                 {n: t.cost for n, t in sorted(model.local_tasks.items()) if t.cost != 1},

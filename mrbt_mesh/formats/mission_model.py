@@ -244,6 +244,7 @@ class MissionModel(FileModel):
     program: ProgramText | None = None
     assignment: Literal["any", "spare_scarce"] = "any"
     blocked: Blocked = "wait"
+    ends: Literal["once", "never"] = "once"
     solver: SolverText | None = None
     constraints: ConstraintsModel = ConstraintsModel()
     parameters: dict[Name, JsonValue] = {}

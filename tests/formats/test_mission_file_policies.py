@@ -1,4 +1,4 @@
-"""Mission files: when a global task fails."""
+"""Mission files: when a global task fails, and whether a mission ends."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mrbt_mesh.core.mission.mission import FailurePolicy, Mission, mission_from_json
+from mrbt_mesh.core.mission.mission import FailurePolicy, Mission, MissionEnd, mission_from_json
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.problems import MissionError
 
@@ -41,6 +41,16 @@ def test_when_a_global_task_fails(
     (task,) = mission.global_tasks.values()
     assert (task.failure, task.failure_after_us) == (policy, after_us)
     assert mission_from_json(json.loads(json.dumps(mission.to_json()))) == mission
+
+
+def test_whether_a_mission_ends() -> None:
+    once, never = load(FILE), load(FILE.replace("mission: m", "mission: m\nends: never"))
+    assert (once.ends, never.ends) == (MissionEnd.ONCE, MissionEnd.NEVER)
+    assert load(FILE.replace("mission: m", "mission: m\nends: once")).digest == once.digest
+    assert never.digest != once.digest, "robots must agree on it"
+    assert mission_from_json(json.loads(json.dumps(never.to_json()))) == never
+    with pytest.raises(MissionError, match="once or never is expected, found the text 'later'"):
+        load(FILE.replace("mission: m", "mission: m\nends: later"))
 
 
 @pytest.mark.parametrize(

@@ -62,7 +62,7 @@ def test_another_process_writes_the_same_bytes() -> None:
 
 def test_every_link_of_the_page_leads_somewhere() -> None:
     links = re.findall(r"\]\(([^)]+)\)", files()[DOCUMENT])
-    assert len(links) == 9
+    assert len(links) == 10
     for link in links:
         assert (ROOT / DOCUMENT.parent / link).exists(), link
 

@@ -12,6 +12,7 @@ from tests.support.mutations import MUTATIONS
 
 CAUGHT = {
     "join_keeps_older": ("I9", (0, 1)),
+    "every_mission_ends": ("I6", (115, 167)),
     "unsorted_workers": ("I1", (0, 1)),
     "no_pins": ("I4", (38, 19)),
     "revision_not_bumped": ("I2", (4, 12)),

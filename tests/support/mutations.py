@@ -15,6 +15,7 @@ from unittest import mock
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.commands import Commands
 from mrbt_mesh.core.agent.effects import Persist
+from mrbt_mesh.core.agent.lifecycle import Lifecycle
 from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.assignment import canonical, problem
 from mrbt_mesh.core.facts import coalitions, task_status
@@ -50,6 +51,13 @@ def join_keeps_older() -> Iterator[None]:
         return mine or other
 
     with mock.patch("mrbt_mesh.core.facts.store.join", join):
+        yield
+
+
+@mutation
+def every_mission_ends() -> Iterator[None]:
+    """Robots stop when they are done, also where the mission says that it never ends."""
+    with mock.patch.object(Lifecycle, "_stands_by", return_value=False):
         yield
 
 

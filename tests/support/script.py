@@ -14,7 +14,13 @@ from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.bt.tree import Memory, NodeSpec
 from mrbt_mesh.core.engine import Engine
-from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, InDoubtPolicy, Mission
+from mrbt_mesh.core.mission.mission import (
+    FailurePolicy,
+    GlobalTask,
+    InDoubtPolicy,
+    Mission,
+    MissionEnd,
+)
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.runtime.engine_choice import chosen_engine
 from tests.support import build
@@ -49,6 +55,7 @@ class Script:
         self.robots: dict[str, dict[str, float]] = {}
         self.tasks: list[GlobalTask] = []
         self.tree: NodeSpec | None = None
+        self.ends = MissionEnd.ONCE
         self._lives = 0
 
     def block(self, commands: list[str]) -> str:
@@ -96,9 +103,14 @@ class Script:
     def do_tree(self, *words: str) -> None:
         self.tree = leaf(eval(" ".join(words), dict(WORDS)))
 
+    def do_ends(self, when: str) -> None:
+        """ends never: the team stands by when it is done."""
+        self.ends = MissionEnd(when)
+
     def mission(self, name: str = "m") -> Mission:
         assert self.tree is not None
-        return build.make_mission(self.tree, self.robots, self.tasks, name=name)
+        mission = build.make_mission(self.tree, self.robots, self.tasks, name=name)
+        return replace(mission, ends=self.ends)
 
     def do_start(self, *names: str) -> None:
         """start A B; start A2=A takeover: a second process under the id A

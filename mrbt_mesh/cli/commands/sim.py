@@ -110,7 +110,8 @@ def sim(
     Times count from the launch of the team.
 
     Exit status: 0 the mission succeeded, 1 it failed or an invariant broke, 2 bad input, 3 not
-    finished in time or blocked at the end.
+    finished in time or blocked at the end. Of a mission that never ends, its last round that has
+    ended by --timeout.
 
     Example: mrbt sim examples/vehicle_repair/mission.yaml --seed 7 --kill A1@12.5
     --freeze B1@3 --thaw B1@8 --loss 0.1

@@ -47,7 +47,8 @@ def up(mission: MissionArgument, launch: LaunchOptions, show: ShowOptions, given
     """Start one process per robot and watch the mission.
 
     Exit status: 0 success, 1 failure, 2 bad input, 3 not finished in time, blocked, or ended
-    before the team had gathered.
+    before the team had gathered. A mission that never ends does so with --timeout, Ctrl-C or
+    `mrbt abort`; the last round that has ended tells.
 
     Example: mrbt up examples/vehicle_repair/mission.yaml --speed 2
     """

@@ -57,6 +57,7 @@ def status_data(watcher: Watcher) -> dict[str, Any]:
     return {
         "mission": observer.mission.name,
         "result": plan.result.name.lower() if plan else None,
+        "ends": str(observer.mission.ends),
         "robots": robots,
         "global_tasks": {
             name: {"status": str(task.state), "robots": working.get(name, [])}

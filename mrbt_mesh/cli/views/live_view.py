@@ -13,7 +13,9 @@ from mrbt_mesh.cli.views.tree_view import MARKS, render_tree
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Phase
 from mrbt_mesh.core.membership.peer import State
+from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.core.observer.run_record import RunRecord
 
 STATE_STYLES = {
     State.ALIVE: "green",
@@ -57,10 +59,19 @@ def _header(observer: Observer, now_us: int) -> Text:
         (f" {observer.mission.name} ", "bold reverse"),
         f"  {elapsed_s:6.1f} s  ",
         (f"{sign} {status.name.lower()}", style),
+        _round(record),
         "   ",
         ("● all agree" if agreed else "○ agreeing…", "green" if agreed else "yellow"),
         f"   {len(observer.facts.map)} facts",
     )
+
+
+def _round(record: RunRecord) -> str:
+    """Which round it is, where the mission never ends."""
+    if record.mission.ends is MissionEnd.ONCE or record.started_us is None:
+        return ""
+    number = len(record.rounds.all)
+    return f"  round {number}" if record.rounds.current else f"  stands by, rounds: {number}"
 
 
 def _tree(observer: Observer) -> RenderableType:

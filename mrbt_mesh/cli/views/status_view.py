@@ -21,13 +21,18 @@ def render_status(data: Mapping[str, Any]) -> RenderableType:
         Text("all agree") if data["agreement"] else Text("the robots are agreeing", "yellow")
     )
     return Group(
-        Text.assemble((str(data["mission"]), "bold"), f": {data['result']}"),
+        Text.assemble((str(data["mission"]), "bold"), f": {data['result']}{_standing(data)}"),
         _robots(data["robots"]),
         *_tasks(data["global_tasks"]),
         *([render_bounds(data["bounds"])] if data["bounds"] else []),
         *(Text(f"{row['request']} {row['reason']}", "red") for row in data["blocked"]),
         agreement,
     )
+
+
+def _standing(data: Mapping[str, Any]) -> str:
+    stands_by = data.get("ends") == "never" and data["result"] in ("success", "failure")
+    return ", stands by" if stands_by else ""
 
 
 def _robots(robots: Mapping[str, Any]) -> Table:

@@ -31,6 +31,8 @@ STATUSES = {
 def render_summary(summary: Mapping[str, Any]) -> RenderableType:
     """A rich renderable of the summary that `mrbt up --json` prints."""
     parts: list[RenderableType] = [_headline(summary), Text(), _robots(summary), Text()]
+    if summary.get("rounds"):
+        parts += [_rounds(summary["rounds"]), Text()]
     parts.append(_global_tasks(summary))
     if summary.get("bids"):
         parts += [Text(), _bids(summary["bids"])]
@@ -47,6 +49,8 @@ def render_summary(summary: Mapping[str, Any]) -> RenderableType:
 def _headline(summary: Mapping[str, Any]) -> Text:
     result = str(summary.get("result"))
     mark, style, words = RESULTS.get(result, ("?", "bold", result))
+    if summary.get("ends") == "never" and result in ("success", "failure"):
+        words = _standing_by(summary["rounds"])
     line = Text.assemble((f"{mark} {words}", style))
     if summary.get("mission"):
         line.append(f"  {summary['mission']}", "bold")
@@ -56,6 +60,15 @@ def _headline(summary: Mapping[str, Any]) -> Text:
     faults = len(summary.get("faults", ()))
     line.append(f", {_count(faults, 'fault')}" if faults else ", no faults", "dim")
     return line
+
+
+def _standing_by(rounds: Sequence[Mapping[str, Any]]) -> str:
+    ended = [each["result"] for each in rounds if each["result"] is not None]
+    if not ended:
+        return "stood by: there was nothing to do"
+    words = "succeeded" if ended[-1] == "success" else "failed"
+    on_its_way = "; one is on its way" if len(ended) < len(rounds) else ""
+    return f"stood by: {_count(len(ended), 'round')}, the last one {words}{on_its_way}"
 
 
 def _robots(summary: Mapping[str, Any]) -> Table:
@@ -86,6 +99,23 @@ def capability_changes(known: Mapping[str, Any]) -> Text:
             text.append(", " if text else "", "not red")
             text.append(f"{name} {value:g}", "not red yellow")
     return text
+
+
+def _rounds(rounds: Sequence[Mapping[str, Any]]) -> Table:
+    """When each round began, how long it took, how it ended, and who ran something."""
+    table = _table("round", "from", "took", "result", "robots")
+    for column in table.columns[:3]:
+        column.justify = "right"
+    for number, each in enumerate(rounds, start=1):
+        result = each["result"] or "running"
+        table.add_row(
+            str(number),
+            _seconds(each["from_s"]),
+            _seconds(each["duration_s"]),
+            Text(result, STATUSES[result]),
+            Text(", ".join(each["robots"])),
+        )
+    return table
 
 
 def _global_tasks(summary: Mapping[str, Any]) -> RenderableType:

@@ -7,10 +7,12 @@ from mrbt_mesh.core.agent.effects import DeclareToken
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.records import OrderKind
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
 from mrbt_mesh.core.membership.joining import Joining
 from mrbt_mesh.core.membership.leases import Leases
+from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.planning.plan import Plan
 
 
@@ -128,17 +130,25 @@ class Lifecycle:
         return plan is not None and plan.result in (Status.SUCCESS, Status.FAILURE)
 
     def result_to_stop_with(self, now_us: int) -> Status | None:
-        """The mission's result once every living robot has come to it, and has heard so."""
+        """The mission's result once every living robot has come to it, and has heard so.
+
+        None for ever where the team stands by.
+        """
         context, plan = self._context, self._planner.plan
         if plan is None or not self._is_everybody_done(plan):
             self.done_us = None
         elif self.done_us is None:
             self.done_us = now_us
-            context.log("info", "mission_over", result=plan.result.name.lower())
-        elif context.config.exit_when_done:
+            event = "stands_by" if self._stands_by(plan) else "mission_over"
+            context.log("info", event, result=plan.result.name.lower())
+        elif context.config.exit_when_done and not self._stands_by(plan):
             beat_us = context.config.timing.heartbeat_us
             return plan.result if now_us >= self.done_us + beat_us else None
         return None
+
+    def _stands_by(self, plan: Plan) -> bool:
+        """Whether the team goes on ticking T_G although it has ended; only an abort ends it."""
+        return self._context.mission.ends is MissionEnd.NEVER and plan.order is not OrderKind.ABORT
 
     def _is_everybody_done(self, plan: Plan) -> bool:
         context = self._context

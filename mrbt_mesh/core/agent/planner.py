@@ -19,6 +19,7 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import newly_broken
 from mrbt_mesh.core.facts.outcome_tick import OutcomeTick
 from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.planning.deadlines import Deadlines
 from mrbt_mesh.core.planning.plan import Plan
 
@@ -187,12 +188,13 @@ class Planner:
         """What follows from the tick in which an action returns that has set these conditions.
 
         Its outcome is in the facts, the conditions are not. Nodes with memory keep what that tick
-        shows, and where T_G ends in it the mission has ended.
+        shows, and where T_G ends in it the mission has ended, unless it never does.
         """
         tick = OutcomeTick(self._context.facts, activation, conditions)
         evaluation = self._evaluator.evaluate(tick)
         latched = self._of_tree(evaluation)
-        if evaluation.status is not Status.RUNNING:
+        ends = self._context.mission.ends is MissionEnd.ONCE
+        if ends and evaluation.status is not Status.RUNNING:
             latched.append((records.RESULT, evaluation.status is Status.SUCCESS))
         return latched
 

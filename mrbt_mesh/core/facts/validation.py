@@ -17,7 +17,7 @@ from mrbt_mesh.core.facts.records import (
     ExpressionRevision,
 )
 from mrbt_mesh.core.facts.store import Entry
-from mrbt_mesh.core.mission.mission import GlobalTask, Mission
+from mrbt_mesh.core.mission.mission import GlobalTask, Mission, MissionEnd
 
 # Kinds of entry that belong to an activation -> the kinds of node whose activations have them.
 ACTIVATION_KINDS = {
@@ -40,6 +40,8 @@ def refusal_reason(entry: Entry, mission: Mission, run: str) -> str | None:
         return _refuse_expression(entry, parts[1], mission)
     if parts[0] in ACTIVATION_KINDS:
         return _refuse_of_activation(entry, parts, mission, run)
+    if parts[0] == records.RESULT and mission.ends is MissionEnd.NEVER:
+        return "this mission never ends"
     return None
 
 

@@ -61,6 +61,13 @@ class AssignmentPolicy(enum.StrEnum):
     SPARE_SCARCE = "spare_scarce"
 
 
+class MissionEnd(enum.StrEnum):
+    """Whether a team is done when T_G has succeeded or failed, or stands by for more."""
+
+    ONCE = "once"
+    NEVER = "never"
+
+
 class InDoubtPolicy(enum.StrEnum):
     """What becomes of an exclusive task that was begun and ended without an outcome.
 
@@ -304,6 +311,7 @@ class Mission:
     costs: Costs = field(default_factory=Costs)
     solver: str | None = None
     constraints: tuple[Constraint, ...] = ()
+    ends: MissionEnd = MissionEnd.ONCE
 
     @cached_property
     def evaluator(self) -> Evaluator:
@@ -363,7 +371,7 @@ class Mission:
     def to_json(self) -> dict[str, Any]:
         """The compiled mission as plain data; `mission_from_json` takes it back.
 
-        The usual assignment is left out, as are constraints where there are none: missions
+        The usual assignment and end are left out, as are constraints where there are none: missions
         without them keep their digests.
         """
         usual = self.assignment is AssignmentPolicy.ANY
@@ -372,6 +380,7 @@ class Mission:
             **({"constraints": limited} if limited else {}),
             **({} if usual else {"assignment": str(self.assignment)}),
             **({} if self.solver is None else {"solver": self.solver}),
+            **({} if self.ends is MissionEnd.ONCE else {"ends": str(self.ends)}),
             "compiled": BIDS_VERSION if self.has_bids else COMPILED_VERSION,
             "name": self.name,
             "robots": {r.id: [r.type, dict(r.capabilities)] for r in self.robots.values()},
@@ -423,6 +432,7 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
             global_tasks={row[0]: GlobalTask.from_json(row) for row in data["global_tasks"]},
             tree=build_tree(_spec_from_json(data["tree"])),
             assignment=AssignmentPolicy(data.get("assignment", AssignmentPolicy.ANY)),
+            ends=MissionEnd(data.get("ends", MissionEnd.ONCE)),
             parameters=data["parameters"],
             program=data["program"],
             costs=Costs(*data.get("costs", ())),  # missions compiled before there were costs

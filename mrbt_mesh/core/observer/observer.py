@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.engine import FASTEST, Engine
-from mrbt_mesh.core.facts.records import Claim
+from mrbt_mesh.core.facts.records import Claim, OrderKind
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.membership import Membership
@@ -25,7 +25,7 @@ from mrbt_mesh.core.membership.wire import (
     MessageKind,
     WireError,
 )
-from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.mission import Mission, MissionEnd
 from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.core.planning.plan import Plan
 
@@ -93,7 +93,7 @@ class Observer:
         self._facts_changed(changed, now_us)
         self.update(now_us)
         if self.plan is not None and self.plan.result in (Status.SUCCESS, Status.FAILURE):
-            self.record.over(self.plan.result, now_us)
+            self._ended(self.plan.result, now_us)
 
     def _refuse(self, source: str, error: WireError, now_us: int) -> None:
         """Whoever watches the wrong run, or with another mission file, is told so once."""
@@ -142,7 +142,27 @@ class Observer:
                 self.record.plan(self.plan, now_us, settled)
         result = self.team_result
         if result is not None:
+            self._ended(result, now_us)
+        elif self._has_work:
+            self.record.round_runs(now_us)
+
+    @property
+    def _stands_by(self) -> bool:
+        """Whether the team goes on when T_G has ended; after an abort none does."""
+        return self.mission.ends is MissionEnd.NEVER and self.facts.order() is not OrderKind.ABORT
+
+    @property
+    def _has_work(self) -> bool:
+        """Whether the team stands by no more: its plan, as it agrees on it, has T_G Running."""
+        is_running = self.plan is not None and self.plan.result is Status.RUNNING
+        return self._stands_by and is_running and self._recorded[1]
+
+    def _ended(self, result: Status, now_us: int) -> None:
+        """The team has come to a result. Its reports may be older than this observer's plan."""
+        if not self._stands_by:
             self.record.over(result, now_us)
+        elif self.plan is not None and self.plan.result is result:
+            self.record.round_over(result, now_us)
 
     def _is_settled(self, plan: Plan) -> bool:
         """Whether this plan is the team's: nobody is joining, and a robot reports the same.
@@ -170,14 +190,18 @@ class Observer:
         """The run's result as reports name it, if it ends now: `success` or `failure`.
 
         Else `not_started`: its team had not gathered, so no robot had joined. `blocked`: robots
-        are missing, or all of them. `timeout`: the mission was on its way.
+        are missing, or all of them. `timeout`: the mission was on its way. Where it never ends, its
+        last round that has ended tells, unless the team is blocked.
         """
         if self.record.result is not None:
             return self.record.result.name.lower()
         if self.record.started_us is None:
             return "not_started"
         is_blocked = any(episode.to_us is None for episode in self.record.blocked)
-        return "blocked" if is_blocked or not anybody_lives else "timeout"
+        if is_blocked or not anybody_lives:
+            return "blocked"
+        standing = self.record.rounds.result
+        return "timeout" if standing is None else standing.name.lower()
 
     @property
     def caught_up(self) -> bool:

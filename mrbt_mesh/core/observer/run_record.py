@@ -18,6 +18,7 @@ from mrbt_mesh.core.observer.episodes import (
     MajorFault,
     MinorFault,
 )
+from mrbt_mesh.core.observer.mission_rounds import MissionRounds
 from mrbt_mesh.core.observer.task_log import TaskLog
 from mrbt_mesh.core.planning.plan import Plan
 
@@ -27,7 +28,8 @@ class RunRecord:
     """Collects the run. Times are on the observer's clock, reported from `started_us` on.
 
     `claims` and `conditions` are all that robots made and said, in order and with their times;
-    `biddings` are by activation and local task; `joined_us` is when each robot joined first.
+    `biddings` are by activation and local task; `joined_us` is when each robot joined first;
+    `rounds` are those of a mission that never ends.
     """
 
     def __init__(self, mission: Mission) -> None:
@@ -37,6 +39,7 @@ class RunRecord:
         self.result: Status | None = None
         self.robots: dict[str, dict[str, Any]] = {}
         self.task_log = TaskLog(mission)
+        self.rounds = MissionRounds()
         self.major: list[MajorFault] = []
         self.minor: list[MinorFault] = []
         self.blocked: list[BlockedEpisode] = []
@@ -182,6 +185,19 @@ class RunRecord:
                 self.blocked.append(BlockedEpisode(request, reason, now_us))
                 self.say(now_us, f"{request} {reason}")
 
+    def round_runs(self, now_us: int) -> None:
+        """The team of a mission that never ends has work."""
+        if self.rounds.running(now_us):
+            self.say(now_us, f"round {len(self.rounds.all)} begins")
+
+    def round_over(self, result: Status, now_us: int) -> None:
+        """The team of a mission that never ends has come to a result, and stands by."""
+        ended = self.rounds.ended(result, now_us)
+        if ended is not None:
+            took_s = (now_us - ended.from_us) / 1e6
+            text = f"round {len(self.rounds.all)}: {result.name.lower()} after {took_s:.1f} s"
+            self.say(now_us, text)
+
     def over(self, result: Status, now_us: int) -> None:
         """The team has come to the mission's result."""
         if self.result is None:
@@ -242,6 +258,7 @@ class RunRecord:
 
     def _running(self, robot: str, claim: Claim, now_us: int) -> None:
         self.task_log.took_part(robot, claim.activation)
+        self.rounds.took_part(robot)
         bidding = self.biddings.get((claim.activation, claim.local_task))
         if bidding is not None:
             bidding.robots.add(robot)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from mrbt_mesh.core.mission.mission import MICRO
+from mrbt_mesh.core.mission.mission import MICRO, MissionEnd
 from mrbt_mesh.core.observer.episodes import MajorFault
 from mrbt_mesh.core.observer.run_record import RunRecord
 
@@ -41,6 +41,7 @@ def run_summary(record: RunRecord, result: str, now_us: int) -> dict[str, Any]:
         "mission": record.mission.name,
         "result": result,
         "duration_s": record.seconds(record.ended_us if record.ended_us is not None else now_us),
+        **_rounds(record, now_us),
         "robots": {name: _robot(record.robots[name]) for name in sorted(record.robots)},
         "global_tasks": {
             name: {"status": str(task.state), "robots": sorted(task.robots)}
@@ -78,6 +79,23 @@ def run_summary(record: RunRecord, result: str, now_us: int) -> dict[str, Any]:
             for fault in record.major
         ],
     }
+
+
+def _rounds(record: RunRecord, now_us: int) -> dict[str, Any]:
+    """The rounds of a mission that never ends; `to_s` and `result` are null for one on its way."""
+    if record.mission.ends is MissionEnd.ONCE:
+        return {}
+    rounds = [
+        {
+            "from_s": record.seconds(each.from_us),
+            "to_s": record.seconds(each.to_us),
+            "duration_s": round(((each.to_us or now_us) - each.from_us) / 1e6, 6),
+            "result": None if each.result is None else each.result.name.lower(),
+            "robots": sorted(each.robots),
+        }
+        for each in record.rounds.all
+    ]
+    return {"ends": str(record.mission.ends), "rounds": rounds}
 
 
 def _robot(known: Mapping[str, Any]) -> dict[str, Any]:

@@ -74,6 +74,8 @@ class _Generator:
         # Likewise local tasks with which robots may help and need not, in one mission of three.
         self.optional = random.Random(f"{seed}/optional")
         self.helping = self.optional.random() < 0.35
+        # And some teams stand by when they are done.
+        self.stands_by = random.Random(f"{seed}/ends").random() < 0.15
         self.conditions = [f"c{i}" for i in range(self.pick.randint(1, 4))]
         self.local_tasks = [f"t{i}" for i in range(self.pick.randint(1, 6))]
         self.global_tasks: dict[str, Any] = {}
@@ -96,6 +98,7 @@ class _Generator:
         tree = self.root()
         return {
             "mission": f"generated_{self.seed}",
+            **({"ends": "never"} if self.stands_by else {}),
             "program": PROGRAM_FILE.name,
             "parameters": {
                 "salt": self.seed,

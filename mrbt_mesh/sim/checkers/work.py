@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from mrbt_mesh.core.agent.effects import Effect, Persist, StartAction
+from mrbt_mesh.core.agent.effects import Effect, Persist, StartAction, Stop
 from mrbt_mesh.core.agent.inputs import ActionFinished, Input
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.evaluation import Request
@@ -24,7 +24,14 @@ from mrbt_mesh.core.facts.records import (
 )
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
-from mrbt_mesh.core.mission.mission import MICRO, InDoubtPolicy, Mission, performance, type_name
+from mrbt_mesh.core.mission.mission import (
+    MICRO,
+    InDoubtPolicy,
+    Mission,
+    MissionEnd,
+    performance,
+    type_name,
+)
 from mrbt_mesh.core.planning.capabilities import capabilities_of, workers
 from mrbt_mesh.core.planning.demands import demands_of
 from mrbt_mesh.core.planning.plan import Plan
@@ -202,12 +209,21 @@ class Progress:
 
     def handled(self, process: SimProcess, event: Input, effects: Iterable[Effect]) -> None:
         for effect in effects:
+            if isinstance(effect, Stop) and effect.reason.startswith("mission "):
+                self._may_stop(process)
             written = effect.entries if isinstance(effect, Persist) and effect.synced else ()
             for entry in written:
                 if self._is_progress(entry):
                     self._progress_us = self._findings.world.clock.now_us
                 if isinstance(entry.record, Member):
                     self._may_take_longer(entry.record)
+
+    def _may_stop(self, process: SimProcess) -> None:
+        """A robot stops since the mission is over: not so where it never is, but for an abort."""
+        agent = process.agent.view if process.agent is not None else None
+        stands_by = self._findings.world.mission.ends is MissionEnd.NEVER
+        if stands_by and agent and agent.facts.order() is not OrderKind.ABORT:
+            self._findings.say("I6", f"{agent.robot} stopped, but the mission never ends")
 
     def _may_take_longer(self, member: Member) -> None:
         """A robot that says how well it does things now may be slower than any was before."""
@@ -253,7 +269,8 @@ class Progress:
             self.is_settled = self.is_endless and quiet_us > patience_us
             return
         if all(agent.plan and agent.plan.result in _OVER for agent in agents):
-            self.is_settled = True
+            # Where the team stands by, sensors may ask for more.
+            self.is_settled = world.mission.ends is MissionEnd.ONCE or quiet_us > patience_us
             return
         if still_us <= patience_us:
             return
@@ -306,6 +323,8 @@ class Progress:
         still_us = world.clock.now_us - max(self._progress_us, self._findings.fault_us)
         if any(agent.action for agent in agents) or still_us <= self._patience_us:
             return
+        if all(agent.plan and agent.plan.result in _OVER for agent in agents):
+            return  # they stand by
         if can_finish(agents[0], {agent.robot: agent.incarnation for agent in agents}):
             text = "the living robots could finish the mission, but nothing was finished for"
             self._findings.say("I6", f"{text} {still_us / 1e6:.1f} s")

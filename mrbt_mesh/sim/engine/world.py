@@ -14,10 +14,11 @@ from mrbt_mesh.core.agent.inputs import ActionFinished
 from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts.records import OrderKind
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import MessageKind
-from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.mission import Mission, MissionEnd
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.runtime.actions import RobotIdentity
 from mrbt_mesh.sim.engine.clock import VirtualClock
@@ -149,7 +150,10 @@ class World:
 
     def stopped(self, process: SimProcess) -> None:
         plan = process.agent.view.plan if process.agent else None
-        if plan is not None and plan.result in (Status.SUCCESS, Status.FAILURE):
+        stands_by = (
+            self.mission.ends is MissionEnd.NEVER and plan and plan.order is not OrderKind.ABORT
+        )
+        if plan and not stands_by and plan.result in (Status.SUCCESS, Status.FAILURE):
             # It has seen the whole team agree. Robots that it could not reach may never learn it.
             now_us = self.clock.now_us
             self.observer.record.over(plan.result, now_us)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -13,16 +14,19 @@ from mrbt_mesh.cli.views.status_view import render_status
 from mrbt_mesh.cli.views.summary_view import render_summary
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
-from mrbt_mesh.sim import Kill, Lose, SimulationResult, simulate
+from mrbt_mesh.sim import Kill, Lose, Perform, SimulationResult, simulate
 from tests.support.paths import ROOT
 
 REPAIR = ROOT / "examples" / "vehicle_repair" / "mission.yaml"
 SECOND = 1_000_000
+LOSE = Lose("A1", "do_diagnosis")
 
 
-def run(until_s: float, *schedule: tuple[int, Kill | Lose]) -> SimulationResult:
+def run(
+    until_s: float, *schedule: tuple[int, Kill | Lose | Perform], path: Path = REPAIR
+) -> SimulationResult:
     """The repair until a moment in the middle of it."""
-    mission = load_mission(REPAIR)
+    mission = load_mission(path)
     program = load_program(mission.program or "")
     timeout_us = round(until_s * SECOND)
     return simulate(mission, program, seed=1, schedule=schedule, timeout_us=timeout_us)
@@ -113,3 +117,26 @@ def test_the_status_shows_the_bounds_of_what_is_requested() -> None:
     )
     _, _, table = drawn(render_status(data)).partition("a_j")
     assert table.splitlines()[1].split() == ["move_frame", "remove_cover", "2", "2", "nobody"]
+
+
+def test_a_team_that_stands_by_shows_its_rounds() -> None:
+    path = REPAIR.with_name("standing_by.yaml")
+    calm, at_work, again = (run(until_s, path=path) for until_s in (3.0, 12.0, 33.0))
+    assert "stands by, rounds: 0" in live(calm, 3.0).splitlines()[0]
+    assert "stood by: there was nothing to do" in drawn(render_summary(calm.summary))
+    assert "running  round 1" in live(at_work, 12.0).splitlines()[0]
+    assert "mission not finished in time" in drawn(render_summary(at_work.summary))
+    assert "running  round 2" in live(again, 33.0).splitlines()[0]
+    summary = drawn(render_summary(again.summary))
+    assert "✔ stood by: 1 round, the last one succeeded; one is on its way" in summary
+    assert line_of(summary, "4.19 s").split() == (
+        ["1", "4.19", "s", "24.04", "s", "success", "A1,", "A2,", "B1,", "B2,", "C1,", "C2"]
+    )
+    assert "running" in line_of(summary, "30.09 s")
+    assert "round 1: success after 24.0 s" in live(again, 33.0)
+
+
+def test_what_a_robot_does_worse_stands_beside_what_it_has_lost() -> None:
+    perform = [(2 * SECOND, Perform("A1", "replace_hw", 500_000)), (2 * SECOND, LOSE)]
+    text = drawn(render_summary(run(4.0, *perform).summary))
+    assert "do_diagnosis, replace_hw 0.5" in line_of(text, " A1 ")

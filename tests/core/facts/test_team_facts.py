@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -10,7 +12,7 @@ from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import OrderKind
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
-from mrbt_mesh.core.mission.mission import FailurePolicy
+from mrbt_mesh.core.mission.mission import FailurePolicy, MissionEnd
 from tests.support.build import (
     World,
     action,
@@ -334,3 +336,11 @@ def test_facts_are_indexed_the_same_after_entries_came_and_went() -> None:
     assert fresh.facts.activations == world.facts.activations
     assert fresh.evaluator.evaluate(fresh.facts) == world.tick()
     assert fresh.facts.map.digest() == world.facts.map.digest()
+
+
+def test_a_mission_that_never_ends_has_no_result() -> None:
+    world = World(action("a"))
+    entry = make_entry("R1", "result", Version(Incarnation(1, "n"), 1), True)
+    assert refusal(world.facts, entry) is None
+    never = World(replace(world.mission, ends=MissionEnd.NEVER))
+    assert refusal(never.facts, entry) == "this mission never ends"

@@ -1,0 +1,66 @@
+"""The robots of examples/vehicle_repair/standing_by.yaml: damages come in, and are repaired.
+
+One robot hears when something breaks, diagnosis finds out what, and whoever has put the last screws
+in says that the vehicle is in order again.
+"""
+
+import anyio
+from simulated import physical, work
+
+from mrbt_mesh import RobotProgram, TaskContext
+
+robot = RobotProgram()
+POLL_S = 0.1
+
+
+@robot.local_task("do_diagnosis")
+@physical
+async def do_diagnosis(task: TaskContext, part: str) -> None:
+    """Find out whether `part` is broken, and say so together with this task's outcome."""
+    await work(task)
+    task.set_condition(f"broken({part})", task.condition(f"damaged({part})"))
+
+
+@robot.local_task("use_soldering_iron")
+@physical
+async def use_soldering_iron(task: TaskContext, part: str) -> None:
+    """The last step of a part's repair."""
+    await work(task)
+    task.set_condition(f"damaged({part})", False)
+    task.set_condition(f"broken({part})", False)
+
+
+@robot.local_task("use_screwdriver")
+@physical
+async def use_screwdriver(task: TaskContext) -> None:
+    """Screws come out at the beginning; when they are in again, the vehicle is in order."""
+    await work(task)
+    if task.global_task == "place_screws":
+        task.set_condition("nominal", True)
+
+
+@robot.local_task("move_frame")
+@robot.local_task("replace_hw")
+@robot.local_task("replace_wires")
+@physical
+async def do_work(task: TaskContext, *arguments: str) -> None:
+    """Anything that only takes its time."""
+    await work(task)
+
+
+@robot.background
+async def sense(task: TaskContext) -> None:
+    """The robot at the vehicle: damages come in at their times, and it is in order without any."""
+    if task.robot != task.parameters["sensor"]:
+        return
+    due = list(task.parameters["damages"])
+    started = anyio.current_time()
+    while True:
+        passed_s = (anyio.current_time() - started) * task.speed
+        while due and due[0]["at_s"] <= passed_s:
+            for part in due.pop(0)["parts"]:
+                task.set_condition(f"damaged({part})", True)
+        parts = task.parameters["parts"]
+        if task.condition("nominal") and any(task.condition(f"damaged({p})") for p in parts):
+            task.set_condition("nominal", False)
+        await anyio.sleep(POLL_S)
