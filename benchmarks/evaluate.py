@@ -25,8 +25,8 @@ from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.incremental.evaluation.compiled_evaluator import CompiledEvaluator
 from mrbt_mesh.core.incremental.evaluation.evaluator import IncrementalEvaluator
+from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.mission import (
-    ConditionType,
     GlobalTask,
     LocalTask,
     Mission,

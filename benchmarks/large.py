@@ -21,9 +21,9 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.incremental.evaluation.compiled_evaluator import CompiledEvaluator
 from mrbt_mesh.core.incremental.evaluation.evaluator import IncrementalEvaluator
 from mrbt_mesh.core.incremental.planning.steps import IncrementalSteps
+from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.mission import (
     MICRO,
-    ConditionType,
     GlobalTask,
     LocalTask,
     Mission,

@@ -26,7 +26,8 @@ from mrbt_mesh.analysis.service import (
     service,
 )
 from mrbt_mesh.analysis.tolerance import Progress, Reading, no_progress
-from mrbt_mesh.core.mission.mission import MICRO, Costs, Mission, Robot, type_name
+from mrbt_mesh.core.mission.costs import Costs
+from mrbt_mesh.core.mission.mission import MICRO, Mission, Robot, type_name
 
 MAX_EXTRA_ROBOTS = 20
 _NEW = "+"  # no robot of a mission file may be called that

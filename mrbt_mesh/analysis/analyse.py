@@ -14,7 +14,8 @@ from mrbt_mesh.analysis.readings import READINGS, Question
 from mrbt_mesh.analysis.service import Fault, FaultyTeam, capability_faults, robot_faults
 from mrbt_mesh.analysis.tolerance import Tolerance, tolerance
 from mrbt_mesh.core.facts.coalitions import majority
-from mrbt_mesh.core.mission.mission import Costs, Mission
+from mrbt_mesh.core.mission.costs import Costs
+from mrbt_mesh.core.mission.mission import Mission
 
 # Called with what is being worked out, how much of it is done, and how much there is.
 Say = Callable[[str, int, int], None]

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from mrbt_mesh.core.bt.tree import NodeSpec, Tree, TreeError, build_tree
+from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.constraints import Constraint
+from mrbt_mesh.core.mission.costs import Costs
 from mrbt_mesh.core.mission.mission import (
     MAX_GLOBAL_TASKS,
     AssignmentPolicy,
-    ConditionType,
-    Costs,
     FailurePolicy,
     GlobalTask,
     InDoubtPolicy,
@@ -40,9 +40,11 @@ from mrbt_mesh.formats.expand import (
     split_template,
     substitute,
 )
+from mrbt_mesh.formats.local_trees import LocalTrees
 from mrbt_mesh.formats.mission_model import (
     BidModel,
     Blocked,
+    ConditionModel,
     FailAfterModel,
     FailurePolicyModel,
     GlobalTaskModel,
@@ -84,6 +86,7 @@ class _Builder:
         self.report = report
         self.local_parameters = {n: list(t.parameters) for n, t in model.local_tasks.items()}
         self.globals = frozenset(model.parameters)
+        self.local_trees = LocalTrees(model, report)
 
     def build(self, folder: Path) -> Mission:
         model = self.model
@@ -98,10 +101,6 @@ class _Builder:
             )
             for name, task in sorted(model.local_tasks.items())
         }
-        conditions = {
-            name: ConditionType(name, tuple(condition.parameters), condition.default)
-            for name, condition in sorted(model.conditions.items())
-        }
         self.check_global_tasks()
         self.check_effects()
         template, subtrees = self.templates()
@@ -114,6 +113,8 @@ class _Builder:
         if tree is not None:
             self.check_same_robots(tree, global_tasks, expander)
         constraints = self.constraints(global_tasks)
+        needed = (need.local_task for task in global_tasks.values() for need in task.needs)
+        local_trees = self.local_trees.ground(needed)
         self.report.raise_if_any()
         assert tree is not None
         return Mission(
@@ -121,7 +122,7 @@ class _Builder:
             robots=robots,
             robot_types=types,
             local_tasks=local_tasks,
-            conditions=conditions,
+            conditions=_condition_types(model.conditions),
             global_tasks=global_tasks,
             tree=tree,
             assignment=AssignmentPolicy(model.assignment),
@@ -130,6 +131,8 @@ class _Builder:
             solver=model.solver,
             constraints=constraints,
             ends=MissionEnd(model.ends),
+            local_trees=local_trees,
+            local_conditions=_condition_types(model.local_conditions),
             costs=Costs(
                 {n: t.cost for n, t in sorted(model.robot_types.items()) if t.cost != 1},
                 {n: t.cost for n, t in sorted(model.local_tasks.items()) if t.cost != 1},
@@ -140,6 +143,7 @@ class _Builder:
         sections: dict[str, Mapping[str, Any]] = {
             "local_tasks": self.model.local_tasks,
             "conditions": self.model.conditions,
+            "local_conditions": self.model.local_conditions,
             "global_tasks": self.model.global_tasks,
             "subtrees": self.model.subtrees,
         }
@@ -342,10 +346,13 @@ class _Builder:
         """What the mission says that the local tasks of a global task set, ground."""
         found: dict[str, bool] = {}
         for text in model.needs:
-            _, arguments = self.ground(text, scope)
             local = self.model.local_tasks[split_template(text)[0]]
-            bound = dict(zip(local.parameters, arguments, strict=True))
-            found |= {self.ground(name, bound)[0]: value for name, value in local.effects.items()}
+            try:
+                bound = dict(zip(local.parameters, self.ground(text, scope)[1], strict=True))
+                effects = {self.ground(n, bound)[0]: value for n, value in local.effects.items()}
+            except ValueError:
+                continue  # `needs` says what is wrong with it
+            found |= effects
         return tuple(sorted(found.items()))
 
     def same_robot(
@@ -410,6 +417,13 @@ class _Builder:
         except TreeError as error:
             self.report.add(("tree",), str(error))
             return None
+
+
+def _condition_types(model: Mapping[str, ConditionModel]) -> dict[str, ConditionType]:
+    return {
+        name: ConditionType(name, tuple(condition.parameters), condition.default)
+        for name, condition in sorted(model.items())
+    }
 
 
 def _sorted_deeply(value: Any) -> Any:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from mrbt_mesh.core.bt.tree import Kind
+from mrbt_mesh.core.bt.tree import Kind, Tree
 from mrbt_mesh.core.mission.mission import (
     MAX_BID_WITHIN_US,
     MAX_COST,
@@ -91,6 +91,7 @@ def _check(mission: Mission) -> None:
         _expect(isinstance(condition.default, bool), f"condition {condition.name}: default")
     _check_global_tasks(mission)
     _check_tree(mission)
+    _check_local_trees(mission)
 
 
 def _check_global_tasks(mission: Mission) -> None:
@@ -127,12 +128,35 @@ def _check_global_tasks(mission: Mission) -> None:
 
 
 def _check_tree(mission: Mission) -> None:
+    _check_nodes(mission.tree, "tree")
     for node in mission.tree.nodes:
         here = f"tree node {node.index}"
-        _expect(isinstance(node.name, str) and isinstance(node.subject, str), here)
-        numbers = (node.limit, node.timeout_us, node.failures)
-        _expect(all(type(number) is int for number in numbers), here)
         if node.kind is Kind.ACTION:
             _expect(node.subject in mission.global_tasks, f"{here}: {node.subject!r}")
         elif node.kind is Kind.CONDITION:
             _expect(mission.knows_condition(node.subject), f"{here}: {node.subject!r}")
+
+
+def _check_local_trees(mission: Mission) -> None:
+    for condition in mission.local_conditions.values():
+        _expect(isinstance(condition.default, bool), f"condition {condition.name}: default")
+    for name, tree in mission.local_trees.items():
+        split_call(name)
+        _expect(type_name(name) in mission.local_tasks, f"tree of {name}: unknown local task")
+        _check_nodes(tree, f"tree of {name}")
+        for node in tree.nodes:
+            here = f"tree of {name} node {node.index}"
+            if node.kind is Kind.ACTION:
+                split_call(node.subject)
+                known = type_name(node.subject) in mission.local_tasks
+                _expect(known, f"{here}: {node.subject!r}")
+            elif node.kind is Kind.CONDITION:
+                _expect(mission.knows_local_condition(node.subject), f"{here}: {node.subject!r}")
+
+
+def _check_nodes(tree: Tree, name: str) -> None:
+    for node in tree.nodes:
+        here = f"{name} node {node.index}"
+        _expect(isinstance(node.name, str) and isinstance(node.subject, str), here)
+        numbers = (node.limit, node.timeout_us, node.failures)
+        _expect(all(type(number) is int for number in numbers), here)

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from pydantic import Field, ValidationError
 
-from mrbt_mesh.core.mission.mission import Costs, Mission
+from mrbt_mesh.core.mission.costs import Costs
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.formats.file_model import FileModel, Name, explain
 from mrbt_mesh.formats.mission_file import read_limited
 from mrbt_mesh.formats.mission_model import Cost

@@ -156,19 +156,21 @@ def _read_control(
 
 @dataclass(frozen=True)
 class Declared:
-    """The parameters of everything that a tree may name."""
+    """The parameters of everything that a tree may name, and what a leaf or SubTree names."""
 
-    global_tasks: Mapping[str, list[str]]
+    actions: Mapping[str, list[str]]
     conditions: Mapping[str, list[str]]
     subtrees: Mapping[str, list[str]]
+    words: tuple[str, str, str] = ("global task", "condition", "subtree")
 
     def table(self, kind: Kind) -> tuple[str, Mapping[str, list[str]]]:
         """What a leaf or SubTree of this kind names, and the declared ones."""
+        action, condition, subtree = self.words
         if kind is Kind.ACTION:
-            return "global task", self.global_tasks
+            return action, self.actions
         if kind is Kind.CONDITION:
-            return "condition", self.conditions
-        return "subtree", self.subtrees
+            return condition, self.conditions
+        return subtree, self.subtrees
 
 
 def check_template(
@@ -180,6 +182,9 @@ def check_template(
         name, _ = split_template(template.text)
         if template.kind is Kind.ACTION and name not in table and name in declared.conditions:
             message = f"{name!r} is a condition; write {{Condition: {template.text}}}"
+            report.add(template.path, message)
+        elif template.kind is Kind.ACTION and name not in table and name in declared.subtrees:
+            message = f"{name!r} is a tree itself; write {{SubTree: {template.text}}}"
             report.add(template.path, message)
         else:
             check_call(template.text, what, table, scope, template.path, report)

@@ -76,6 +76,24 @@ class LocalTaskModel(FileModel):
     cost: Cost = 1
 
 
+class LocalTaskOrTreeModel(LocalTaskModel):
+    """A local-task type that may be a tree.
+
+    `tree`: a behavior tree of other local tasks and of `local_conditions`, which each robot ticks
+    for itself; its status is the outcome, its work that of its actions (docs/local_trees.md).
+    """
+
+    tree: Node | None = None
+
+    @model_validator(mode="after")
+    def _work_of_actions(self) -> LocalTaskOrTreeModel:
+        if self.tree is not None and "work" in self.model_fields_set:
+            raise PydanticCustomError(
+                "work", "a local task has a tree or work; the work of a tree is that of its actions"
+            )
+        return self
+
+
 class ConditionModel(FileModel):
     """A condition; while nobody has set it, it reads as `default`."""
 
@@ -237,7 +255,8 @@ class MissionModel(FileModel):
     `assignment: spare_scarce`: where robots may break at work, those that others can replace go
     first, even if something has to wait for them. `blocked`: for global tasks that do not say it
     themselves. `solver`: what solves the assignment problem, `constraints`: what else it has to
-    mind (docs/solvers.md).
+    mind (docs/solvers.md). `local_conditions`: what the trees of local tasks may read; each robot
+    has its own.
     """
 
     mission: Name
@@ -248,8 +267,9 @@ class MissionModel(FileModel):
     solver: SolverText | None = None
     constraints: ConstraintsModel = ConstraintsModel()
     parameters: dict[Name, JsonValue] = {}
-    local_tasks: dict[Name, LocalTaskModel]
+    local_tasks: dict[Name, LocalTaskOrTreeModel]
     conditions: dict[Name, ConditionModel] = {}
+    local_conditions: dict[Name, ConditionModel] = {}
     robot_types: dict[Name, RobotTypeModel]
     robots: Annotated[dict[RobotName, RobotEntry], Field(min_length=1, max_length=MAX_ROBOTS)]
     global_tasks: Annotated[dict[Name, GlobalTaskModel], Field(max_length=MAX_GLOBAL_TASKS)] = {}

@@ -8,7 +8,7 @@ from __future__ import annotations
 import inspect
 import traceback
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import anyio
@@ -27,6 +27,8 @@ from mrbt_mesh.core.agent.inputs import (
     PerformanceChanged,
     ProgressReported,
 )
+from mrbt_mesh.core.bt.local_run import OwnConditions
+from mrbt_mesh.core.bt.tree import Tree
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.mission.mission import (
     MAX_BID_WITHIN_US,
@@ -36,6 +38,7 @@ from mrbt_mesh.core.mission.mission import (
     micro_performance,
     split_call,
 )
+from mrbt_mesh.runtime.local_trees import LeafEnd, LocalTreeRunner
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext, TaskFailedError
 
 MAX_ERROR = 2_000
@@ -81,13 +84,27 @@ def micro_bid(value: Any) -> int | None:
 
 
 class _Port:
-    """Behind one TaskContext; collects the conditions that go with the outcome."""
+    """Behind one TaskContext; collects the conditions that go with the outcome.
 
-    def __init__(self, host: Host, mission: Mission, ticket: int | None) -> None:
+    `own` are the robot's own conditions. `whole` is the port of the local task in whose tree this
+    one's action stands.
+    """
+
+    def __init__(
+        self,
+        host: Host,
+        mission: Mission,
+        ticket: int | None,
+        own: OwnConditions,
+        whole: _Port | None = None,
+    ) -> None:
         self._host = host
         self._mission = mission
         self._ticket = ticket
+        self._own = own
+        self._whole = whole
         self.conditions: dict[str, bool] = {}
+        self.own_conditions: dict[str, bool] = {}
 
     def set_condition(self, name: str, value: bool, at_once: bool) -> None:
         if not self._mission.knows_condition(name):
@@ -99,7 +116,20 @@ class _Port:
             self.conditions[name] = bool(value)
 
     def read_condition(self, name: str) -> bool:
-        return self.conditions.get(name, self._host.read_condition(name))
+        known = self._whole.read_condition if self._whole is not None else self._host.read_condition
+        return self.conditions.get(name, known(name))
+
+    def set_local_condition(self, name: str, value: bool, at_once: bool) -> None:
+        if not self._mission.knows_local_condition(name):
+            declared = ", ".join(sorted(self._mission.local_conditions)) or "none"
+            raise ValueError(f"{name!r} is not declared in local_conditions ({declared})")
+        if at_once or self._ticket is None:
+            self._own.set(name, bool(value))
+        else:
+            self.own_conditions[name] = bool(value)
+
+    def read_local_condition(self, name: str) -> bool:
+        return self.own_conditions.get(name, self._own.value(name))
 
     def report_progress(self, fraction: float) -> None:
         if self._ticket is not None:
@@ -142,6 +172,7 @@ class ActionRunner:
         self._host = host
         self._scopes: dict[int, anyio.CancelScope] = {}
         self._bids: list[BidMade] = []
+        self._own = OwnConditions(mission.local_condition_default)
 
     def carry_out(self, effect: StartAction | CancelAction | RequestBid) -> None:
         """Do what the agent wants of the program."""
@@ -161,24 +192,51 @@ class ActionRunner:
             self._group.start_soon(self._background, function)
 
     async def _run(self, effect: StartAction, scope: anyio.CancelScope) -> None:
-        name, arguments = split_call(effect.local_task)
-        port = _Port(self._host, self._mission, effect.ticket)
-        context = self._context(effect, name, arguments, port)
+        port = _Port(self._host, self._mission, effect.ticket, self._own)
+        tree = self._mission.local_trees.get(effect.local_task)
         end: Input = ActionStopped(effect.ticket)
         with scope:
-            end = await self._call(effect.ticket, name, context, arguments, port)
+            if tree is None:
+                end = await self._call(effect, port)
+                for name, value in port.own_conditions.items():
+                    self._own.set(name, value)
+            else:
+                end = await self._run_tree(effect, tree, port)
         del self._scopes[effect.ticket]
         self._host.submit(end)
 
-    async def _call(
-        self,
-        ticket: int,
-        name: str,
-        context: TaskContext,
-        arguments: tuple[str, ...],
-        port: _Port,
-    ) -> ActionFinished:
+    async def _run_tree(self, effect: StartAction, tree: Tree, port: _Port) -> ActionFinished:
+        """Carry out a local task that is a tree; its status is the outcome.
+
+        Conditions of the team and data of its actions go with that outcome. What made actions fail
+        is logged when it happens.
+        """
+        data: dict[str, Any] = {}
+
+        async def run_leaf(local_task: str) -> LeafEnd:
+            inner = _Port(self._host, self._mission, effect.ticket, self._own, port)
+            end = await self._call(replace(effect, local_task=local_task), inner)
+            port.conditions |= inner.conditions
+            data.update(end.data or {})
+            level, outcome = ("info", "success") if end.success else ("warning", "failure")
+            self._host.log(
+                level,
+                "local_tree_action_finished",
+                local_task=effect.local_task,
+                action=local_task,
+                outcome=outcome,
+                error=end.error,
+            )
+            return end.success, inner.own_conditions
+
+        success = await LocalTreeRunner(self._group, tree, self._own, run_leaf).run()
+        conditions = tuple(sorted(port.conditions.items()))
+        return ActionFinished(effect.ticket, success, data or None, conditions)
+
+    async def _call(self, effect: StartAction, port: _Port) -> ActionFinished:
         """Call the user's function; whatever it raises is a failure of this local task."""
+        ticket, (name, arguments) = effect.ticket, split_call(effect.local_task)
+        context = self._context(effect, name, arguments, port)
         function = self._program.find(name)
         error, data, success = "", None, False
         if function is None:
@@ -221,7 +279,7 @@ class ActionRunner:
         function = self._program.find_bid(name)
         if function is None:
             raise _NoBidError(f"the robot's program has no bid for {name!r}")
-        port = _Port(self._host, self._mission, None)
+        port = _Port(self._host, self._mission, None, self._own)
         start = StartAction(
             0,
             effect.activation,
@@ -235,7 +293,7 @@ class ActionRunner:
         return await result if inspect.isawaitable(result) else result
 
     async def _background(self, function: Callable[[TaskContext], Any]) -> None:
-        port = _Port(self._host, self._mission, None)
+        port = _Port(self._host, self._mission, None, self._own)
         effect = StartAction(0, "", "", "", (), MICRO, Incarnation(0, ""))
         try:
             await function(self._context(effect, "", (), port))
@@ -247,7 +305,6 @@ class ActionRunner:
     def _context(
         self, effect: StartAction, name: str, arguments: tuple[str, ...], port: _Port
     ) -> TaskContext:
-        task = self._mission.local_tasks.get(name)
         return TaskContext(
             robot=self._identity.robot,
             robot_type=self._identity.type,
@@ -259,7 +316,7 @@ class ActionRunner:
             arguments=arguments,
             partners=effect.partners,
             performance=effect.performance / MICRO,
-            work=(task.work if task else MICRO) / MICRO,
+            work=self._mission.nominal_work(effect.local_task) / MICRO,
             speed=self._identity.speed,
             parameters=self._mission.parameters,
             port=port,

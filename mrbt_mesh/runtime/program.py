@@ -10,6 +10,7 @@
     def bid(task: TaskContext, part: str) -> float:
         return -arm.seconds_to(part)             # larger is better; a cost is a negative one
 
+Where the mission file has a tree for a local task, the program has the tree's actions instead.
 A program knows nothing of the team: it does what it is asked and says how it went. The
 runtime cancels it through an anyio cancel scope when the plan no longer wants it.
 """
@@ -43,6 +44,8 @@ class TaskPort(Protocol):
 
     def set_condition(self, name: str, value: bool, at_once: bool) -> None: ...
     def read_condition(self, name: str) -> bool: ...
+    def set_local_condition(self, name: str, value: bool, at_once: bool) -> None: ...
+    def read_local_condition(self, name: str) -> bool: ...
     def report_progress(self, fraction: float) -> None: ...
     def lose_capability(self, local_task: str) -> None: ...
     def restore_capability(self, local_task: str) -> None: ...
@@ -87,6 +90,19 @@ class TaskContext:
     def condition(self, name: str) -> bool:
         """The condition's value as this robot knows it now."""
         return self.port.read_condition(name)
+
+    def set_local_condition(self, name: str, value: bool, *, at_once: bool = False) -> None:
+        """Set a condition of this robot's own, ground, e.g. `holding(2)`.
+
+        It is for the trees of local tasks (`local_conditions` of the mission file); the team never
+        hears of it, and it lives as long as the robot's process. It changes when this action ends
+        by itself, after its outcome; `at_once`: now. Raises ValueError if it is not declared.
+        """
+        self.port.set_local_condition(name, value, at_once)
+
+    def local_condition(self, name: str) -> bool:
+        """The value of a condition of this robot's own."""
+        return self.port.read_local_condition(name)
 
     def report_progress(self, fraction: float) -> None:
         """Tell observers how far the task is, 0 to 1."""

@@ -40,13 +40,22 @@ def check_program(
     program: RobotProgram, mission: Mission, capabilities: Iterable[str]
 ) -> list[str]:
     """What `program` lacks for these `capabilities` (types or ground): `local task weld`, and
-    `bid for weld` where the mission asks for bids; sorted.
+    `bid for weld` where the mission asks for bids; sorted. Of a local task that is a tree, its
+    actions: `local task grasp (in the tree of weld)`.
     """
     claimed = {type_name(capability) for capability in capabilities}
     declared = claimed & mission.local_tasks.keys()
     needs = [need for task in mission.global_tasks.values() for need in task.needs]
     by_bid = claimed & {type_name(need.local_task) for need in needs if need.by_bid}
-    lacking = [f"local task {name}" for name in declared if program.find(name) is None]
+    trees: dict[str, set[str]] = {}
+    for ground, tree in mission.local_trees.items():
+        leaves = trees.setdefault(type_name(ground), set())
+        leaves |= {type_name(node.subject) for node in tree.actions()}
+    needed = dict.fromkeys(declared - trees.keys(), "")
+    for name in sorted(declared & trees.keys()):
+        for leaf in trees[name]:
+            needed.setdefault(leaf, f" (in the tree of {name})")
+    lacking = [f"local task {name}{of}" for name, of in needed.items() if not program.find(name)]
     return sorted(lacking + [f"bid for {name}" for name in by_bid if not program.find_bid(name)])
 
 

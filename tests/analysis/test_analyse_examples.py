@@ -12,7 +12,8 @@ from mrbt_mesh.analysis.lemmas import Verdicts, verdicts
 from mrbt_mesh.analysis.readings import parallel_width, serial
 from mrbt_mesh.analysis.service import capability_faults, robot_faults
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec
-from mrbt_mesh.core.mission.mission import MICRO, Costs, Mission
+from mrbt_mesh.core.mission.costs import Costs
+from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.formats.mission_file import load_mission
 from tests.support.build import (
     action,

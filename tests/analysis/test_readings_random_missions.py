@@ -12,7 +12,8 @@ from mrbt_mesh.analysis.lemmas import verdicts
 from mrbt_mesh.analysis.readings import every_task, parallel_width, serial
 from mrbt_mesh.analysis.service import Fault, FaultyTeam, capability_faults, robot_faults
 from mrbt_mesh.analysis.tolerance import Reading, tolerance
-from mrbt_mesh.core.mission.mission import Costs, Mission
+from mrbt_mesh.core.mission.costs import Costs
+from mrbt_mesh.core.mission.mission import Mission
 from tests.support import brute
 
 SEEDS = range(300)

@@ -115,7 +115,9 @@ def test_files_that_cannot_be_programs(tmp_path: Path) -> None:
         load_program(str(tmp_path / "binary.py"))
 
 
-@pytest.mark.parametrize("name", ["vehicle_repair", "explore", "tool_search", "couriers"])
+@pytest.mark.parametrize(
+    "name", ["vehicle_repair", "explore", "tool_search", "couriers", "assembly"]
+)
 def test_the_examples_robots_can_do_what_they_claim(name: str) -> None:
     mission = load_mission(ROOT / "examples" / name / "mission.yaml")
     assert mission.program is not None

@@ -29,6 +29,7 @@ ALL = EVERYWHERE | {"I5", "I8"}
 SAMPLE = range(220, 240)
 # Slow missions are run faster, and get fewer seeds.
 EXAMPLE_SEEDS = {
+    "assembly": 0.5,
     "couriers": 0.5,
     "explore": 1.0,
     "tool_search": 1.0,

@@ -9,9 +9,9 @@ from dataclasses import replace
 from functools import cache
 
 from mrbt_mesh.core.bt.tree import Kind, Memory, Node, NodeSpec, build_tree
+from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.mission import (
     MICRO,
-    ConditionType,
     GlobalTask,
     LocalTask,
     Mission,

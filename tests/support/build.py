@@ -18,9 +18,9 @@ from mrbt_mesh.core.facts.records import Claim, Coalition, CoalitionId, Member, 
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
+from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.mission import (
     MICRO,
-    ConditionType,
     GlobalTask,
     LocalTask,
     Mission,

@@ -17,7 +17,8 @@ from mrbt_mesh.cli.views.analyze_view import (
     task_groups,
 )
 from mrbt_mesh.core.facts.coalitions import majority
-from mrbt_mesh.core.mission.mission import Costs, type_name
+from mrbt_mesh.core.mission.costs import Costs
+from mrbt_mesh.core.mission.mission import type_name
 
 MAX_MATRIX_COLUMNS = 40
 _STYLE = """

@@ -24,13 +24,17 @@ from mrbt_mesh.core.planning.plan import Plan
 
 
 class Executor:
-    """Claims, gets ready and starts what the plan has for this robot; stops what it has not."""
+    """Claims, gets ready and starts what the plan has for this robot; stops what it has not.
+
+    `shows_outcome`: T_Li was ticked with an outcome, and is to be ticked again.
+    """
 
     def __init__(self, context: Context, planner: Planner, tree: RobotTree, leases: Leases) -> None:
         self._context = context
         self._planner = planner
         self.tree = tree
         self.leases = leases
+        self.shows_outcome = False
 
     def perform(self, now_us: int) -> None:
         """Follow the plan; cancel, claim, get ready and start what it says."""
@@ -56,7 +60,7 @@ class Executor:
                 writes += more
             is_cleared = token is not None or not task.by_coalition
         assigned = type_name(work.claim.local_task) if work.claim is not None else None
-        wanted = self.tree.tick(plan.result, assigned if is_cleared else None)
+        wanted = self._tick(plan, assigned if is_cleared else None)
         if wanted is not None and is_waiting:
             start = self._start(plan, token)
             # The claim is on disk before the action begins.
@@ -65,6 +69,20 @@ class Executor:
         elif changed and work.claim != before:
             context.write([*writes, self._claim_write()], now_us)
         self._seek_lease()
+
+    def _tick(self, plan: Plan, assigned: str | None) -> str | None:
+        """Tick T_Li: first with what has ended, if anything has, then with what is assigned.
+
+        If nothing is, the tick before is not followed by another one at once: T_Li shows the
+        outcome until something happens.
+        """
+        work = self._context.work
+        ended, work.ended = work.ended, None
+        self.shows_outcome = ended is not None and assigned is None
+        if ended is not None:
+            local_task, outcome = ended
+            self.tree.tick(plan.result, type_name(local_task), outcome)
+        return None if self.shows_outcome else self.tree.tick(plan.result, assigned)
 
     @property
     def _plan(self) -> Plan:

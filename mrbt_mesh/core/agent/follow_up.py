@@ -144,6 +144,8 @@ class FollowUp:
         ahead_us = [at for at in deadlines_us if at is not None and at > now_us]
         self.step_us = min(ahead_us, default=NEVER_US)
         self._seen = None
+        if self._executor.shows_outcome:
+            return
         if joining is None and leases.is_idle and planner.is_current:
             awaits_reports = is_waiting or planner.deadlines.awaits_agreement
             self._reads_reports = done_us is not None or awaits_reports or self._lifecycle.is_over

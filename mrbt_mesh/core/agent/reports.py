@@ -42,7 +42,7 @@ class Reports:
         """
         context, work = self._context, self._context.work
         claimed = work.claim
-        action = work.finish(event.ticket)
+        action = work.finish(event.ticket, event.success)
         if action is None:
             return
         name = f"{records.OUTCOME}/{action.activation}/{action.local_task}"

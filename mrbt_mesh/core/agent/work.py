@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from mrbt_mesh.core.agent.effects import CancelAction, Effect, StartAction
+from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.planning.plan import Line
@@ -40,6 +41,8 @@ class Work:
         self.claim: Claim | None = None
         self.action: Ticket | None = None
         self.progress = 0
+        # How the local task ended that was assigned last, until T_Li has been ticked with it.
+        self.ended: tuple[str, Status] | None = None
         self._stopping = False
         self._tickets = 0
 
@@ -106,7 +109,7 @@ class Work:
         if self.action is not None and self.action.number == number:
             self.progress = max(0, min(100, percent))
 
-    def finish(self, number: int) -> Ticket | None:
+    def finish(self, number: int, success: bool) -> Ticket | None:
         """An action ended by itself; returns it, or None if it is not known."""
         action = self.action
         if action is None or action.number != number:
@@ -116,6 +119,7 @@ class Work:
         if self.claim is not None and not self._stopping:
             self.claim = None
             self.line = None
+            self.ended = action.local_task, Status.SUCCESS if success else Status.FAILURE
         self._stopping = False
         return action
 

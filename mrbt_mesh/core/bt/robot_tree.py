@@ -44,15 +44,20 @@ def assignment_tree() -> Tree:
     )
 
 
-def local_tree(local_tasks: Iterable[str]) -> Tree:
-    """T_Li (paper, section V): rest while nothing is assigned, else perform what is."""
+def local_tree(local_tasks: Iterable[str], trees: Mapping[str, NodeSpec] | None = None) -> Tree:
+    """T_Li (paper, section V): rest while nothing is assigned, else perform what is.
+
+    `trees`: those of the local tasks that are trees of their own. While a robot works, the status
+    of such a branch is that of its tree, which is ticked beside it (`local_run`).
+    """
+    inner = trees or {}
     rest = NodeSpec(Kind.INVERTER, (NodeSpec(Kind.CONDITION, subject=ASSIGNED),))
     branches = (
         NodeSpec(
             Kind.SEQUENCE,
             (
                 NodeSpec(Kind.CONDITION, subject=f"{ASSIGNED}({name})"),
-                NodeSpec(Kind.ACTION, subject=name),
+                inner.get(name) or NodeSpec(Kind.ACTION, subject=name),
             ),
         )
         for name in sorted(local_tasks)
@@ -144,10 +149,17 @@ _ASSIGNMENT = Evaluator(assignment_tree())
 
 
 @lru_cache(maxsize=1_024)
-def local_status(local_tasks: frozenset[str], assigned: str | None) -> tuple[Status, str | None]:
-    """The status of T_Li and the local task that it wants to run, with this one assigned."""
-    holding = {ASSIGNED, f"{ASSIGNED}({assigned})"} if assigned else set()
-    found = Evaluator(local_tree(local_tasks)).evaluate(OwnFacts(frozenset(holding)))
+def local_status(
+    local_tasks: frozenset[str], assigned: str | None, outcome: Status = Status.RUNNING
+) -> tuple[Status, str | None]:
+    """The status of T_Li and the local task that it wants to run, with this one assigned.
+
+    `outcome`: how that has ended.
+    """
+    holding, actions = frozenset[str](), dict[str, Status]()
+    if assigned:
+        holding, actions = frozenset({ASSIGNED, f"{ASSIGNED}({assigned})"}), {assigned: outcome}
+    found = Evaluator(local_tree(local_tasks)).evaluate(OwnFacts(holding, actions))
     return found.status, found.requests[0].subject if found.requests else None
 
 
@@ -179,8 +191,13 @@ class RobotTree:
         """*Assign Agents*, which took place elsewhere, has ended: T_A has its status."""
         self._assignment = status
 
-    def tick(self, global_tasks: Status, assigned: str | None) -> str | None:
-        """Tick T_Li and T_i; returns the local-task type that T_Li wants to run, or None."""
+    def tick(
+        self, global_tasks: Status, assigned: str | None, outcome: Status = Status.RUNNING
+    ) -> str | None:
+        """Tick T_Li and T_i; returns the local-task type that T_Li wants to run, or None.
+
+        `outcome`: how what is assigned has ended, Running while it has not.
+        """
         self._global_tasks = global_tasks
-        self._local, wanted = local_status(self._local_tasks, assigned)
+        self._local, wanted = local_status(self._local_tasks, assigned, outcome)
         return wanted

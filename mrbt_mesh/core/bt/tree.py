@@ -10,6 +10,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 MAX_DEPTH = 64
 MAX_NODES = 20_000
@@ -240,3 +241,17 @@ def build_tree(spec: NodeSpec) -> Tree:
 
     add(spec, -1, "", 1)
     return Tree(tuple(node for node in nodes if node is not None))
+
+
+def spec_to_json(spec: NodeSpec) -> list[Any]:
+    """A tree as plain data, for compiled missions."""
+    children = [spec_to_json(child) for child in spec.children]
+    numbers = [spec.limit, spec.timeout_us, str(spec.memory), spec.failures]
+    return [str(spec.kind), spec.name, spec.subject, *numbers, children]
+
+
+def spec_from_json(data: list[Any]) -> NodeSpec:
+    """The inverse of `spec_to_json`; raises TypeError or ValueError for anything else."""
+    kind, name, subject, limit, timeout_us, memory, failures, children = data
+    nested = tuple(spec_from_json(child) for child in children)
+    return NodeSpec(Kind(kind), nested, name, subject, limit, timeout_us, Memory(memory), failures)

@@ -17,8 +17,10 @@ from functools import cached_property
 from typing import Any, TypeAlias
 
 from mrbt_mesh.core.bt.evaluator import Evaluator
-from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec, Tree, build_tree
+from mrbt_mesh.core.bt.tree import Tree, build_tree, spec_from_json, spec_to_json
+from mrbt_mesh.core.mission.conditions import ConditionType, conditions_from_json
 from mrbt_mesh.core.mission.constraints import Constraint, constraint_from_json, constraint_to_json
+from mrbt_mesh.core.mission.costs import Costs
 
 MICRO = 1_000_000
 MAX_PERFORMANCE = 1_000_000 * MICRO
@@ -30,6 +32,8 @@ MAX_BID_WITHIN_US = 10 * MICRO
 COMPILED_VERSION = 2
 # Of missions with bids: software that knows no bids refuses them, and all others keep their digest.
 BIDS_VERSION = 3
+# Of missions whose local tasks are trees; likewise.
+LOCAL_TREES_VERSION = 4
 
 NAME_PATTERN = r"[A-Za-z_][A-Za-z0-9_]{0,63}"
 ARGUMENT_PATTERN = r"[A-Za-z0-9_.+-]{1,64}"
@@ -211,15 +215,6 @@ class LocalTask:
 
 
 @dataclass(frozen=True, slots=True)
-class ConditionType:
-    """A declared condition; a ground condition that nobody has set reads as `default`."""
-
-    name: str
-    parameters: tuple[str, ...] = ()
-    default: bool = False
-
-
-@dataclass(frozen=True, slots=True)
 class Robot:
     """A robot of the mission file: capabilities L_i with performance p(i, l) in micro-units."""
 
@@ -269,25 +264,6 @@ def micro_performance(value: float) -> int:
     return round(value * MICRO)
 
 
-@dataclass(frozen=True, slots=True)
-class Costs:
-    """What one more robot of a type costs, and one more robot that is capable of a local task.
-
-    What is not listed costs 1. Only `mrbt analyze` reads it.
-    """
-
-    robots: Mapping[str, int] = field(default_factory=dict)
-    capabilities: Mapping[str, int] = field(default_factory=dict)
-
-    def robot(self, robot_type: str) -> int:
-        """The cost of one more robot."""
-        return self.robots.get(robot_type, 1)
-
-    def capability(self, local_task: str) -> int:
-        """The cost of making one robot capable."""
-        return self.capabilities.get(local_task, 1)
-
-
 # Attributes: the sections of a mission file, made ground.
 @dataclass(frozen=True)
 class Mission:
@@ -295,7 +271,8 @@ class Mission:
 
     `parameters` are the file's values, for robots' programs to read; `program` names the
     default robot program, relative to the mission file. It, `costs` and `solver` are no part of
-    the digest: robots with different solvers make the same plans.
+    the digest: robots with different solvers make the same plans. `local_trees`: those of ground
+    local tasks that are trees of others; `local_conditions`: what these trees may read.
     """
 
     name: str
@@ -312,6 +289,8 @@ class Mission:
     solver: str | None = None
     constraints: tuple[Constraint, ...] = ()
     ends: MissionEnd = MissionEnd.ONCE
+    local_trees: Mapping[LocalTaskId, Tree] = field(default_factory=dict)
+    local_conditions: Mapping[str, ConditionType] = field(default_factory=dict)
 
     @cached_property
     def evaluator(self) -> Evaluator:
@@ -356,17 +335,26 @@ class Mission:
 
     def condition_default(self, ground: str) -> bool:
         """What `ground` reads as while nobody has set it; False if it is not declared."""
-        declared = self.conditions.get(type_name(ground))
-        return declared.default if declared else False
+        return _default_of(ground, self.conditions)
 
     def knows_condition(self, ground: str) -> bool:
         """Whether `ground` is a declared condition with the right number of arguments."""
-        try:
-            name, arguments = split_call(ground)
-        except ValueError:
-            return False
-        declared = self.conditions.get(name)
-        return declared is not None and len(declared.parameters) == len(arguments)
+        return _is_declared(ground, self.conditions)
+
+    def local_condition_default(self, ground: str) -> bool:
+        """What a robot's own condition reads as while its program has not set it."""
+        return _default_of(ground, self.local_conditions)
+
+    def knows_local_condition(self, ground: str) -> bool:
+        """Whether `ground` is declared as a condition of the robots' own."""
+        return _is_declared(ground, self.local_conditions)
+
+    def nominal_work(self, ground: LocalTaskId) -> int:
+        """The nominal work of a local task in micro-units: of a tree, that of all its actions."""
+        tree = self.local_trees.get(ground)
+        leaves = [ground] if tree is None else [node.subject for node in tree.actions()]
+        known = (self.local_tasks.get(type_name(leaf)) for leaf in leaves)
+        return sum(task.work if task is not None else MICRO for task in known)
 
     def to_json(self) -> dict[str, Any]:
         """The compiled mission as plain data; `mission_from_json` takes it back.
@@ -381,7 +369,8 @@ class Mission:
             **({} if usual else {"assignment": str(self.assignment)}),
             **({} if self.solver is None else {"solver": self.solver}),
             **({} if self.ends is MissionEnd.ONCE else {"ends": str(self.ends)}),
-            "compiled": BIDS_VERSION if self.has_bids else COMPILED_VERSION,
+            **self._local_to_json(),
+            "compiled": self._compiled_version(),
             "name": self.name,
             "robots": {r.id: [r.type, dict(r.capabilities)] for r in self.robots.values()},
             "robot_types": {name: dict(c) for name, c in self.robot_types.items()},
@@ -392,23 +381,38 @@ class Mission:
                 c.name: [list(c.parameters), c.default] for c in self.conditions.values()
             },
             "global_tasks": [task.to_json() for task in self.global_tasks.values()],
-            "tree": _spec_to_json(self.tree.spec()),
+            "tree": spec_to_json(self.tree.spec()),
             "parameters": dict(self.parameters),
             "program": self.program,
             "costs": [dict(self.costs.robots), dict(self.costs.capabilities)],
         }
 
+    def _compiled_version(self) -> int:
+        usual = BIDS_VERSION if self.has_bids else COMPILED_VERSION
+        return LOCAL_TREES_VERSION if self.local_trees else usual
 
-def _spec_to_json(spec: NodeSpec) -> list[Any]:
-    children = [_spec_to_json(child) for child in spec.children]
-    numbers = [spec.limit, spec.timeout_us, str(spec.memory), spec.failures]
-    return [str(spec.kind), spec.name, spec.subject, *numbers, children]
+    def _local_to_json(self) -> dict[str, Any]:
+        """Local tasks that are trees, and what these read; nothing where there are none."""
+        trees = {name: spec_to_json(tree.spec()) for name, tree in self.local_trees.items()}
+        own = {c.name: [list(c.parameters), c.default] for c in self.local_conditions.values()}
+        return {
+            **({"local_trees": trees} if trees else {}),
+            **({"local_conditions": own} if own else {}),
+        }
 
 
-def _spec_from_json(data: list[Any]) -> NodeSpec:
-    kind, name, subject, limit, timeout_us, memory, failures, children = data
-    nested = tuple(_spec_from_json(child) for child in children)
-    return NodeSpec(Kind(kind), nested, name, subject, limit, timeout_us, Memory(memory), failures)
+def _default_of(ground: str, declared: Mapping[str, ConditionType]) -> bool:
+    known = declared.get(type_name(ground))
+    return known.default if known else False
+
+
+def _is_declared(ground: str, declared: Mapping[str, ConditionType]) -> bool:
+    try:
+        name, arguments = split_call(ground)
+    except ValueError:
+        return False
+    known = declared.get(name)
+    return known is not None and len(known.parameters) == len(arguments)
 
 
 def mission_from_json(data: Mapping[str, Any]) -> Mission:
@@ -417,20 +421,17 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
     Raises ValueError if it was not compiled by this version.
     """
     found = data.get("compiled")
-    if found not in (COMPILED_VERSION, BIDS_VERSION):
-        known = f"{COMPILED_VERSION} or {BIDS_VERSION}"
-        raise ValueError(f"compiled mission version {known} expected, found {found!r}")
+    if found not in (COMPILED_VERSION, BIDS_VERSION, LOCAL_TREES_VERSION):
+        raise ValueError(f"compiled mission version 2 to 4 expected, found {found!r}")
     try:
         return Mission(
             name=data["name"],
             robots={i: Robot(i, kind, caps) for i, (kind, caps) in sorted(data["robots"].items())},
             robot_types=data["robot_types"],
             local_tasks={n: LocalTask(n, tuple(p), w) for n, (p, w) in data["local_tasks"].items()},
-            conditions={
-                n: ConditionType(n, tuple(p), d) for n, (p, d) in data["conditions"].items()
-            },
+            conditions=conditions_from_json(data["conditions"]),
             global_tasks={row[0]: GlobalTask.from_json(row) for row in data["global_tasks"]},
-            tree=build_tree(_spec_from_json(data["tree"])),
+            tree=build_tree(spec_from_json(data["tree"])),
             assignment=AssignmentPolicy(data.get("assignment", AssignmentPolicy.ANY)),
             ends=MissionEnd(data.get("ends", MissionEnd.ONCE)),
             parameters=data["parameters"],
@@ -438,6 +439,11 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
             costs=Costs(*data.get("costs", ())),  # missions compiled before there were costs
             solver=data.get("solver"),
             constraints=tuple(map(constraint_from_json, data.get("constraints", ()))),
+            local_trees={
+                name: build_tree(spec_from_json(spec))
+                for name, spec in sorted(data.get("local_trees", {}).items())
+            },
+            local_conditions=conditions_from_json(data.get("local_conditions", {})),
         )
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"compiled mission is damaged: {error!r}") from error

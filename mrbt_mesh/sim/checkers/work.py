@@ -30,7 +30,6 @@ from mrbt_mesh.core.mission.mission import (
     Mission,
     MissionEnd,
     performance,
-    type_name,
 )
 from mrbt_mesh.core.planning.capabilities import capabilities_of, workers
 from mrbt_mesh.core.planning.demands import demands_of
@@ -342,10 +341,10 @@ def longest_us(mission: Mission, speed: float, capabilities: Iterable[Mapping[st
     longest = 0
     for task in mission.global_tasks.values():
         for need in task.needs:
-            kind = mission.local_tasks[type_name(need.local_task)]
+            work = mission.nominal_work(need.local_task)
             able = (performance(each, need.local_task) for each in robots)
             for value in filter(None, able):
-                longest = max(longest, kind.work * MICRO // value)
+                longest = max(longest, work * MICRO // value)
     return round(longest / speed)
 
 

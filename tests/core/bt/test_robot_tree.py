@@ -48,6 +48,18 @@ def test_what_a_robot_cannot_do_is_a_failure_of_its_own_tree() -> None:
     assert tree.statuses[3] is FAILURE
 
 
+@pytest.mark.parametrize("outcome", [SUCCESS, FAILURE])
+def test_a_branch_of_t_li_has_the_outcome_of_the_local_task(outcome: Status) -> None:
+    tree = RobotTree({"weld", "look"})
+    tree.tick(RUNNING, "weld")
+    assert tree.tick(RUNNING, "weld", outcome) is None
+    assert tree.statuses[3] is outcome
+    assert tree.tick(RUNNING, "look") == "look"
+    assert tree.statuses[3] is RUNNING
+    tree.tick(RUNNING, None)
+    assert tree.statuses[3] is SUCCESS
+
+
 class Leaves:
     """Leaves of T_A that say what they are told, and note when they are ticked."""
 

@@ -8,11 +8,13 @@ from __future__ import annotations
 import gzip
 import json
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, Protocol
 
+from mrbt_mesh.core.bt.evaluation import Evaluation
+from mrbt_mesh.core.bt.guards import conditions_in
 from mrbt_mesh.core.bt.tree import NodeSpec, Status
 from mrbt_mesh.formats.btcpp.check import check_library
 from mrbt_mesh.formats.btcpp.document import parse_document
@@ -77,19 +79,37 @@ def team_tree(trace: Trace) -> TeamTree:
     return to_team_tree(library, "Main", None)
 
 
+class Ticked(Protocol):
+    """A tree that is ticked over facts, which change as the story goes."""
+
+    @property
+    def status(self) -> Status: ...
+    def set(self, name: str, value: bool) -> None: ...
+    def outcome(self, activation: str, success: bool) -> None: ...
+    def tick(self) -> Evaluation: ...
+
+
+def at_first(trace: Trace) -> tuple[str, ...]:
+    """The conditions that hold at the beginning."""
+    return (*(name for name, values in trace.conditions.items() if values[0] == "1"), ALWAYS)
+
+
 def team_run(spec: NodeSpec, trace: Trace) -> tuple[Shown, ...]:
     """The same story, told in facts."""
-    at_first = [name for name, values in trace.conditions.items() if values[0] == "1"]
-    world = World(spec, (*at_first, ALWAYS))
-    return tuple(_steps(world, trace))
+    return told(World(spec, at_first(trace)), spec, trace)
 
 
-def _steps(world: World, trace: Trace) -> Iterator[Shown]:
+def told(world: Ticked, spec: NodeSpec, trace: Trace) -> tuple[Shown, ...]:
+    """What a tree shows in each step of the story."""
+    return tuple(_steps(world, trace, conditions_in(spec)))
+
+
+def _steps(world: Ticked, trace: Trace, known: Collection[str]) -> Iterator[Shown]:
     starts: Counter[str] = Counter()
     running: dict[str, tuple[int, int]] = {}
     for step in range(len(next(iter(trace.conditions.values()), "0" * 30))):
         for name, values in trace.conditions.items():
-            if world.mission.knows_condition(name):
+            if name in known:
                 world.set(name, values[step] == "1")
         for gone in running.keys() - {request.activation for request in world.tick().requests}:
             del running[gone]  # halted
@@ -109,7 +129,7 @@ def _steps(world: World, trace: Trace) -> Iterator[Shown]:
 
 
 def _first_due(
-    world: World, trace: Trace, running: dict[str, tuple[int, int]], step: int
+    world: Ticked, trace: Trace, running: dict[str, tuple[int, int]], step: int
 ) -> tuple[str, bool] | None:
     """The first action in tree order that ends at this step, and how."""
     for request in world.tick().requests:

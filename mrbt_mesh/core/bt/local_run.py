@@ -1,0 +1,134 @@
+"""A local task that is a tree: ticked over the robot's own facts.
+
+Source: paper, section V, the definition of T_Li: a branch of it may be a subtree. The evaluator is
+that of T_G. The facts are the robot's own and nobody else's: its conditions, how the actions of
+this tree have ended, and what nodes with attempts, memory or a time limit have to remember. So they
+need no author, and nothing of them outlives the local task but the conditions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from mrbt_mesh.core.bt.evaluation import Evaluation
+from mrbt_mesh.core.bt.evaluator import Evaluator
+from mrbt_mesh.core.bt.guards import Expression
+from mrbt_mesh.core.bt.robot_tree import OwnFacts
+from mrbt_mesh.core.bt.tree import Status, Tree, build_tree
+
+
+class OwnConditions:
+    """The conditions of one robot, for as long as its process lives.
+
+    `default` says what a condition reads as that nobody has set.
+    """
+
+    def __init__(self, default: Callable[[str], bool]) -> None:
+        self._default = default
+        self._changes: dict[str, int] = {}
+        self.watchers: list[Callable[[str], None]] = []
+
+    def value(self, name: str) -> bool:
+        """Whether it holds."""
+        return self._default(name) ^ bool(self._changes.get(name, 0) % 2)
+
+    def set(self, name: str, value: bool) -> None:
+        """Make it true or false, and tell who watches if that changes it."""
+        if self.value(name) != value:
+            self._changes[name] = self._changes.get(name, 0) + 1
+            for watcher in list(self.watchers):
+                watcher(name)
+
+
+class LocalRun:
+    """One run of a local task's tree.
+
+    Tell it what happens (`ended`, `expired`, and by watching the conditions `turned`), then `tick`:
+    what the evaluation requests is to be carried out, and what it no longer requests is to be
+    cancelled. Once the root has ended, so has the local task, with that status.
+    """
+
+    def __init__(self, tree: Tree, conditions: OwnConditions) -> None:
+        self._evaluator = Evaluator(tree)
+        self._conditions = conditions
+        self._outcomes: dict[str, Status] = {}
+        self._attempts: dict[str, int] = {}
+        self._expired: set[str] = set()
+        self._child_results: dict[tuple[str, int], Status] = {}
+        # How often a guard has turned to true and to false, since this run began.
+        self._turns: dict[tuple[str, bool], int] = {}
+        self._readers: dict[str, list[Expression]] = {}
+        for expression in self._evaluator.expressions.values():
+            for name in expression.conditions:
+                self._readers.setdefault(name, []).append(expression)
+        self._touched: dict[str, Expression] = {}
+        self._held = {each.id: self._holds(each) for each in self._evaluator.expressions.values()}
+
+    # -- what happens -------------------------------------------------------------------------
+
+    def ended(self, activation: str, success: bool) -> None:
+        """An action has ended by itself."""
+        self._outcomes[activation] = Status.SUCCESS if success else Status.FAILURE
+
+    def expired(self, activation: str) -> None:
+        """The time of a Timeout is over."""
+        self._expired.add(activation)
+
+    def turned(self, name: str) -> None:
+        """A condition of the robot has changed."""
+        self._count(name, self._conditions.value(name))
+        for expression in self._readers.get(name, ()):
+            self._touched[expression.id] = expression
+
+    def tick(self) -> Evaluation:
+        """Evaluate the tree, until nothing more follows that nodes have to remember.
+
+        Several conditions that decide together count as they are now: what happens between two
+        ticks happens at once.
+        """
+        for expression in self._touched.values():
+            holds = self._holds(expression)
+            if holds != self._held[expression.id]:
+                self._held[expression.id] = holds
+                self._count(expression.id, holds)
+        self._touched.clear()
+        while True:
+            found = self._evaluator.evaluate(self)
+            fresh = [row for row in found.attempts if self._attempts.get(row[0], 0) < row[1]]
+            results = {(a, position): success for a, position, success in found.child_results}
+            if not fresh and not results.keys() - self._child_results.keys():
+                return found
+            self._attempts.update(fresh)
+            for place, success in results.items():
+                ending = Status.SUCCESS if success else Status.FAILURE
+                self._child_results.setdefault(place, ending)
+
+    def _count(self, guard: str, value: bool) -> None:
+        self._turns[guard, value] = self._turns.get((guard, value), 0) + 1
+
+    def _holds(self, expression: Expression) -> bool:
+        holding = frozenset(filter(self._conditions.value, expression.conditions))
+        tree = build_tree(expression.spec)
+        return Evaluator(tree).evaluate(OwnFacts(holding)).status is Status.SUCCESS
+
+    # -- what the tree reads (evaluation.EvaluationFacts) -------------------------------------
+
+    run = "local"
+
+    def condition(self, name: str) -> bool:
+        return self._conditions.value(name)
+
+    def turns(self, name: str, value: bool) -> int:
+        return self._turns.get((name, value), 0)
+
+    def task_status(self, subject: str, activation: str) -> Status:
+        return self._outcomes.get(activation, Status.RUNNING)
+
+    def attempts_used(self, activation: str) -> int:
+        return self._attempts.get(activation, 0)
+
+    def has_expired(self, activation: str) -> bool:
+        return activation in self._expired
+
+    def child_result(self, activation: str, position: int) -> Status | None:
+        return self._child_results.get((activation, position))

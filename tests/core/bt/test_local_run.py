@@ -1,0 +1,98 @@
+"""A local task that is a tree, over one robot's own facts: it does what a team of one does."""
+
+from __future__ import annotations
+
+import pytest
+
+from mrbt_mesh.core.bt.evaluation import Evaluation
+from mrbt_mesh.core.bt.local_run import LocalRun, OwnConditions
+from mrbt_mesh.core.bt.tree import NodeSpec, Status, build_tree
+from tests.support.btcpp.conformance import at_first, team_run, team_tree, told, traces
+from tests.support.build import action, condition, fallback, parallel, retry, sequence, timeout
+
+
+class Robot:
+    """A tree and the facts of the robot that ticks it."""
+
+    def __init__(self, spec: NodeSpec, *holding: str) -> None:
+        self.conditions = OwnConditions(lambda name: name in holding)
+        self.run = LocalRun(build_tree(spec), self.conditions)
+        self.conditions.watchers.append(self.run.turned)
+
+    def set(self, name: str, value: bool) -> None:
+        self.conditions.set(name, value)
+
+    def outcome(self, activation: str, success: bool) -> None:
+        self.run.ended(activation, success)
+
+    def tick(self) -> Evaluation:
+        return self.run.tick()
+
+    @property
+    def status(self) -> Status:
+        return self.tick().status
+
+    @property
+    def asked(self) -> list[str]:
+        return [request.subject for request in self.tick().requests]
+
+    def end(self, subject: str, success: bool = True) -> None:
+        (activation,) = (r.activation for r in self.tick().requests if r.subject == subject)
+        self.outcome(activation, success)
+
+
+@pytest.mark.parametrize("family", ["tame", "mid", "free"])
+def test_a_robot_does_with_a_tree_what_a_team_of_one_does(family: str) -> None:
+    # That is what BehaviorTree.CPP does, or else a note says why not: test_team_tree_traces.
+    compared = 0
+    for trace in traces():
+        team = team_tree(trace)
+        if trace.family == family and team.spec is not None and not trace.error:
+            compared += 1
+            robot = Robot(team.spec, *at_first(trace))
+            assert told(robot, team.spec, trace) == team_run(team.spec, trace), trace.id
+    assert compared > 600
+
+
+def test_the_status_of_the_tree_is_the_outcome() -> None:
+    for success, status in ((True, Status.SUCCESS), (False, Status.FAILURE)):
+        robot = Robot(sequence(action("grasp"), action("turn")))
+        robot.end("grasp")
+        assert (robot.status, robot.asked) == (Status.RUNNING, ["turn"])
+        robot.end("turn", success)
+        assert (robot.status, robot.asked) == (status, [])
+
+
+def test_a_condition_that_turns_against_an_action_takes_it_back_and_renews_it() -> None:
+    robot = Robot(sequence(fallback(condition("holding"), action("grasp")), action("turn")))
+    robot.end("grasp")
+    robot.set("holding", True)
+    (first,) = robot.tick().requests
+    robot.set("holding", False)
+    # What was grasped before does not count: it is not held any more.
+    assert robot.asked == ["grasp"]
+    robot.end("grasp")
+    (second,) = robot.tick().requests
+    assert first.subject == second.subject == "turn"
+    assert first.activation != second.activation
+
+
+def test_several_conditions_that_decide_together_renew_when_the_whole_turns() -> None:
+    tree = sequence(
+        fallback(sequence(condition("lid"), condition("locked")), action("close")), action("use")
+    )
+    robot = Robot(tree, "lid")
+    robot.end("close")
+    robot.set("locked", True)
+    assert robot.asked == ["use"]
+    robot.set("locked", False)
+    assert robot.asked == ["close"]
+
+
+def test_attempts_and_time_limits() -> None:
+    robot = Robot(retry(2, timeout(1.0, parallel(1, action("look"), action("listen")))))
+    for _ in range(2):
+        assert robot.asked == ["look", "listen"]
+        (limit,) = robot.tick().timeouts
+        robot.run.expired(limit.activation)
+    assert robot.status is Status.FAILURE
