@@ -6,8 +6,8 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long test-plain test-slow test-docker lint check-lock lock drills soak clean \
-	bench bench-failover bench-resume bench-membership bench-estimate bench-robustness walk paper
+.PHONY: help setup demo test test-long test-plain test-slow test-docker tolerance lint check-lock lock drills soak \
+	clean bench bench-failover bench-resume bench-membership bench-estimate bench-robustness walk paper
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
@@ -16,6 +16,7 @@ help:
 	@echo "make test-long       the fast tests with 1,000 seeds of chaos and 1,000 examples each"
 	@echo "make test-docker     the docker-compose demo; as root, installs Debian's docker.io if missing"
 	@echo "make test-slow       wireless teams, discovery, split sessions: real processes, some minutes"
+	@echo "make tolerance       what mrbt analyze foretells of faults, against thousands of simulated runs"
 	@echo "make lint            ruff, mypy, import-linter"
 	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
 	@echo "make bench           the planner against what one would use instead: docs/performance.md"
@@ -62,6 +63,10 @@ test-plain: $(READY)
 
 test-slow: $(READY)
 	$(BIN)/pytest -m slow
+
+# What mrbt analyze foretells of faults against simulated runs: some 6,200 of them, ten minutes.
+tolerance: $(READY)
+	MRBT_TOLERANCE_MISSIONS=1800 $(BIN)/pytest -n auto tests/analysis/test_tolerance_random_missions.py
 
 test-docker: $(READY)
 	$(BIN)/pytest -m docker -rs tests/docker

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mrbt_mesh.analysis.requirement import ALWAYS, Formulas, Requirement, every, tree_requirement
 from mrbt_mesh.analysis.service import Service, service
 from mrbt_mesh.analysis.tolerance import Reading
 from mrbt_mesh.analysis.width import StuckError, widths
-from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, Mission
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,13 @@ def serial(mission: Mission) -> Question:
     def waits(task: str) -> bool:
         return mission.global_tasks[task].blocked_fail_after_us is None
 
-    required = tree_requirement(mission.tree, numbers, waits)
+    deciding: dict[str, list[list[int]]] = {}
+    for task in mission.global_tasks.values():
+        for way in _ways_to_fail(mission, task):
+            numbered = list(range(len(services), len(services) + len(way)))
+            deciding.setdefault(task.id, []).append(numbered)
+            services = (*services, *way)
+    required = tree_requirement(mission.tree, numbers, waits, deciding)
     if required is None:
         return Question(_impossible(mission, services), "the tree itself can never succeed")
     return _checked(Reading(mission, services, required))
@@ -58,6 +64,27 @@ READINGS: dict[str, Callable[[Mission], Question]] = {
 
 def _tasks(mission: Mission) -> tuple[Service, ...]:
     return tuple(service(mission, (task,), task.id) for task in mission.global_tasks.values())
+
+
+def _ways_to_fail(mission: Mission, task: GlobalTask) -> list[list[Service]]:
+    """What it takes that a task can fail, for those that cannot always: one way is enough.
+
+    A patient task fails at a need of which no robot is missing, or else those who may return could
+    make it good; of a coalition of robots for several needs nobody at all may be missing. An
+    exclusive task that has been blocked fails if a majority lives to decide it.
+    """
+    if task.blocked_fail_after_us is not None:
+        if not task.exclusive:
+            return []
+        return [[Service(f"a majority for {task.id}", (task.id,), (), True)]]
+    if task.failure is not FailurePolicy.PATIENT:
+        return []
+    found = []
+    for need in service(mission, (task,), task.id).needs:
+        name = f"{task.id} with all robots for {need.local_task}"
+        everyone = replace(need, count=len(need.entries))
+        found.append(Service(name, (task.id,), (everyone,), False))
+    return [found] if task.by_coalition else [[each] for each in found]
 
 
 def _impossible(mission: Mission, services: tuple[Service, ...]) -> Reading:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import TypeAlias
 
 from mrbt_mesh.core.bt.tree import Kind, Node, Tree
@@ -148,17 +149,23 @@ def every(services: Collection[int]) -> Requirement:
 # Can succeed, can fail: with every service feasible (ideal), and as things are.
 State: TypeAlias = tuple[bool, bool, bool, bool]
 States: TypeAlias = dict[State, Formula]
+# Global task -> ways in which it can come to fail, each the services that it takes. A task that is
+# not named can always fail.
+Deciding: TypeAlias = Mapping[str, Sequence[Sequence[int]]]
 _Merge: TypeAlias = Callable[[tuple[int, ...], State], tuple[int, ...]]
 
 
 def tree_requirement(
-    tree: Tree, services: Mapping[str, int], waits: Callable[[str], bool]
+    tree: Tree,
+    services: Mapping[str, int],
+    waits: Callable[[str], bool],
+    deciding: Deciding = MappingProxyType({}),
 ) -> Requirement | None:
     """What `tree` requires; `services`: global task -> number, `waits`: blocked for ever or not.
 
     None if the root cannot succeed even with every service feasible. Raises TooLargeError.
     """
-    states = _Builder(tree, services, waits)
+    states = _Builder(tree, services, waits, deciding)
     found = states.of(tree.nodes[0])
     if not any(state[0] for state in found):
         return None
@@ -168,15 +175,20 @@ def tree_requirement(
 
 def could_fail(tree: Tree, node: int, services: Mapping[str, int]) -> bool:
     """Whether a node could fail if every service were feasible."""
-    states = _Builder(tree, services, lambda task: True).of(tree.nodes[node])
+    states = _Builder(tree, services, lambda task: True, {}).of(tree.nodes[node])
     return any(ideal_f for (_, ideal_f, _, _) in states)
 
 
 class _Builder:
     def __init__(
-        self, tree: Tree, services: Mapping[str, int], waits: Callable[[str], bool]
+        self,
+        tree: Tree,
+        services: Mapping[str, int],
+        waits: Callable[[str], bool],
+        deciding: Deciding,
     ) -> None:
         self.tree = tree
+        self.deciding = deciding
         self.services = services
         self.waits = waits
         self.formulas = Formulas()
@@ -189,7 +201,13 @@ class _Builder:
         if node.kind is Kind.ACTION:
             lacking = self.formulas.atom(self.services[node.subject])
             fails = not self.waits(node.subject)
-            return {(True, True, True, True): ALWAYS, (True, True, False, fails): lacking}
+            found = {(True, True, True, True): ALWAYS, (True, True, False, fails): lacking}
+            ways = self.deciding.get(node.subject, ())
+            if ways:
+                none_left = [self.formulas.any(map(self.formulas.atom, way)) for way in ways]
+                # Whether it could succeed makes no difference where it has to fail.
+                found[True, True, not fails, False] = self.formulas.all(none_left)
+            return found
         children = [self.of(self.tree.nodes[child]) for child in node.children]
         if node.kind is Kind.SEQUENCE:
             return self._folded(children, (1, 0, 1, 0), _in_sequence, _bools)

@@ -275,7 +275,10 @@ def _estimates(reading: Reading, faults: Sequence[Fault]) -> dict[Formula, _Esti
         if term.service >= 0:
             wanted = reading.services[term.service]
             touched = frozenset(f for f in faults if reading.may_change(term.service, f))
-            if team.is_feasible(wanted):
+            if not touched and team.is_feasible(wanted):
+                # No faults of this kind do it.
+                found[each] = _Estimate(len(faults) + 1, tuple(faults), touched)
+            elif team.is_feasible(wanted):
                 single = fewest_to_break(team, wanted, is_major)
                 found[each] = _Estimate(single.least, single.chosen, touched)
             else:

@@ -116,7 +116,7 @@ def can_serve(mission: Mission, tasks: Iterable[str], faults: Collection[Fault])
     """By trying every way to put different robots on all that the tasks need."""
     chosen = [mission.global_tasks[task] for task in tasks]
     alive = [robot for robot in mission.robots if robot not in faults]
-    if any(task.exclusive for task in chosen) and len(alive) < len(mission.robots) // 2 + 1:
+    if not all(can_decide(mission, task.id, faults) for task in chosen):
         return False
     seats = [n.local_task for task in chosen for n in task.needs for _ in range(n.min_robots)]
     return any(
@@ -125,8 +125,18 @@ def can_serve(mission: Mission, tasks: Iterable[str], faults: Collection[Fault])
     )
 
 
+def can_decide(mission: Mission, task: str, faults: Collection[Fault]) -> bool:
+    """What is exclusive is decided by a majority only."""
+    alive = sum(robot not in faults for robot in mission.robots)
+    return not mission.global_tasks[task].exclusive or alive > len(mission.robots) // 2
+
+
 def outcomes(
-    mission: Mission, node: Node, values: dict[int, bool], is_served: Callable[[str], bool]
+    mission: Mission,
+    node: Node,
+    values: dict[int, bool],
+    is_served: Callable[[str], bool],
+    is_decided: Callable[[str], bool] = lambda _: True,
 ) -> set[bool]:
     """Which of success and failure a node can end with; neither: it waits for ever."""
     tree = mission.tree
@@ -136,8 +146,10 @@ def outcomes(
         if is_served(node.subject):
             return {True, False}
         waits = mission.global_tasks[node.subject].blocked_fail_after_us is None
-        return set() if waits else {False}
-    children = [outcomes(mission, tree.nodes[c], values, is_served) for c in node.children]
+        return {False} if not waits and is_decided(node.subject) else set()
+    children = [
+        outcomes(mission, tree.nodes[c], values, is_served, is_decided) for c in node.children
+    ]
     match node.kind:
         case Kind.SEQUENCE | Kind.FALLBACK:
             passing = node.kind is Kind.SEQUENCE
@@ -200,7 +212,9 @@ def survivor(mission: Mission) -> Callable[[frozenset[Fault]], bool]:
         if not hopeful:
             return False
         served = {task: can_serve(mission, [task], faults) for task in mission.global_tasks}
-        return all(True in outcomes(mission, root, case, served.__getitem__) for case in hopeful)
+        decided = {task: can_decide(mission, task, faults) for task in mission.global_tasks}
+        asked = served.__getitem__, decided.__getitem__
+        return all(True in outcomes(mission, root, case, *asked) for case in hopeful)
 
     return survives
 

@@ -14,10 +14,14 @@ at it.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
 from mrbt_mesh.core.bt.evaluation import Request
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask
+from mrbt_mesh.core.planning.capabilities import Capabilities, Worker
+from mrbt_mesh.core.planning.consistency import shortages
+from mrbt_mesh.core.planning.demands import request_demands
 from mrbt_mesh.core.planning.plan import PendingVerdict, Waiting
 
 
@@ -31,6 +35,7 @@ def pending_verdicts(
     """The requests, by index and in tree order, of which some robot has failed and
 
     policy `resilient`: no living robots could serve it, whoever is free;
+    policy `patient`: nor could they with the dead, and with what robots have lost;
     policy `paper`: that too, or failures exceed assigned - nu, where assigned = outcomes + claims
     of the living.
 
@@ -42,15 +47,31 @@ def pending_verdicts(
     for index in sorted({*waiting, *counted}):
         activation = requests[index].activation
         task = tasks[requests[index].subject]
-        if index in obstacles or task.failure is FailurePolicy.PATIENT:
+        if index in obstacles or not facts.has_outcome(activation):
             continue
-        if not facts.has_outcome(activation) or not _has_failure(facts, task, activation):
+        if not _has_failure(facts, task, activation):
             continue
-        is_blocked = index in waiting and waiting[index].is_blocked
-        by_count = task.failure is FailurePolicy.PAPER
-        if is_blocked or (by_count and _has_failed_by_count(facts, task, activation, team)):
+        fails = index in waiting and waiting[index].is_blocked
+        match task.failure:
+            case FailurePolicy.PATIENT:
+                fails = fails and not _could_be_served_by_all(facts, requests[index])
+            case FailurePolicy.PAPER:
+                fails = fails or _has_failed_by_count(facts, task, activation, team)
+        if fails:
             found[index] = PendingVerdict(activation, task.failure_after_us)
     return found
+
+
+def _could_be_served_by_all(facts: TeamFacts, request: Request) -> bool:
+    """Whether all known robots together could serve a request, had none of them lost anything."""
+    everybody = {
+        robot: Worker(robot, replace(known.member, lost=()), known.incarnation)
+        for robot, known in sorted(facts.members.items())
+    }
+    capabilities = Capabilities(everybody)
+    needs = facts.mission.global_tasks[request.subject].needs
+    group = request_demands(facts, request, capabilities, [None] * len(needs), {})
+    return not shortages(facts, group, capabilities)
 
 
 def _has_failure(facts: TeamFacts, task: GlobalTask, activation: str) -> bool:

@@ -60,6 +60,19 @@ def test_the_rest_is_dead_has_lost_it_or_leaves(policy: FailurePolicy, expected:
     assert waiting.reason == f"blocked: a needs 1, 1 alive, 1 failed{end}"
 
 
+def test_who_is_patient_does_not_wait_where_nobody_is_missing() -> None:
+    """R1 can do both parts, R2 one of them, which it has failed at: it takes two robots."""
+    robots: dict[str, dict[str, float]] = {"R1": {"a": 1, "b": 1}, "R2": {"a": 1}, "R3": {"b": 1}}
+    both = task("a", ("a", 1, 1), ("b", 1, 1), failure=PATIENT)
+    world = World(make_mission(action("a"), robots, [both]))
+    world.outcome(world.activation("a"), False, "R2", "a")
+    assert pending(world) == []
+    world.lose("R3", "b")
+    assert pending(world) == [], "R3 may get it back"
+    world.outcome(world.activation("a"), False, "R3", "b")
+    assert pending(world) == ["a"]
+
+
 def test_who_has_failed_at_any_part_counts() -> None:
     """R1 has failed at one local task, and for the other one nobody is left."""
     world = world_of("R1 R2", ("a", 1, 1), ("b", 1, 1))

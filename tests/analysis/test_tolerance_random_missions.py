@@ -1,0 +1,70 @@
+"""One definition of what faults do to a mission: what `mrbt analyze` foretells, what follows from
+ticks of the tree alone, and what a team of agents then does, over random missions with conditions.
+
+`make tolerance` compares some 6,200 runs.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from unittest import mock
+
+import pytest
+
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.planning import make_plan
+from tests.support.tolerance_cases import (
+    Case,
+    cases,
+    foreseen,
+    simulated,
+    survives,
+    with_fixed_conditions,
+)
+
+pytestmark = pytest.mark.timeout(600)
+
+MISSIONS = int(os.environ.get("MRBT_TOLERANCE_MISSIONS", "20"))
+BLOCK = 20
+RESULTS = {Status.SUCCESS: "success", Status.FAILURE: "failure", Status.RUNNING: "blocked"}
+
+
+def check(case: Case) -> Status:
+    """One run, foretold in two ways; what came of it."""
+    expected = foreseen(case)
+    foretold = survives(with_fixed_conditions(case.mission), case.faults)
+    assert foretold is (expected is Status.SUCCESS), case
+    assert simulated(case) == RESULTS[expected], case
+    return expected
+
+
+@pytest.mark.parametrize("first", range(0, MISSIONS, BLOCK))
+def test_runs_end_as_analysis_and_the_tree_foretell(first: int) -> None:
+    """For each choice of conditions alone, and what analysis says of all of them together."""
+    done: Counter[Status] = Counter()
+    for seed in range(first, min(MISSIONS, first + BLOCK)):
+        found = list(cases(seed))
+        ended = [check(case) for case in found]
+        done.update(ended)
+        succeeds = [
+            status is Status.SUCCESS
+            for case, status in zip(found, ended, strict=True)
+            if case.is_possible
+        ]
+        if found[0].are_distinct and succeeds:
+            assert survives(found[0].mission, found[0].faults) is all(succeeds), found[0]
+    assert len(done) == len(RESULTS), "every result comes up"
+
+
+@pytest.mark.parametrize("seed", [9, 61])
+def test_a_team_that_waits_for_the_dead_is_found_out(seed: int) -> None:
+    differing = [case for case in cases(seed) if not _agrees(case)]
+    assert differing == []
+    with mock.patch.object(make_plan, "pending_verdicts", return_value={}):
+        differing = [case for case in cases(seed) if not _agrees(case)]
+    assert differing
+
+
+def _agrees(case: Case) -> bool:
+    return simulated(case) == RESULTS[foreseen(case)]

@@ -1,0 +1,379 @@
+"""Random missions with conditions, sets of faults, and ways in which actions may end; what comes of
+them by the definition of a tick alone, by `mrbt analyze`, and in the simulator.
+
+A case is one run: which robots and capabilities are lost, which conditions hold, and how each
+action ends if there are robots for it. The three must agree in every case.
+"""
+
+from __future__ import annotations
+
+import itertools
+import random
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import anyio
+
+from mrbt_mesh import RobotProgram, TaskContext
+from mrbt_mesh.analysis.readings import serial
+from mrbt_mesh.analysis.service import Fault, FaultyTeam, capability_faults, robot_faults
+from mrbt_mesh.core.agent.commands import ORDER
+from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec, Status, build_tree
+from mrbt_mesh.core.mission.mission import (
+    FailurePolicy,
+    GlobalTask,
+    Mission,
+    Need,
+)
+from mrbt_mesh.sim import Command, Kill, Lose, Schedule, simulate
+from tests.support.build import SECOND_US, make_mission
+
+MAX_TASKS, MAX_CONDITIONS = 5, 3
+# Robots that the team has met are lost while it rests by order, before any action has ended.
+PAUSE_US, STRIKE_US, RESUME_US = SECOND_US // 4, SECOND_US // 2, 6 * SECOND_US
+# Longer than anything in a case takes that does not wait for ever.
+TIMEOUT_US = 60 * SECOND_US
+# How an action ends: it may also go on until a Timeout ends it.
+SUCCESS, FAILURE, NEVER = "success", "failure", "never"
+Outcomes = Mapping[str, str]
+robot = RobotProgram()
+
+
+@robot.local_task("*")
+async def work(task: TaskContext, *arguments: str) -> bool:
+    """A second of work, then what the parameters say of the global task: it fails at one need."""
+    end = task.parameters["ends"][task.global_task]
+    await anyio.sleep(1.0 if end != NEVER else 10_000.0)
+    return bool(end == SUCCESS or task.local_task != task.parameters["fails_at"][task.global_task])
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run. `are_known`: the team had met the robots that died, and what was lost.
+
+    `are_distinct`: each condition is asked at one place. `is_possible`: there are ends with which
+    the mission would succeed if there were robots for everything.
+    """
+
+    seed: int
+    mission: Mission
+    faults: frozenset[Fault]
+    are_known: bool
+    ends: Outcomes
+    are_distinct: bool = True
+    is_possible: bool = True
+
+    def __str__(self) -> str:
+        lost = sorted(map(str, self.faults))
+        holding = sorted(n for n, c in self.mission.conditions.items() if c.default)
+        able = {r.id: list(r.capabilities) for r in self.mission.robots.values()}
+        tasks = [task.to_json() for task in self.mission.global_tasks.values()]
+        return (
+            f"seed {self.seed}: lost {lost}, known: {self.are_known}, true: {holding}, "
+            f"ends: {dict(self.ends)}, robots: {able}, tasks: {tasks}\n{drawn(self.mission)}"
+        )
+
+
+def drawn(mission: Mission) -> str:
+    """The tree, indented."""
+    depths: dict[int, int] = {}
+    lines = []
+    for node in mission.tree.nodes:
+        depths[node.index] = depths.get(node.parent, -1) + 1
+        lines.append("  " * depths[node.index] + node.label)
+    return "\n".join(lines)
+
+
+# -- drawing ----------------------------------------------------------------------------------
+
+
+class _Drawing:
+    def __init__(self, seed: int) -> None:
+        self.pick = random.Random(f"{seed}/tolerance")
+        self.tasks: list[GlobalTask] = []
+        self.conditions: list[str] = []
+        self.local_tasks = [f"l{number}" for number in range(self.pick.randint(1, 3))]
+        self.has_timeouts = self.pick.random() < 0.15
+        self.are_known = self.pick.random() < 0.7
+        self.are_distinct = True
+
+    def robots(self) -> dict[str, dict[str, float]]:
+        names = [f"R{number}" for number in range(1, self.pick.randint(2, 4) + 1)]
+        return {
+            name: {each: 1.0 for each in self.local_tasks if self.pick.random() < 0.6}
+            for name in names
+        }
+
+    def task(self) -> NodeSpec:
+        name, pick = f"g{len(self.tasks)}", self.pick
+        chosen = pick.sample(self.local_tasks, min(len(self.local_tasks), pick.choice([1, 1, 2])))
+        needs = []
+        for local_task in chosen:
+            least = pick.choice([1, 1, 1, 2])
+            needs.append(Need(local_task, least, least + pick.choice([0, 0, 1])))
+        policies = list(FailurePolicy) if self.are_known else [*FailurePolicy][:2]
+        failure, starts_together = pick.choice(policies), pick.random() < 0.2
+        if failure is FailurePolicy.PATIENT and starts_together:
+            needs = needs[:1]  # how far several get depends on who is chosen
+        self.tasks.append(
+            GlobalTask(
+                name,
+                tuple(needs),
+                failure,
+                SECOND_US if pick.random() < 0.3 else None,
+                simultaneous=starts_together,
+                # A robot that dies in the middle would leave it in doubt.
+                exclusive=not self.are_known and pick.random() < 0.1,
+            )
+        )
+        return NodeSpec(Kind.ACTION, subject=name)
+
+    def leaf(self) -> NodeSpec:
+        """At most so many different ones; then the same conditions are asked again."""
+        if len(self.conditions) < MAX_CONDITIONS and self.pick.random() < 0.3:
+            self.conditions.append(f"c{len(self.conditions)}")
+            return NodeSpec(Kind.CONDITION, subject=self.conditions[-1])
+        if len(self.tasks) < MAX_TASKS or not self.conditions:
+            return self.task()
+        self.are_distinct = False
+        return NodeSpec(Kind.CONDITION, subject=self.pick.choice(self.conditions))
+
+    def node(self, depth: int) -> NodeSpec:
+        pick = self.pick
+        if depth > 2 or pick.random() < 0.2:
+            return self.leaf()
+        if pick.random() < 0.25:
+            return self.decorator(depth)
+        kind = pick.choice([Kind.SEQUENCE, Kind.FALLBACK, Kind.FALLBACK, Kind.PARALLEL])
+        children = tuple(self.node(depth + 1) for _ in range(pick.choice([2, 2, 3])))
+        if pick.random() < 0.15 and kind is Kind.SEQUENCE:
+            kind = Kind.IF_THEN_ELSE
+        memory = pick.choice([Memory.NONE, Memory.NONE, Memory.WHILE_RUNNING])
+        limit = pick.randint(1, len(children)) if kind is Kind.PARALLEL else 0
+        return NodeSpec(kind, children, limit=limit, memory=memory)
+
+    def decorator(self, depth: int) -> NodeSpec:
+        kinds = [Kind.INVERTER, Kind.FORCE_SUCCESS, Kind.FORCE_FAILURE, Kind.RETRY, Kind.REPEAT]
+        kind = self.pick.choice([*kinds, *[Kind.TIMEOUT] * 3] if self.has_timeouts else kinds)
+        child = self.node(depth + 1)
+        if kind in (Kind.RETRY, Kind.REPEAT):
+            return NodeSpec(kind, (child,), limit=2)
+        if kind is Kind.TIMEOUT:
+            return NodeSpec(kind, (child,), timeout_us=TIMEOUT_US)
+        return NodeSpec(kind, (child,))
+
+    def faults(self, mission: Mission) -> frozenset[Fault]:
+        """Some, of both kinds; one robot always lives."""
+        majors = [fault for fault in robot_faults(mission) if self.pick.random() < 0.3]
+        minors = [fault for fault in capability_faults(mission) if self.pick.random() < 0.2]
+        return frozenset([*majors[: len(mission.robots) - 1], *minors])
+
+
+def cases(seed: int) -> Iterator[Case]:
+    """Those of one mission with one set of faults: one for each choice of its conditions."""
+    drawing = _Drawing(seed)
+    robots = drawing.robots()
+    tree = drawing.node(0)
+    mission = make_mission(tree, robots, drawing.tasks, name=f"case{seed}")
+    faults = drawing.faults(mission)
+    for values in itertools.product((False, True), repeat=len(drawing.conditions)):
+        holding = [n for n, value in zip(drawing.conditions, values, strict=True) if value]
+        chosen = make_mission(tree, robots, drawing.tasks, holding, mission.name)
+        first = Case(seed, chosen, faults, drawing.are_known, {}, drawing.are_distinct)
+        ways = [replace(first, ends=ends) for ends in _ways_to_end(chosen)]
+        good = [case for case in ways if foreseen(case) is Status.SUCCESS]
+        possible = any(foreseen(case, True) is Status.SUCCESS for case in good or ways)
+        yield replace(drawing.pick.choice(good or ways), is_possible=possible)
+
+
+# -- by the definition of a tick --------------------------------------------------------------
+
+
+def _ways_to_end(mission: Mission) -> Iterator[Outcomes]:
+    """Every choice of ends for the actions. One that nothing ends would be no more than blocked."""
+    tasks, under = [node.subject for node in mission.tree.actions()], _under_timeouts(mission)
+    choices = [(SUCCESS, FAILURE, *([NEVER] if task in under else [])) for task in tasks]
+    for chosen in itertools.product(*choices):
+        yield dict(zip(tasks, chosen, strict=True))
+
+
+def _under_timeouts(mission: Mission) -> set[str]:
+    nodes = mission.tree.nodes
+    found = set()
+    for node in mission.tree.actions():
+        above = node.parent
+        while above >= 0:
+            if nodes[above].kind is Kind.TIMEOUT:
+                found.add(node.subject)
+            above = nodes[above].parent
+    return found
+
+
+def foreseen(case: Case, is_ideal: bool = False) -> Status:
+    """The mission's status in the end, RUNNING if it stays blocked: by ticks of the tree alone.
+
+    `is_ideal`: as if there were robots for everything.
+    """
+    facts = _Foreseen(case, is_ideal)
+    evaluator = case.mission.evaluator
+    while True:
+        evaluation = evaluator.evaluate(facts)
+        facts.attempts.update(evaluation.attempts)
+        facts.children.update(((s, p), success) for s, p, success in evaluation.child_results)
+        if evaluation.status is not Status.RUNNING:
+            return evaluation.status
+        ended = [(r.activation, facts.end(r.subject)) for r in evaluation.requests]
+        news = {activation: status for activation, status in ended if status is not Status.RUNNING}
+        expired = {timeout.activation for timeout in evaluation.timeouts} - facts.expired
+        if news:
+            activation = next(iter(news))
+            facts.statuses[activation] = news[activation]
+        elif expired:
+            facts.expired |= expired
+        else:
+            return Status.RUNNING
+
+
+class _Foreseen:
+    """What the tree reads: actions end as the case says, if there are robots for them."""
+
+    run = "foreseen"
+
+    def __init__(self, case: Case, is_ideal: bool) -> None:
+        self._case = case
+        self._is_ideal = is_ideal
+        self.statuses: dict[str, Status] = {}
+        self.attempts: dict[str, int] = {}
+        self.children: dict[tuple[str, int], bool] = {}
+        self.expired: set[str] = set()
+
+    def end(self, subject: str) -> Status:
+        """How a requested task ends; RUNNING: it does not."""
+        case, task = self._case, self._case.mission.global_tasks[subject]
+        if not (self._is_ideal or _are_enough(case, task)):
+            fails = task.blocked_fail_after_us is not None and _may_decide(case, task)
+            return Status.FAILURE if fails else Status.RUNNING
+        if case.ends[subject] == SUCCESS:
+            return Status.SUCCESS
+        if case.ends[subject] == NEVER:
+            return Status.RUNNING
+        may_return = task.failure is FailurePolicy.PATIENT and _decisive_need(case, task) is None
+        if may_return and task.blocked_fail_after_us is None and not self._is_ideal:
+            return Status.RUNNING
+        return Status.FAILURE
+
+    def condition(self, name: str) -> bool:
+        return self._case.mission.condition_default(name)
+
+    def turns(self, name: str, value: bool) -> int:
+        return 0
+
+    def task_status(self, subject: str, activation: str) -> Status:
+        return self.statuses.get(activation, Status.RUNNING)
+
+    def attempts_used(self, activation: str) -> int:
+        return self.attempts.get(activation, 0)
+
+    def has_expired(self, activation: str) -> bool:
+        return activation in self.expired
+
+    def child_result(self, activation: str, position: int) -> Status | None:
+        success = self.children.get((activation, position))
+        return None if success is None else Status.SUCCESS if success else Status.FAILURE
+
+
+def _able(case: Case, local_task: str) -> list[str]:
+    """The robots that can still do it."""
+    return [
+        robot.id
+        for robot in case.mission.robots.values()
+        if local_task in robot.capabilities and not case.faults & {robot.id, (robot.id, local_task)}
+    ]
+
+
+def _may_decide(case: Case, task: GlobalTask) -> bool:
+    """What is exclusive is decided by a majority only."""
+    alive = sum(robot not in case.faults for robot in case.mission.robots)
+    return not task.exclusive or 2 * alive > len(case.mission.robots)
+
+
+def _are_enough(case: Case, task: GlobalTask) -> bool:
+    """Whether there are different robots for all that it needs at one time: by trying all out."""
+    if not _may_decide(case, task):
+        return False
+    slots = [_able(case, need.local_task) for need in task.needs for _ in range(need.min_robots)]
+
+    def seat(number: int, taken: frozenset[str]) -> bool:
+        return number == len(slots) or any(
+            seat(number + 1, taken | {robot}) for robot in slots[number] if robot not in taken
+        )
+
+    return seat(0, frozenset())
+
+
+def _decisive_need(case: Case, task: GlobalTask) -> str | None:
+    """A need of which nobody is missing who could make good what those who live fail at."""
+    for need in task.needs:
+        known = [r for r in case.mission.robots.values() if need.local_task in r.capabilities]
+        if len(known) == len(_able(case, need.local_task)):
+            return need.local_task
+    return None
+
+
+# -- by the analysis --------------------------------------------------------------------------
+
+
+def survives(mission: Mission, faults: frozenset[Fault]) -> bool:
+    """What `mrbt analyze` says of these faults, whatever the conditions are."""
+    return serial(mission).reading.survives(FaultyTeam(mission, faults))
+
+
+def with_fixed_conditions(mission: Mission) -> Mission:
+    """The same, where each condition always reads its default."""
+
+    def fixed(spec: NodeSpec) -> NodeSpec:
+        if spec.kind is Kind.CONDITION:
+            holds = mission.condition_default(spec.subject)
+            return NodeSpec(Kind.FORCE_SUCCESS if holds else Kind.FORCE_FAILURE, (spec,))
+        return replace(spec, children=tuple(map(fixed, spec.children)))
+
+    return replace(mission, tree=build_tree(fixed(mission.tree.spec(0))))
+
+
+# -- in the simulator -------------------------------------------------------------------------
+
+
+def simulated(case: Case) -> str:
+    """The result of the run: `success`, `failure` or `blocked`."""
+    tasks = case.mission.global_tasks.values()
+    fails_at = {t.id: _decisive_need(case, t) or t.needs[0].local_task for t in tasks}
+    parameters = {"ends": dict(case.ends), "fails_at": fails_at}
+    mission = replace(case.mission, parameters=parameters)
+    lost = {fault for fault in case.faults if not isinstance(fault, str)}
+    dead = sorted(fault for fault in case.faults if isinstance(fault, str))
+    schedule: Schedule = [(0, Kill(robot)) for robot in dead]
+    if case.are_known:
+        alive = next(robot for robot in sorted(mission.robots) if robot not in dead)
+        schedule = [(PAUSE_US, Command(alive, ORDER, "pause"))]
+        schedule += [(STRIKE_US, Kill(robot)) for robot in dead]
+        schedule += [(STRIKE_US, Lose(*fault)) for fault in sorted(lost) if fault[0] not in dead]
+        schedule += [(RESUME_US, Command(alive, ORDER, "resume"))]
+    else:
+        mission = replace(mission, robots={r: _without(mission, r, lost) for r in mission.robots})
+    result = simulate(
+        mission,
+        robot,
+        seed=case.seed,
+        schedule=schedule,
+        timeout_us=10 * TIMEOUT_US,
+        stop_when_stuck=True,
+        inspect=False,
+    )
+    return result.result
+
+
+def _without(mission: Mission, name: str, lost: set[Any]) -> Any:
+    known = mission.robots[name]
+    able = {each: p for each, p in known.capabilities.items() if (name, each) not in lost}
+    return replace(known, capabilities=able)
