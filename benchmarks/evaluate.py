@@ -26,13 +26,8 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.incremental.evaluation.compiled_evaluator import CompiledEvaluator
 from mrbt_mesh.core.incremental.evaluation.evaluator import IncrementalEvaluator
 from mrbt_mesh.core.mission.conditions import ConditionType
-from mrbt_mesh.core.mission.mission import (
-    GlobalTask,
-    LocalTask,
-    Mission,
-    Need,
-    Robot,
-)
+from mrbt_mesh.core.mission.local_tasks import LocalTask
+from mrbt_mesh.core.mission.mission import GlobalTask, Mission, Need, Robot
 
 SIZES = (30, 1_000, 10_000)
 CHANGES = (0, 1, 100)

@@ -22,14 +22,8 @@ from mrbt_mesh.core.incremental.evaluation.compiled_evaluator import CompiledEva
 from mrbt_mesh.core.incremental.evaluation.evaluator import IncrementalEvaluator
 from mrbt_mesh.core.incremental.planning.steps import IncrementalSteps
 from mrbt_mesh.core.mission.conditions import ConditionType
-from mrbt_mesh.core.mission.mission import (
-    MICRO,
-    GlobalTask,
-    LocalTask,
-    Mission,
-    Need,
-    Robot,
-)
+from mrbt_mesh.core.mission.local_tasks import LocalTask
+from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, Mission, Need, Robot
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Line, Plan
 

@@ -46,6 +46,10 @@ def assumptions(mission: Mission) -> tuple[str, ...]:
     left_out = [str(constraint) for constraint in mission.constraints]
     for task in mission.global_tasks.values():
         left_out += [f"{n.local_task} by a robot{n.after}" for n in task.needs if n.after]
+    own = sorted(
+        {name for g in mission.own.guards.values() for name, _ in g if name in mission.own}
+    )
+    left_out += [f"{name}, which every robot has for itself" for name in own]
     if not left_out:
         return ASSUMPTIONS
     shown = "; ".join(left_out[:MAX_SHOWN]) + ("; ..." if len(left_out) > MAX_SHOWN else "")

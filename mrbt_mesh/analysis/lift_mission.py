@@ -222,7 +222,8 @@ def _conditions(tree: NodeSpec, team: TeamFile) -> dict[str, Any]:
     """Those of the team file, and those that the tree asks and nobody has declared."""
     found: dict[str, Any] = {
         name: _only_given(
-            {"parameters": list(given.parameters), "default": given.default}, {"parameters": []}
+            {"parameters": list(given.parameters), "default": given.default, "per": given.per},
+            {"parameters": [], "per": "team"},
         )
         for name, given in team.model.conditions.items()
     }

@@ -10,13 +10,13 @@ from mrbt_mesh.core.bt.tree import NodeSpec, Tree, TreeError, build_tree
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.constraints import Constraint
 from mrbt_mesh.core.mission.costs import Costs
+from mrbt_mesh.core.mission.local_tasks import LocalTask
 from mrbt_mesh.core.mission.mission import (
     MAX_GLOBAL_TASKS,
     AssignmentPolicy,
     FailurePolicy,
     GlobalTask,
     InDoubtPolicy,
-    LocalTask,
     Mission,
     MissionEnd,
     Need,
@@ -421,8 +421,8 @@ class _Builder:
 
 def _condition_types(model: Mapping[str, ConditionModel]) -> dict[str, ConditionType]:
     return {
-        name: ConditionType(name, tuple(condition.parameters), condition.default)
-        for name, condition in sorted(model.items())
+        name: ConditionType(name, tuple(each.parameters), each.default, each.per == "robot")
+        for name, each in sorted(model.items())
     }
 
 

@@ -88,7 +88,8 @@ def _check(mission: Mission) -> None:
         for name, cost in costs.items():
             _expect(_is_integer(cost, 0, MAX_COST), f"cost of {name}: {cost!r}")
     for condition in mission.conditions.values():
-        _expect(isinstance(condition.default, bool), f"condition {condition.name}: default")
+        flags = (condition.default, condition.per_robot)
+        _expect(all(isinstance(flag, bool) for flag in flags), f"condition {condition.name}")
     _check_global_tasks(mission)
     _check_tree(mission)
     _check_local_trees(mission)

@@ -60,6 +60,7 @@ SolverText: TypeAlias = Annotated[str, Field(pattern=_SOLVER)]
 Parameters: TypeAlias = Annotated[list[Name], Field(max_length=MAX_ARGUMENTS)]
 Performance: TypeAlias = Annotated[float, Field(gt=0, le=MAX_PERFORMANCE_UNITS)]
 Count: TypeAlias = Annotated[int, Field(ge=1, le=MAX_ROBOTS)]
+Per: TypeAlias = Literal["team", "robot"]
 Cost: TypeAlias = Annotated[int, Field(ge=0, le=MAX_COST)]
 
 
@@ -95,10 +96,14 @@ class LocalTaskOrTreeModel(LocalTaskModel):
 
 
 class ConditionModel(FileModel):
-    """A condition; while nobody has set it, it reads as `default`."""
+    """A condition; while nobody has set it, it reads as `default`.
+
+    `per: robot`: every robot has its own, and the tree reads whether it holds for any of them.
+    """
 
     parameters: Parameters = []
     default: bool = False
+    per: Per = "team"
 
 
 class RobotTypeModel(FileModel):

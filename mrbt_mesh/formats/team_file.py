@@ -25,7 +25,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field, JsonValue, ValidationError
 
@@ -38,6 +38,7 @@ from mrbt_mesh.formats.mission_model import (
     EXPLAINED_HERE,
     ConditionModel,
     LocalTaskModel,
+    Per,
     ProgramText,
     RobotEntry,
     RobotTypeModel,
@@ -59,16 +60,10 @@ class TeamTaskModel(LocalTaskModel):
     may_fail: bool = False
 
 
-class TeamConditionModel(ConditionModel):
-    """A condition, of the team or of every robot."""
-
-    per: Literal["team", "robot"] = "team"
-
-
 class ResourceModel(FileModel):
     """Something that actions use: there is one for the team, or every robot has its own."""
 
-    per: Literal["team", "robot"] = "team"
+    per: Per = "team"
 
 
 class TeamModel(FileModel):
@@ -78,7 +73,7 @@ class TeamModel(FileModel):
     program: ProgramText | None = None
     parameters: dict[Name, JsonValue] = {}
     local_tasks: dict[Name, TeamTaskModel]
-    conditions: dict[Name, TeamConditionModel] = {}
+    conditions: dict[Name, ConditionModel] = {}
     resources: dict[Name, ResourceModel] = {}
     robot_types: dict[Name, RobotTypeModel]
     robots: Annotated[dict[RobotName, RobotEntry], Field(min_length=1, max_length=MAX_ROBOTS)]

@@ -255,7 +255,7 @@ class Driver:
     # -- actions.Host ---------------------------------------------------------------------
 
     def read_condition(self, name: str) -> bool:
-        return self._agent.view.facts.condition(name)
+        return self._agent.view.facts.condition_of(self._agent.view.robot, name)
 
     def record_event(self, event: Mapping[str, Any]) -> None:
         if self._setup.run_dir is None:

@@ -83,12 +83,13 @@ class TaskContext:
         """Set a declared condition, ground, e.g. `broken(2)`.
 
         It is told to the team in one step with this task's outcome, so that nobody acts on one
-        without the other; `at_once` tells it now. Raises ValueError if it is not declared.
+        without the other; `at_once` tells it now. Of a condition that is `per: robot` it sets this
+        robot's own, here `holding` means `holding@A1`. Raises ValueError if it is not declared.
         """
         self.port.set_condition(name, value, at_once)
 
     def condition(self, name: str) -> bool:
-        """The condition's value as this robot knows it now."""
+        """The condition's value as this robot knows it now; of one `per: robot` its own."""
         return self.port.read_condition(name)
 
     def set_local_condition(self, name: str, value: bool, *, at_once: bool = False) -> None:

@@ -19,15 +19,8 @@ from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
 from mrbt_mesh.core.mission.conditions import ConditionType
-from mrbt_mesh.core.mission.mission import (
-    MICRO,
-    GlobalTask,
-    LocalTask,
-    Mission,
-    Need,
-    Robot,
-    type_name,
-)
+from mrbt_mesh.core.mission.local_tasks import LocalTask
+from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, Mission, Need, Robot, type_name
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.core.planning.steps import PlanningSteps
@@ -277,8 +270,7 @@ class World:
     def tick(self) -> Evaluation:
         """Evaluate, and record what has become true, as every agent does."""
         while True:
-            turned = self.facts.conditions.unnoted()
-            if turned:
+            while turned := self.facts.conditions.unnoted():
                 self.write("R1", *((f"{records.EXPRESSION}/{n}", v.to_value()) for n, v in turned))
             evaluation = self.evaluator.evaluate(self.facts)
             if not self._latch(evaluation):

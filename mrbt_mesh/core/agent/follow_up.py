@@ -76,6 +76,7 @@ class FollowUp:
             self._reports.say_what_was_kept(now_us)
         if context.joining is None:
             executor.check_leases(now_us)
+            self._reports.contradict(now_us)
             # Leases may have to be renewed while a plan is made elsewhere, and they are facts.
             self._planner.update(now_us, context.config.plans_apart and executor.leases.is_idle)
             if self._planner.awaited is None:

@@ -11,8 +11,9 @@ from mrbt_mesh.core.agent.executor import Executor
 from mrbt_mesh.core.agent.inputs import ActionFinished, BidsMade
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import OrderKind
+from mrbt_mesh.core.facts.records import ConditionValue, OrderKind
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
+from mrbt_mesh.core.mission.conditions import own_name
 from mrbt_mesh.core.mission.mission import type_name
 
 CONDITIONS_PER_OUTCOME = 1_000
@@ -99,15 +100,47 @@ class Reports:
         context, facts = self._context, self._context.facts
         writes: dict[str, list[Any]] = {}
         stamp = context.replica.next_stamp()
-        for name, value in list(conditions)[:CONDITIONS_PER_OUTCOME]:
-            if not context.mission.knows_condition(name):
+        for given, value in list(conditions)[:CONDITIONS_PER_OUTCOME]:
+            name = self._name_here(given)
+            revision = facts.conditions.revision(name)
+            if not context.mission.can_be_set(name):
                 context.log("error", "condition_not_declared", condition=name)
             elif facts.condition(name) != value:
-                revision = facts.conditions.revision(name) + 1
+                writes[f"{records.CONDITION}/{name}"] = [value, revision + 1, stamp]
+            elif revision and name != given and self._last_word(name) != value:
+                # Others have said so of this robot, which will not contradict them any more.
                 writes[f"{records.CONDITION}/{name}"] = [value, revision, stamp]
             else:
                 writes.pop(f"{records.CONDITION}/{name}", None)
         return list(writes.items())
+
+    def _name_here(self, condition: str) -> str:
+        """A condition as this robot's program names it: its own one, if every robot has its own."""
+        is_own = condition in self._context.mission.own
+        return own_name(condition, self._context.me) if is_own else condition
+
+    def _last_word(self, name: str) -> bool:
+        """What this robot itself has said last of a condition."""
+        context = self._context
+        entry = context.facts.map.get(context.me, f"{records.CONDITION}/{name}")
+        if entry is not None and isinstance(entry.record, ConditionValue):
+            return entry.record.value
+        return context.mission.condition_default(name)
+
+    def contradict(self, now_us: int) -> None:
+        """Tell again of itself what others took for lost, while they did not hear this robot."""
+        context, facts = self._context, self._context.facts
+        if context.is_leaving or context.me not in context.mission.robots:
+            return
+        writes: list[tuple[str, Any]] = []
+        for leaf in context.mission.own.leaves:
+            name = own_name(leaf, context.me)
+            value = self._last_word(name)
+            if facts.condition(name) != value:
+                row = [value, facts.conditions.revision(name) + 1, context.replica.next_stamp()]
+                writes.append((f"{records.CONDITION}/{name}", row))
+        if writes:
+            context.write(writes, now_us)
 
     # -- bids ---------------------------------------------------------------------------------
 

@@ -1,7 +1,8 @@
 """How the team reads a condition, and how often a guard has turned.
 
 Every robot may set a condition. Over all authors the value with the greatest (revision, stamp,
-author) stands. A condition that nobody has set has its declared default.
+author) stands. A condition that nobody has set has its declared default. A condition that every
+robot has for itself holds, without a name behind it, if it holds for any robot of the mission.
 
 A boolean alternates, so a revision tells how often a condition has turned to either value. Of an
 *expression*, several conditions that decide together, the revisions do not tell: so whoever sees
@@ -18,6 +19,7 @@ from mrbt_mesh.core.bt.guards import Expression
 from mrbt_mesh.core.bt.robot_tree import OwnFacts
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import ConditionValue, ExpressionRevision
+from mrbt_mesh.core.mission.conditions import own_name, split_owner
 from mrbt_mesh.core.mission.mission import Mission
 
 
@@ -33,7 +35,7 @@ class Conditions:
         self._defaults: dict[str, bool] = {}
         self._noted: dict[str, dict[str, ExpressionRevision]] = {}
         self._readers: dict[str, list[Expression]] = {}
-        for expression in mission.evaluator.expressions.values():
+        for expression in mission.own.expressions.values():
             for name in expression.conditions:
                 self._readers.setdefault(name, []).append(expression)
         # Of which something was said since they were looked at last.
@@ -46,15 +48,25 @@ class Conditions:
         _, _, winner = max((each.revision, each.stamp, by) for by, each in values.items())
         self._standing[name] = values[winner]
         self._values[name] = values[winner].value
-        for expression in self._readers.get(name, ()):
-            self._touched[expression.id] = expression
+        condition, robot = split_owner(name)
+        if robot:
+            self._values.pop(condition, None)
+        self._touch_readers(name)
 
     def value(self, name: str) -> bool:
         """Whether the condition holds."""
         value = self._values.get(name)
         if value is None:
-            value = self._values[name] = self._default(name)
+            if name in self._mission.own:
+                value = any(self.of_robot(robot, name) for robot in self._mission.robots)
+            else:
+                value = self._default(name)
+            self._values[name] = value
         return value
+
+    def of_robot(self, robot: str, name: str) -> bool:
+        """Whether the condition holds for a robot: its own if every robot has its own."""
+        return self.value(own_name(name, robot) if name in self._mission.own else name)
 
     def revision(self, name: str) -> int:
         """How often the condition, or expression, has changed."""
@@ -79,7 +91,7 @@ class Conditions:
     def _default(self, name: str) -> bool:
         default = self._defaults.get(name)
         if default is None:
-            expression = self._mission.evaluator.expressions.get(name)
+            expression = self._mission.own.expressions.get(name)
             if expression is None:
                 default = self._mission.condition_default(name)
             else:
@@ -93,7 +105,12 @@ class Conditions:
     def note(self, name: str, author: str, noted: ExpressionRevision) -> None:
         """What an author has seen of an expression."""
         self._noted.setdefault(name, {})[author] = noted
-        self._touched[name] = self._mission.evaluator.expressions[name]
+        self._touched[name] = self._mission.own.expressions[name]
+        self._touch_readers(name)
+
+    def _touch_readers(self, name: str) -> None:
+        for expression in self._readers.get(name, ()):
+            self._touched[expression.id] = expression
 
     def noted(self, name: str) -> ExpressionRevision:
         """What the team knows of an expression: the join of what all authors have seen."""

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.mission.conditions import own_name
 
 
 class OutcomeTick:
@@ -32,9 +33,15 @@ class OutcomeTick:
 
     def condition(self, name: str) -> bool:
         """Whether the condition holds, at this moment of the tick."""
-        if self._has_returned and name in self._conditions:
-            return self._conditions[name]
-        return self._facts.condition(name)
+        if not self._has_returned:
+            return self._facts.condition(name)
+        if name not in self._facts.mission.own:
+            return self._after(name)
+        return any(self._after(own_name(name, robot)) for robot in self._facts.mission.robots)
+
+    def _after(self, name: str) -> bool:
+        value = self._conditions.get(name)
+        return self._facts.condition(name) if value is None else value
 
     def task_status(self, subject: str, activation: str) -> Status:
         """The status of a global task."""

@@ -93,6 +93,10 @@ class TeamFacts:
         """Whether the condition holds."""
         return self.conditions.value(name)
 
+    def condition_of(self, robot: str, name: str) -> bool:
+        """Whether the condition holds for a robot: its own one, if every robot has its own."""
+        return self.conditions.of_robot(robot, name)
+
     def turns(self, name: str, value: bool) -> int:
         """How often the condition, or expression, has turned to `value`."""
         return self.conditions.turns(name, value)

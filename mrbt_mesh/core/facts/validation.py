@@ -47,8 +47,8 @@ def refusal_reason(entry: Entry, mission: Mission, run: str) -> str | None:
 
 def _refuse_condition(entry: Entry, name: str, mission: Mission) -> str | None:
     """A boolean alternates from its default, so value and revision must agree."""
-    if not mission.knows_condition(name):
-        return f"condition {name!r} is not declared"
+    if not mission.can_be_set(name):
+        return f"condition {name!r} is not declared, or not of this robot"
     record = entry.record
     assert isinstance(record, ConditionValue)
     if record.value != (mission.condition_default(name) ^ bool(record.revision % 2)):
@@ -58,7 +58,7 @@ def _refuse_condition(entry: Entry, name: str, mission: Mission) -> str | None:
 
 def _refuse_expression(entry: Entry, name: str, mission: Mission) -> str | None:
     """What it says follows from the revisions that were read, and takes at least as many."""
-    expression = mission.evaluator.expressions.get(name)
+    expression = mission.own.expressions.get(name)
     if expression is None:
         return f"{name!r:.80} is no guard of several conditions in this mission's tree"
     record = entry.record

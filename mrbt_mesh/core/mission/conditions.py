@@ -1,21 +1,129 @@
-"""The conditions that a mission declares: the team's, and the robots' own."""
+"""Conditions, and those that every robot has for itself (`per: robot`), such as *holding*.
+
+Of these there is one ground condition per robot of the mission: `holding@A1`. A leaf `holding` of
+T_G holds if it holds for at least one of them; how often that has turned is told like that of any
+expression of conditions (`bt.guards`), and what stands behind it is for the robots for which it
+holds.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
+
+from mrbt_mesh.core.bt.activation import ActivationNames
+from mrbt_mesh.core.bt.guards import Expression, Guard
+from mrbt_mesh.core.bt.tree import Kind, NodeSpec
+
+_OF = "@"
 
 
 @dataclass(frozen=True, slots=True)
 class ConditionType:
-    """A declared condition; a ground condition that nobody has set reads as `default`."""
+    """A declared condition; a ground condition that nobody has set reads as `default`.
+
+    `per_robot`: every robot of the mission has its own.
+    """
 
     name: str
     parameters: tuple[str, ...] = ()
     default: bool = False
+    per_robot: bool = False
+
+    def to_json(self) -> list[Any]:
+        """Its fields in their order; the last one only where it says anything."""
+        row = [list(self.parameters), self.default]
+        return [*row, True] if self.per_robot else row
 
 
 def conditions_from_json(data: Mapping[str, Any]) -> dict[str, ConditionType]:
     """What a compiled mission says of them; raises TypeError or ValueError for anything else."""
-    return {name: ConditionType(name, tuple(p), default) for name, (p, default) in data.items()}
+    return {
+        name: ConditionType(name, tuple(parameters), *more)
+        for name, (parameters, *more) in data.items()
+    }
+
+
+def own_name(condition: str, robot: str) -> str:
+    """The condition of one robot: `holding(1)@A1`."""
+    return f"{condition}{_OF}{robot}"
+
+
+def split_owner(name: str) -> tuple[str, str]:
+    """`holding@A1` -> ("holding", "A1"); for a condition of the team the robot is empty."""
+    condition, _, robot = name.partition(_OF)
+    return condition, robot
+
+
+def any_of(condition: str, robots: Iterable[str]) -> Expression:
+    """What a leaf reads: whether the condition holds for any of the robots. Its id is its name."""
+    names = tuple(sorted(own_name(condition, robot) for robot in robots))
+    leaves = tuple(NodeSpec(Kind.CONDITION, subject=name) for name in names)
+    return Expression(condition, NodeSpec(Kind.FALLBACK, leaves), names)
+
+
+def default_of(name: str, declared: Mapping[str, ConditionType]) -> bool:
+    """What a ground condition reads as while nobody has set it; False if it is not declared."""
+    known = declared.get(_type_of(split_owner(name)[0]))
+    return known.default if known else False
+
+
+def _type_of(ground: str) -> str:
+    return ground.partition("(")[0]
+
+
+class PerRobotConditions:
+    """Which of a mission's conditions every robot has for itself, and what in the tree reads them.
+
+    `robots`: those of the mission, sorted.
+    """
+
+    def __init__(
+        self, declared: Mapping[str, ConditionType], robots: Sequence[str], names: ActivationNames
+    ) -> None:
+        self.robots = robots
+        self._declared = declared
+        self._names = names
+
+    def __contains__(self, ground: str) -> bool:
+        """Whether every robot has its own value of a condition, by the name that a leaf reads."""
+        known = self._declared.get(_type_of(ground))
+        return known is not None and known.per_robot
+
+    def names_owner(self, name: str) -> bool:
+        """Whether a condition is of the team, or of one of the robots, as it must: `holding@A1`."""
+        condition, robot = split_owner(name)
+        if condition in self:
+            return robot in self.robots
+        return name == condition
+
+    @cached_property
+    def leaves(self) -> list[str]:
+        """Those that the tree reads, sorted."""
+        nodes = self._names.tree.nodes
+        return sorted({n.subject for n in nodes if n.kind is Kind.CONDITION and n.subject in self})
+
+    @cached_property
+    def expressions(self) -> dict[str, Expression]:
+        """By id, what decides as a whole: several conditions, or one condition of all robots."""
+        leaves = {name: any_of(name, self.robots) for name in self.leaves}
+        return self._names.expressions | leaves
+
+    @cached_property
+    def guards(self) -> dict[int, tuple[Guard, ...]]:
+        """By action node: its guards that a robot reads its own way; nodes without are left out."""
+        own = {
+            name
+            for name, each in self.expressions.items()
+            if name in self or any(condition in self for condition in each.conditions)
+        }
+        if not own:
+            return {}
+        found = {}
+        for node in self._names.tree.actions():
+            guards = tuple(g for g in self._names.guards_of[node.index] if g[0] in own)
+            if guards:
+                found[node.index] = guards
+        return found

@@ -18,9 +18,16 @@ from typing import Any, TypeAlias
 
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import Tree, build_tree, spec_from_json, spec_to_json
-from mrbt_mesh.core.mission.conditions import ConditionType, conditions_from_json
+from mrbt_mesh.core.mission.conditions import (
+    ConditionType,
+    PerRobotConditions,
+    conditions_from_json,
+    default_of,
+    split_owner,
+)
 from mrbt_mesh.core.mission.constraints import Constraint, constraint_from_json, constraint_to_json
 from mrbt_mesh.core.mission.costs import Costs
+from mrbt_mesh.core.mission.local_tasks import LocalTask
 
 MICRO = 1_000_000
 MAX_PERFORMANCE = 1_000_000 * MICRO
@@ -203,18 +210,6 @@ class GlobalTask:
 
 
 @dataclass(frozen=True, slots=True)
-class LocalTask:
-    """A local-task type: its parameters, and its nominal work in micro-units.
-
-    A robot with performance p needs work / p seconds for it.
-    """
-
-    name: str
-    parameters: tuple[str, ...] = ()
-    work: int = MICRO
-
-
-@dataclass(frozen=True, slots=True)
 class Robot:
     """A robot of the mission file: capabilities L_i with performance p(i, l) in micro-units."""
 
@@ -300,7 +295,7 @@ class Mission:
     @cached_property
     def expression_evaluators(self) -> dict[str, Evaluator]:
         """By id, what evaluates an expression of conditions that is a guard."""
-        expressions = self.evaluator.expressions.values()
+        expressions = self.own.expressions.values()
         return {each.id: Evaluator(build_tree(each.spec)) for each in expressions}
 
     @cached_property
@@ -335,7 +330,16 @@ class Mission:
 
     def condition_default(self, ground: str) -> bool:
         """What `ground` reads as while nobody has set it; False if it is not declared."""
-        return _default_of(ground, self.conditions)
+        return default_of(ground, self.conditions)
+
+    @cached_property
+    def own(self) -> PerRobotConditions:
+        """The conditions that every robot has for itself."""
+        return PerRobotConditions(self.conditions, tuple(sorted(self.robots)), self.evaluator)
+
+    def can_be_set(self, name: str) -> bool:
+        """Whether this is a condition of the team, or of a robot of the mission: `holding@A1`."""
+        return self.knows_condition(split_owner(name)[0]) and self.own.names_owner(name)
 
     def knows_condition(self, ground: str) -> bool:
         """Whether `ground` is a declared condition with the right number of arguments."""
@@ -343,7 +347,7 @@ class Mission:
 
     def local_condition_default(self, ground: str) -> bool:
         """What a robot's own condition reads as while its program has not set it."""
-        return _default_of(ground, self.local_conditions)
+        return default_of(ground, self.local_conditions)
 
     def knows_local_condition(self, ground: str) -> bool:
         """Whether `ground` is declared as a condition of the robots' own."""
@@ -377,9 +381,7 @@ class Mission:
             "local_tasks": {
                 t.name: [list(t.parameters), t.work] for t in self.local_tasks.values()
             },
-            "conditions": {
-                c.name: [list(c.parameters), c.default] for c in self.conditions.values()
-            },
+            "conditions": {c.name: c.to_json() for c in self.conditions.values()},
             "global_tasks": [task.to_json() for task in self.global_tasks.values()],
             "tree": spec_to_json(self.tree.spec()),
             "parameters": dict(self.parameters),
@@ -394,16 +396,11 @@ class Mission:
     def _local_to_json(self) -> dict[str, Any]:
         """Local tasks that are trees, and what these read; nothing where there are none."""
         trees = {name: spec_to_json(tree.spec()) for name, tree in self.local_trees.items()}
-        own = {c.name: [list(c.parameters), c.default] for c in self.local_conditions.values()}
+        own = {c.name: c.to_json() for c in self.local_conditions.values()}
         return {
             **({"local_trees": trees} if trees else {}),
             **({"local_conditions": own} if own else {}),
         }
-
-
-def _default_of(ground: str, declared: Mapping[str, ConditionType]) -> bool:
-    known = declared.get(type_name(ground))
-    return known.default if known else False
 
 
 def _is_declared(ground: str, declared: Mapping[str, ConditionType]) -> bool:

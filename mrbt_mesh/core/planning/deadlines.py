@@ -1,4 +1,5 @@
-"""Deadlines that become facts: of Timeouts, of tasks that are blocked or about to fail, of bids.
+"""Deadlines that become facts: of Timeouts, of tasks that are blocked or about to fail, of bids,
+of what dead robots had.
 
 Every robot measures from when it first saw the thing run, and anew once it saw it not run; whoever
 sees the deadline pass first says so, once, for all.
@@ -21,7 +22,7 @@ class Deadlines:
     """The deadlines that are running, by what they will become.
 
     `bid_us`, `verdict_us`: how long bids are waited for, and how long a verdict is pending, where
-    the mission does not say.
+    the mission does not say; a loss as long as a verdict.
     """
 
     def __init__(self, bid_us: int, verdict_us: int) -> None:
@@ -38,7 +39,8 @@ class Deadlines:
 
         `is_agreed`: whether all robots in good standing report this plan.
         """
-        if not (plan.evaluation.timeouts or plan.waiting or plan.pending_verdicts or self._due_us):
+        pending = plan.pending_verdicts or plan.pending_losses
+        if not (plan.evaluation.timeouts or plan.waiting or pending or self._due_us):
             return []
         before, self._due_us = self._due_us, {}
         for due, limit_us in self._running(plan, facts).items():
@@ -46,7 +48,9 @@ class Deadlines:
         passed = {due for due, at_us in self._due_us.items() if at_us <= now_us}
         verdicts = {due for due in passed if due[1]}
         self._held = set() if not verdicts or is_agreed() else verdicts
-        return [(name, True) for name in sorted({name for name, _ in passed - self._held})]
+        values = dict(loss.fact for loss in plan.pending_losses)
+        names = sorted({name for name, _ in passed - self._held})
+        return [(name, values.get(name, True)) for name in names]
 
     def _running(self, plan: Plan, facts: TeamFacts) -> dict[_Due, int]:
         """What runs now, and for how long at most, in microseconds."""
@@ -62,6 +66,8 @@ class Deadlines:
             after_us = verdict.after_us
             limit_us = self._verdict_us if after_us is None else after_us
             running[verdict.verdict_name, True] = limit_us
+        for loss in plan.pending_losses:
+            running[loss.fact[0], True] = self._verdict_us
         for bidding in plan.biddings:
             if bidding.is_open:
                 within_us = bidding.within_us

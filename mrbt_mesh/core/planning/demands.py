@@ -19,6 +19,7 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import GlobalTask, InDoubtPolicy, Need, SameRobotAs
 from mrbt_mesh.core.planning.capabilities import Capabilities, Worker
+from mrbt_mesh.core.planning.entitlement import asks_for, entitled
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +29,8 @@ class Demand:
     `lower` and `upper` are a_j and b_j, shrunk by the outcomes so far. `pinned` robots are
     already running it (or about to start, with the standing coalition) and count towards both.
     `candidates` map robot to performance for all workers that could be put on it: capable and
-    without an outcome for it. `after`: only those that have done something before, and what.
+    without an outcome for it. `after`: only those that have done something before, or for which
+    something holds, and what.
     """
 
     request: Request
@@ -62,7 +64,7 @@ def demands_of(
             facts,
             request,
             capabilities,
-            done_before(facts, request, names),
+            allowed_robots(facts, request, names),
             running.get(request.activation, {}),
         )
         for request in requests
@@ -80,6 +82,20 @@ def running_claims(
         robots = found.setdefault(claim.activation, {})
         robots[claim.local_task] = (*robots.get(claim.local_task, ()), robot)
     return found
+
+
+def allowed_robots(
+    facts: TeamFacts, request: Request, names: ActivationNames
+) -> tuple[tuple[str, ...] | None, ...]:
+    """For each need, the robots that may be put on it; None: all that are capable.
+
+    Those that did what `same_robot_as` names, and for which the robots' own conditions among the
+    request's guards are as they must be.
+    """
+    did, own = done_before(facts, request, names), entitled(facts, request)
+    if own is None:
+        return did
+    return tuple(own if each is None else tuple(r for r in each if r in own) for each in did)
 
 
 def done_before(
@@ -115,17 +131,18 @@ def request_demands(
     facts: TeamFacts,
     request: Request,
     capabilities: Capabilities,
-    did: Sequence[tuple[str, ...] | None],
+    allowed: Sequence[tuple[str, ...] | None],
     running: Mapping[str, tuple[str, ...]],
 ) -> Group:
     """The demands of one request; `running`: its local tasks -> robots at work on them."""
     task = facts.mission.global_tasks[request.subject]
     if task.by_coalition:
-        return _coalition_demands(facts, request, task, capabilities, did)
-    ends = facts.outcomes(request.activation)
+        return _coalition_demands(facts, request, task, capabilities, allowed)
+    ends, asked = facts.outcomes(request.activation), asks_for(facts, request)
     able = [capabilities.able(need.local_task) for need in task.needs]
     return tuple(
-        _demand(request, *each, ends, running) for each in zip(task.needs, able, did, strict=True)
+        _demand(request, *each, ends, running, asked)
+        for each in zip(task.needs, able, allowed, strict=True)
     )
 
 
@@ -133,13 +150,14 @@ def _demand(
     request: Request,
     need: Need,
     able: Mapping[str, int],
-    did: tuple[str, ...] | None,
+    allowed: tuple[str, ...] | None,
     ends: Mapping[str, Mapping[str, bool]],
     running: Mapping[str, tuple[str, ...]],
+    asked: str,
 ) -> Demand:
     results = ends.get(need.local_task, {})
-    if did is not None:
-        able = {robot: able[robot] for robot in did if robot in able}
+    if allowed is not None:
+        able = {robot: able[robot] for robot in allowed if robot in able}
     successes = sum(results.values())
     lower = max(0, need.min_robots - successes)
     upper = max(lower, need.max_robots - len(results), 0)
@@ -151,7 +169,7 @@ def _demand(
     if not lower and need.min_robots:
         upper = len(pinned)
     bounds = need.min_robots, lower, upper
-    return Demand(request, need.local_task, *bounds, pinned, candidates, need.after)
+    return Demand(request, need.local_task, *bounds, pinned, candidates, need.after + asked)
 
 
 def _coalition_demands(
@@ -159,14 +177,14 @@ def _coalition_demands(
     request: Request,
     task: GlobalTask,
     capabilities: Capabilities,
-    did: Sequence[tuple[str, ...] | None],
+    allowed: Sequence[tuple[str, ...] | None],
 ) -> tuple[Demand, ...]:
     """Who has started goes on, and nobody joins; without a coalition the bounds are nu and mu."""
     team, found = capabilities.team, facts.coalitions(request.activation)
     token = coalition_at_work(facts, task, request.activation, incarnations(team))
     at_work = _at_work(facts, request, found, token, team) if token is not None else {}
-    result = []
-    for need, those in zip(task.needs, did, strict=True):
+    result, asked = [], asks_for(facts, request)
+    for need, those in zip(task.needs, allowed, strict=True):
         failed = found.failed_robots(need.local_task)
         able = capabilities.able(need.local_task)
         candidates = {
@@ -180,7 +198,8 @@ def _coalition_demands(
             pinned = tuple(r for r in candidates if at_work.get(r) == need.local_task)
             lower = upper = len(pinned)
         bounds = need.min_robots, lower, upper
-        demand = Demand(request, need.local_task, *bounds, pinned, candidates, need.after)
+        after = need.after + asked
+        demand = Demand(request, need.local_task, *bounds, pinned, candidates, after)
         result.append(demand)
     return tuple(result)
 

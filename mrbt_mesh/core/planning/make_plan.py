@@ -18,6 +18,7 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import AssignmentPolicy, Mission
 from mrbt_mesh.core.planning.capabilities import Worker
 from mrbt_mesh.core.planning.demands import Demand, Group, incarnations, obstacle
+from mrbt_mesh.core.planning.losses import pending_losses
 from mrbt_mesh.core.planning.plan import Line, Plan, Waiting
 from mrbt_mesh.core.planning.scarcity import spare_scarce
 from mrbt_mesh.core.planning.side_constraints import (
@@ -85,8 +86,7 @@ def make_plan(
     pending = pending_verdicts(facts, requests, waiting, obstacles, team)
     for index in sorted(pending.keys() & waiting.keys()):
         waiting[index] = replace(waiting[index], is_failing=True)
-    unassigned = [robot for robot in team if robot not in lines]
-    idle = _why_idle(unassigned, demands, offered, served, held)
+    idle = _why_idle([r for r in team if r not in lines], demands, offered, served, held)
     return Plan(
         evaluation,
         order,
@@ -98,6 +98,7 @@ def make_plan(
         bids.biddings,
         demands,
         tuple(pending.values()),
+        pending_losses(facts, team),
     )
 
 

@@ -123,6 +123,22 @@ class PendingVerdict:
 
 
 @dataclass(frozen=True, slots=True)
+class PendingLoss:
+    """A robot's own condition that becomes false, as its `revision`, if the plan goes on to say so.
+
+    The robot is no part of the team. After `Timing.verdict_us`.
+    """
+
+    condition: str
+    revision: int
+
+    @property
+    def fact(self) -> tuple[str, list[Any]]:
+        """The same, whoever writes it."""
+        return f"{records.CONDITION}/{self.condition}", [False, self.revision, 0]
+
+
+@dataclass(frozen=True, slots=True)
 class Waiting:
     """A request that is not served. With `shortages` it is blocked: no living robots could.
 
@@ -209,6 +225,7 @@ class Plan:
     biddings: tuple[Bidding, ...] = ()
     demands: Sequence[Group] = field(default=(), compare=False, repr=False)
     pending_verdicts: tuple[PendingVerdict, ...] = ()
+    pending_losses: tuple[PendingLoss, ...] = ()
     ended: Status | None = None
 
     @cached_property
@@ -293,4 +310,5 @@ class Plan:
             ],
             "bids": [bidding.to_json() for bidding in self.biddings],
             "pending_verdicts": [verdict.activation for verdict in self.pending_verdicts],
+            "pending_losses": [loss.condition for loss in self.pending_losses],
         }

@@ -37,6 +37,7 @@ from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.core.planning.side_constraints import feasibility
 from mrbt_mesh.sim.checkers.findings import RunFindings, current_plan, is_connected, joined
 from mrbt_mesh.sim.checkers.finishing import can_finish
+from mrbt_mesh.sim.checkers.own_conditions import lacked
 from mrbt_mesh.sim.engine.process import SimProcess
 
 _OVER = (Status.SUCCESS, Status.FAILURE)
@@ -65,6 +66,8 @@ class WorkWithinBounds:
         member, results = facts.members[agent.robot].member, facts.results(*_place(claim))
         if agent.robot in results or capability(member, claim.local_task) is None:
             return
+        if lacked(facts, claim.activation, agent.robot):
+            return
         needs = agent.mission.global_tasks[claim.global_task].needs
         need = next(need for need in needs if need.local_task == claim.local_task)
         room = max(need.min_robots - sum(results.values()), need.max_robots - len(results), 0)
@@ -84,6 +87,9 @@ class WorkWithinBounds:
         member = agent.facts.members[agent.robot].member
         if capability(member, start.local_task) is None:
             text = f"{agent.robot} starts {start.local_task}, which it cannot do"
+            self._findings.say("I4", text)
+        if condition := lacked(agent.facts, start.activation, agent.robot):
+            text = f"{agent.robot} starts {start.local_task}, but {condition} does not hold for it"
             self._findings.say("I4", text)
         world = self._findings.world
         delay_us = world.network.slowest_us + 2 * world.plan_delay_us
@@ -385,7 +391,9 @@ def _can_serve(facts: TeamFacts, request: Request, alive: Mapping[str, Incarnati
             known = facts.members.get(robot)
             if known is None or known[1] != incarnation or known[0].is_leaving:
                 continue
-            if robot not in results and capability(known[0], need.local_task) is not None:
+            if robot in results or lacked(facts, request.activation, robot):
+                continue
+            if capability(known[0], need.local_task) is not None:
                 able.append(robot)
         slots += [able] * max(0, need.min_robots - sum(results.values()))
 

@@ -244,7 +244,8 @@ class SimProcess:
         clock.at(clock.now_us, partial(self.deliver, event))
 
     def read_condition(self, name: str) -> bool:
-        return self.agent is not None and self.agent.view.facts.condition(name)
+        view = self.agent.view if self.agent is not None else None
+        return view is not None and view.facts.condition_of(view.robot, name)
 
     def record_event(self, event: Mapping[str, Any]) -> None:
         if not self.killed:

@@ -113,6 +113,33 @@ def test_plan_follows_conditions_outcomes_and_losses(tmp_path: Path) -> None:
     assert {r: line["local_task"] for r, line in lines.items()} == {"A2": "replace_hw(2)"}
 
 
+OWN = """
+mission: own
+local_tasks: {pick: {}, place: {}}
+conditions: {holding: {per: robot}}
+robot_types: {T: {capabilities: {pick: 1, place: 1}}}
+robots: {A1: T, A2: T}
+global_tasks: {pick: {needs: {pick: {}}}, place: {needs: {place: {}}}}
+tree: {Sequence: [{Fallback: [{Condition: holding}, pick]}, place]}
+"""
+
+
+def test_plan_asks_the_robot_for_which_a_condition_holds(tmp_path: Path) -> None:
+    mission = tmp_path / "own.yaml"
+    mission.write_text(OWN)
+    facts = write(tmp_path, 'conditions: {"holding@A2": true}')
+    found = plan(str(mission), "--facts", facts)
+    assert {r: line["local_task"] for r, line in found["lines"].items()} == {"A2": "place"}
+    assert found["pending_losses"] == []
+    found = plan(str(mission), "--facts", facts, "--alive", "A1")
+    assert found["waiting"][0]["reason"] == "blocked: place needs 1 with holding, 0 alive"
+    assert found["pending_losses"] == ["holding@A2"]
+    facts = write(tmp_path, "conditions: {holding: true}")
+    code, _, err = mrbt("plan", str(mission), "--facts", str(facts))
+    assert code == 2
+    assert "every robot has its own: say whose, as in holding@A1" in err
+
+
 def test_plan_keeps_running_robots_where_they_are(tmp_path: Path) -> None:
     facts = write(tmp_path, "done: [remove_screws, remove_cover]\nrunning: {B1: diagnose_part(1)}")
     line = plan(REPAIR, "--facts", facts)["lines"]["B1"]

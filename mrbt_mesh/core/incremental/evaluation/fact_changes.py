@@ -15,18 +15,20 @@ from mrbt_mesh.core.facts.records import Claim, Member, Outcome
 from mrbt_mesh.core.facts.store import Change, Entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS
+from mrbt_mesh.core.mission.conditions import split_owner
 
 
 class FactChanges:
     """What may make an evaluation differ, since it was cleared last.
 
-    `conditions` by name, expressions by id; `nodes` of whose activations something was said, or may
-    be read otherwise; `child_results`: (node, position) where a node with memory was told of a
-    child. The values are None: in the order in which it happened, each once.
+    `conditions` by the names that leaves read, expressions by id; `nodes` of whose activations
+    something was said, or may be read otherwise; `child_results`: (node, position) where a node
+    with memory was told of a child. The values are None: in the order in which it happened, each
+    once.
     """
 
     def __init__(self, facts: TeamFacts) -> None:
-        self.conditions = dict.fromkeys(facts.conditions.names())
+        self.conditions = {split_owner(name)[0]: None for name in facts.conditions.names()}
         self.nodes: dict[int, None] = {}
         self.child_results: dict[tuple[int, int], None] = {}
         self._facts = facts
@@ -56,7 +58,7 @@ class FactChanges:
         assert entry is not None
         kind, *rest = entry.parts
         if kind in (records.CONDITION, records.EXPRESSION):
-            self.conditions[rest[0]] = None
+            self.conditions[split_owner(rest[0])[0]] = None
         elif kind == records.CHILD_RESULT:
             self.child_results[parse_activation(rest[0]).node, int(rest[1])] = None
         elif kind in records.BID_KINDS:

@@ -12,7 +12,7 @@ from mrbt_mesh.core.bt.evaluation import Request
 from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.planning.capabilities import Capabilities, Worker
-from mrbt_mesh.core.planning.demands import Group, done_before, request_demands
+from mrbt_mesh.core.planning.demands import Group, allowed_robots, request_demands
 
 _NONE: Mapping[str, Any] = {}
 
@@ -68,7 +68,7 @@ class _Known:
     """The demands of an activation, and what they follow from."""
 
     able: list[Mapping[str, int]]
-    did: tuple[tuple[str, ...] | None, ...]
+    allowed: tuple[tuple[str, ...] | None, ...]
     ends: Mapping[str, Mapping[str, bool]]
     running: Mapping[str, tuple[str, ...]]
     group: Group
@@ -94,10 +94,10 @@ class FollowedDemands:
         result = []
         for request in requests:
             task, activation = tasks[request.subject], request.activation
-            did = done_before(facts, request, self._names)
+            allowed = allowed_robots(facts, request, self._names)
             runs = running.get(activation, _NONE)
             if task.by_coalition:
-                result.append(request_demands(facts, request, capabilities, did, runs))
+                result.append(request_demands(facts, request, capabilities, allowed, runs))
                 continue
             known = before.get(activation)
             able = [capabilities.able(need.local_task) for need in task.needs]
@@ -107,10 +107,10 @@ class FollowedDemands:
                 or known.ends is not ends
                 or known.running is not runs
                 or not all(map(is_, known.able, able))
-                or known.did != did
+                or known.allowed != allowed
             ):
-                group = request_demands(facts, request, capabilities, did, runs)
-                known = _Known(able, did, ends, runs, group)
+                group = request_demands(facts, request, capabilities, allowed, runs)
+                known = _Known(able, allowed, ends, runs, group)
             self._known[activation] = known
             result.append(known.group)
         return result

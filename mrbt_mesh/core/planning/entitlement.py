@@ -1,0 +1,46 @@
+"""Who may be asked: what conditions that every robot has for itself mean for a request.
+
+A request behind such a condition is for the robots for which it holds: with a robot's own values in
+place of the team's, each guard of the request has to be as it must.
+"""
+
+from __future__ import annotations
+
+from mrbt_mesh.core.bt.evaluation import Request
+from mrbt_mesh.core.bt.robot_tree import OwnFacts
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+
+
+def entitled(facts: TeamFacts, request: Request) -> tuple[str, ...] | None:
+    """The robots that find the guards of a request as they must be; None: it is for all.
+
+    Sorted by id, dead ones included.
+    """
+    guards = facts.mission.own.guards.get(request.node)
+    if guards is None:
+        return None
+    robots = sorted(facts.mission.robots)
+    for name, against in guards:
+        robots = [robot for robot in robots if _finds(facts, robot, name) is not against]
+    return tuple(robots)
+
+
+def _finds(facts: TeamFacts, robot: str, name: str) -> bool:
+    """Whether a condition or expression holds for one robot."""
+    if name in facts.mission.own:
+        return facts.condition_of(robot, name)
+    expression = facts.mission.own.expressions[name]
+    holding = frozenset(c for c in expression.conditions if facts.condition_of(robot, c))
+    evaluation = facts.mission.expression_evaluators[name].evaluate(OwnFacts(holding))
+    return evaluation.status is Status.SUCCESS
+
+
+def asks_for(facts: TeamFacts, request: Request) -> str:
+    """What `entitled` goes by, for people: ` with holding`; empty if the request is for all."""
+    mission = facts.mission
+    own: set[str] = set()
+    for name, _ in mission.own.guards.get(request.node, ()):
+        read = (name,) if name in mission.own else mission.own.expressions[name].conditions
+        own.update(condition for condition in read if condition in mission.own)
+    return f" with {', '.join(sorted(own))}" if own else ""

@@ -1,0 +1,48 @@
+"""Names of conditions that every robot has for itself."""
+
+from __future__ import annotations
+
+import pytest
+
+from mrbt_mesh.core.mission.conditions import ConditionType
+from mrbt_mesh.core.mission.mission import mission_from_json
+from tests.support.build import action, condition, fallback, inverter, make_mission, sequence
+from tests.support.own_conditions import TREE, own_mission
+
+
+@pytest.mark.parametrize(
+    ("name", "can_be_set"),
+    [
+        ("holding@A1", True),
+        ("holding@B-1", True),
+        ("holding", False),
+        ("holding@", False),
+        ("holding@A3", False),
+        ("holding@A1@A2", False),
+        ("@A1", False),
+        ("lid", True),
+        ("lid@A1", False),
+        ("lid@", False),
+        ("dark", False),
+    ],
+)
+def test_which_conditions_robots_may_set(name: str, can_be_set: bool) -> None:
+    assert own_mission(TREE, ConditionType("lid")).can_be_set(name) is can_be_set
+
+
+def test_what_is_each_robots_own_is_kept_when_compiled() -> None:
+    mission = own_mission(TREE)
+    again = mission_from_json(mission.to_json())
+    assert again.digest == mission.digest
+    assert again.conditions == mission.conditions
+    assert again.digest != make_mission(TREE, {r: {} for r in mission.robots}).digest
+
+
+def test_guards_that_robots_read_their_own_way() -> None:
+    """Node 3 is `pick`, node 4 `place`."""
+    assert own_mission(TREE).own.guards == {3: (("holding", True),), 4: (("holding", False),)}
+    compound = sequence(condition("lid"), inverter(condition("holding")))
+    tree = sequence(fallback(compound, action("pick")), action("place"))
+    guards = own_mission(tree).own.guards
+    assert {name for rows in guards.values() for name, _ in rows} == {"#2"}
+    assert make_mission(TREE).own.guards == {}
