@@ -18,7 +18,7 @@ CAUGHT = {
     "revision_not_bumped": ("I2", (4, 12)),
     "outcomes_dropped_at_restart": ("I9", (1, 4)),
     "no_relays": ("I2", (6, 10)),
-    "digest_ignores_conditions": ("I2", (76, 27)),
+    "digest_ignores_conditions": ("I2", (44, 46)),
     "stale_claims_stay_valid": ("I6", (80, 166)),
     "no_repair": ("I2", (4, 34)),
     "starts_without_agreement": ("I4", (0, 3)),
@@ -32,6 +32,8 @@ CAUGHT = {
     "garbled_commands_pause": ("I8", (0, 63)),
     "evaluation_overlooks_changes": ("I7", (1, 3)),
     "incremental_plans_forget_pins": ("I7", (1, 3)),
+    "the_dead_are_waited_for": ("I6", (87, 89)),
+    "the_dead_count_as_assigned": ("I6", (259,)),
 }
 
 

@@ -31,8 +31,8 @@ from mrbt_mesh.core.membership.anti_entropy import AntiEntropy
 from mrbt_mesh.core.membership.leases import LeaseGrantor
 from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.membership.replica import Replica
-from mrbt_mesh.core.mission.mission import GlobalTask
-from mrbt_mesh.core.planning import bids, capabilities, demands
+from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask
+from mrbt_mesh.core.planning import bids, capabilities, demands, make_plan
 
 Mutation = Callable[[], contextlib.AbstractContextManager[Any]]
 MUTATIONS: dict[str, Mutation] = {}
@@ -332,4 +332,29 @@ def incremental_plans_forget_pins() -> Iterator[None]:
 
     original = IncrementalSteps.line
     with mock.patch.object(IncrementalSteps, "line", line):
+        yield
+
+
+@mutation
+def the_dead_are_waited_for() -> Iterator[None]:
+    """A robot has failed, and whoever could still try is dead: no verdict is ever due."""
+    with mock.patch.object(make_plan, "pending_verdicts", return_value={}):
+        yield
+
+
+@mutation
+def the_dead_count_as_assigned() -> Iterator[None]:
+    """By the paper's count a dead robot's claim is an assignment for ever."""
+
+    def pending(facts: TeamFacts, requests: Any, waiting: Any, *args: Any) -> Any:
+        found = original(facts, requests, waiting, *args)
+        tasks = facts.mission.global_tasks
+        return {
+            index: verdict
+            for index, verdict in found.items()
+            if tasks[requests[index].subject].failure is not FailurePolicy.PAPER
+        }
+
+    original = make_plan.pending_verdicts
+    with mock.patch.object(make_plan, "pending_verdicts", pending):
         yield

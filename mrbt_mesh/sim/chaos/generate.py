@@ -34,6 +34,15 @@ _DECORATORS = (
     Kind.FORCE_FAILURE,
     Kind.KEEP_RUNNING_UNTIL_FAILURE,
 )
+_EXPRESSIONS = (
+    *(Kind.SEQUENCE,) * 2,
+    *(Kind.FALLBACK,) * 2,
+    *(Kind.PARALLEL,) * 2,
+    Kind.INVERTER,
+    Kind.FORCE_SUCCESS,
+)
+# A task, and what is to be done where it fails.
+TRIED, INSTEAD = "tried", "instead"
 # In larger teams nothing is repeated for ever. Every robot plans at every event, so a run costs
 # the square of the robots times the events, of which an endless mission has as many as it can.
 MAX_ENDLESS_ROBOTS = 8
@@ -71,6 +80,12 @@ class _Generator:
         # Likewise what robots bid for, in one mission of four.
         self.bids = random.Random(f"{seed}/bids")
         self.bidding = self.bids.random() < 0.25
+        # Likewise guards of several conditions, and a task with an alternative that some robots
+        # fail at and others are lost for.
+        self.guards = random.Random(f"{seed}/guards")
+        self.guarded = self.guards.random() < 0.4
+        self.alternatives = random.Random(f"{seed}/alternatives")
+        self.trying = self.alternatives.random() < 0.4
         # Likewise local tasks with which robots may help and need not, in one mission of three.
         self.optional = random.Random(f"{seed}/optional")
         self.helping = self.optional.random() < 0.35
@@ -95,6 +110,12 @@ class _Generator:
         return self.pick.random() < chance
 
     def mission(self) -> dict[str, Any]:
+        mission = self.usual_mission()
+        if self.trying:
+            self.add_alternative(mission)
+        return mission
+
+    def usual_mission(self) -> dict[str, Any]:
         tree = self.root()
         return {
             "mission": f"generated_{self.seed}",
@@ -140,12 +161,52 @@ class _Generator:
         """Conditions that change by themselves, in the first seconds of a robot's life."""
         sensors = {}
         for robot in self.robots:
-            if self.chance(0.2):
+            if self.guarded and self.guards.random() < 0.4:
+                times = sorted(self.guards.randrange(120) / 10 for _ in range(4))
+                sensors[robot] = [
+                    [at_s, self.guards.choice(self.conditions), self.guards.random() < 0.5]
+                    for at_s in times
+                ]
+            elif self.chance(0.2):
                 times = sorted(self.pick.randrange(80) / 10 for _ in range(self.pick.randint(1, 3)))
                 sensors[robot] = [
                     [at_s, self.pick.choice(self.conditions), self.chance(0.5)] for at_s in times
                 ]
         return sensors
+
+    def add_alternative(self, mission: dict[str, Any]) -> None:
+        """`Fallback(TRIED, INSTEAD)`, before everything else or beside it.
+
+        Some robots always fail at the first one, some of the others lose it before they have tried.
+        """
+        pick = self.alternatives
+        able = {
+            robot: [n for n in (TRIED, INSTEAD) if pick.random() < 0.6] for robot in self.robots
+        }
+        able[pick.choice(self.robots)] = [TRIED, INSTEAD]
+        tries = [robot for robot, names in able.items() if TRIED in names]
+        failing = [robot for robot in tries if pick.random() < 0.5] or tries[:1]
+        losses = {r: [[pick.randrange(60) / 10, TRIED]] for r in tries if pick.random() < 0.4}
+        for name in (TRIED, INSTEAD):
+            mission["local_tasks"][name] = {"work": pick.choice([0.5, 1.0, 2.0])}
+        for robot, names in able.items():
+            capabilities = dict.fromkeys(names, 1.0)
+            mission["robots"][robot] = {"type": self.type_of[robot], "capabilities": capabilities}
+        mission["parameters"]["tasks"][TRIED] = {"fails_on": failing}
+        mission["parameters"]["losses"] = losses
+        most = pick.choice([1, 1, 2])
+        failure = pick.choice(["resilient", "resilient", "paper", "paper", {"after_s": 2.5}])
+        needs = {TRIED: {"min": 1, "max": most}}
+        tried: dict[str, Any] = {"needs": needs, "failure": failure}
+        if pick.random() < 0.2:
+            tried["simultaneous"] = True
+        mission["global_tasks"] |= {TRIED: tried, INSTEAD: {"needs": {INSTEAD: {}}}}
+        either = {str(Kind.FALLBACK): [TRIED, INSTEAD]}
+        stages = [either, mission["tree"]]
+        if pick.random() < 0.6:
+            mission["tree"] = {str(Kind.SEQUENCE): stages}
+        else:
+            mission["tree"] = {str(Kind.PARALLEL): {"success": "all", "children": stages}}
 
     # -- the tree -----------------------------------------------------------------------------
 
@@ -181,7 +242,22 @@ class _Generator:
         if kind is Kind.PARALLEL:
             choices = ["all", "all", "any", self.pick.randint(1, len(children))]
             body["success"] = self.pick.choice(choices)
+        elif self.guarded and self.guards.random() < 0.4:
+            children.insert(0, self.expression(2))
         return self.with_memory(kind, body)
+
+    def expression(self, depth: int) -> Any:
+        """Conditions that decide together."""
+        pick = self.guards
+        if depth == 0 or pick.random() < 0.2:
+            return {str(Kind.CONDITION): pick.choice(self.conditions)}
+        kind = pick.choice(_EXPRESSIONS)
+        if kind in (Kind.INVERTER, Kind.FORCE_SUCCESS):
+            return {str(kind): self.expression(depth - 1)}
+        body: dict[str, Any] = {"children": [self.expression(depth - 1) for _ in range(2)]}
+        if kind is Kind.PARALLEL:
+            body["success"] = pick.choice(["any", "all"])
+        return {str(kind): body}
 
     def with_memory(self, kind: Kind, body: dict[str, Any]) -> Any:
         """In some missions controls remember, some Sequences choose, some Parallels fail early."""

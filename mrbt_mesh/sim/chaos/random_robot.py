@@ -7,8 +7,11 @@ What they do is in the mission file's parameters, so that the file says it all:
       tasks:
         t1: {fails_permille: 200, raises: true, sets: {c0: true}, loses: 30}
         t2: {bid: {no_permille: 100, fails_permille: 100, late_permille: 100}}
+        t3: {fails_on: [R2]}       # always
       sensors:
         R1: [[1.5, c0, true]]      # seconds after the robot's start
+      losses:
+        R3: [[2.0, t3]]            # likewise: it loses the capability
 
 Whether a local task fails is decided by the salt, the robot and the activation: the same work
 by the same robot always ends the same way, however often it is begun.
@@ -61,6 +64,7 @@ async def work(task: TaskContext, *arguments: str) -> bool:
         _record(task, "cancel")
         raise
     success = bool(_permille(task, "fails") >= behaviour.get("fails_permille", 0))
+    success = success and task.robot not in behaviour.get("fails_on", ())
     _record(task, "end", "success" if success else "failure")
     if _permille(task, "loses") < behaviour.get("loses_permille", 0):
         task.lose_capability(task.local_task.partition("(")[0])
@@ -90,6 +94,16 @@ async def bid(task: TaskContext, *arguments: str) -> float | None:
             await anyio.sleep(LATE_S)
             break
     return -float(_permille(task, "distance") % DISTANCES)
+
+
+@robot.background
+async def lose(task: TaskContext) -> None:
+    """Lose capabilities at set times, whether they were ever asked for or not."""
+    passed_s = 0.0
+    for at_s, name in task.parameters.get("losses", {}).get(task.robot, []):
+        await anyio.sleep(max(0.0, at_s - passed_s))
+        passed_s = max(passed_s, at_s)
+        task.lose_capability(name)
 
 
 @robot.background

@@ -131,8 +131,8 @@ class WorkWithinBounds:
             if wanted != found:
                 text = f"{each.robot} works on {found}, by the plan on {wanted}"
                 self._findings.say("I4", text)
-        if plan.order is not OrderKind.RESUME:
-            return
+        if plan.order is not OrderKind.RESUME or plan.result in _OVER:
+            return  # nobody is asked for anything any more
         waiting = {w.activation for w in plan.waiting}
         on = Counter((line.activation, line.local_task) for line in plan.lines.values())
         capable = capabilities_of(agent.facts, alive)

@@ -16,9 +16,9 @@ from mrbt_mesh.core.facts.records import BROKEN, OUTCOME, Claim, OrderKind, Phas
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import KnownMember
 from mrbt_mesh.core.membership.joining import Joining
-from mrbt_mesh.sim import simulate
+from mrbt_mesh.sim import AgentOptions, simulate
 from mrbt_mesh.sim.checkers.findings import is_connected
-from tests.support import inside
+from tests.support import behaviour, inside
 from tests.support.build import action, keep_running, make_mission
 from tests.support.checked_team import SECOND_US, Team, start
 from tests.support.mutations import MUTATIONS
@@ -232,3 +232,29 @@ def test_i6_coalitions_that_form_and_break_are_no_progress(team: Team) -> None:
         checker.handled(process, TimerFired(), [done])  # type: ignore[arg-type]
         checker.sample()
     assert "remove_cover::0 could be served" in team.checkers.violations[0]
+
+
+def test_i4_nobody_is_missed_once_the_mission_has_ended() -> None:
+    """`place` ends the mission and clears what led to it: the tree asks for `pick`, in vain."""
+    text = """
+mission: hand
+parameters: {behave: {pick: {sets: {holding: true}}, place: {sets: {holding: false}}}}
+local_tasks: {pick: {}, place: {}}
+conditions: {holding: {}}
+robot_types: {T: {capabilities: {pick: 1, place: 1}}}
+robots: {R1: T}
+global_tasks: {pick: {needs: {pick: {}}}, place: {needs: {place: {}}}}
+tree: {Sequence: [{Fallback: [{Condition: holding}, pick]}, place]}
+"""
+    result = simulate(
+        behaviour.mission_of(text),
+        behaviour.robot,
+        seed=1,
+        agents=AgentOptions(exit_when_done=False),
+        timeout_us=30 * SECOND_US,
+    )
+    plan = result.agents["R1"].view.plan
+    assert plan is not None
+    assert [request.subject for request in plan.evaluation.requests] == ["pick"]
+    assert (result.result, result.violations) == ("success", [])
+    assert result.checks["I4"]

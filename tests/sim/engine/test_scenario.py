@@ -150,4 +150,10 @@ def test_generated_missions_have_everything_in_them() -> None:
     assert any(task.simultaneous for task in tasks)
     assert {str(task.in_doubt) for task in tasks if task.exclusive} == {"hold", "fail", "retry"}
     assert any(len(task.needs) > 1 for task in tasks)
+    assert any(task.failure_after_us for task in tasks)
+    # Guards of several conditions, robots that always fail, capabilities lost before they are used.
+    assert sum(bool(mission.evaluator.expressions) for mission in missions) > 10
+    behaviours = [mission.parameters["tasks"].values() for mission in missions]
+    assert any("fails_on" in each for found in behaviours for each in found)
+    assert any(mission.parameters.get("losses") for mission in missions)
     assert 0 < sum(map(is_endless, missions)) < 75
