@@ -1,8 +1,10 @@
 """What belongs to a robot: which action has to be done by the robot that did another one before.
 
 A condition that every robot has for itself, such as *holding*, is made true by one action and
-required by later ones: what one robot holds, no other one can place. So these are done by the same
-robot, where the tree leaves no doubt which action comes before.
+required by later ones: what one robot holds, no other one can place. Where that can be begun again
+by another robot, the tree asks for the condition: Sequence(Fallback(holding, pick), carry, place).
+So it is done by the robot for which it holds, and once more if that one dies. Elsewhere these are
+done by the same robot, where the tree leaves no doubt which action comes before.
 """
 
 from __future__ import annotations
@@ -13,7 +15,8 @@ from typing import TypeAlias
 
 from mrbt_mesh.analysis.effects import Declarations, guards
 from mrbt_mesh.analysis.places import Placed, walk
-from mrbt_mesh.core.bt.tree import Kind, NodeSpec
+from mrbt_mesh.core.bt.guards import Guards
+from mrbt_mesh.core.bt.tree import CONTROLS, Kind, Memory, NodeSpec, build_tree
 from mrbt_mesh.core.mission.mission import split_call
 from mrbt_mesh.formats.declaration import Declaration
 
@@ -22,6 +25,7 @@ Templates: TypeAlias = dict[str, str]
 
 _NOTHING = Declaration()
 _THROUGH = (Kind.SEQUENCE, Kind.SUBTREE)
+_TRANSPARENT = (Kind.INVERTER, Kind.FORCE_SUCCESS, Kind.FORCE_FAILURE, Kind.SUBTREE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,13 +44,19 @@ class Follows:
 def follows(
     spec: NodeSpec, declared: Declarations, is_of_robots: Callable[[str], bool]
 ) -> list[Follows]:
-    """For each action node that requires a robot's own condition, in tree order, each kind once."""
+    """For each action node that requires a robot's own condition, in tree order, each kind once.
+
+    Where the tree asks for the condition before it, the plan minds whose it is.
+    """
     nodes = [node for node in walk(spec) if node.spec.kind is Kind.ACTION]
+    guards_of = Guards(build_tree(spec)).guards_of
+    index = {node.place: number for number, node in enumerate(walk(spec))}
     found = []
     for position, node in enumerate(nodes):
         does = declared.get(node.spec.subject, _NOTHING)
         for condition, value in does.requires.items():
-            if value and is_of_robots(condition):
+            is_asked = (condition, False) in guards_of[index[node.place]]
+            if value and is_of_robots(condition) and not is_asked:
                 found.append(_follows(spec, nodes[:position], node, condition, declared))
     return list(dict.fromkeys(found))
 
@@ -129,3 +139,107 @@ def _template(follows: Follows, parameters: Sequence[str]) -> str:
     name, arguments = split_call(follows.before)
     texts = [f"${own[argument]}" if argument in own else argument for argument in arguments]
     return f"{name}({', '.join(texts)})" if texts else name
+
+
+# -- what can be begun again ------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Renewal:
+    """Rewrites a lifted tree. `at_first`: what conditions are while nobody has set them."""
+
+    declared: Declarations
+    is_of_robots: Callable[[str], bool]
+    at_first: Callable[[str], bool]
+    setters: Sequence[tuple[str, str]]
+
+    def of(self, spec: NodeSpec) -> NodeSpec:
+        """A node of which what is above keeps how it has ended, whatever conditions do then."""
+        if spec.kind in CONTROLS:
+            if spec.memory is Memory.NONE and not spec.contains(Kind.CONDITION):
+                spec = replace(spec, memory=Memory.WHILE_RUNNING)  # of actions it is the same
+            if spec.memory is Memory.NONE:
+                return spec
+        elif spec.kind not in _TRANSPARENT:
+            return spec
+        if spec.kind is not Kind.SEQUENCE:
+            return replace(spec, children=tuple(map(self.of, spec.children)))
+        rows: list[NodeSpec] = []
+        children = spec.children
+        while children:
+            last = self._last(children)
+            part, children = children[: last + 1], children[last + 1 :]
+            rows.append(self._together(part) if last else self.of(part[0]))
+        if len(rows) == 1 and len(spec.children) > 1:
+            return replace(rows[0], name=spec.name)
+        return replace(spec, children=tuple(rows))
+
+    def _last(self, children: Sequence[NodeSpec]) -> int:
+        """The last of these that has to be done again with the first one if its robot dies."""
+        condition = self._made(children[0])
+        last = 0
+        for position, child in enumerate(children[1:], start=1):
+            does = [self._does(leaf) for leaf in _actions(child)]
+            if condition is None or not does:
+                break
+            if any(condition in each.requires or condition in each.effects for each in does):
+                last = position
+            if any(each.effects.get(condition) is False for each in does):
+                if child.kind is not Kind.ACTION:
+                    return 0  # the rest of it would be begun again
+                break
+        return last if self._can_be_repeated(children[: last + 1], condition or "") else 0
+
+    def _does(self, leaf: NodeSpec) -> Declaration:
+        return self.declared.get(leaf.subject, _NOTHING)
+
+    def _made(self, spec: NodeSpec) -> str | None:
+        """The robot's own condition that an action makes true, where it was false before."""
+        if spec.kind is not Kind.ACTION:
+            return None
+        does = self._does(spec)
+        for condition, value in does.effects.items():
+            if not value or not self.is_of_robots(condition):
+                continue
+            if does.requires.get(condition) is False:
+                return condition
+            makers = [action for action, made in self.setters if made == condition]
+            if not self.at_first(condition) and makers == [spec.subject]:
+                return condition
+        return None
+
+    def _can_be_repeated(self, part: Sequence[NodeSpec], own: str) -> bool:
+        """Whether, after any of these, what they require still holds for another robot."""
+        does = [self._does(leaf) for child in part for leaf in _actions(child)]
+        required = {pair for each in does for pair in each.requires.items() if pair[0] != own}
+        changed = {(name, not value) for each in does for name, value in each.effects.items()}
+        leaves = (node.spec for child in part for node in walk(child))
+        asks = any(leaf.kind is Kind.CONDITION for leaf in leaves)
+        reads = frozenset().union(*(each.reads for each in does))
+        writes = frozenset().union(*(each.writes for each in does))
+        return not (asks or required & changed or reads & writes)
+
+    def _together(self, part: Sequence[NodeSpec]) -> NodeSpec:
+        condition = NodeSpec(Kind.CONDITION, subject=self._made(part[0]) or "")
+        first = NodeSpec(Kind.FALLBACK, (condition, part[0]))
+        return NodeSpec(Kind.SEQUENCE, (first, *part[1:]))
+
+
+def _actions(spec: NodeSpec) -> list[NodeSpec]:
+    return [node.spec for node in walk(spec) if node.spec.kind is Kind.ACTION]
+
+
+def renewable(
+    spec: NodeSpec,
+    declared: Declarations,
+    is_of_robots: Callable[[str], bool],
+    at_first: Callable[[str], bool],
+) -> NodeSpec:
+    """The tree, with conditions asked where another robot can fetch what a dead one held."""
+    setters = [
+        (leaf.subject, name)
+        for leaf in _actions(spec)
+        for name, value in declared.get(leaf.subject, _NOTHING).effects.items()
+        if value
+    ]
+    return _Renewal(declared, is_of_robots, at_first, setters).of(spec)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mrbt_mesh.analysis.belonging import Follows, Templates, follows, templates
+from mrbt_mesh.analysis.belonging import Follows, Templates, follows, renewable, templates
 from mrbt_mesh.analysis.lift import Lifted, Lifter
 from mrbt_mesh.analysis.places import walk
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec
@@ -53,9 +53,13 @@ def lift_mission(
     work_us = {subject: team.work_us(subject) for subject in _subjects(spec, Kind.ACTION)}
     lifter = Lifter(declared, work_us, _independent(spec, found, independent))
     lifted = lifter.lift(spec)
-    found_before = follows(spec, declared, team.belongs_to_robots)
-    _check_capable(_subjects(spec, Kind.ACTION), found_before, team)
-    same_robots, unsaid = templates(found_before, lambda name: team.parameters(name) or [])
+    _check_capable(
+        _subjects(spec, Kind.ACTION), follows(spec, declared, team.belongs_to_robots), team
+    )
+    again = renewable(lifted.tree, declared, team.belongs_to_robots, team.default)
+    lifted = replace(lifted, tree=again)
+    rest = follows(again, declared, team.belongs_to_robots)
+    same_robots, unsaid = templates(rest, lambda name: team.parameters(name) or [])
     notes = [Problem(team.file, 0, each.action, _any_robot(each)) for each in unsaid]
     data = _mission_data(lifted, team, name, same_robots)
     return LiftedMission(data, lifted, (*found.notes, *notes))

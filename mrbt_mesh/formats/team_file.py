@@ -96,6 +96,11 @@ class TeamFile:
         declared = self.model.conditions.get(type_name(condition))
         return declared is not None and declared.per == "robot"
 
+    def default(self, condition: str) -> bool:
+        """What a condition, given ground, is while nobody has set it."""
+        declared = self.model.conditions.get(type_name(condition))
+        return declared is not None and declared.default
+
     def shared(self, resources: Iterable[str]) -> frozenset[str]:
         """Those, given ground, of which the team has one: with their own, robots are not in each
         other's way, and a robot never does two things at once.

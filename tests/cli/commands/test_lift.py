@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.core.mission.mission import SameRobotAs
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
@@ -178,13 +179,26 @@ def written(folder: Path, team: str, nodes: str) -> tuple[int, str, Path]:
 
 
 def test_what_a_robot_holds_is_carried_and_placed_by_it(tmp_path: Path) -> None:
-    code, text, output = written(tmp_path, CARRY, TWO_ITEMS)
+    """What cannot be begun again: when the first one has it, there is nothing left to pick."""
+    gone = "requires: {there($item): true}, effects: {holding($item): true, there($item): false}"
+    team = CARRY.replace("requires: {}, effects: {holding($item): true}", gone)
+    team = team.replace("per: robot}}\nres", "per: robot}, there: {parameters: [item]}}\nres")
+    code, text, output = written(tmp_path, team, TWO_ITEMS)
     assert code == 0, text
     tasks = load_mission(output).global_tasks
     for item in "12":
         for name in ("carry", "place"):
             (need,) = tasks[f"{name}({item})"].needs
             assert need.same_robot_as == SameRobotAs(f"pick({item})", f"pick({item})")
+
+
+def test_what_can_be_begun_again_is_where_the_robot_dies(tmp_path: Path) -> None:
+    code, text, output = written(tmp_path, CARRY, TWO_ITEMS)
+    assert code == 0, text
+    mission = load_mission(output)
+    assert not [n for t in mission.global_tasks.values() for n in t.needs if n.same_robot_as]
+    asked = {n.subject for n in mission.tree.nodes if n.kind is Kind.CONDITION}
+    assert asked == {"holding(1)", "holding(2)"}
 
 
 @pytest.mark.parametrize(
@@ -213,12 +227,6 @@ def test_robots_use_their_own_grippers_at_once(
             "pick(1) need not have been done before it",
         ),
         ('<Action ID="place" item="1"/>', "nothing before it makes holding(1) true"),
-        (
-            '<ReactiveSequence><ReactiveFallback><Condition ID="holding" item="1"/>'
-            '<Action ID="pick" item="1"/></ReactiveFallback><Action ID="place" item="1"/>'
-            "</ReactiveSequence>",
-            "need not have been done before it",
-        ),
     ],
 )
 def test_where_nobody_can_tell_whose_it_is_the_command_says_so(
