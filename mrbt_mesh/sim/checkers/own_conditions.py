@@ -16,8 +16,11 @@ def lacked(facts: TeamFacts, activation: str, robot: str) -> str:
     It stands before if it is left of it in a Sequence without memory, alone or as the first child
     of a Fallback with an action. Of compound conditions nothing is told.
     """
+    own = facts.mission.own
+    if not own.leaves:
+        return ""
     for name in _before(facts, parse_activation(activation).node):
-        if name in facts.mission.own and not facts.condition_of(robot, name):
+        if name in own and not facts.condition_of(robot, name):
             return name
     return ""
 
