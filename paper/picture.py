@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from mrbt_mesh.core.mission.mission import type_name
+from mrbt_mesh.core.mission.names import type_name
 from paper.scene import Cover, Part, Scene, Screws
 
 WIDTH, HEIGHT = 936, 560

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.mission.mission import split_call
+from mrbt_mesh.core.mission.names import split_call
 from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.formats.mission_file import load_mission
 from paper.account import ROOT, AccountError, run

@@ -9,7 +9,8 @@ from collections.abc import Iterable, Sequence
 from itertools import groupby
 
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, build_tree
-from mrbt_mesh.core.mission.mission import MICRO, Mission, split_call, type_name
+from mrbt_mesh.core.mission.mission import MICRO, Mission
+from mrbt_mesh.core.mission.names import split_call, type_name
 
 MINUS_INFINITY = "−∞"
 

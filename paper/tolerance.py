@@ -14,7 +14,8 @@ from itertools import combinations
 from mrbt_mesh.analysis.readings import serial
 from mrbt_mesh.analysis.service import Fault, FaultyTeam, capability_faults, robot_faults
 from mrbt_mesh.analysis.tolerance import tolerance
-from mrbt_mesh.core.mission.mission import Mission, performance, type_name
+from mrbt_mesh.core.mission.mission import Mission, performance
+from mrbt_mesh.core.mission.names import type_name
 
 LIMIT_S = 60.0
 

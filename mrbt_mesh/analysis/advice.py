@@ -27,7 +27,8 @@ from mrbt_mesh.analysis.service import (
 )
 from mrbt_mesh.analysis.tolerance import Progress, Reading, no_progress
 from mrbt_mesh.core.mission.costs import Costs
-from mrbt_mesh.core.mission.mission import MICRO, Mission, Robot, type_name
+from mrbt_mesh.core.mission.mission import MICRO, Mission, Robot
+from mrbt_mesh.core.mission.names import type_name
 
 MAX_EXTRA_ROBOTS = 20
 _NEW = "+"  # no robot of a mission file may be called that

@@ -17,7 +17,7 @@ from mrbt_mesh.analysis.effects import Declarations, guards
 from mrbt_mesh.analysis.places import Placed, walk
 from mrbt_mesh.core.bt.guards import Guards
 from mrbt_mesh.core.bt.tree import CONTROLS, Kind, Memory, NodeSpec, build_tree
-from mrbt_mesh.core.mission.mission import split_call
+from mrbt_mesh.core.mission.names import split_call
 from mrbt_mesh.formats.declaration import Declaration
 
 # A type of action -> the call that its robot has to have done, with the names of its parameters.

@@ -16,9 +16,7 @@ from itertools import product
 from mrbt_mesh.analysis.places import child_path, root_path
 from mrbt_mesh.analysis.requirement import TooLargeError, could_fail
 from mrbt_mesh.core.bt.evaluator import Evaluator
-from mrbt_mesh.core.bt.guards import Guards
-from mrbt_mesh.core.bt.robot_tree import OwnFacts
-from mrbt_mesh.core.bt.tree import Kind, Node, Status, build_tree
+from mrbt_mesh.core.bt.tree import Kind, Node
 from mrbt_mesh.core.mission.mission import Mission
 
 MAX_NAMED = 3
@@ -72,7 +70,7 @@ def _waiting_for_ever(mission: Mission, index: int) -> Iterator[str]:
 
 
 def _undoing_actions(mission: Mission) -> Iterator[str]:
-    guards = Guards(mission.tree)
+    guards = mission.evaluator
     for node in mission.tree.actions():
         effects = dict(mission.global_tasks[node.subject].effects)
         for parent, position in _ways_down(mission, node) if effects else ():
@@ -87,7 +85,7 @@ def _undoing_actions(mission: Mission) -> Iterator[str]:
 
 
 def _turned_against(
-    guards: Guards, parent: Node, position: int, effects: Mapping[str, bool]
+    guards: Evaluator, parent: Node, position: int, effects: Mapping[str, bool]
 ) -> list[str]:
     """The effects that keep a child from being reached, of an action at or below it."""
     found: dict[str, None] = {}
@@ -106,7 +104,9 @@ def _ways_down(mission: Mission, node: Node) -> Iterator[tuple[Node, int]]:
         node = parent
 
 
-def _turned_by(guards: Guards, name: str, against: bool, effects: Mapping[str, bool]) -> list[str]:
+def _turned_by(
+    guards: Evaluator, name: str, against: bool, effects: Mapping[str, bool]
+) -> list[str]:
     """The effects that can turn a guard to the value that keeps the action from being reached."""
     expression = guards.expressions.get(name)
     if expression is None:
@@ -115,11 +115,11 @@ def _turned_by(guards: Guards, name: str, against: bool, effects: Mapping[str, b
     if not read:
         return []
     if len(expression.conditions) <= MAX_CONDITIONS:
-        evaluator = Evaluator(build_tree(expression.spec))
         for values in product((False, True), repeat=len(expression.conditions)):
             before = dict(zip(expression.conditions, values, strict=True))
             after = {**before, **{condition: effects[condition] for condition in read}}
-            if _holds(evaluator, before) is not against and _holds(evaluator, after) is against:
+            held = guards.holds(expression, _holding(before))
+            if held is not against and guards.holds(expression, _holding(after)) is against:
                 break
         else:
             return []
@@ -130,9 +130,8 @@ def _effect(condition: str, value: bool) -> str:
     return f"{condition} to {str(value).lower()}"
 
 
-def _holds(evaluator: Evaluator, values: Mapping[str, bool]) -> bool:
-    holding = frozenset(name for name, value in values.items() if value)
-    return evaluator.evaluate(OwnFacts(holding)).status is Status.SUCCESS
+def _holding(values: Mapping[str, bool]) -> set[str]:
+    return {name for name, value in values.items() if value}
 
 
 # -- words ------------------------------------------------------------------------------------

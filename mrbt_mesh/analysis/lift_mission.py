@@ -11,7 +11,7 @@ from mrbt_mesh.analysis.belonging import Follows, Templates, follows, renewable,
 from mrbt_mesh.analysis.lift import Lifted, Lifter
 from mrbt_mesh.analysis.places import walk
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec
-from mrbt_mesh.core.mission.mission import split_call, type_name
+from mrbt_mesh.core.mission.names import split_call, type_name
 from mrbt_mesh.formats.btcpp.document import Category, read_boolean
 from mrbt_mesh.formats.btcpp.library import Library
 from mrbt_mesh.formats.btcpp.team_tree import ALWAYS, TeamTree, to_team_tree

@@ -15,7 +15,8 @@ from typing import TypeAlias
 
 from mrbt_mesh.core.bt.evaluation import Request
 from mrbt_mesh.core.facts.coalitions import majority
-from mrbt_mesh.core.mission.mission import GlobalTask, Mission, type_name
+from mrbt_mesh.core.mission.mission import GlobalTask, Mission
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.planning.consistency import Consistency
 from mrbt_mesh.core.planning.demands import Demand
 

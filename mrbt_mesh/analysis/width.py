@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mrbt_mesh.analysis.service import FaultyTeam, Service, service
+from mrbt_mesh.core.bt.evaluation import PresentFacts
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import Kind, Node, NodeSpec, Status, Tree, build_tree
 from mrbt_mesh.core.mission.mission import Mission
@@ -51,7 +52,7 @@ def widths(mission: Mission) -> list[Service]:
     return stages
 
 
-class _LockStep:
+class _LockStep(PresentFacts):
     """What the tree reads: every leaf has a name of its own, and ends as the run wants it."""
 
     def __init__(self, tree: Tree) -> None:
@@ -60,7 +61,6 @@ class _LockStep:
         self._want(tree)
         self.tree = build_tree(self._named(tree, 0))
         self.done: set[int] = set()
-        self.run = "width"
 
     def _want(self, tree: Tree) -> None:
         for node in tree.nodes:
@@ -101,27 +101,8 @@ class _LockStep:
         """The value that leads on to work."""
         return self.wanted[int(name)] is Status.SUCCESS
 
-    def turns(self, name: str, value: bool) -> int:
-        """No condition changes."""
-        del name, value
-        return 0
-
     def task_status(self, subject: str, activation: str) -> Status:
         """Served requests end as the tree wants them."""
         del activation
         index = int(subject)
         return self.wanted[index] if index in self.done else Status.RUNNING
-
-    def child_result(self, activation: str, position: int) -> None:
-        """Every leaf ends once, so there is nothing to remember."""
-        del activation, position
-
-    def attempts_used(self, activation: str) -> int:
-        """Nothing is tried again."""
-        del activation
-        return 0
-
-    def has_expired(self, activation: str) -> bool:
-        """Nothing takes too long."""
-        del activation
-        return False

@@ -12,7 +12,8 @@ from typing import Any
 from pydantic import ValidationError
 
 from mrbt_mesh.core.membership.timing import SECOND_US, Timing
-from mrbt_mesh.core.mission.mission import Mission, split_call
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.names import split_call
 from mrbt_mesh.drills.model import (
     DRILL_EXPLAINED,
     NETWORK_FAULTS,

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mrbt_mesh.core.membership.peer import State
-from mrbt_mesh.core.mission.mission import Mission, type_name
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.drills.inject import Deeds
 from mrbt_mesh.drills.journals import Done
 from mrbt_mesh.drills.links import LinkLine, silent_at_the_end, slow_returns

@@ -8,7 +8,7 @@ from typing import Any
 
 from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.membership.peer import State
-from mrbt_mesh.core.mission.mission import type_name
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.task_log import TaskState
 from mrbt_mesh.drills.model import (

@@ -14,11 +14,9 @@ from mrbt_mesh.core.mission.mission import (
     MAX_PERFORMANCE,
     MAX_ROBOTS,
     Mission,
-    is_robot_id,
     mission_from_json,
-    split_call,
-    type_name,
 )
+from mrbt_mesh.core.mission.names import is_robot_id, split_call, type_name
 from mrbt_mesh.formats.problems import MissionError, Problem, whole_file_error
 
 

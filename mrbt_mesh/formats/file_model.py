@@ -20,7 +20,7 @@ from pydantic import (
 )
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from mrbt_mesh.core.mission.mission import (
+from mrbt_mesh.core.mission.names import (
     ARGUMENT_PATTERN,
     MAX_ARGUMENTS,
     NAME_PATTERN,

@@ -9,7 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from mrbt_mesh.core.mission.mission import Mission, performance, type_name
+from mrbt_mesh.core.mission.mission import Mission, performance
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.formats.compiled import compile_mission, mission_from_compiled
 from mrbt_mesh.formats.problems import MissionError, Problem, whole_file_error
 

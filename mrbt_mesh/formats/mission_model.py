@@ -23,13 +23,13 @@ from pydantic import (
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from mrbt_mesh.core.mission.mission import (
-    MAX_ARGUMENTS,
     MAX_BID_WITHIN_US,
     MAX_COST,
     MAX_GLOBAL_TASKS,
     MAX_ROBOTS,
     MICRO,
 )
+from mrbt_mesh.core.mission.names import MAX_ARGUMENTS
 from mrbt_mesh.formats.file_model import (
     FileModel,
     GroundText,

@@ -29,7 +29,8 @@ from typing import Annotated
 
 from pydantic import Field, JsonValue, ValidationError
 
-from mrbt_mesh.core.mission.mission import MAX_ROBOTS, performance, split_call, type_name
+from mrbt_mesh.core.mission.mission import MAX_ROBOTS, performance
+from mrbt_mesh.core.mission.names import split_call, type_name
 from mrbt_mesh.formats.declaration import Declaration
 from mrbt_mesh.formats.expand import call_text, micro_or_report, split_template, to_micro
 from mrbt_mesh.formats.file_model import FileModel, Name, RobotName, explain

@@ -8,7 +8,7 @@ from pydantic import ConfigDict, Field, Tag, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
 from mrbt_mesh.core.bt.tree import MAX_NODES, Kind
-from mrbt_mesh.core.mission.mission import NAME_PATTERN
+from mrbt_mesh.core.mission.names import NAME_PATTERN
 from mrbt_mesh.formats.file_model import (
     CALL_HINT,
     EXPLAINED,

@@ -36,8 +36,8 @@ from mrbt_mesh.core.mission.mission import (
     MICRO,
     Mission,
     micro_performance,
-    split_call,
 )
+from mrbt_mesh.core.mission.names import split_call
 from mrbt_mesh.runtime.local_trees import LeafEnd, LocalTreeRunner
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext, TaskFailedError
 

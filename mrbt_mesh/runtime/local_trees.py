@@ -90,9 +90,9 @@ class LocalTreeRunner:
             self._happened.set()
 
     def _note(self, activation: str, success: bool, conditions: Mapping[str, bool]) -> None:
-        """Statuses after an outcome are taken before the conditions that come with it."""
-        self._run.ended(activation, success)
-        self._tick()
+        """The tick in which an action returns comes before what its conditions change."""
+        if self._result is Status.RUNNING:
+            self._result = self._run.returned(activation, success, conditions)
         for name, value in conditions.items():
             self._conditions.set(name, value)
 

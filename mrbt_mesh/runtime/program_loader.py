@@ -12,7 +12,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
 
-from mrbt_mesh.core.mission.mission import Mission, type_name
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.runtime.program import ProgramError, RobotProgram
 
 DEFAULT_NAME = "robot"

@@ -18,7 +18,8 @@ from typing import Any, NoReturn
 from mrbt_mesh import __version__
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.membership.timing import SECOND_US
-from mrbt_mesh.core.mission.mission import Mission, is_robot_id
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.names import is_robot_id
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.driver import Driver, RobotSetup

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mrbt_mesh.core.membership.timing import SECOND_US, Timing
-from mrbt_mesh.core.mission.mission import Mission, is_robot_id
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.names import is_robot_id
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.settings import DEFAULT_BEAT_S, DEFAULT_DETECTION_S, WIRED

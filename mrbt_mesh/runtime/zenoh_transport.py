@@ -43,7 +43,7 @@ from mrbt_mesh.core.agent.inputs import (
 )
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES, MAX_NONCE, MessageKind
-from mrbt_mesh.core.mission.mission import is_robot_id
+from mrbt_mesh.core.mission.names import is_robot_id
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.settings import PROTOCOLS, WIRED, WIRELESS

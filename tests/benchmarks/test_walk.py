@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from benchmarks.walk.team import Walk
 from benchmarks.walk.trace import Landing, Trace, begin, end, package
-from mrbt_mesh.core.mission.mission import is_robot_id
+from mrbt_mesh.core.mission.names import is_robot_id
 
 
 def test_figures_of_a_trace() -> None:

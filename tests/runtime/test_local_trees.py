@@ -147,6 +147,13 @@ def test_conditions_of_an_action_come_after_its_outcome() -> None:
     assert story.told == ["1 pick", "2 place"]
 
 
+def test_what_stands_right_of_an_action_reads_the_conditions_that_it_has_set() -> None:
+    story = Story(diagnose="c1")
+    tree = sequence(action("diagnose"), condition("c1"), action("fix"))
+    assert outcome(play(tree, story))
+    assert story.told == ["1 diagnose", "2 fix"]
+
+
 def test_a_condition_that_a_sensor_sets_takes_an_action_back() -> None:
     tree = sequence(fallback(condition("c1"), action("pick")), action("use"))
     story = Story(pick="c1")

@@ -15,7 +15,8 @@ from pathlib import Path
 import anyio
 
 from mrbt_mesh import RobotProgram, TaskContext
-from mrbt_mesh.core.mission.mission import Mission, type_name
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.sim import SimulationResult
 

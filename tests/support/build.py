@@ -10,17 +10,18 @@ from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.evaluator import Evaluator
+from mrbt_mesh.core.bt.outcome_tick import OutcomeTick
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, build_tree
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import ready_members
-from mrbt_mesh.core.facts.outcome_tick import OutcomeTick
 from mrbt_mesh.core.facts.records import Claim, Coalition, CoalitionId, Member, Phase
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.local_tasks import LocalTask
-from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, Mission, Need, Robot, type_name
+from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, Mission, Need, Robot
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.core.planning.steps import PlanningSteps
@@ -284,7 +285,8 @@ class World:
         The root's status in the tick in which it does.
         """
         self.outcome(activation, success, robot)
-        evaluation = self.evaluator.evaluate(OutcomeTick(self.facts, activation, conditions))
+        after = self.facts.conditions.after(conditions)
+        evaluation = self.evaluator.evaluate(OutcomeTick(self.facts, activation, after))
         self._latch(evaluation)
         return evaluation.status
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 from unittest import mock
 
@@ -13,9 +13,7 @@ from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.follow_up import FollowUp
 from mrbt_mesh.core.agent.heartbeats import Heartbeats
 from mrbt_mesh.core.agent.planner import Planner
-from mrbt_mesh.core.facts.outcome_tick import OutcomeTick
 from mrbt_mesh.core.facts.records import OrderKind
-from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
 
 
@@ -62,12 +60,3 @@ def counted() -> Iterator[Counter[str]]:
         mock.patch.object(Heartbeats, "_send", counting("beats", Heartbeats._send)),
     ):
         yield counts
-
-
-def outcome_facts(tick: OutcomeTick) -> TeamFacts:
-    """The facts with the outcome, without the conditions that are set with it."""
-    return tick._facts
-
-
-def outcome_conditions(tick: OutcomeTick) -> Mapping[str, bool]:
-    return tick._conditions

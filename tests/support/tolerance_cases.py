@@ -19,13 +19,9 @@ from mrbt_mesh import RobotProgram, TaskContext
 from mrbt_mesh.analysis.readings import serial
 from mrbt_mesh.analysis.service import Fault, FaultyTeam, capability_faults, robot_faults
 from mrbt_mesh.core.agent.commands import ORDER
+from mrbt_mesh.core.bt.evaluation import PresentFacts
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec, Status, build_tree
-from mrbt_mesh.core.mission.mission import (
-    FailurePolicy,
-    GlobalTask,
-    Mission,
-    Need,
-)
+from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, Mission, Need
 from mrbt_mesh.sim import Command, Kill, Lose, Schedule, simulate
 from tests.support.build import SECOND_US, make_mission
 
@@ -235,10 +231,8 @@ def foreseen(case: Case, is_ideal: bool = False) -> Status:
             return Status.RUNNING
 
 
-class _Foreseen:
+class _Foreseen(PresentFacts):
     """What the tree reads: actions end as the case says, if there are robots for them."""
-
-    run = "foreseen"
 
     def __init__(self, case: Case, is_ideal: bool) -> None:
         self._case = case
@@ -265,9 +259,6 @@ class _Foreseen:
 
     def condition(self, name: str) -> bool:
         return self._case.mission.condition_default(name)
-
-    def turns(self, name: str, value: bool) -> int:
-        return 0
 
     def task_status(self, subject: str, activation: str) -> Status:
         return self.statuses.get(activation, Status.RUNNING)

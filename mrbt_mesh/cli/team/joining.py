@@ -9,7 +9,8 @@ import click
 
 from mrbt_mesh.cli.framework.exits import FAILURE, SUCCESS, end_process, fail
 from mrbt_mesh.core.membership.timing import SECOND_US
-from mrbt_mesh.core.mission.mission import Mission, is_robot_id
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.names import is_robot_id
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.run_dir import RunDir

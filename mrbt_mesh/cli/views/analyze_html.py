@@ -18,7 +18,7 @@ from mrbt_mesh.cli.views.analyze_view import (
 )
 from mrbt_mesh.core.facts.coalitions import majority
 from mrbt_mesh.core.mission.costs import Costs
-from mrbt_mesh.core.mission.mission import type_name
+from mrbt_mesh.core.mission.names import type_name
 
 MAX_MATRIX_COLUMNS = 40
 _STYLE = """

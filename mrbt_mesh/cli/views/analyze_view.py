@@ -24,7 +24,7 @@ from mrbt_mesh.analysis.lemmas import Verdicts
 from mrbt_mesh.analysis.model import Answer
 from mrbt_mesh.analysis.service import Fault
 from mrbt_mesh.core.facts.coalitions import majority
-from mrbt_mesh.core.mission.mission import type_name
+from mrbt_mesh.core.mission.names import type_name
 
 MAX_NAMED = 8
 MAX_TASKS = 30

@@ -9,7 +9,8 @@ from typing import Any
 
 from mrbt_mesh.core.bt.robot_tree import assignment_tree, local_tree
 from mrbt_mesh.core.bt.tree import CONTROLS, Kind, NodeSpec, Tree
-from mrbt_mesh.core.mission.mission import MICRO, Mission, performance, type_name
+from mrbt_mesh.core.mission.mission import MICRO, Mission, performance
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.formats.btcpp.builtin_nodes import category_of
 from mrbt_mesh.formats.btcpp.document import (
     SUBTREE,

@@ -13,8 +13,8 @@ from mrbt_mesh.core.mission.mission import (
     Mission,
     micro_performance,
     performance,
-    type_name,
 )
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.sim.engine import faults
 

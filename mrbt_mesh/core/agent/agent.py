@@ -41,7 +41,8 @@ from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
 from mrbt_mesh.core.membership.leases import Leases
 from mrbt_mesh.core.membership.timing import NEVER_US
-from mrbt_mesh.core.mission.mission import Mission, type_name
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.names import type_name
 
 
 class Agent:

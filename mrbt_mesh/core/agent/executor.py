@@ -19,7 +19,8 @@ from mrbt_mesh.core.facts.records import Claim, Coalition, CoalitionId, Phase
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.leases import Leases
 from mrbt_mesh.core.membership.wire import Heartbeat
-from mrbt_mesh.core.mission.mission import GlobalTask, type_name
+from mrbt_mesh.core.mission.mission import GlobalTask
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.planning.plan import Plan
 
 

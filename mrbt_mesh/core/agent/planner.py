@@ -12,12 +12,12 @@ from mrbt_mesh.core.agent.effects import Forget, MakePlan
 from mrbt_mesh.core.assignment.problem import Solver, SolverError
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.evaluation import Evaluation
+from mrbt_mesh.core.bt.outcome_tick import OutcomeTick
 from mrbt_mesh.core.bt.robot_tree import AssignmentLeaves, RobotTree
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.engine import PlanFunction
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import newly_broken
-from mrbt_mesh.core.facts.outcome_tick import OutcomeTick
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.planning.deadlines import Deadlines
@@ -190,7 +190,8 @@ class Planner:
         Its outcome is in the facts, the conditions are not. Nodes with memory keep what that tick
         shows, and where T_G ends in it the mission has ended, unless it never does.
         """
-        tick = OutcomeTick(self._context.facts, activation, conditions)
+        facts = self._context.facts
+        tick = OutcomeTick(facts, activation, facts.conditions.after(conditions))
         evaluation = self._evaluator.evaluate(tick)
         latched = self._of_tree(evaluation)
         ends = self._context.mission.ends is MissionEnd.ONCE

@@ -14,7 +14,7 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import ConditionValue, OrderKind
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
 from mrbt_mesh.core.mission.conditions import own_name
-from mrbt_mesh.core.mission.mission import type_name
+from mrbt_mesh.core.mission.names import type_name
 
 CONDITIONS_PER_OUTCOME = 1_000
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from mrbt_mesh.core.bt.tree import Status
@@ -41,6 +42,80 @@ class EvaluationFacts(Protocol):
     def child_result(self, activation: str, position: int) -> Status | None:
         """How that child of a node with memory ended, None if nobody has said so."""
         ...
+
+
+class PresentFacts:
+    """Facts that tell only how things stand: nothing has turned, ended or been counted before."""
+
+    run = ""
+
+    def turns(self, name: str, value: bool) -> int:
+        """Nothing has turned."""
+        return 0
+
+    def attempts_used(self, activation: str) -> int:
+        """Nothing was tried before."""
+        return 0
+
+    def has_expired(self, activation: str) -> bool:
+        """Nothing takes too long."""
+        return False
+
+    def child_result(self, activation: str, position: int) -> Status | None:
+        """Nothing is remembered."""
+        return None
+
+
+@dataclass(slots=True)
+class OwnFacts(PresentFacts):
+    """Which conditions hold, and how actions stand, those that are not named still running."""
+
+    true_conditions: Collection[str]
+    actions: Mapping[str, Status] = field(default_factory=dict)
+
+    def condition(self, name: str) -> bool:
+        """Whether the condition holds."""
+        return name in self.true_conditions
+
+    def task_status(self, subject: str, activation: str) -> Status:
+        """The status of an action, whichever its activation."""
+        return self.actions.get(subject, Status.RUNNING)
+
+
+@dataclass
+class OverlaidFacts:
+    """Reads as the facts beneath, but for what a subclass says otherwise."""
+
+    beneath: EvaluationFacts
+
+    @property
+    def run(self) -> str:
+        """The run's id."""
+        return self.beneath.run
+
+    def condition(self, name: str) -> bool:
+        """Whether the condition holds."""
+        return self.beneath.condition(name)
+
+    def turns(self, name: str, value: bool) -> int:
+        """How often it has turned to `value`."""
+        return self.beneath.turns(name, value)
+
+    def task_status(self, subject: str, activation: str) -> Status:
+        """RUNNING until the activation has a result."""
+        return self.beneath.task_status(subject, activation)
+
+    def attempts_used(self, activation: str) -> int:
+        """How many attempts are used up."""
+        return self.beneath.attempts_used(activation)
+
+    def has_expired(self, activation: str) -> bool:
+        """Whether a Timeout's time is over."""
+        return self.beneath.has_expired(activation)
+
+    def child_result(self, activation: str, position: int) -> Status | None:
+        """How that child of a node with memory ended."""
+        return self.beneath.child_result(activation, position)
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,12 +21,19 @@ the next tick. And nothing has to be halted: what is not requested is not carrie
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import TypeAlias
 
 from mrbt_mesh.core.bt.activation import Activation, ActivationNames
-from mrbt_mesh.core.bt.evaluation import Evaluation, EvaluationFacts, Request, RunningTimeout
-from mrbt_mesh.core.bt.tree import Kind, Memory, Node, Status
+from mrbt_mesh.core.bt.evaluation import (
+    Evaluation,
+    EvaluationFacts,
+    OwnFacts,
+    Request,
+    RunningTimeout,
+)
+from mrbt_mesh.core.bt.guards import Expression
+from mrbt_mesh.core.bt.tree import Kind, Memory, Node, Status, Tree, build_tree
 
 # A status, and whether an outcome of an action had part in it: only those use up attempts.
 Result: TypeAlias = tuple[Status, bool]
@@ -36,9 +43,20 @@ TickChild: TypeAlias = Callable[[int], Result]
 class Evaluator(ActivationNames):
     """Evaluates one tree; what it keeps is derived from the tree alone, never from facts."""
 
+    def __init__(self, tree: Tree) -> None:
+        super().__init__(tree)
+        self._evaluators: dict[str, Evaluator] = {}
+
     def evaluate(self, facts: EvaluationFacts) -> Evaluation:
         """Tick the tree once."""
         return _Tick(self, facts).run()
+
+    def holds(self, expression: Expression, holding: Collection[str]) -> bool:
+        """Whether an expression of conditions of this tree succeeds, where these hold."""
+        evaluator = self._evaluators.get(expression.id)
+        if evaluator is None:
+            evaluator = self._evaluators[expression.id] = Evaluator(build_tree(expression.spec))
+        return evaluator.evaluate(OwnFacts(holding)).status is Status.SUCCESS
 
     def find_obsolete(
         self, known: Iterable[Activation], facts: EvaluationFacts

@@ -8,13 +8,13 @@ need no author, and nothing of them outlives the local task but the conditions.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.guards import Expression
-from mrbt_mesh.core.bt.robot_tree import OwnFacts
-from mrbt_mesh.core.bt.tree import Status, Tree, build_tree
+from mrbt_mesh.core.bt.outcome_tick import OutcomeTick
+from mrbt_mesh.core.bt.tree import Status, Tree
 
 
 class OwnConditions:
@@ -43,9 +43,9 @@ class OwnConditions:
 class LocalRun:
     """One run of a local task's tree.
 
-    Tell it what happens (`ended`, `expired`, and by watching the conditions `turned`), then `tick`:
-    what the evaluation requests is to be carried out, and what it no longer requests is to be
-    cancelled. Once the root has ended, so has the local task, with that status.
+    Tell it what happens (`ended`, `returned`, `expired`, and by watching the conditions `turned`),
+    then `tick`: what the evaluation requests is to be carried out, and what it no longer requests
+    is to be cancelled. Once the root has ended, so has the local task, with that status.
     """
 
     def __init__(self, tree: Tree, conditions: OwnConditions) -> None:
@@ -69,6 +69,16 @@ class LocalRun:
     def ended(self, activation: str, success: bool) -> None:
         """An action has ended by itself."""
         self._outcomes[activation] = Status.SUCCESS if success else Status.FAILURE
+
+    def returned(self, activation: str, success: bool, conditions: Mapping[str, bool]) -> Status:
+        """An action has ended that sets conditions, which are to be set afterwards.
+
+        The root's status in the tick in which it returns: if the root ends in it, it has ended.
+        """
+        self.ended(activation, success)
+        found = self._evaluator.evaluate(OutcomeTick(self, activation, conditions))
+        self._remember(found)
+        return found.status
 
     def expired(self, activation: str) -> None:
         """The time of a Timeout is over."""
@@ -94,22 +104,26 @@ class LocalRun:
         self._touched.clear()
         while True:
             found = self._evaluator.evaluate(self)
-            fresh = [row for row in found.attempts if self._attempts.get(row[0], 0) < row[1]]
-            results = {(a, position): success for a, position, success in found.child_results}
-            if not fresh and not results.keys() - self._child_results.keys():
+            if not self._remember(found):
                 return found
-            self._attempts.update(fresh)
-            for place, success in results.items():
-                ending = Status.SUCCESS if success else Status.FAILURE
-                self._child_results.setdefault(place, ending)
+
+    def _remember(self, found: Evaluation) -> bool:
+        """Keep what one tick has found for good; whether any of it is new."""
+        fresh = [row for row in found.attempts if self._attempts.get(row[0], 0) < row[1]]
+        results = {(a, position): success for a, position, success in found.child_results}
+        is_new = bool(fresh or results.keys() - self._child_results.keys())
+        self._attempts.update(fresh)
+        for place, success in results.items():
+            ending = Status.SUCCESS if success else Status.FAILURE
+            self._child_results.setdefault(place, ending)
+        return is_new
 
     def _count(self, guard: str, value: bool) -> None:
         self._turns[guard, value] = self._turns.get((guard, value), 0) + 1
 
     def _holds(self, expression: Expression) -> bool:
-        holding = frozenset(filter(self._conditions.value, expression.conditions))
-        tree = build_tree(expression.spec)
-        return Evaluator(tree).evaluate(OwnFacts(holding)).status is Status.SUCCESS
+        holding = set(filter(self._conditions.value, expression.conditions))
+        return self._evaluator.holds(expression, holding)
 
     # -- what the tree reads (evaluation.EvaluationFacts) -------------------------------------
 

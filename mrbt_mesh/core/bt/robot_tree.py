@@ -8,10 +8,11 @@ and T_Li over the robot's own facts. The leaves of T_A are functions: to tick it
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import TypeAlias
 
+from mrbt_mesh.core.bt.evaluation import OwnFacts, PresentFacts
 from mrbt_mesh.core.bt.evaluator import Evaluator, parallel_status
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, Tree, build_tree
 
@@ -65,33 +66,6 @@ def local_tree(local_tasks: Iterable[str], trees: Mapping[str, NodeSpec] | None 
     return build_tree(NodeSpec(Kind.FALLBACK, (rest, *branches)))
 
 
-@dataclass(slots=True)
-class OwnFacts:
-    """A robot's own facts for one tick: which conditions hold, how its actions stand."""
-
-    true_conditions: frozenset[str]
-    actions: Mapping[str, Status] = field(default_factory=dict)
-    run: str = ""
-
-    def condition(self, name: str) -> bool:
-        return name in self.true_conditions
-
-    def turns(self, name: str, value: bool) -> int:
-        return 0
-
-    def task_status(self, subject: str, activation: str) -> Status:
-        return self.actions.get(subject, Status.RUNNING)
-
-    def attempts_used(self, activation: str) -> int:
-        return 0
-
-    def has_expired(self, activation: str) -> bool:
-        return False
-
-    def child_result(self, activation: str, position: int) -> Status | None:
-        return None
-
-
 @dataclass(frozen=True, slots=True)
 class AssignmentLeaves:
     """What stands behind the leaves of T_A.
@@ -108,10 +82,8 @@ class AssignmentLeaves:
     assign_agents: Act
 
 
-class _AssignmentFacts:
+class _AssignmentFacts(PresentFacts):
     """The leaves of T_A as its evaluation reads them."""
-
-    run = ""
 
     def __init__(self, leaves: AssignmentLeaves) -> None:
         self._leaves = leaves
@@ -127,18 +99,6 @@ class _AssignmentFacts:
 
     def task_status(self, subject: str, activation: str) -> Status:
         return self._leaves.assign_agents()
-
-    def turns(self, name: str, value: bool) -> int:
-        return 0
-
-    def attempts_used(self, activation: str) -> int:
-        return 0
-
-    def has_expired(self, activation: str) -> bool:
-        return False
-
-    def child_result(self, activation: str, position: int) -> Status | None:
-        return None
 
 
 # T_A has no state and is the same for all robots.

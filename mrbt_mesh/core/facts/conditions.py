@@ -13,11 +13,9 @@ was read before may write the next one, so nobody takes late news for a change.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from mrbt_mesh.core.bt.guards import Expression
-from mrbt_mesh.core.bt.robot_tree import OwnFacts
-from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import ConditionValue, ExpressionRevision
 from mrbt_mesh.core.mission.conditions import own_name, split_owner
 from mrbt_mesh.core.mission.mission import Mission
@@ -67,6 +65,15 @@ class Conditions:
     def of_robot(self, robot: str, name: str) -> bool:
         """Whether the condition holds for a robot: its own if every robot has its own."""
         return self.value(own_name(name, robot) if name in self._mission.own else name)
+
+    def after(self, changes: Mapping[str, bool]) -> dict[str, bool]:
+        """What else these changes make of conditions: with one of a robot, that of any robot."""
+        after = dict(changes)
+        for condition, robot in map(split_owner, changes):
+            if robot:
+                names = [own_name(condition, each) for each in self._mission.robots]
+                after[condition] = any(changes.get(name, self.value(name)) for name in names)
+        return after
 
     def revision(self, name: str) -> int:
         """How often the condition, or expression, has changed."""
@@ -139,10 +146,9 @@ class Conditions:
 
 def expression_value(mission: Mission, expression: Expression, revisions: Sequence[int]) -> bool:
     """Whether an expression holds (succeeds) when its conditions have these revisions."""
-    holding = frozenset(
+    holding = {
         name
         for name, revision in zip(expression.conditions, revisions, strict=True)
         if mission.condition_default(name) ^ bool(revision % 2)
-    )
-    evaluator = mission.expression_evaluators[expression.id]
-    return evaluator.evaluate(OwnFacts(holding)).status is Status.SUCCESS
+    }
+    return mission.evaluator.holds(expression, holding)

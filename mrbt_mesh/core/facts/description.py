@@ -7,7 +7,8 @@ from typing import Any
 
 from mrbt_mesh.core.facts.records import MAX_CAPABILITIES, Member
 from mrbt_mesh.core.facts.values import MAX_TEXT
-from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, performance, type_name
+from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, performance
+from mrbt_mesh.core.mission.names import type_name
 
 ALL = "all"
 

@@ -30,7 +30,8 @@ from mrbt_mesh.core.facts.records import (
 from mrbt_mesh.core.facts.store import Change, Entry, FactMap, Incarnation
 from mrbt_mesh.core.facts.task_status import task_status
 from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS
-from mrbt_mesh.core.mission.mission import GlobalTask, Mission, performance, type_name
+from mrbt_mesh.core.mission.mission import GlobalTask, Mission, performance
+from mrbt_mesh.core.mission.names import type_name
 
 _NO_OUTCOMES: Outcomes = {}
 

@@ -16,7 +16,7 @@ import msgpack
 
 from mrbt_mesh.core.facts.records import MAX_NAME
 from mrbt_mesh.core.facts.store import MAX_VALUE_BYTES, Entry, Incarnation, Version, make_entry
-from mrbt_mesh.core.mission.mission import is_robot_id
+from mrbt_mesh.core.mission.names import is_robot_id
 
 SCHEMA = 2
 MAX_MESSAGE_BYTES = 4 << 20

@@ -16,6 +16,7 @@ from typing import Any
 from mrbt_mesh.core.bt.activation import ActivationNames
 from mrbt_mesh.core.bt.guards import Expression, Guard
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec
+from mrbt_mesh.core.mission.names import type_name
 
 _OF = "@"
 
@@ -66,12 +67,8 @@ def any_of(condition: str, robots: Iterable[str]) -> Expression:
 
 def default_of(name: str, declared: Mapping[str, ConditionType]) -> bool:
     """What a ground condition reads as while nobody has set it; False if it is not declared."""
-    known = declared.get(_type_of(split_owner(name)[0]))
+    known = declared.get(type_name(split_owner(name)[0]))
     return known.default if known else False
-
-
-def _type_of(ground: str) -> str:
-    return ground.partition("(")[0]
 
 
 class PerRobotConditions:
@@ -89,7 +86,7 @@ class PerRobotConditions:
 
     def __contains__(self, ground: str) -> bool:
         """Whether every robot has its own value of a condition, by the name that a leaf reads."""
-        known = self._declared.get(_type_of(ground))
+        known = self._declared.get(type_name(ground))
         return known is not None and known.per_robot
 
     def names_owner(self, name: str) -> bool:

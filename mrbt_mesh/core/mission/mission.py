@@ -10,7 +10,6 @@ from __future__ import annotations
 import enum
 import hashlib
 import json
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -28,12 +27,12 @@ from mrbt_mesh.core.mission.conditions import (
 from mrbt_mesh.core.mission.constraints import Constraint, constraint_from_json, constraint_to_json
 from mrbt_mesh.core.mission.costs import Costs
 from mrbt_mesh.core.mission.local_tasks import LocalTask
+from mrbt_mesh.core.mission.names import split_call, type_name
 
 MICRO = 1_000_000
 MAX_PERFORMANCE = 1_000_000 * MICRO
 MAX_ROBOTS = 1_000
 MAX_GLOBAL_TASKS = 10_000
-MAX_ARGUMENTS = 8
 MAX_COST = 1_000_000
 MAX_BID_WITHIN_US = 10 * MICRO
 COMPILED_VERSION = 2
@@ -41,12 +40,6 @@ COMPILED_VERSION = 2
 BIDS_VERSION = 3
 # Of missions whose local tasks are trees; likewise.
 LOCAL_TREES_VERSION = 4
-
-NAME_PATTERN = r"[A-Za-z_][A-Za-z0-9_]{0,63}"
-ARGUMENT_PATTERN = r"[A-Za-z0-9_.+-]{1,64}"
-ROBOT_PATTERN = r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}"
-_CALL = re.compile(rf"({NAME_PATTERN})(?:\(({ARGUMENT_PATTERN}(?:,{ARGUMENT_PATTERN})*)\))?")
-_ROBOT = re.compile(ROBOT_PATTERN)
 
 RobotId: TypeAlias = str
 LocalTaskId: TypeAlias = str
@@ -218,27 +211,6 @@ class Robot:
     capabilities: Mapping[str, int]
 
 
-def split_call(text: str) -> tuple[str, tuple[str, ...]]:
-    """`replace_hw(2)` -> ("replace_hw", ("2",)); raises ValueError if it is not ground."""
-    match = _CALL.fullmatch(text)
-    if match is None:
-        raise ValueError(f"{text!r} is not a name like fix_hw or fix_hw(2)")
-    arguments = tuple(match[2].split(",")) if match[2] else ()
-    if len(arguments) > MAX_ARGUMENTS:
-        raise ValueError(f"{text!r} has more than {MAX_ARGUMENTS} arguments")
-    return match[1], arguments
-
-
-def type_name(ground: str) -> str:
-    """The type of a ground name: `replace_hw(2)` -> `replace_hw`."""
-    return ground.partition("(")[0]
-
-
-def is_robot_id(text: str) -> bool:
-    """Whether `text` may name a robot: 1 to 32 letters, digits, `_`, `-`."""
-    return _ROBOT.fullmatch(text) is not None
-
-
 def performance(capabilities: Mapping[str, int], local_task: LocalTaskId) -> int | None:
     """p(i, l) in micro-units, None where l is not in L_i (the paper's minus infinity).
 
@@ -291,12 +263,6 @@ class Mission:
     def evaluator(self) -> Evaluator:
         """Evaluates the mission's tree, by the definition."""
         return Evaluator(self.tree)
-
-    @cached_property
-    def expression_evaluators(self) -> dict[str, Evaluator]:
-        """By id, what evaluates an expression of conditions that is a guard."""
-        expressions = self.own.expressions.values()
-        return {each.id: Evaluator(build_tree(each.spec)) for each in expressions}
 
     @cached_property
     def digest(self) -> str:

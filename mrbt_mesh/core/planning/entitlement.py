@@ -7,8 +7,6 @@ place of the team's, each guard of the request has to be as it must.
 from __future__ import annotations
 
 from mrbt_mesh.core.bt.evaluation import Request
-from mrbt_mesh.core.bt.robot_tree import OwnFacts
-from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 
 
@@ -31,9 +29,8 @@ def _finds(facts: TeamFacts, robot: str, name: str) -> bool:
     if name in facts.mission.own:
         return facts.condition_of(robot, name)
     expression = facts.mission.own.expressions[name]
-    holding = frozenset(c for c in expression.conditions if facts.condition_of(robot, c))
-    evaluation = facts.mission.expression_evaluators[name].evaluate(OwnFacts(holding))
-    return evaluation.status is Status.SUCCESS
+    holding = {c for c in expression.conditions if facts.condition_of(robot, c)}
+    return facts.mission.evaluator.holds(expression, holding)
 
 
 def asks_for(facts: TeamFacts, request: Request) -> str:

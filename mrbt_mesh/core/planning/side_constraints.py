@@ -20,7 +20,7 @@ from mrbt_mesh.core.assignment.problem import (
 )
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.mission.constraints import AtMost, Constraint, NotAtOnce
-from mrbt_mesh.core.mission.mission import type_name
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.planning.consistency import Consistency, Feasibility
 from mrbt_mesh.core.planning.demands import Demand
 

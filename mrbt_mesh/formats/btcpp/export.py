@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from mrbt_mesh.core.bt.tree import LEAVES as CORE_LEAVES
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec
-from mrbt_mesh.core.mission.mission import type_name
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN, category_of
 from mrbt_mesh.formats.btcpp.document import (
     EXPLICIT_TAGS,

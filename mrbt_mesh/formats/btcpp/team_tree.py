@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec, TreeError, build_tree
-from mrbt_mesh.core.mission.mission import ARGUMENT_PATTERN, MAX_ARGUMENTS, NAME_PATTERN
+from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN, MAX_ARGUMENTS, NAME_PATTERN
 from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
 from mrbt_mesh.formats.btcpp.document import (
     LEAVES,

@@ -18,7 +18,8 @@ from itertools import permutations
 from typing import Any
 
 from mrbt_mesh.core.agent.commands import ORDER
-from mrbt_mesh.core.mission.mission import MICRO, Mission, type_name
+from mrbt_mesh.core.mission.mission import MICRO, Mission
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.sim.engine import faults
 from mrbt_mesh.sim.engine.network import Link, LinkKnobs
 from mrbt_mesh.sim.engine.scenario import Scenario, Step

@@ -11,11 +11,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from mrbt_mesh.core.agent.view import AgentView
-from mrbt_mesh.core.bt.evaluation import Evaluation, Request
+from mrbt_mesh.core.bt.evaluation import Evaluation, OverlaidFacts, Request
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import OrderKind
 from mrbt_mesh.core.facts.store import Incarnation
-from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import FailurePolicy
 from mrbt_mesh.core.planning.capabilities import capabilities_of
 from mrbt_mesh.core.planning.demands import demands_of
@@ -25,40 +24,29 @@ from mrbt_mesh.core.planning.side_constraints import feasibility
 MAX_EVALUATIONS = 300
 
 
-@dataclass(frozen=True)
-class Supposed:
+@dataclass
+class Supposed(OverlaidFacts):
     """The team's facts, and what is supposed beyond them: a tree may read it."""
 
-    facts: TeamFacts
     statuses: Mapping[str, Status] = field(default_factory=dict)
     attempts: Mapping[str, int] = field(default_factory=dict)
     child_results: Mapping[tuple[str, int], bool] = field(default_factory=dict)
     expired: frozenset[str] = frozenset()
 
-    @property
-    def run(self) -> str:
-        return self.facts.run
-
-    def condition(self, name: str) -> bool:
-        return self.facts.condition(name)
-
-    def turns(self, name: str, value: bool) -> int:
-        return self.facts.turns(name, value)
-
     def task_status(self, subject: str, activation: str) -> Status:
         supposed = self.statuses.get(activation)
-        return self.facts.task_status(subject, activation) if supposed is None else supposed
+        return super().task_status(subject, activation) if supposed is None else supposed
 
     def attempts_used(self, activation: str) -> int:
-        return max(self.facts.attempts_used(activation), self.attempts.get(activation, 0))
+        return max(super().attempts_used(activation), self.attempts.get(activation, 0))
 
     def has_expired(self, activation: str) -> bool:
-        return activation in self.expired or self.facts.has_expired(activation)
+        return activation in self.expired or super().has_expired(activation)
 
     def child_result(self, activation: str, position: int) -> Status | None:
         success = self.child_results.get((activation, position))
         if success is None:
-            return self.facts.child_result(activation, position)
+            return super().child_result(activation, position)
         return Status.SUCCESS if success else Status.FAILURE
 
     def with_latches(self, evaluation: Evaluation) -> Supposed:

@@ -24,13 +24,7 @@ from mrbt_mesh.core.facts.records import (
 )
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
-from mrbt_mesh.core.mission.mission import (
-    MICRO,
-    InDoubtPolicy,
-    Mission,
-    MissionEnd,
-    performance,
-)
+from mrbt_mesh.core.mission.mission import MICRO, InDoubtPolicy, Mission, MissionEnd, performance
 from mrbt_mesh.core.planning.capabilities import capabilities_of, workers
 from mrbt_mesh.core.planning.demands import demands_of
 from mrbt_mesh.core.planning.plan import Plan

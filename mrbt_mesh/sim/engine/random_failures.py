@@ -12,7 +12,8 @@ from dataclasses import replace
 from functools import partial
 
 from mrbt_mesh.core.agent.inputs import ActionFinished
-from mrbt_mesh.core.mission.mission import Robot, type_name
+from mrbt_mesh.core.mission.mission import Robot
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.sim.engine import faults
 from mrbt_mesh.sim.engine.clock import VirtualClock
 from mrbt_mesh.sim.engine.failures import EVERYBODY, Rate, losable, rate_of

@@ -9,14 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from mrbt_mesh.core.mission.mission import (
-    MAX_ROBOTS,
-    Mission,
-    Need,
-    Robot,
-    is_robot_id,
-    performance,
-)
+from mrbt_mesh.core.mission.mission import MAX_ROBOTS, Mission, Need, Robot, performance
+from mrbt_mesh.core.mission.names import is_robot_id
 
 
 def resized(mission: Mission, size: int) -> Mission:

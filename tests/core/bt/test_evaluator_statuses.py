@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.bt.evaluation import Evaluation
+from mrbt_mesh.core.bt.evaluation import Evaluation, PresentFacts
 from mrbt_mesh.core.bt.evaluator import Evaluator, parallel_status
 from mrbt_mesh.core.bt.tree import LEAVES, Kind, NodeSpec, Status, build_tree
 from tests.support.build import (
@@ -33,29 +33,16 @@ FLIPPED = {RUNNING: RUNNING, SUCCESS: FAILURE, FAILURE: SUCCESS}
 
 
 @dataclass
-class Given:
+class Given(PresentFacts):
     """Facts that fix the status of every leaf."""
 
     leaves: dict[str, Status]
-    run: str = "r1"
 
     def condition(self, name: str) -> bool:
         return self.leaves[name] is SUCCESS
 
-    def turns(self, name: str, value: bool) -> int:
-        return 0
-
     def task_status(self, subject: str, activation: str) -> Status:
         return self.leaves[subject]
-
-    def attempts_used(self, activation: str) -> int:
-        return 0
-
-    def has_expired(self, activation: str) -> bool:
-        return False
-
-    def child_result(self, activation: str, position: int) -> None:
-        return None
 
 
 def evaluate(spec: NodeSpec, statuses: dict[str, Status]) -> Evaluation:

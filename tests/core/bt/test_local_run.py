@@ -89,6 +89,22 @@ def test_several_conditions_that_decide_together_renew_when_the_whole_turns() ->
     assert robot.asked == ["close"]
 
 
+def test_what_stands_right_of_an_action_reads_the_conditions_that_it_has_set() -> (
+    None
+):
+    robot = Robot(sequence(action("diagnose"), condition("broken"), action("fix")))
+    (diagnose,) = robot.tick().requests
+    assert robot.run.returned(diagnose.activation, True, {"broken": True}) is Status.RUNNING
+    robot.set("broken", True)
+    assert robot.asked == ["fix"]
+
+
+def test_in_that_tick_what_stands_left_of_it_has_read_them_before() -> None:
+    robot = Robot(sequence(fallback(condition("held"), action("pick")), action("place")), "held")
+    (place,) = robot.tick().requests
+    assert robot.run.returned(place.activation, True, {"held": False}) is Status.SUCCESS
+
+
 def test_attempts_and_time_limits() -> None:
     robot = Robot(retry(2, timeout(1.0, parallel(1, action("look"), action("listen")))))
     for _ in range(2):

@@ -8,14 +8,8 @@ from dataclasses import replace
 import pytest
 
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, build_tree
-from mrbt_mesh.core.mission.mission import (
-    Mission,
-    is_robot_id,
-    mission_from_json,
-    performance,
-    split_call,
-    type_name,
-)
+from mrbt_mesh.core.mission.mission import Mission, mission_from_json, performance
+from mrbt_mesh.core.mission.names import is_robot_id, split_call, type_name
 from tests.support.build import action, condition, make_mission, retry, sequence, task, timeout
 
 

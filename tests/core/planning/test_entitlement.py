@@ -6,9 +6,9 @@ from itertools import product
 
 import pytest
 
+from mrbt_mesh.core.bt.outcome_tick import OutcomeTick
 from mrbt_mesh.core.bt.tree import NodeSpec, Status
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.outcome_tick import OutcomeTick
 from mrbt_mesh.core.planning.deadlines import Deadlines
 from tests.support.build import World, action, condition, fallback, inverter, sequence
 from tests.support.own_conditions import TREE, own_mission
@@ -89,7 +89,8 @@ def test_in_the_tick_of_an_outcome_its_own_conditions_are_read_after_it() -> Non
     world = world_of(holding="A1")
     place = world.activation("place")
     world.outcome(place, True, "A1")
-    tick = OutcomeTick(world.facts, place, {"holding@A1": False})
+    after = world.facts.conditions.after({"holding@A1": False})
+    tick = OutcomeTick(world.facts, place, after)
     assert world.evaluator.evaluate(tick).status is Status.SUCCESS
     assert not tick.condition("holding"), "what is read after it sees what has been set"
 

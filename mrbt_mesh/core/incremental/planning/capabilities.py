@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
-from mrbt_mesh.core.mission.mission import type_name
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.planning.capabilities import Capabilities, Worker, workers
 
 # Above this share of changed robots everything is looked up again.

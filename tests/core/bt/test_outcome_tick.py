@@ -11,9 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mrbt_mesh.core.bt.outcome_tick import OutcomeTick
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status
-from mrbt_mesh.core.facts.outcome_tick import OutcomeTick
-from tests.support import inside
 from tests.support.btcpp.stories import (
     Grower,
     Story,
@@ -90,11 +89,8 @@ def test_a_tick_that_reads_all_conditions_alike_is_caught(reads_before: bool) ->
     """As they were before the action, or as they are after it."""
 
     def condition(self: OutcomeTick, name: str) -> bool:
-        mine = inside.outcome_conditions(self)
-        return mine[name] if name in mine and not reads_before else before(self, name)
-
-    def before(self: OutcomeTick, name: str) -> bool:
-        return inside.outcome_facts(self).condition(name)
+        before = self.beneath.condition(name)
+        return before if reads_before else self.conditions.get(name, before)
 
     with mock.patch.object(OutcomeTick, "condition", condition), pytest.raises(AssertionError):
         Counter(story_differs(seed) for seed in range(1_000))

@@ -1,0 +1,34 @@
+"""The names of robots, tasks and conditions, and ground names such as `replace_hw(2)`."""
+
+from __future__ import annotations
+
+import re
+
+NAME_PATTERN = r"[A-Za-z_][A-Za-z0-9_]{0,63}"
+ARGUMENT_PATTERN = r"[A-Za-z0-9_.+-]{1,64}"
+ROBOT_PATTERN = r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}"
+MAX_ARGUMENTS = 8
+
+_CALL = re.compile(rf"({NAME_PATTERN})(?:\(({ARGUMENT_PATTERN}(?:,{ARGUMENT_PATTERN})*)\))?")
+_ROBOT = re.compile(ROBOT_PATTERN)
+
+
+def split_call(text: str) -> tuple[str, tuple[str, ...]]:
+    """`replace_hw(2)` -> ("replace_hw", ("2",)); raises ValueError if it is not ground."""
+    match = _CALL.fullmatch(text)
+    if match is None:
+        raise ValueError(f"{text!r} is not a name like fix_hw or fix_hw(2)")
+    arguments = tuple(match[2].split(",")) if match[2] else ()
+    if len(arguments) > MAX_ARGUMENTS:
+        raise ValueError(f"{text!r} has more than {MAX_ARGUMENTS} arguments")
+    return match[1], arguments
+
+
+def type_name(ground: str) -> str:
+    """The type of a ground name: `replace_hw(2)` -> `replace_hw`."""
+    return ground.partition("(")[0]
+
+
+def is_robot_id(text: str) -> bool:
+    """Whether `text` may name a robot: 1 to 32 letters, digits, `_`, `-`."""
+    return _ROBOT.fullmatch(text) is not None
