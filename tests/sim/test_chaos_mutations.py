@@ -32,6 +32,8 @@ CAUGHT = {
     "garbled_commands_pause": ("I8", (0, 63)),
     "evaluation_overlooks_changes": ("I7", (1, 3)),
     "incremental_plans_forget_pins": ("I7", (1, 3)),
+    "guards_are_counted_one_by_one": ("I3", (2, 5)),
+    "compound_conditions_guard_nothing": ("I3", (23, 42)),
     "the_dead_are_waited_for": ("I6", (87, 89)),
     "the_dead_count_as_assigned": ("I6", (259,)),
 }

@@ -18,6 +18,8 @@ from mrbt_mesh.core.agent.effects import Persist
 from mrbt_mesh.core.agent.lifecycle import Lifecycle
 from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.assignment import canonical, problem
+from mrbt_mesh.core.bt.guards import Guard, Guards
+from mrbt_mesh.core.bt.tree import Kind, Node
 from mrbt_mesh.core.facts import coalitions, task_status
 from mrbt_mesh.core.facts.activation_facts import ActivationFacts
 from mrbt_mesh.core.facts.records import GRANT, ConditionValue, OrderKind, Outcome
@@ -332,6 +334,43 @@ def incremental_plans_forget_pins() -> Iterator[None]:
 
     original = IncrementalSteps.line
     with mock.patch.object(IncrementalSteps, "line", line):
+        yield
+
+
+@mutation
+def guards_are_counted_one_by_one() -> Iterator[None]:
+    """Each condition counts by itself, whether or not it decides anything."""
+    with mock.patch.object(Guards, "read_before", _one_by_one):
+        yield
+
+
+def _one_by_one(guards: Guards, node: Node, position: int) -> tuple[Guard, ...]:
+    """Each condition counts by itself, whether or not it decides anything."""
+    if position == 0 or guards.has_memory[node.index] or node.kind is Kind.PARALLEL:
+        return ()
+    wanted = node.kind is Kind.SEQUENCE or (node.kind is Kind.IF_THEN_ELSE and position == 1)
+    first = 0 if node.kind is Kind.IF_THEN_ELSE else position - 1
+    return tuple(dict.fromkeys(_conditions_below(guards, node.children[first], wanted)))
+
+
+def _conditions_below(guards: Guards, index: int, wanted: bool) -> Iterator[Guard]:
+    node = guards.tree.nodes[index]
+    if node.kind is Kind.CONDITION:
+        yield node.subject, not wanted
+    wanted ^= node.kind is Kind.INVERTER
+    for child in node.children:
+        yield from _conditions_below(guards, child, wanted)
+
+
+@mutation
+def compound_conditions_guard_nothing() -> Iterator[None]:
+    """What stands behind several conditions that decide together is never done again."""
+
+    def single(self: Guards, node: Node, position: int) -> tuple[Guard, ...]:
+        return tuple(guard for guard in original(self, node, position) if guard[0][0] != "#")
+
+    original = Guards.read_before
+    with mock.patch.object(Guards, "read_before", single):
         yield
 
 

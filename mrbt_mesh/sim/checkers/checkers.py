@@ -14,6 +14,7 @@ from mrbt_mesh.sim.checkers.exclusive import Exclusive
 from mrbt_mesh.sim.checkers.facts import Convergence, GarbageChangesNothing, NothingUndone
 from mrbt_mesh.sim.checkers.findings import RunFindings, View, components, joined
 from mrbt_mesh.sim.checkers.plans import BidsFirst, OptimalAssignment, SamePlan
+from mrbt_mesh.sim.checkers.renewals import Renewals
 from mrbt_mesh.sim.checkers.restarts import Resumption
 from mrbt_mesh.sim.checkers.work import Progress, WorkWithinBounds
 from mrbt_mesh.sim.engine.process import SimProcess
@@ -29,6 +30,7 @@ class Checkers:
         self.i1 = SamePlan(self.findings)
         self.i2 = Convergence(self.findings)
         self.i3 = NothingUndone(self.findings)
+        self.renewals = Renewals(self.findings)
         self.i4 = WorkWithinBounds(self.findings)
         self.i5 = Exclusive(self.findings)
         self.i6 = Progress(self.findings)
@@ -87,6 +89,7 @@ class Checkers:
             self.i6.handled(process, event, effects)
             self.i9.handled(process, effects)
         self.i3.check(process, agent)
+        self.renewals.check(process, agent)
 
     def sample(self) -> None:
         """Now and then: what can only be seen of the team as a whole."""

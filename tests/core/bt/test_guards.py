@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator
-from unittest import mock
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.bt.guards import Guard, Guards
-from mrbt_mesh.core.bt.tree import Kind, Node, NodeSpec, Status, build_tree
+from mrbt_mesh.core.bt.guards import Guards
+from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, build_tree
 from mrbt_mesh.core.facts.records import EXPRESSION
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from tests.support.btcpp.stories import (
@@ -31,6 +29,7 @@ from tests.support.build import (
     refusal,
     sequence,
 )
+from tests.support.mutations import MUTATIONS
 
 A, B, CLOSE, USE = map(action, ("a", "b", "close", "use"))
 C1, C2 = condition("c1"), condition("c2")
@@ -232,27 +231,9 @@ def test_malformed_ones_are_refused(value: object) -> None:
 # -- deliberate bugs --------------------------------------------------------------------------
 
 
-def one_by_one(guards: Guards, node: Node, position: int) -> tuple[Guard, ...]:
-    """Each condition counts by itself, whether or not it decides anything."""
-    if position == 0 or guards.has_memory[node.index] or node.kind is Kind.PARALLEL:
-        return ()
-    wanted = node.kind is Kind.SEQUENCE or (node.kind is Kind.IF_THEN_ELSE and position == 1)
-    first = 0 if node.kind is Kind.IF_THEN_ELSE else position - 1
-    return tuple(dict.fromkeys(_read(guards, node.children[first], wanted)))
-
-
-def _read(guards: Guards, index: int, wanted: bool) -> Iterator[Guard]:
-    node = guards.tree.nodes[index]
-    if node.kind is Kind.CONDITION:
-        yield node.subject, not wanted
-    wanted ^= node.kind is Kind.INVERTER
-    for child in node.children:
-        yield from _read(guards, child, wanted)
-
-
 def test_guards_that_are_counted_one_by_one_are_caught() -> None:
     """By the reference interpreter of BehaviorTree.CPP."""
-    with mock.patch.object(Guards, "read_before", one_by_one):
+    with MUTATIONS["guards_are_counted_one_by_one"]():
         stories = [(Grower(random.Random(f"tree/{n}")).tree(), Story(n)) for n in range(500)]
         found = [
             our_run(spec, story) != reference_run(spec, story)

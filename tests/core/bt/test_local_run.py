@@ -89,9 +89,7 @@ def test_several_conditions_that_decide_together_renew_when_the_whole_turns() ->
     assert robot.asked == ["close"]
 
 
-def test_what_stands_right_of_an_action_reads_the_conditions_that_it_has_set() -> (
-    None
-):
+def test_what_stands_right_of_an_action_reads_the_conditions_that_it_has_set() -> None:
     robot = Robot(sequence(action("diagnose"), condition("broken"), action("fix")))
     (diagnose,) = robot.tick().requests
     assert robot.run.returned(diagnose.activation, True, {"broken": True}) is Status.RUNNING

@@ -1,0 +1,166 @@
+"""I3: what stands behind conditions is done again where they turn against it, and only there.
+
+Told from the tree and from what conditions say, without the guards that the product derives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import product
+
+from mrbt_mesh.core.agent.view import AgentView
+from mrbt_mesh.core.bt.activation import parse_activation
+from mrbt_mesh.core.bt.evaluation import OverlaidFacts, OwnFacts
+from mrbt_mesh.core.bt.evaluator import Evaluator
+from mrbt_mesh.core.bt.guards import conditions_in
+from mrbt_mesh.core.bt.tree import Kind, Memory, Status, Tree, build_tree
+from mrbt_mesh.core.facts.records import ExpressionRevision
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.sim.checkers.findings import RunFindings
+from mrbt_mesh.sim.engine.process import SimProcess
+
+# Of more conditions that have changed not all combinations are tried out.
+MAX_CONDITIONS = 6
+
+
+@dataclass(frozen=True)
+class Barrier:
+    """Conditions alone, left of actions in a Sequence or Fallback without memory.
+
+    While `evaluator` says `against`, the actions at the nodes `behind` cannot be reached.
+    """
+
+    evaluator: Evaluator
+    conditions: tuple[str, ...]
+    against: Status
+    behind: frozenset[int]
+
+    def stands(self, facts: TeamFacts) -> bool:
+        """Whether it keeps the team from what is behind, as the conditions are now."""
+        holding = set(filter(facts.condition, self.conditions))
+        return self.evaluator.evaluate(OwnFacts(holding)).status is self.against
+
+
+@dataclass
+class _Seen:
+    """What one process was asked for: by node the last activation, and what has turned since."""
+
+    plan: Plan | None = None
+    requested: dict[int, str] = field(default_factory=dict)
+    turned: set[int] = field(default_factory=set)
+
+
+class Renewals:
+    """I3: an action has another activation once conditions have stood against it, only then."""
+
+    def __init__(self, findings: RunFindings) -> None:
+        self._findings = findings
+        self._barriers = list(barriers(findings.world.mission.tree))
+        self._seen: dict[SimProcess, _Seen] = {}
+
+    def check(self, process: SimProcess, agent: AgentView) -> None:
+        """After a step, whenever there is another plan, and it is that of the facts as they are."""
+        seen = self._seen.setdefault(process, _Seen())
+        plan = agent.plan
+        if plan is None or plan is seen.plan or not agent.is_plan_current or agent.is_joining:
+            return
+        seen.plan = plan
+        for request in plan.evaluation.requests:
+            last = seen.requested.get(request.node)
+            if last is not None:
+                self._findings.checks["I3"] += 1
+                self._compare(agent, last, request.activation, request.node in seen.turned)
+            seen.requested[request.node] = request.activation
+            seen.turned.discard(request.node)
+        if seen.requested and not _has_late_news(agent.facts):
+            for barrier in self._barriers:
+                if barrier.stands(agent.facts):
+                    seen.turned |= barrier.behind & seen.requested.keys()
+
+    def _compare(self, agent: AgentView, last: str, now: str, has_turned: bool) -> None:
+        if last == now:
+            if has_turned:
+                text = "what stands before it has turned against it, and it is not done again"
+                self._findings.say("I3", f"for {agent.robot} {now}: {text}")
+            return
+        before, after = parse_activation(last), parse_activation(now)
+        if before.attempts == after.attempts and not _may_turn(agent, after.node):
+            text = f"is done again as {now}, though nothing has turned against it"
+            self._findings.say("I3", f"for {agent.robot} {last} {text}")
+
+
+def barriers(tree: Tree) -> Iterator[Barrier]:
+    """Those of a tree."""
+    acts, reads = tree.containing(Kind.ACTION), tree.containing(Kind.CONDITION)
+    against = {Kind.SEQUENCE: Status.FAILURE, Kind.FALLBACK: Status.SUCCESS}
+    for node in tree.nodes:
+        if node.kind not in against or node.memory is not Memory.NONE:
+            continue
+        for position, child in enumerate(node.children):
+            if acts[child] or not reads[child]:
+                continue
+            behind = {
+                below
+                for sibling in node.children[position + 1 :]
+                for below in _actions(tree, sibling)
+            }
+            if behind:
+                spec = tree.spec(child)
+                names = tuple(sorted(conditions_in(spec)))
+                evaluator = Evaluator(build_tree(spec))
+                yield Barrier(evaluator, names, against[node.kind], frozenset(behind))
+
+
+def _actions(tree: Tree, index: int) -> Iterator[int]:
+    """Those at or below a node."""
+    node = tree.nodes[index]
+    if node.kind is Kind.ACTION:
+        yield index
+    for child in node.children:
+        yield from _actions(tree, child)
+
+
+def _may_turn(agent: AgentView, node: int) -> bool:
+    """Whether the conditions that have ever changed can keep a node from being reached."""
+    facts = agent.facts
+    names = sorted(_changed(facts) & conditions_in(facts.mission.tree.spec(0)))
+    if len(names) > MAX_CONDITIONS:
+        return True
+    for values in product((False, True), repeat=len(names)):
+        supposed = _Otherwise(facts, dict(zip(names, values, strict=True)))
+        if facts.mission.evaluator.evaluate(supposed).statuses[node] == Status.IDLE.value:
+            return True
+    return False
+
+
+@dataclass
+class _Otherwise(OverlaidFacts):
+    """The team's facts, with other values of some conditions."""
+
+    values: Mapping[str, bool]
+
+    def condition(self, name: str) -> bool:
+        value = self.values.get(name)
+        return super().condition(name) if value is None else value
+
+
+def _notes(facts: TeamFacts) -> Iterator[tuple[str, int]]:
+    """The conditions that robots have read for what they say of several, and their revisions."""
+    for entry in facts.map:
+        if isinstance(entry.record, ExpressionRevision):
+            expression = facts.mission.own.expressions[entry.parts[1]]
+            yield from zip(expression.conditions, entry.record.read, strict=True)
+
+
+def _changed(facts: TeamFacts) -> set[str]:
+    """The conditions that have ever changed, by the names that the tree reads."""
+    names = {name for name in facts.conditions.names() if facts.conditions.revision(name)}
+    names |= {name for name, revision in _notes(facts) if revision}
+    return {name.partition("@")[0] for name in names}
+
+
+def _has_late_news(facts: TeamFacts) -> bool:
+    """Whether others have read conditions of which this robot has yet to hear."""
+    return any(facts.conditions.revision(name) < revision for name, revision in _notes(facts))
