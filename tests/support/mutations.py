@@ -375,6 +375,13 @@ def compound_conditions_guard_nothing() -> Iterator[None]:
 
 
 @mutation
+def own_conditions_are_anybodys() -> Iterator[None]:
+    """Whoever is free goes on with what one robot has begun for itself."""
+    with mock.patch.object(demands, "entitled", return_value=None):
+        yield
+
+
+@mutation
 def the_dead_are_waited_for() -> Iterator[None]:
     """A robot has failed, and whoever could still try is dead: no verdict is ever due."""
     with mock.patch.object(make_plan, "pending_verdicts", return_value={}):

@@ -89,6 +89,9 @@ class _Generator:
         # Likewise local tasks with which robots may help and need not, in one mission of three.
         self.optional = random.Random(f"{seed}/optional")
         self.helping = self.optional.random() < 0.35
+        # Likewise conditions that every robot has for itself.
+        self.owned = random.Random(f"{seed}/owned")
+        self.owning = self.owned.random() < 0.25
         # And some teams stand by when they are done.
         self.stands_by = random.Random(f"{seed}/ends").random() < 0.15
         self.conditions = [f"c{i}" for i in range(self.pick.randint(1, 4))]
@@ -130,12 +133,18 @@ class _Generator:
                 task: {"work": self.pick.choice([0.3, 1.0, 1.0, 2.0, 3.0])}
                 for task in self.local_tasks
             },
-            "conditions": {name: {"default": self.chance(0.3)} for name in self.conditions},
+            "conditions": {name: self.condition_type() for name in self.conditions},
             "robot_types": {name: {"capabilities": able} for name, able in self.types.items()},
             "robots": dict(self.type_of),
             "global_tasks": self.global_tasks,
             "tree": tree,
         }
+
+    def condition_type(self) -> dict[str, Any]:
+        declared: dict[str, Any] = {"default": self.chance(0.3)}
+        if self.owning and self.owned.random() < 0.6:
+            declared |= {"default": False, "per": "robot"}
+        return declared
 
     def capabilities(self) -> dict[str, float]:
         """Few different performances, so that many assignments are equally good."""

@@ -15,6 +15,7 @@ from mrbt_mesh.core.facts.team_facts import capability
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.steps import PlanningSteps
 from mrbt_mesh.sim.checkers.findings import RunFindings, current_plan
+from mrbt_mesh.sim.checkers.own_conditions import lacked
 
 MAX_CHOICES = 2_000
 
@@ -113,6 +114,8 @@ class BidsFirst:
             for robot in sorted(alive.keys() - bids.keys()):
                 member, life = facts.members[robot]
                 able = capability(member, need.local_task) is not None
+                if lacked(facts, activation, robot):
+                    continue  # it is not asked
                 if able and life == alive[robot] and not member.is_leaving:
                     text = f"{agent.robot} claims {claim.local_task} of {activation}"
                     self._findings.say("I7", f"{text} without a bid of {robot}")

@@ -11,36 +11,18 @@ from itertools import product
 
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.activation import parse_activation
-from mrbt_mesh.core.bt.evaluation import OverlaidFacts, OwnFacts
-from mrbt_mesh.core.bt.evaluator import Evaluator
+from mrbt_mesh.core.bt.evaluation import OverlaidFacts
 from mrbt_mesh.core.bt.guards import conditions_in
-from mrbt_mesh.core.bt.tree import Kind, Memory, Status, Tree, build_tree
+from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import ExpressionRevision
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.sim.checkers.barriers import barriers
 from mrbt_mesh.sim.checkers.findings import RunFindings
 from mrbt_mesh.sim.engine.process import SimProcess
 
 # Of more conditions that have changed not all combinations are tried out.
 MAX_CONDITIONS = 6
-
-
-@dataclass(frozen=True)
-class Barrier:
-    """Conditions alone, left of actions in a Sequence or Fallback without memory.
-
-    While `evaluator` says `against`, the actions at the nodes `behind` cannot be reached.
-    """
-
-    evaluator: Evaluator
-    conditions: tuple[str, ...]
-    against: Status
-    behind: frozenset[int]
-
-    def stands(self, facts: TeamFacts) -> bool:
-        """Whether it keeps the team from what is behind, as the conditions are now."""
-        holding = set(filter(facts.condition, self.conditions))
-        return self.evaluator.evaluate(OwnFacts(holding)).status is self.against
 
 
 @dataclass
@@ -76,7 +58,7 @@ class Renewals:
             seen.turned.discard(request.node)
         if seen.requested and not _has_late_news(agent.facts):
             for barrier in self._barriers:
-                if barrier.stands(agent.facts):
+                if barrier.keeps_out(set(filter(agent.facts.condition, barrier.conditions))):
                     seen.turned |= barrier.behind & seen.requested.keys()
 
     def _compare(self, agent: AgentView, last: str, now: str, has_turned: bool) -> None:
@@ -89,37 +71,6 @@ class Renewals:
         if before.attempts == after.attempts and not _may_turn(agent, after.node):
             text = f"is done again as {now}, though nothing has turned against it"
             self._findings.say("I3", f"for {agent.robot} {last} {text}")
-
-
-def barriers(tree: Tree) -> Iterator[Barrier]:
-    """Those of a tree."""
-    acts, reads = tree.containing(Kind.ACTION), tree.containing(Kind.CONDITION)
-    against = {Kind.SEQUENCE: Status.FAILURE, Kind.FALLBACK: Status.SUCCESS}
-    for node in tree.nodes:
-        if node.kind not in against or node.memory is not Memory.NONE:
-            continue
-        for position, child in enumerate(node.children):
-            if acts[child] or not reads[child]:
-                continue
-            behind = {
-                below
-                for sibling in node.children[position + 1 :]
-                for below in _actions(tree, sibling)
-            }
-            if behind:
-                spec = tree.spec(child)
-                names = tuple(sorted(conditions_in(spec)))
-                evaluator = Evaluator(build_tree(spec))
-                yield Barrier(evaluator, names, against[node.kind], frozenset(behind))
-
-
-def _actions(tree: Tree, index: int) -> Iterator[int]:
-    """Those at or below a node."""
-    node = tree.nodes[index]
-    if node.kind is Kind.ACTION:
-        yield index
-    for child in node.children:
-        yield from _actions(tree, child)
 
 
 def _may_turn(agent: AgentView, node: int) -> bool:
