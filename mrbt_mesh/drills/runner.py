@@ -25,6 +25,7 @@ from mrbt_mesh.drills.triggers import Schedule, Sight
 from mrbt_mesh.formats.mission_file import compile_mission
 from mrbt_mesh.runtime.driver import EVENTS_FILE
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.launcher_lock import launched_from_here
 from mrbt_mesh.runtime.run_dir import Place, RunDir, RunInfo, write_atomically
 from mrbt_mesh.runtime.team import Team, address_of, new_run
 from mrbt_mesh.runtime.watcher import Watcher, watching
@@ -79,14 +80,14 @@ async def run_drill(
         hold = run_dir.path / HOLD_FILE
         team = Team(run_dir, info, drill.mission, {HOLD_VARIABLE: str(hold)})
         run = _Run(drill, team, network, hold, tell)
-        try:
-            for robot in drill.robots:
-                await team.start(robot)
-            async with watching(address_of(run_dir)) as watcher:
-                evidence = await run.to_the_end(watcher)
-        finally:
-            with anyio.CancelScope(shield=True):
-                await team.end()
+        with launched_from_here(run_dir):
+            try:
+                await team.start_all()
+                async with watching(address_of(run_dir)) as watcher:
+                    evidence = await run.to_the_end(watcher)
+            finally:
+                with anyio.CancelScope(shield=True):
+                    await team.end()
     evidence.crashes = team.crashes()
     evidence.events = read_events(run_dir.path / EVENTS_FILE)
     robots = run_dir.robots()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import gc
 import json
 import os
@@ -41,6 +42,7 @@ from mrbt_mesh.runtime.fencing import FencingSelector, boottime_us
 from mrbt_mesh.runtime.inbox import Inbox
 from mrbt_mesh.runtime.journal import Journal
 from mrbt_mesh.runtime.journal_writer import JournalWriter
+from mrbt_mesh.runtime.launcher_lock import LauncherWatch
 from mrbt_mesh.runtime.link_watch import LinkWatch, Sighting
 from mrbt_mesh.runtime.log import robot_logger
 from mrbt_mesh.runtime.program import RobotProgram
@@ -87,17 +89,18 @@ class Driver:
         self._stop: Stop | None = None
         self._is_ready = False
 
-    def run(self) -> Stop:
+    def run(self, launcher: LauncherWatch | None = None) -> Stop:
         """Run until the agent stops; raises TransportError if the session cannot be opened.
 
-        The session is closed in the background at the end: end the process with `os._exit`.
+        The robot leaves when its `launcher` is gone. The session is closed in the background at
+        the end: end the process with `os._exit`.
         """
         selector = FencingSelector(self._config.timing.fence_us)
         selector.on_gap = lambda: self.submit(TimerFired())
         options = {"loop_factory": lambda: asyncio.SelectorEventLoop(selector)}
-        return anyio.run(self._main, backend_options=options)
+        return anyio.run(self._main, launcher, backend_options=options)
 
-    async def _main(self) -> Stop:
+    async def _main(self, launcher: LauncherWatch | None) -> Stop:
         self._stopped = anyio.Event()
         inbox = Inbox(asyncio.get_running_loop(), lambda: self._drain(inbox))
         self._transport = ZenohTransport(self._setup.transport, inbox.put)
@@ -115,6 +118,9 @@ class Driver:
                 self._is_ready = True
                 self.submit(TimerFired())
                 self._drain(inbox)
+                if launcher is not None:
+                    loop = asyncio.get_running_loop()
+                    launcher.call_when_gone(lambda: self._lose_launcher(loop))
                 await self._stopped.wait()
                 group.cancel_scope.cancel()
         finally:
@@ -160,10 +166,23 @@ class Driver:
     async def _watch_signals(self) -> None:
         with anyio.open_signal_receiver(signal.SIGTERM, signal.SIGINT) as signals:
             async for _ in signals:
-                self.submit(LeaveRequested())
-                with anyio.move_on_after(LEAVE_TIMEOUT_S):
-                    await self._stopped.wait()
-                self._carry_out(Stop(0, "left without waiting for its action to stop"))
+                await self._leave()
+
+    def _lose_launcher(self, loop: asyncio.AbstractEventLoop) -> None:
+        def leave() -> None:
+            if self._stop is None:
+                self.log("warning", "launcher_gone")
+                self._group.start_soon(self._leave)
+
+        # A loop that is closed: the process is about to end.
+        with contextlib.suppress(RuntimeError):
+            loop.call_soon_threadsafe(leave)
+
+    async def _leave(self) -> None:
+        self.submit(LeaveRequested())
+        with anyio.move_on_after(LEAVE_TIMEOUT_S):
+            await self._stopped.wait()
+        self._carry_out(Stop(0, "left without waiting for its action to stop"))
 
     async def _mark_alive(self) -> None:
         if self._setup.run_dir is not None:

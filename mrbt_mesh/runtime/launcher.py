@@ -16,6 +16,7 @@ import anyio.abc
 import psutil
 
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.launcher_lock import is_launched
 from mrbt_mesh.runtime.run_dir import RunDir, RunDirError, RunInfo
 from mrbt_mesh.runtime.settings import PROTOCOLS, WIRED, WIRELESS
 from mrbt_mesh.runtime.zenoh_transport import TransportConfig
@@ -78,7 +79,7 @@ def agent_command(
     robot_type: str | None = None,
     takeover: bool = False,
 ) -> list[str]:
-    """The command line of one robot's process, at its place."""
+    """The command line of one robot's process, at its place; it leaves with the run's launcher."""
     place = info.places.get(robot)
     command = [*place.prefix] if place is not None else []
     command += [sys.executable, "-m", "mrbt_mesh", "agent"]
@@ -100,6 +101,8 @@ def agent_command(
         command += ["--type", robot_type]
     if takeover:
         command.append("--takeover")
+    if is_launched(run_dir):
+        command += ["--while-locked", str(run_dir.launcher_lock_path)]
     return command
 
 

@@ -25,6 +25,7 @@ from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.driver import Driver, RobotSetup
 from mrbt_mesh.runtime.engine_choice import chosen_engine
 from mrbt_mesh.runtime.journal import Journal, journal_path
+from mrbt_mesh.runtime.launcher_lock import LauncherWatch
 from mrbt_mesh.runtime.log import configure_log, robot_logger
 from mrbt_mesh.runtime.program_loader import check_program, load_program
 from mrbt_mesh.runtime.run_dir import RunDir
@@ -48,7 +49,7 @@ class RobotStart:
     `type`: for a robot that the mission does not list. `program`, `solver`: None for the mission's.
     `expect`: robots that it waits for, for `gather_s` if no team is there (None: all of the
     mission). `run_dir`: folder for its journal, log and events. `takeover`: it replaces a live
-    robot of the same id.
+    robot of the same id. `while_locked`: a file; it leaves once nobody holds a lock on it.
     """
 
     mission: Path
@@ -62,6 +63,7 @@ class RobotStart:
     speed: float = 1.0
     takeover: bool = False
     exit_when_done: bool = False
+    while_locked: Path | None = None
 
 
 def robot_of(mission: Mission, robot: str, kind: str | None) -> tuple[str, Mapping[str, int]]:
@@ -157,6 +159,8 @@ def run_robot(start: RobotStart, locate: Locate) -> NoReturn:
     """Run one robot; ends the process itself, since a Zenoh session may take 10 s to close."""
     message = ""
     try:
+        # Before anything that may take long or never end, such as a program that is imported.
+        launcher = LauncherWatch(start.while_locked) if start.while_locked is not None else None
         if start.run_dir is not None:
             claim_run_dir(start.run_dir, start.robot, start.takeover)
         configure_log(start.robot, start.run_dir)
@@ -165,7 +169,7 @@ def run_robot(start: RobotStart, locate: Locate) -> NoReturn:
         # that would take longer than a robot should be deaf.
         gc.collect()
         gc.freeze()
-        stop = driver.run()
+        stop = driver.run(launcher)
         code = stop.code
         if code == 2 or start.run_dir is None:
             message = f"{start.robot}: {stop.reason}"

@@ -3,6 +3,7 @@
 run.json            how the run was started (RunInfo)
 mission.json        the compiled mission
 team.pem            the team's key, for the transport profile `wireless`
+launcher.lock       locked by the process that launched the robots, as long as it lives
 <robot>.process     pid and start time of the robot's process, written by itself; its
                     modification time is the last sign of life
 <robot>.log         its log, JSON lines; <robot>.out: what it printed
@@ -25,7 +26,7 @@ import psutil
 from mrbt_mesh.errors import InputError
 
 RUN_FILE, MISSION_FILE, SUMMARY_FILE = "run.json", "mission.json", "summary.json"
-KEY_FILE = "team.pem"
+KEY_FILE, LOCK_FILE = "team.pem", "launcher.lock"
 _STATE = "MRBT_STATE_DIR"
 
 
@@ -154,6 +155,11 @@ class RunDir:
     def key_path(self) -> Path:
         """The team's key."""
         return self.path / KEY_FILE
+
+    @property
+    def launcher_lock_path(self) -> Path:
+        """What the launcher of the robots locks."""
+        return self.path / LOCK_FILE
 
     # -- processes ------------------------------------------------------------------------
 

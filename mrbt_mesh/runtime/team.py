@@ -134,6 +134,11 @@ class Team:
         self.processes[robot] = await start_robot(self.run_dir, robot, command, self.environment)
         return self.processes[robot]
 
+    async def start_all(self) -> None:
+        """Start the robots with which the run begins; raises RunDirError."""
+        for robot in self.info.robots:
+            await self.start(robot)
+
     def process(self, robot: str) -> psutil.Process | None:
         """The robot's process, whoever started it, also one that is only just starting."""
         started = self.processes.get(robot)

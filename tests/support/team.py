@@ -106,6 +106,11 @@ class Team:
         assert self._up is not None
         self._up.send_signal(signal.SIGINT)
 
+    def signal_launcher(self, number: signal.Signals) -> None:
+        """Signal `up` itself, and none of its robots."""
+        assert self._up is not None
+        self._up.send_signal(number)
+
     def end(self) -> tuple[int, dict[str, Any]]:
         """Wait for `up` to end; returns exit status and summary."""
         assert self._up is not None

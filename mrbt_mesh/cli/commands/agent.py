@@ -31,6 +31,10 @@ class RobotOptions:
     run_dir: Annotated[Path | None, option("Folder for journal, log and events.", "DIR")] = None
     takeover: Annotated[bool, option("Replace a live robot of the same id.")] = False
     exit_when_done: Annotated[bool, option("Stop once the team has the result.")] = False
+    while_locked: Annotated[
+        Path | None,
+        option("Leave once nobody holds a lock (flock) on it, as a launcher does.", "FILE"),
+    ] = None
 
 
 @dataclass(frozen=True)
@@ -82,6 +86,7 @@ def agent(
         run_dir=robot.run_dir,
         takeover=robot.takeover,
         exit_when_done=robot.exit_when_done,
+        while_locked=robot.while_locked,
         expect=tuple(start.expect.split(",")) if start.expect is not None else None,
         gather_s=start.gather,
     )

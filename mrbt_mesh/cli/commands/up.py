@@ -30,7 +30,7 @@ class LaunchOptions:
         None
     )
     resume: Annotated[bool, option("Go on with the run in --run-dir, from its journals.")] = False
-    detach: Annotated[bool, option("Start the team and leave it running.")] = False
+    detach: Annotated[bool, option("Start the team and leave it running without `up`.")] = False
     transport: Annotated[
         Literal["wired", "wireless"],
         option("How robots talk: TCP, or QUIC for lossy networks."),
@@ -48,7 +48,8 @@ def up(mission: MissionArgument, launch: LaunchOptions, show: ShowOptions, given
 
     Exit status: 0 success, 1 failure, 2 bad input, 3 not finished in time, blocked, or ended
     before the team had gathered. A mission that never ends does so with --timeout, Ctrl-C or
-    `mrbt abort`; the last round that has ended tells.
+    `mrbt abort`; the last round that has ended tells. When `up` is gone, also killed or with its
+    terminal, its robots leave by themselves, unless it was --detach.
 
     Example: mrbt up examples/vehicle_repair/mission.yaml --speed 2
     """

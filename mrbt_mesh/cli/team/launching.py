@@ -16,6 +16,7 @@ from mrbt_mesh.cli.team.watching import watch
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
+from mrbt_mesh.runtime.launcher_lock import launched_from_here
 from mrbt_mesh.runtime.run_dir import RunDir, RunInfo, state_dir
 from mrbt_mesh.runtime.team import Team, address_of
 
@@ -55,14 +56,15 @@ def run_team(run_dir: RunDir, mission: Mission, show: ShowOptions | None) -> NoR
 async def _run(run_dir: RunDir, mission: Mission, show: ShowOptions | None) -> int:
     info = run_dir.info()
     team = Team(run_dir, info, mission)
-    for robot in info.robots:
-        await team.start(robot)
     if show is None:
+        await team.start_all()
         click.echo(f"{mission.name}: {len(info.robots)} robots run; see mrbt status")
         click.echo(f"run directory: {run_dir.path}")
         return SUCCESS
-    try:
-        return await watch(address_of(run_dir), team, show)
-    finally:
-        with anyio.CancelScope(shield=True):
-            await team.end()
+    with launched_from_here(run_dir):
+        try:
+            await team.start_all()
+            return await watch(address_of(run_dir), team, show)
+        finally:
+            with anyio.CancelScope(shield=True):
+                await team.end()

@@ -40,6 +40,7 @@ def test_a_robot_on_the_network(started: list[Started]) -> None:
 def test_every_option_arrives(started: list[Started], tmp_path: Path) -> None:
     words = ["--type", "explorer", "--program", "p.py", "--solver", "cp_sat", "--speed", "2"]
     words += ["--run-dir", str(tmp_path), "--takeover", "--exit-when-done", "--expect", "R1,R2"]
+    words += ["--while-locked", "launcher.lock"]
     words += ["--gather", "3", "--team", "t", "--run", "r", "--listen", "tcp/127.0.0.1:1"]
     words += ["--connect", "tcp/127.0.0.1:2", "--connect", "tcp/127.0.0.1:3", "--beat", "0.1"]
     code, _, problems = mrbt(
@@ -58,6 +59,7 @@ def test_every_option_arrives(started: list[Started], tmp_path: Path) -> None:
         run_dir=tmp_path,
         speed=2,
         takeover=True,
+        while_locked=Path("launcher.lock"),
         exit_when_done=True,
     )
     assert (address.transport.team, address.run) == ("t", "r")

@@ -1,0 +1,84 @@
+"""The lock by which robots know that their launcher is there: it holds it, they wait for it.
+
+The kernel gives the lock (flock) free however the launcher ends, so nobody compares pids or looks
+again and again; and a robot that joins a run waits for the run's launcher, not for what started it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from pathlib import Path
+
+from mrbt_mesh.runtime.run_dir import RunDir, RunDirError
+
+# A robot that has not left after so long never will, such as one whose program blocks it.
+LEAVE_LIMIT_S = 10.0
+
+
+@contextlib.contextmanager
+def launched_from_here(run_dir: RunDir) -> Iterator[None]:
+    """Robots of this run that are started within leave as soon as this process is gone.
+
+    Raises RunDirError if another process has launched them, or the file cannot be locked.
+    """
+    path = run_dir.launcher_lock_path
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError as error:
+        raise RunDirError(f"cannot write the run directory: {error}") from error
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise RunDirError(f"{run_dir.path}: another process runs this team") from None
+        except OSError as error:
+            text = f"{path} cannot be locked ({error.strerror}): put --run-dir on a local disk"
+            raise RunDirError(text) from error
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def is_launched(run_dir: RunDir) -> bool:
+    """Whether the run has a launcher that lives; a detached one has none."""
+    try:
+        descriptor = os.open(run_dir.launcher_lock_path, os.O_RDONLY)
+    except FileNotFoundError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
+class LauncherWatch:
+    """Says when nobody holds the lock on `file` any more, also while the event loop stands still.
+
+    Raises OSError if the file cannot be opened. The process ends `limit_s` later at the latest.
+    """
+
+    def __init__(self, file: Path, limit_s: float = LEAVE_LIMIT_S) -> None:
+        self._descriptor = os.open(file, os.O_RDONLY)
+        self._limit_s = limit_s
+        self._gone: Future[None] = Future()
+        threading.Thread(target=self._wait, name="launcher watch", daemon=True).start()
+
+    def call_when_gone(self, tell: Callable[[], None]) -> None:
+        """Call `tell`, on a thread of its own, once the launcher is gone, or now if it is."""
+        self._gone.add_done_callback(lambda _: tell())
+
+    def _wait(self) -> None:
+        with contextlib.suppress(OSError):
+            fcntl.flock(self._descriptor, fcntl.LOCK_SH)
+        os.close(self._descriptor)
+        self._gone.set_result(None)
+        threading.Event().wait(self._limit_s)
+        os._exit(0)
