@@ -186,7 +186,7 @@ def result(cells: Sequence[Cell], setting: Setting) -> Result:
             "min-cost flow, the median of the instances' ratios. "
             f"`> {LIMIT_S:g} s`: not done in that time, or not begun as it would take longer by "
             "what smaller sizes took. LSA: SciPy's `linear_sum_assignment`, a column per robot "
-            "that a demand may take. For up to 64 robots times demands ours needs no arrays. All "
+            "that a demand may take. For up to 300 robots times demands ours needs no arrays. All "
             "answers were checked to be feasible and equally good.",
         ],
     )

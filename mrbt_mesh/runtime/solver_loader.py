@@ -11,11 +11,10 @@ import inspect
 import re
 import traceback
 from dataclasses import replace
-from importlib import metadata
+from functools import cache
 from types import ModuleType
 from typing import Any
 
-from mrbt_mesh.core.assignment.canonical import solve
 from mrbt_mesh.core.assignment.problem import (
     AssignmentProblem,
     Bounds,
@@ -25,6 +24,7 @@ from mrbt_mesh.core.assignment.problem import (
     SolverError,
     supports_constraints,
 )
+from mrbt_mesh.core.assignment.solve import needs_arrays
 from mrbt_mesh.core.assignment.solvers import SOLVERS, brute_force, default_solver
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.formats.problems import nearest
@@ -38,14 +38,18 @@ def solver_for(mission: Mission, named: str | None = None) -> Solver:
 
     Raises SolverError if it cannot be used for this mission.
     """
-    return load_solver(named or mission.solver, bool(mission.constraints))
+    actions = [mission.global_tasks[node.subject] for node in mission.tree.actions()]
+    demands = sum(len(task.needs) for task in actions)
+    is_small = not needs_arrays(len(mission.robots), demands)
+    return load_solver(named or mission.solver, bool(mission.constraints), is_small)
 
 
-def load_solver(named: str | None, constrained: bool) -> Solver:
+def load_solver(named: str | None, constrained: bool, is_small: bool = False) -> Solver:
     """The solver of this name (None: the default one), after a trial on a few small problems.
 
-    `constrained`: it will be given side constraints. Raises SolverError that says what would be
-    right, with the line where a user's module itself fails.
+    `constrained`: it will be given side constraints. `is_small`: the problems will be so small
+    that the default solver, without constraints, needs no library, and none is loaded. Raises
+    SolverError that says what would be right, with the line where a user's module itself fails.
     """
     solver = default_solver if named is None else SOLVERS.get(named) or _users_solver(named)
     if constrained and not supports_constraints(solver):
@@ -53,6 +57,8 @@ def load_solver(named: str | None, constrained: bool) -> Solver:
             f"solver {named!r} does not support side constraints, which are given here: use cp_sat"
             + ("" if named in SOLVERS else ", or set its attribute supports_constraints = True")
         )
+    if solver is default_solver and is_small and not constrained:
+        return solver
     try:
         _try_out(solver, constrained)
     except SolverError as error:
@@ -65,30 +71,35 @@ def _try_out(solver: Solver, constrained: bool) -> None:
 
     Raises SolverError if it breaks its contract on a small problem.
     """
+    from mrbt_mesh.core.assignment.canonical import solve
+
+    plain, *others = _trials()
     if solver is default_solver and not constrained:
-        default_solver(_PLAIN)
+        default_solver(plain)
         return
-    for problem in _TRIALS:
+    for problem in (plain, *others):
         if constrained or not problem.constraints:
             found = solve(problem, solver)
             if found != brute_force(problem):
                 raise SolverError(f"{found} is not the answer to {problem}")
 
 
-_PLAIN = AssignmentProblem.of(
-    ("r1", "r2", "r3"),
-    (Bounds("d1", 1, 2), Bounds("d2", 1, 1)),
-    ({0: 2, 1: 3}, {0: 2, 1: 3}, {0: 1}),
-)
-_TRIALS = (
-    _PLAIN,
-    replace(_PLAIN, demands=(Bounds("d1", 0, 3), Bounds("d2", 0, 3))),
-    replace(_PLAIN, demands=(Bounds("d1", 2, 2), Bounds("d2", 2, 2))),
-    AssignmentProblem.of((), (Bounds("d1", 0, 1),), ()),
-    replace(_PLAIN, constraints=(Limit((0, 1), (0,), 0),)),
-    replace(_PLAIN, demands=(Bounds("d1", 0, 2), *_PLAIN.demands[1:])),
-    replace(_PLAIN, constraints=(Shared(((0,), (1,)), 1),)),
-)
+@cache
+def _trials() -> tuple[AssignmentProblem, ...]:
+    plain = AssignmentProblem.of(
+        ("r1", "r2", "r3"),
+        (Bounds("d1", 1, 2), Bounds("d2", 1, 1)),
+        ({0: 2, 1: 3}, {0: 2, 1: 3}, {0: 1}),
+    )
+    return (
+        plain,
+        replace(plain, demands=(Bounds("d1", 0, 3), Bounds("d2", 0, 3))),
+        replace(plain, demands=(Bounds("d1", 2, 2), Bounds("d2", 2, 2))),
+        AssignmentProblem.of((), (Bounds("d1", 0, 1),), ()),
+        replace(plain, constraints=(Limit((0, 1), (0,), 0),)),
+        replace(plain, demands=(Bounds("d1", 0, 2), *plain.demands[1:])),
+        replace(plain, constraints=(Shared(((0,), (1,)), 1),)),
+    )
 
 
 def _users_solver(named: str) -> Solver:
@@ -105,6 +116,8 @@ def _users_solver(named: str) -> Solver:
 
 def _registered(name: str) -> Any:
     """What an installed package registered under this name."""
+    from importlib import metadata
+
     points = metadata.entry_points(group=GROUP)
     named = points.select(name=name)
     matching = sorted({(point.value, point.dist.name if point.dist else "?") for point in named})

@@ -7,10 +7,8 @@ does not.
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Sequence
-from multiprocessing.connection import Connection
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from mrbt_mesh.core.assignment.problem import (
     AssignmentProblem,
@@ -20,12 +18,15 @@ from mrbt_mesh.core.assignment.problem import (
     supports_constraints,
 )
 
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
 # Problems with fewer pairs take a few milliseconds at most, about as long as to hand them over.
 LARGE_PAIRS = 20_000
 CLOSE_TIMEOUT_S = 1.0
 ATTEMPTS = 2
 
-Answer: TypeAlias = Sequence[int] | Integers | None
+Answer: TypeAlias = "Sequence[int] | Integers | None"
 
 
 class SolverProcess:
@@ -44,6 +45,8 @@ class SolverProcess:
     def start(self) -> None:
         """Start the process, which takes about a second until it can solve; once is enough."""
         if self._process is None or not self._process.is_alive():
+            import multiprocessing  # for large teams
+
             # Not forked: Zenoh's threads and OR-tools' state would not survive that.
             context = multiprocessing.get_context("spawn")
             self._line, other = context.Pipe()

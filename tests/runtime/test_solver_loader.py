@@ -13,8 +13,9 @@ import pytest
 
 from mrbt_mesh.core.assignment.problem import SolverError
 from mrbt_mesh.core.assignment.solvers import SOLVERS, default_solver
+from mrbt_mesh.formats.mission_file import compile_mission, load_mission
 from mrbt_mesh.runtime.solver_loader import GROUP, load_solver
-from tests.support.paths import ROOT
+from tests.support.paths import ROOT, mission_file
 
 DOCUMENT = ROOT / "docs" / "solvers.md"
 GOOD = (
@@ -156,3 +157,21 @@ def test_a_solver_has_loaded_its_libraries_before_a_team_waits_for_a_plan(
         "assert 'ortools' in sys.modules\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_small_missions_need_no_libraries_and_large_ones_have_them_at_once() -> None:
+    """Six robots and 24 demands are small, whichever of them are wanted at the same time."""
+    code = (
+        "import sys\n"
+        "from dataclasses import replace\n"
+        "from mrbt_mesh.formats.compiled import mission_from_compiled\n"
+        "from mrbt_mesh.runtime.solver_loader import solver_for\n"
+        "mission = mission_from_compiled(sys.stdin.read(), 'm.json')\n"
+        "solver_for(mission)\n"
+        "assert not {'ortools', 'numpy'} & sys.modules.keys()\n"
+        "robots = {f'R{n}': mission.robots['A1'] for n in range(13)}\n"
+        "solver_for(replace(mission, robots=robots))\n"
+        "assert 'ortools' in sys.modules\n"
+    )
+    mission = compile_mission(load_mission(mission_file("vehicle_repair")))
+    subprocess.run([sys.executable, "-c", code], check=True, input=mission, text=True)

@@ -11,16 +11,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
-
-import numpy as np
-import numpy.typing as npt
+from typing import TYPE_CHECKING, TypeAlias
 
 from mrbt_mesh.errors import InputError
 
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
 UNASSIGNED = -1
 
-Integers: TypeAlias = npt.NDArray[np.int64]
+Integers: TypeAlias = "npt.NDArray[np.int64]"
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +55,8 @@ SideConstraint: TypeAlias = Limit | Shared
 
 def integers(values: Iterable[int]) -> Integers:
     """As an array of 64-bit integers."""
+    import numpy as np  # small teams never need it
+
     return np.array(list(values), np.int64)
 
 
@@ -103,6 +106,8 @@ class AssignmentProblem:
 
         That is the node after the last demand; its performance is 0.
         """
+        import numpy as np
+
         count = len(self.robots)
         idle = np.empty(count, np.int64)
         idle.fill(len(self.demands))
@@ -115,12 +120,12 @@ class AssignmentProblem:
     @cached_property
     def lower(self) -> Integers:
         """The lower bounds, per demand, and at last that of the robots without any."""
-        return np.array([*[bounds.lower for bounds in self.demands], 0], np.int64)
+        return integers([*[bounds.lower for bounds in self.demands], 0])
 
     @cached_property
     def upper(self) -> Integers:
         """The upper bounds likewise; no number of robots without a demand is too large."""
-        return np.array([*[b.upper for b in self.demands], len(self.robots) + 1], np.int64)
+        return integers([*[bounds.upper for bounds in self.demands], len(self.robots) + 1])
 
     @cached_property
     def performance(self) -> tuple[Mapping[int, int], ...]:
@@ -150,7 +155,7 @@ class AssignmentProblem:
 
 # A solver returns one demand index per robot (UNASSIGNED for none), or None if infeasible.
 # One that minds `problem.constraints` says so: `solver.supports_constraints = True`.
-Solver: TypeAlias = Callable[[AssignmentProblem], Sequence[int] | Integers | None]
+Solver: TypeAlias = "Callable[[AssignmentProblem], Sequence[int] | Integers | None]"
 
 
 class SolverError(InputError):

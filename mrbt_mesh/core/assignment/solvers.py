@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from mrbt_mesh.core.assignment.problem import (
     UNASSIGNED,
     AssignmentProblem,
@@ -28,7 +26,8 @@ def min_cost_flow(problem: AssignmentProblem) -> Integers | None:
     passes up to (upper - lower) on to the pool, so that feasibility needs no penalty cost.
     Raises SolverError for a problem with side constraints: they have no such form.
     """
-    # For those who solve something: whoever only reads plans never loads it.
+    # For those who solve something large: others never load them.
+    import numpy as np
     from ortools.graph.python.min_cost_flow import SimpleMinCostFlow
 
     if problem.constraints:

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mrbt_mesh.core.assignment import canonical
 from mrbt_mesh.core.assignment import solve as scratch
 from mrbt_mesh.core.assignment.canonical import solve
 from mrbt_mesh.core.assignment.named import NamedDemand, NamedProblem
@@ -114,7 +115,7 @@ def test_arrays_are_for_many(monkeypatch: pytest.MonkeyPatch) -> None:
         asked.append(problem)
         return solve(problem, default_solver)
 
-    monkeypatch.setattr(scratch, "solve", watched)
+    monkeypatch.setattr(canonical, "solve", watched)
     for limit, calls in ((6, 0), (5, 1)):
         monkeypatch.setattr(scratch, "FEW", limit)
         asked.clear()

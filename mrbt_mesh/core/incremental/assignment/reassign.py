@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from mrbt_mesh.core.assignment.named import NamedProblem
-from mrbt_mesh.core.incremental.assignment.optimum import Optimum
 from mrbt_mesh.core.incremental.assignment.problem_changes import ProblemChanges, difference
-from mrbt_mesh.core.incremental.assignment.residual import InfeasibleError, TooFarError
+
+if TYPE_CHECKING:
+    from mrbt_mesh.core.incremental.assignment.optimum import Optimum
 
 # The canonical optimum: robot -> demand, without the idle robots; None: infeasible.
 FromScratch: TypeAlias = Callable[[NamedProblem], dict[str, str] | None]
@@ -70,6 +71,9 @@ class Reassigner:
         if self._optimum is not None or not large or self._small_changes < self._pause:
             return
         if self._assigned is not None:
+            # For large teams: it loads numpy.
+            from mrbt_mesh.core.incremental.assignment.optimum import Optimum
+
             self._optimum = Optimum(self._team, self._assigned)
 
     def _small_difference(self, team: NamedProblem) -> ProblemChanges | None:
@@ -89,6 +93,8 @@ class Reassigner:
         self._team, self._optimum, self._assigned = team, None, assigned
 
     def _apply(self, changes: ProblemChanges, team: NamedProblem) -> None:
+        from mrbt_mesh.core.incremental.assignment.residual import InfeasibleError, TooFarError
+
         optimum, self._optimum = self._optimum, None
         assert optimum is not None
         visits = max(len(team.robots) // ROBOTS_PER_VISIT, optimum.pairs // PAIRS_PER_VISIT)
