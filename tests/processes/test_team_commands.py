@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import secrets
 
 import pytest
@@ -185,6 +186,25 @@ def test_a_run_that_ends_before_its_team_has_gathered_has_not_started(team: Team
     assert summary["robots"] == {}
     assert summary == json.loads((team.run_dir / "summary.json").read_text())
     assert team.running() == []
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="cores cannot be taken away")
+def test_a_team_that_is_too_large_for_the_machine_is_told_so_and_starts(team: Team) -> None:
+    """Two robots on one core, with a hundred beats a second."""
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(cores)})
+    try:
+        options = ["--json", "--run-dir", str(team.run_dir), "--speed", "10"]
+        done = team.command("up", str(EXPLORE), *options, "--beat", "0.01", "--detection", "5")
+    finally:
+        os.sched_setaffinity(0, cores)
+    assert done.returncode == 0, done.stderr + team.logs()
+    assert (
+        "warning: 2 robots are more than this machine carries: some 1, with 1 core " in done.stderr
+    )
+    found = json.loads(done.stdout)["overload"]
+    assert (found["robots"], found["carried"], found["limit"]) == (2, 1, "processor")
+    assert found["enough_beat_s"] > 0.01
 
 
 def test_a_run_that_is_stopped_on_its_way_is_not_finished(team: Team) -> None:

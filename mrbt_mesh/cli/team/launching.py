@@ -11,11 +11,14 @@ import anyio
 import click
 
 from mrbt_mesh.cli.framework.exits import SUCCESS, end_process
+from mrbt_mesh.cli.framework.terminal import errors, labelled
 from mrbt_mesh.cli.team.show_options import ShowOptions
 from mrbt_mesh.cli.team.watching import watch
+from mrbt_mesh.cli.views.overload_view import overload_text
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
+from mrbt_mesh.runtime.capacity import Machine, overload
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
 from mrbt_mesh.runtime.run_dir import RunDir, RunInfo, state_dir
 from mrbt_mesh.runtime.team import Team, address_of
@@ -56,6 +59,10 @@ def run_team(run_dir: RunDir, mission: Mission, show: ShowOptions | None) -> NoR
 async def _run(run_dir: RunDir, mission: Mission, show: ShowOptions | None) -> int:
     info = run_dir.info()
     team = Team(run_dir, info, mission)
+    too_many = overload(len(info.robots), info.beat_s, info.detection_s, Machine.here())
+    if too_many is not None:
+        text = labelled("warning", "yellow", overload_text(too_many))
+        errors.print(text, soft_wrap=not errors.is_terminal)
     if show is None:
         await team.start_all()
         click.echo(f"{mission.name}: {len(info.robots)} robots run; see mrbt status")
@@ -64,7 +71,7 @@ async def _run(run_dir: RunDir, mission: Mission, show: ShowOptions | None) -> i
     with launched_from_here(run_dir):
         try:
             await team.start_all()
-            return await watch(address_of(run_dir), team, show)
+            return await watch(address_of(run_dir), team, show, too_many)
         finally:
             with anyio.CancelScope(shield=True):
                 await team.end()

@@ -6,6 +6,8 @@ import contextlib
 import json
 import signal
 from collections.abc import AsyncIterator, Callable
+from dataclasses import asdict
+from typing import TypeAlias
 
 import anyio
 import click
@@ -15,8 +17,10 @@ from mrbt_mesh.cli.framework.exits import BAD_INPUT, EXIT_OF_RESULT
 from mrbt_mesh.cli.framework.terminal import console, errors, print_json
 from mrbt_mesh.cli.team.show_options import ShowOptions
 from mrbt_mesh.cli.views.live_view import render_live
+from mrbt_mesh.cli.views.overload_view import overload_line
 from mrbt_mesh.cli.views.summary_view import render_summary
 from mrbt_mesh.core.observer.summary import run_summary
+from mrbt_mesh.runtime.capacity import Overload
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.run_dir import SUMMARY_FILE, write_atomically
 from mrbt_mesh.runtime.team import Team
@@ -26,20 +30,26 @@ from mrbt_mesh.runtime.watcher import Watcher, watching
 FRAME_S = 0.1
 CATCH_UP_S = 1.0
 
+Display: TypeAlias = contextlib.AbstractAsyncContextManager[Callable[[], None]]
 
-async def watch(address: TeamAddress, team: Team | None, show: ShowOptions) -> int:
+
+async def watch(
+    address: TeamAddress, team: Team | None, show: ShowOptions, too_many: Overload | None = None
+) -> int:
     """Watch until the mission is over, time is up, nobody is left, or the operator stops it.
 
-    `team`: its processes, if they are of this machine; of others robots may yet come. Returns the
-    exit status. Raises TransportError if there is no way to attach.
+    `team`: its processes, if they are of this machine; of others robots may yet come. `too_many`:
+    what was found of a team that is too large for this machine. Returns the exit status. Raises
+    TransportError if there is no way to attach.
     """
     async with watching(address) as watcher:
         async with anyio.create_task_group() as group:
             if team is not None:
                 group.start_soon(team.note_exits, watcher)
-            why = await _until_over(team, watcher, show)
+            display = _display(watcher, show, "" if too_many is None else overload_line(too_many))
+            why = await _until_over(team, watcher, show, display)
             group.cancel_scope.cancel()
-        return _report(team, watcher, show, why)
+        return _report(team, watcher, show, why, too_many)
 
 
 def _is_live(show: ShowOptions) -> bool:
@@ -53,13 +63,15 @@ def say_where(address: TeamAddress, show: ShowOptions) -> None:
 
 
 @contextlib.asynccontextmanager
-async def _display(watcher: Watcher, show: ShowOptions) -> AsyncIterator[Callable[[], None]]:
+async def _display(
+    watcher: Watcher, show: ShowOptions, warning: str
+) -> AsyncIterator[Callable[[], None]]:
     """A function that shows the present state: the live view, new lines, or nothing."""
     observer = watcher.observer
     if _is_live(show):
         with Live(console=console, screen=True, auto_refresh=False) as live:
             yield lambda: live.update(
-                render_live(observer, boottime_us(), console.height), refresh=True
+                render_live(observer, boottime_us(), console.height, warning), refresh=True
             )
         return
     printed = 0
@@ -74,7 +86,9 @@ async def _display(watcher: Watcher, show: ShowOptions) -> AsyncIterator[Callabl
     yield (lambda: None) if show.as_json else lines
 
 
-async def _until_over(team: Team | None, watcher: Watcher, show: ShowOptions) -> str | None:
+async def _until_over(
+    team: Team | None, watcher: Watcher, show: ShowOptions, display: Display
+) -> str | None:
     """Why watching ended before the mission did, or None if the mission is over."""
     checked = anyio.current_time()
     deadline = checked + show.timeout if show.timeout is not None else float("inf")
@@ -86,7 +100,7 @@ async def _until_over(team: Team | None, watcher: Watcher, show: ShowOptions) ->
                 stop.set()
                 watcher.changed.set()
 
-    async with anyio.create_task_group() as group, _display(watcher, show) as refresh:
+    async with anyio.create_task_group() as group, display as refresh:
         group.start_soon(wait_for_signal)
         why: str | None = None
         while watcher.observer.record.result is None and why is None:
@@ -108,7 +122,13 @@ async def _until_over(team: Team | None, watcher: Watcher, show: ShowOptions) ->
     return why
 
 
-def _report(team: Team | None, watcher: Watcher, show: ShowOptions, why: str | None) -> int:
+def _report(
+    team: Team | None,
+    watcher: Watcher,
+    show: ShowOptions,
+    why: str | None,
+    too_many: Overload | None,
+) -> int:
     """Print the summary and write summary.json; returns the exit status."""
     refused = team.refusals() if team is not None else []
     observer = watcher.observer
@@ -123,6 +143,8 @@ def _report(team: Team | None, watcher: Watcher, show: ShowOptions, why: str | N
     summary = run_summary(observer.record, result, now_us)
     if why is not None:
         summary["ended_because"] = why
+    if too_many is not None:
+        summary["overload"] = asdict(too_many)
     if team is not None:
         summary["run_dir"] = str(team.run_dir.path)
         write_atomically(team.run_dir.path / SUMMARY_FILE, json.dumps(summary, indent=2) + "\n")

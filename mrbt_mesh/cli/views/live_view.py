@@ -25,15 +25,16 @@ STATE_STYLES = {
 }
 
 
-def render_live(observer: Observer, now_us: int, height: int) -> RenderableType:
-    """One frame; `height` in lines."""
+def render_live(observer: Observer, now_us: int, height: int, warning: str = "") -> RenderableType:
+    """One frame; `height` in lines. `warning` stands below the header as long as it runs."""
     robots = _robots(observer)
     record = observer.record
     rows = len(observer.robots()) + 4
     log_lines = max(3, min(10, height - rows - 12))
     layout = Layout()
+    top = Text("\n").join([_header(observer, now_us), Text(f" {warning}", "yellow")])
     layout.split_column(
-        Layout(_header(observer, now_us), size=1),
+        Layout(top, size=2 if warning else 1),
         Layout(name="middle"),
         Layout(_log(observer, log_lines), size=log_lines + 2),
     )

@@ -6,13 +6,16 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
+import pytest
 from rich.console import Console, RenderableType
 
 from mrbt_mesh.cli.team.status import status_data
 from mrbt_mesh.cli.views.live_view import render_live
+from mrbt_mesh.cli.views.overload_view import overload_line, overload_text
 from mrbt_mesh.cli.views.status_view import render_status
 from mrbt_mesh.cli.views.summary_view import render_summary
 from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.runtime.capacity import Machine, overload
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import Kill, Lose, Perform, SimulationResult, simulate
 from tests.support.paths import ROOT
@@ -58,6 +61,28 @@ def test_the_live_view_shows_tree_robots_and_what_happened() -> None:
     assert "· fix (Parallel 5/5)" in text, "what does not run is folded"
     assert "solder" not in text
     assert "move_frame done" in text
+
+
+def test_the_live_view_shows_a_warning_as_long_as_it_runs() -> None:
+    found = overload(90, 0.2, 1.0, Machine(2, 24_000))
+    assert found is not None
+    result = run(8.0)
+    lines = drawn(render_live(result.observer, 8 * SECOND, 40, overload_line(found))).splitlines()
+    assert "vehicle_repair" in lines[0]
+    assert "90 robots are more than this machine carries" in lines[1]
+    assert "robots are more" not in live(result, 8.0)
+
+
+@pytest.mark.parametrize(("cores", "memory_mb"), [(2, 24_000), (64, 1_000)])
+def test_the_warning_names_figures_and_remedies_that_hold(cores: int, memory_mb: int) -> None:
+    found = overload(90, 0.2, 1.0, Machine(cores, memory_mb))
+    assert found is not None
+    text = overload_text(found)
+    assert f"90 robots are more than this machine carries: some {found.carried}, " in text
+    assert f"{cores} core" in text
+    assert f"at most {found.carried} robots (--robots)" in text
+    assert "several machines (mrbt agent)" in text
+    assert ("--beat" in text) == (found.limit == "processor")
 
 
 def test_the_live_view_shows_faults_and_what_is_blocked() -> None:

@@ -1,0 +1,83 @@
+"""How many robots one machine carries, from what one robot at rest was measured to cost.
+
+The figures below were measured on two cores of a shared virtual machine (x86_64, Linux,
+Python 3.11), the time with 12 robots at rest, the memory with 24. What robots' programs do comes on
+top of them; a slower machine carries less.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from typing import Literal
+
+import psutil
+
+# Processor time that one robot takes per beat: its own beat, those that it hears, its links.
+BEAT_COST_S = 0.009
+# Memory that goes up with one more robot; what processes share is counted once.
+ROBOT_MEMORY_MB = 35
+# Robots at rest may take so much of the processor: starting, plans and work need the rest.
+MOST_OF_CORES = 0.6
+MOST_OF_MEMORY = 0.8
+# Silence until a robot is dead, in beats, as by default.
+DETECTION_BEATS = 5
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What robots share: cores that this process may use, memory that is free, in MB."""
+
+    cores: int
+    free_memory_mb: int
+
+    @classmethod
+    def here(cls) -> Machine:
+        """This machine now."""
+        if hasattr(os, "sched_getaffinity"):
+            cores = len(os.sched_getaffinity(0))
+        else:
+            cores = os.cpu_count() or 1
+        return cls(cores, psutil.virtual_memory().available // 1_000_000)
+
+
+@dataclass(frozen=True)
+class Overload:
+    """More robots than a machine carries. With a beat of `enough_beat_s` and a detection time of
+    `enough_detection_s` it would carry them; None: never, for want of memory.
+    """
+
+    robots: int
+    carried: int
+    limit: Literal["processor", "memory"]
+    cores: int
+    free_memory_mb: int
+    beat_s: float
+    enough_beat_s: float | None
+    enough_detection_s: float | None
+
+
+def overload(robots: int, beat_s: float, detection_s: float, machine: Machine) -> Overload | None:
+    """What is too much about so many robots with these knobs; None: the machine carries them."""
+    cores_s = machine.cores * MOST_OF_CORES
+    by_processor = int(cores_s * beat_s / BEAT_COST_S)
+    by_memory = int(machine.free_memory_mb * MOST_OF_MEMORY / ROBOT_MEMORY_MB)
+    carried = max(1, min(by_processor, by_memory))
+    if robots <= carried:
+        return None
+    enough_beat_s = enough_detection_s = None
+    if robots <= by_memory:
+        # Rounded up to tenths; not to binary fractions just above one.
+        enough_beat_s = math.ceil(round(10 * robots * BEAT_COST_S / cores_s, 6)) / 10
+        enough_detection_s = max(detection_s, round(DETECTION_BEATS * enough_beat_s, 1))
+    return Overload(
+        robots,
+        carried,
+        "memory" if by_memory < by_processor else "processor",
+        machine.cores,
+        machine.free_memory_mb,
+        beat_s,
+        enough_beat_s,
+        enough_detection_s,
+    )
