@@ -12,7 +12,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import anyio
 
@@ -54,6 +54,9 @@ from mrbt_mesh.runtime.zenoh_transport import (
     ZenohTransport,
 )
 
+if TYPE_CHECKING:
+    from mrbt_mesh.runtime.manifest_watch import ManifestWatch
+
 EVENTS_FILE = "events.jsonl"
 CLOSE_TIMEOUT_S = 1.0
 LEAVE_TIMEOUT_S = 3.0
@@ -74,6 +77,7 @@ class RobotSetup:
     speed: float = 1.0
     run_dir: Path | None = None
     journal: Journal | None = None
+    manifest: ManifestWatch | None = None
 
 
 class Driver:
@@ -115,6 +119,7 @@ class Driver:
                 group.start_soon(self._watch_links)
                 group.start_soon(self._mark_alive)
                 group.start_soon(self._watch_signals)
+                group.start_soon(self._watch_manifest)
                 self._is_ready = True
                 self.submit(TimerFired())
                 self._drain(inbox)
@@ -190,6 +195,20 @@ class Driver:
             while True:
                 run_dir.mark_alive(self._config.robot)
                 await anyio.sleep(WATCH_S)
+
+    async def _watch_manifest(self) -> None:
+        """Take over what has changed of the team's members."""
+        manifest = self._setup.manifest
+        while manifest is not None:
+            await anyio.sleep(WATCH_S)
+            if not manifest.look():
+                continue
+            if manifest.problem:
+                self.log("error", "manifest_refused", reason=manifest.problem)
+            elif manifest.is_revoked:
+                self._carry_out(Stop(2, "its key has been revoked or replaced"))
+            else:
+                self.log("info", "manifest_taken_over")
 
     async def _watch_links(self) -> None:
         """Tell which links fall silent and come back; reopen a session that is split."""

@@ -51,8 +51,12 @@ def free_endpoints(count: int, transport: str) -> list[str]:
     return [f"{PROTOCOLS[transport]}/{HOST}:{port}" for port in ports]
 
 
-def ensure_key(run_dir: RunDir, info: RunInfo) -> None:
-    """Make the team's key if the run's transport needs one; raises RunDirError."""
+def ensure_keys(run_dir: RunDir, info: RunInfo, robot: str) -> None:
+    """Make what keys a robot of this run lacks; raises RunDirError or KeysError."""
+    if not info.insecure:
+        from mrbt_mesh.runtime.run_keys import ensure_member
+
+        ensure_member(run_dir, info, robot)
     if info.transport == WIRELESS and not run_dir.key_path.exists():
         # Robots never make keys, and the library is large.
         from mrbt_mesh.runtime.team_key import write_team_key
@@ -88,6 +92,7 @@ def agent_command(
     command += ["--beat", str(info.beat_s), "--detection", str(info.detection_s)]
     command += ["--speed", str(info.speed), "--expect", ",".join(info.robots)]
     command += ["--listen", info.endpoints[robot], "--exit-when-done"]
+    command += ["--insecure"] if info.insecure else ["--keys", str(run_dir.keys_path)]
     command += ["--transport", info.transport]
     if info.transport == WIRELESS:
         command += ["--key", str(run_dir.key_path)]

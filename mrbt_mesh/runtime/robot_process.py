@@ -10,10 +10,11 @@ import os
 import secrets
 import socket
 import sys
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from mrbt_mesh import __version__
 from mrbt_mesh.core.agent.config import AgentConfig
@@ -33,6 +34,10 @@ from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S
 from mrbt_mesh.runtime.solver_loader import solver_for
 from mrbt_mesh.runtime.solver_process import SolverProcess
 from mrbt_mesh.runtime.team_address import TeamAddress
+
+if TYPE_CHECKING:
+    from mrbt_mesh.runtime.manifest_watch import ManifestWatch
+    from mrbt_mesh.runtime.member_keys import MemberKeys
 
 # From so many on, planning may take longer than the event loop may stand still.
 LARGE_ROBOTS = 100
@@ -101,6 +106,7 @@ def make_driver(start: RobotStart, locate: Locate) -> Driver:
         if not is_robot_id(robot):
             raise InputError(f"--expect {','.join(expected)}: {robot!r} is no robot's id")
     address = locate(mission)
+    keys, manifest = keys_of(address.keys, start.robot)
     journal = open_journal(start.run_dir, mission, address.run, start.robot)
     solver = solver_for(mission, start.solver)
     is_large = len(mission.robots) >= LARGE_ROBOTS or len(mission.tree.nodes) >= LARGE_NODES
@@ -122,11 +128,25 @@ def make_driver(start: RobotStart, locate: Locate) -> Driver:
         host=socket.gethostname(),
         pid=os.getpid(),
         restored=journal.open() if journal is not None else (),
+        keys=keys,
+        life=time.time_ns() // 1_000,
     )
     setup = RobotSetup(
-        mission, config, address.transport, program, start.speed, start.run_dir, journal
+        mission, config, address.transport, program, start.speed, start.run_dir, journal, manifest
     )
     return Driver(setup)
+
+
+def keys_of(folder: Path | None, robot: str) -> tuple[MemberKeys | None, ManifestWatch | None]:
+    """A robot's keys, and what looks for a newer manifest of them; raises KeysError."""
+    if folder is None:
+        return None, None
+    # The library is large.
+    from mrbt_mesh.runtime.key_folder import KeyFolder
+    from mrbt_mesh.runtime.manifest_watch import ManifestWatch
+
+    keys = KeyFolder(folder).keys_of(robot)
+    return keys, ManifestWatch(KeyFolder(folder), keys)
 
 
 def open_journal(run_dir: Path | None, mission: Mission, run: str, robot: str) -> Journal | None:

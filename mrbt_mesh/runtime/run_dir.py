@@ -4,6 +4,7 @@ run.json            how the run was started (RunInfo)
 mission.json        the compiled mission
 team.pem            the team's key, for the transport profile `wireless`
 launcher.lock       locked by the process that launched the robots, as long as it lives
+keys/               the keys of all members (see `key_folder`)
 <robot>.process     pid and start time of the robot's process, written by itself; its
                     modification time is the last sign of life
 <robot>.log         its log, JSON lines; <robot>.out: what it printed
@@ -27,6 +28,7 @@ from mrbt_mesh.errors import InputError
 
 RUN_FILE, MISSION_FILE, SUMMARY_FILE = "run.json", "mission.json", "summary.json"
 KEY_FILE, LOCK_FILE = "team.pem", "launcher.lock"
+KEYS_FOLDER = "keys"
 _STATE = "MRBT_STATE_DIR"
 
 
@@ -49,7 +51,7 @@ class RunInfo:
 
     `dials` names the robots that each robot connects to: of every pair, one side dials.
     `places` is empty for a team on loopback; `transport` is a key of `PROTOCOLS`; `solver` is
-    None for the mission's.
+    None for the mission's. `insecure`: its members have no keys.
     """
 
     mission_path: str
@@ -67,6 +69,7 @@ class RunInfo:
     transport: str = "wired"
     places: Mapping[str, Place] = field(default_factory=dict)
     solver: str | None = None
+    insecure: bool = False
 
 
 def state_dir() -> Path:
@@ -160,6 +163,11 @@ class RunDir:
     def launcher_lock_path(self) -> Path:
         """What the launcher of the robots locks."""
         return self.path / LOCK_FILE
+
+    @property
+    def keys_path(self) -> Path:
+        """The folder with the keys of all members."""
+        return self.path / KEYS_FOLDER
 
     # -- processes ------------------------------------------------------------------------
 

@@ -21,7 +21,7 @@ from mrbt_mesh.runtime.journal import read_journals
 from mrbt_mesh.runtime.launcher import (
     PORT,
     agent_command,
-    ensure_key,
+    ensure_keys,
     free_endpoints,
     lower_dials,
     observer_transport,
@@ -51,6 +51,7 @@ def new_run(
     transport: str = WIRED,
     places: Mapping[str, Place] | None = None,
     solver: str | None = None,
+    insecure: bool = False,
 ) -> RunInfo:
     """A run of its own: fresh ids and free endpoints.
 
@@ -77,6 +78,7 @@ def new_run(
         transport=transport,
         places=places or {},
         solver=solver,
+        insecure=insecure,
     )
     timing_of(beat_s, detection_s)
     return info
@@ -94,6 +96,7 @@ def address_of(run_dir: RunDir) -> TeamAddress:
         timing_of(info.beat_s, info.detection_s),
         observer_transport(run_dir, info),
         run_dir,
+        keys=None if info.insecure else run_dir.keys_path,
     )
 
 
@@ -127,7 +130,7 @@ class Team:
         if robot not in self.info.endpoints or self.process(robot) is not None:
             self.info = with_newcomer(self.info, robot)
             self.run_dir.save(self.info)
-        ensure_key(self.run_dir, self.info)
+        ensure_keys(self.run_dir, self.info, robot)
         command = agent_command(
             self.run_dir, self.info, robot, robot_type=robot_type, takeover=takeover
         )

@@ -23,7 +23,8 @@ class AddressError(InputError):
 class TeamAddress:
     """All that a robot or an observer must know to be heard by a team, and to hear it.
 
-    `run_dir`: where the robots' processes are found, if they are of this machine.
+    `run_dir`: where the robots' processes are found, if they are of this machine. `keys`: the
+    folder with one's key and the team's manifest; None: messages are not signed.
     """
 
     mission: Mission
@@ -31,6 +32,7 @@ class TeamAddress:
     timing: Timing
     transport: TransportConfig
     run_dir: RunDir | None = None
+    keys: Path | None = None
 
 
 def on_network(
@@ -46,6 +48,7 @@ def on_network(
     detection_s: float = DEFAULT_DETECTION_S,
     profile: str = WIRED,
     key: Path | None = None,
+    keys: Path | None = None,
 ) -> TeamAddress:
     """The team that everybody finds who has the same mission and says the same of the rest.
 
@@ -65,6 +68,7 @@ def on_network(
         TransportConfig(
             team or mission.name, robot, tuple(listen), tuple(connect), multicast, profile, key
         ),
+        keys=keys,
     )
 
 

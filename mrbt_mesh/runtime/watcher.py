@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import secrets
-from collections.abc import AsyncIterator
+import time
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from functools import partial
 
 import anyio
 
@@ -13,6 +15,7 @@ from mrbt_mesh.core.agent.commands import command_body
 from mrbt_mesh.core.agent.inputs import AnswerReceived, Input, MessageReceived, TokenChanged
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.envelope import ForgedError, Guard
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.membership.wire import MessageKind, WireError, decode, encode
 from mrbt_mesh.core.observer.observer import Observer
@@ -37,6 +40,7 @@ class Watcher:
         )
         self.changed = anyio.Event()
         self._asked: set[tuple[str, Incarnation]] = set()
+        self._guard = _guard_of(address)
         self._transport: ZenohTransport
 
     async def open(self) -> None:
@@ -63,7 +67,8 @@ class Watcher:
             self._asked.add((robot, peers[robot].incarnation))
             replica.anti_entropy.mark_asked(robot, now_us)
             timeout_s = self.timing.ask_timeout_us / 1e6
-            self._transport.ask(robot, MessageKind.PULL, replica.write_pull(), timeout_s)
+            pull = self._sealed(replica.write_pull(), robot)
+            self._transport.ask(robot, MessageKind.PULL, pull, timeout_s)
 
     async def wait_for_change(self, timeout_s: float) -> None:
         """Wait for news, at most `timeout_s`, and refresh."""
@@ -87,18 +92,39 @@ class Watcher:
         observer = self.observer
         match event:
             case MessageReceived(kind, source, data):
-                observer.message(kind, source, data, now_us)
+                self._open(data, kind, source, partial(observer.message, kind, source), now_us)
             case TokenChanged(robot, incarnation, held):
                 observer.token(robot, incarnation, held)
             case AnswerReceived(peer, data) if data is not None:
-                observer.state(peer, data, now_us)
+                self._open(data, MessageKind.STATE, peer, partial(observer.state, peer), now_us)
             case _:
                 pass
+
+    def _sealed(self, data: bytes, to: str) -> bytes:
+        return self._guard.seal(data, (to,)) if self._guard is not None else data
+
+    def _open(
+        self,
+        data: bytes,
+        kind: MessageKind,
+        source: str,
+        take: Callable[[bytes, int], None],
+        now_us: int,
+    ) -> None:
+        """Hand on a message; one that is not authentic is noted among those refused."""
+        try:
+            inner = self._guard.open(data, kind, source)[1] if self._guard is not None else data
+        except WireError as error:
+            self.observer.refused[source] = str(error)
+        else:
+            take(inner, now_us)
 
     async def command(self, robot: str, command: str, argument: str = "") -> tuple[bool, str]:
         """Send an operator's command to one robot: (whether it was done, what it answered)."""
         header = self.observer.replica.header
         data = encode(header, MessageKind.COMMAND, command_body(command, argument))
+        if self._guard is not None:
+            data = self._guard.seal_command(data, robot)
         answers: anyio.Event = anyio.Event()
         found: list[bytes | None] = []
         loop = asyncio.get_running_loop()
@@ -112,12 +138,33 @@ class Watcher:
         await answers.wait()
         if found[0] is None:
             return False, f"{robot} does not answer"
+        answer, is_authentic = found[0], True
         try:
-            _, body = decode(found[0], header, MessageKind.ANSWER)
+            if self._guard is not None:
+                answer, is_authentic = self._opened_answer(answer, robot)
+            _, body = decode(answer, header, MessageKind.ANSWER)
             good, text = body
         except (WireError, ValueError, TypeError) as error:
             return False, f"{robot} answered something strange: {error}"
-        return bool(good), str(text)
+        return bool(good) and is_authentic, str(text)
+
+    def _opened_answer(self, answer: bytes, robot: str) -> tuple[bytes, bool]:
+        """(answer, whether it is authentic): who does not know our key answers without one."""
+        assert self._guard is not None
+        try:
+            return self._guard.open(answer, MessageKind.ANSWER, robot)[1], True
+        except ForgedError:
+            return answer, False
+
+
+def _guard_of(address: TeamAddress) -> Guard | None:
+    """What opens the messages of a team with keys; raises KeysError."""
+    if address.keys is None:
+        return None
+    from mrbt_mesh.runtime.key_folder import KeyFolder
+
+    folder = KeyFolder(address.keys)
+    return Guard(folder.keys_of(folder.reader()), address.run, time.time_ns() // 1_000)
 
 
 @asynccontextmanager

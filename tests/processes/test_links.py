@@ -17,7 +17,7 @@ import pytest
 from mrbt_mesh.drills import namespaces
 from mrbt_mesh.drills.namespaces import Namespaces
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
-from mrbt_mesh.runtime.launcher import agent_command, ensure_key
+from mrbt_mesh.runtime.launcher import agent_command, ensure_keys
 from mrbt_mesh.runtime.run_dir import Place, RunDir
 from mrbt_mesh.runtime.team import new_run
 from mrbt_mesh.runtime.team_key import write_team_key
@@ -78,7 +78,7 @@ class Crew:
             places={r: Place(space.address(r), tuple(space.command_prefix(r))) for r in robots},
         )
         self.run_dir = RunDir.create(team.run_dir, self.info, compile_mission(mission))
-        ensure_key(self.run_dir, self.info)
+        ensure_keys(self.run_dir, self.info, robots[0])
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
 
     def start(self) -> None:

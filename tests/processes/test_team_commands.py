@@ -8,7 +8,7 @@ import secrets
 
 import pytest
 
-from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
+from tests.support.team import EXPLORE, REPAIR, TEST_TIMEOUT_S, Team
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
 
@@ -19,7 +19,8 @@ def endpoints(team: Team) -> list[str]:
     result = ["--team", info["team"], "--listen", "tcp/127.0.0.1:0", "--beat", str(info["beat_s"])]
     for endpoint in info["endpoints"].values():
         result += ["--connect", endpoint]
-    return result
+    keys = team.run_dir / "keys"
+    return [*result, "--keys", str(keys)] if keys.exists() else result
 
 
 def test_a_second_robot_of_the_same_id_is_refused_and_takeover_overrides(team: Team) -> None:
@@ -49,7 +50,7 @@ def test_a_second_robot_of_the_same_id_is_refused_and_takeover_overrides(team: T
 @pytest.mark.slow
 def test_another_mission_is_refused_on_both_sides(team: Team) -> None:
     team.hold("use_screwdriver")
-    team.up()
+    team.up(REPAIR, "--insecure")
     team.wait_for_event("use_screwdriver", robot="C1")
     run = json.loads((team.run_dir / "run.json").read_text())["run"]
     stranger = team.agent(EXPLORE, "R1", "--run", run, *endpoints(team))

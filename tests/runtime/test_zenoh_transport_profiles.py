@@ -13,6 +13,7 @@ import pytest
 
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
 from mrbt_mesh.runtime import launcher
+from mrbt_mesh.runtime.key_folder import KeyFolder
 from mrbt_mesh.runtime.run_dir import Place, RunDir, RunDirError, RunInfo
 from mrbt_mesh.runtime.team import new_run
 from mrbt_mesh.runtime.team_key import write_team_key
@@ -81,7 +82,7 @@ def test_robots_at_places_run_there_and_listen_there(
 ) -> None:
     info = run(transport, ("A1", "A2"), PLACES)
     run_dir = RunDir.create(tmp_path, info, compile_mission(load_mission(REPAIR)))
-    launcher.ensure_key(run_dir, info)
+    launcher.ensure_keys(run_dir, info, "A2")
     assert run_dir.key_path.exists() == (transport == "wireless")
     assert RunDir.find(tmp_path).info() == info
     command = launcher.agent_command(run_dir, info, "A2")
@@ -90,6 +91,9 @@ def test_robots_at_places_run_there_and_listen_there(
     assert options(command, "--connect") == [f"{protocol}/198.18.0.1:7447"]
     assert options(command, "--transport") == [transport]
     assert options(command, "--key") == ([str(run_dir.key_path)] if transport == "wireless" else [])
+    assert options(command, "--keys") == [str(run_dir.keys_path)]
+    assert "--insecure" not in command
+    assert sorted(KeyFolder(run_dir.keys_path).keys_of("A2").members()) == ["A1", "A2", "operator"]
     seen = launcher.observer_transport(run_dir, info)
     assert (seen.profile, seen.connect) == (transport, tuple(info.endpoints.values()))
 
@@ -117,7 +121,7 @@ def test_a_run_on_loopback_has_ports_of_its_own() -> None:
         assert dataclasses.replace(info, team="x").places == {}
 
 
-def test_a_robots_process_does_without_the_library_that_makes_keys() -> None:
+def test_a_robot_without_keys_does_without_the_library_for_them() -> None:
     code = "import sys, mrbt_mesh.runtime.robot_process; print('cryptography' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.stdout.strip() == "False", done.stderr

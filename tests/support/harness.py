@@ -5,8 +5,12 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
+
+import msgpack
 
 from mrbt_mesh.core.agent import effects as fx
 from mrbt_mesh.core.agent import inputs
@@ -16,11 +20,14 @@ from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.records import CoalitionId, Phase
 from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.envelope import ForgedError, parse_envelope
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Header, MessageKind, decode, encode
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.observer import Observer
 
+# (message, receiver) -> the message in an envelope.
+Seal = Callable[[bytes, str], bytes]
 MS = 1_000
 TIMING = Timing(heartbeat_us=100 * MS, detection_us=1_000 * MS)
 AT_MOST = 50_000
@@ -38,6 +45,7 @@ class Process:
     tickets: list[int] = field(default_factory=list)
     asked: list[fx.RequestBid] = field(default_factory=list)
     stops_at_once: bool = True
+    is_sealed: bool = False
 
     @property
     def robot(self) -> str:
@@ -53,6 +61,8 @@ class Team:
         self.cuts: set[frozenset[str]] = set()
         self.story: list[str] = []
         self.observer: Observer | None = None
+        # All that was published, as a stranger on the network has it.
+        self.heard: list[inputs.MessageReceived] = []
         self._queries: dict[tuple[str, int], Process] = {}
         self._waiting: deque[Process] = deque()
         self._query = 0
@@ -62,7 +72,7 @@ class Team:
     def start(self, name: str, mission: Mission, config: AgentConfig) -> Process:
         """Start a process; `name` differs from the robot's id only for a second one."""
         agent = Agent(mission, config, self.now_us)
-        process = self.processes[name] = Process(name, agent)
+        process = self.processes[name] = Process(name, agent, is_sealed=config.keys is not None)
         for other in self._others(process):
             if other.token is not None:
                 self._post(process, inputs.TokenChanged(other.robot, other.token, True))
@@ -105,13 +115,17 @@ class Team:
         self._waiting.append(process)
         self._drain()
 
-    def command(self, name: str, command: str, argument: str = "") -> None:
-        """The operator asks one robot for something."""
+    def command(
+        self, name: str, command: str, argument: str = "", seal: Seal | None = None
+    ) -> bytes:
+        """The operator asks one robot for something; returns the message."""
         process = self.processes[name]
         header = process.agent.view.header
         mine = Header(header.mission, header.mission_name, header.run, "")
         body = encode(mine, MessageKind.COMMAND, command_body(command, argument))
-        self.give(process, inputs.QueryReceived(0, MessageKind.COMMAND, body))
+        message = seal(body, process.robot) if seal is not None else body
+        self.give(process, inputs.QueryReceived(0, MessageKind.COMMAND, message))
+        return message
 
     def cut(self, one: str, other: str) -> None:
         self.cuts.add(frozenset((one, other)))
@@ -176,6 +190,7 @@ class Team:
     ) -> None:
         match effect:
             case fx.Publish(kind, data):
+                self.heard.append(inputs.MessageReceived(kind, process.robot, data))
                 if kind is MessageKind.FACT:
                     self._tell(process, f"writes {batch_text(process, data)}")
                 for other in self._others(process):
@@ -202,9 +217,16 @@ class Team:
         if asker is not None:
             for page in pages:
                 self._post(asker, inputs.AnswerReceived(process.robot, page))
+        elif not pages:
+            self._tell(process, "answers nothing")
         else:
-            header = process.agent.view.header
-            _, (good, text) = decode(pages[0], header, MessageKind.ANSWER)
+            header, answer = process.agent.view.header, pages[0]
+            with contextlib.suppress(ForgedError):
+                answer = parse_envelope(answer).data
+            if msgpack.unpackb(answer)[1] == MessageKind.STATE:
+                self._tell(process, "answers with its facts")
+                return
+            _, (good, text) = decode(answer, header, MessageKind.ANSWER)
             self._tell(process, f"answers {'yes' if good else 'no'}: {text}")
 
     def _token_gone(self, process: Process) -> None:
@@ -221,6 +243,8 @@ class Team:
 
 def batch_text(process: Process, data: bytes) -> str:
     """The entries of one published batch, in short."""
+    if process.is_sealed:
+        data = parse_envelope(data).data
     _, groups = decode(data, process.agent.view.header, MessageKind.FACT)
     assert len(groups) == 1, "a batch is written in one step"
     return ", ".join(entry_text(name, value) for name, value in groups[0][4])

@@ -25,6 +25,7 @@ from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.runtime.engine_choice import chosen_engine
 from tests.support import build
 from tests.support.harness import TIMING, Team
+from tests.support.intruders import Intruders
 
 
 def leaf(text: NodeSpec | str) -> NodeSpec:
@@ -57,6 +58,7 @@ class Script:
         self.tree: NodeSpec | None = None
         self.ends = MissionEnd.ONCE
         self._lives = 0
+        self._intruders = Intruders(self.team)
 
     def block(self, commands: list[str]) -> str:
         """What followed from some commands."""
@@ -102,6 +104,22 @@ class Script:
 
     def do_tree(self, *words: str) -> None:
         self.tree = leaf(eval(" ".join(words), dict(WORDS)))
+
+    def do_keys(self) -> None:
+        """From now on robots have keys; so have an operator, op, and an observer, eye."""
+        self._intruders.make_keys(list(self.robots))
+
+    def do_forge(self, name: str, how: str) -> None:
+        """forge B bytes: B hears again all that others have said, changed: see `Intruders`."""
+        self._intruders.forge(name, how)
+
+    def do_ask(self, name: str, who: str) -> None:
+        """ask B eye: a member asks B for its facts."""
+        self._intruders.ask(name, who)
+
+    def do_order(self, name: str, who: str, *words: str) -> None:
+        """order B op order pause: a member commands B; `order B again`: it comes once more."""
+        self._intruders.order(name, who, " ".join(words))
 
     def do_ends(self, when: str) -> None:
         """ends never: the team stands by when it is done."""
@@ -149,6 +167,8 @@ class Script:
             takeover="takeover" in options,
             exit_when_done="exit_when_done" in options,
             engine=self.engine,
+            keys=self._intruders.keys.get(robot),
+            life=self._lives,
         )
         self.team.start(process, mission, config)
 

@@ -41,6 +41,7 @@ PANELS = {
         "tree": "Show, check and convert trees: BehaviorTree.CPP files and missions.",
         "new": "Write a small mission and a robot of your own that run at once; or copy an "
         "example.",
+        "keys": "Make and change the keys by which a team knows who says what.",
         "key": "Make a key for a team on the transport wireless: who holds it may take part.",
     },
     "Prove it": {

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from mrbt_mesh.cli.framework.declare import option
+from mrbt_mesh.cli.framework.declare import Given, option
 from mrbt_mesh.cli.options import ProgramOption, SolverOption, SpeedOption
-from mrbt_mesh.cli.team.network_options import TeamNetworkOptions
+from mrbt_mesh.cli.team.network_options import TeamNetworkOptions, warn_insecure
 from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S, MISSION_VARIABLE
 
 
@@ -35,6 +35,9 @@ class RobotOptions:
         Path | None,
         option("Leave once nobody holds a lock (flock) on it, as a launcher does.", "FILE"),
     ] = None
+    insecure: Annotated[
+        bool, option("Without --keys, and without a warning that nothing is signed.")
+    ] = False
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,7 @@ def agent(
         option("Endpoint to listen on; quic/IP:PORT if it is wireless.", "tcp/IP:PORT"),
     ] = (),
     network: TeamNetworkOptions,
+    given: Given,
 ) -> None:
     """Run one robot, anywhere on the network.
 
@@ -76,6 +80,10 @@ def agent(
 
     from mrbt_mesh.runtime.robot_process import RobotStart, run_robot
 
+    if robot.insecure:
+        given.refuse(["--keys"], "with --insecure nothing is signed")
+    elif network.keys is None:
+        warn_insecure()
     wanted = RobotStart(
         robot.mission,
         robot.robot,

@@ -35,6 +35,9 @@ class LaunchOptions:
         Literal["wired", "wireless"],
         option("How robots talk: TCP, or QUIC for lossy networks."),
     ] = "wired"
+    insecure: Annotated[
+        bool, option("Without keys: whoever reaches a robot's port may say anything.")
+    ] = False
     beat: Annotated[float, option("Heartbeat period.", "SECONDS", above=0, most=3600)] = (
         DEFAULT_BEAT_S
     )
@@ -55,6 +58,7 @@ def up(mission: MissionArgument, launch: LaunchOptions, show: ShowOptions, given
     """
     from mrbt_mesh.cli.missions import checked_program, chosen_robots
     from mrbt_mesh.cli.team.launching import created, resumed, run_team
+    from mrbt_mesh.cli.team.network_options import warn_insecure
     from mrbt_mesh.formats.mission_file import load_mission
     from mrbt_mesh.runtime.solver_loader import solver_for
     from mrbt_mesh.runtime.team import new_run
@@ -78,6 +82,9 @@ def up(mission: MissionArgument, launch: LaunchOptions, show: ShowOptions, given
         speed=launch.speed,
         transport=launch.transport,
         solver=launch.solver,
+        insecure=launch.insecure,
     )
+    if launch.insecure:
+        warn_insecure()
     make = resumed if launch.resume else created
     run_team(make(launch.run_dir, info, loaded), loaded, None if launch.detach else show)

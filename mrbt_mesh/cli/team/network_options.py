@@ -23,6 +23,14 @@ PANEL = "The team on the network"
 _option = partial(option, panel=PANEL)
 
 
+def warn_insecure() -> None:
+    """Say on stderr that messages are not signed; robots do without what colours need."""
+    import click
+
+    text = "not secure: messages are not signed, and whoever reaches a robot's port is believed"
+    click.echo(f"mrbt: warning: {text}", err=True)
+
+
 @dataclass(frozen=True)
 class TeamNetworkOptions:
     """Who says the same of all of these finds one another."""
@@ -52,6 +60,10 @@ class TeamNetworkOptions:
         _option("TCP, or QUIC for lossy networks, which needs --key."),
     ] = "wired"
     key: Annotated[Path | None, _option("The team's key, made by `mrbt key FILE`.", "FILE")] = None
+    keys: Annotated[
+        Path | None,
+        _option("Folder of keys, made by `mrbt keys`. Default: nothing is signed.", "DIR"),
+    ] = None
     beat: Annotated[float, _option("Heartbeat period.", "SECONDS", above=0, most=3600)] = (
         DEFAULT_BEAT_S
     )
@@ -77,4 +89,5 @@ class TeamNetworkOptions:
             detection_s=self.detection,
             profile=self.transport,
             key=self.key,
+            keys=self.keys,
         )

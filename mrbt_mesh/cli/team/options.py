@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from mrbt_mesh.runtime.team_address import TeamAddress
 
 _ON_NETWORK = (
-    *("--team", "--run", "--connect", "--multicast", "--transport", "--key", "--beat"),
-    "--detection",
+    *("--team", "--run", "--connect", "--multicast", "--transport", "--key", "--keys"),
+    *("--beat", "--detection"),
 )
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.engine import FASTEST, Engine
 from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.core.membership.timing import Timing
 
 
@@ -20,6 +21,8 @@ class AgentConfig:
     replaces a live robot of the same id. `exit_when_done` stops the agent once the whole team
     has the mission's result; otherwise it stays to serve latecomers. `restored` is what the
     robot's journal kept. `plans_apart`: plans are made outside of `Agent.handle` (`meanwhile`).
+    With `keys` nothing is believed that no member can be shown to have said; `life` is then greater
+    than that of every earlier process of this robot (see `membership.envelope`).
     """
 
     robot: str
@@ -39,3 +42,5 @@ class AgentConfig:
     restored: tuple[Entry, ...] = ()
     engine: Engine = FASTEST
     plans_apart: bool = False
+    keys: Keys | None = None
+    life: int = 0

@@ -10,6 +10,7 @@ from typing import Any
 
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.effects import Ask, Effect, Log, Persist, Publish, Stop
+from mrbt_mesh.core.agent.sealing import Sealing
 from mrbt_mesh.core.agent.work import Work
 from mrbt_mesh.core.facts.description import Description
 from mrbt_mesh.core.facts.store import Entry, Incarnation
@@ -29,7 +30,7 @@ class Context:
 
     `joining` is None once the robot has its place in the team; `is_leaving`: it is on its way out.
     `refused` counts what was refused, by source and reason; beyond `MAX_REASONS` different ones new
-    ones are not told apart.
+    ones are not told apart. `sealing` is None in a team without keys.
     """
 
     def __init__(self, mission: Mission, config: AgentConfig, now_us: int) -> None:
@@ -52,6 +53,7 @@ class Context:
         self.refused: dict[str, int] = {}
         self.is_leaving = False
         self.has_stopped = False
+        self.sealing = Sealing(config.keys, config.run, config.life) if config.keys else None
         self._effects: list[Effect] = []
 
     # -- what holds ---------------------------------------------------------------------------
@@ -120,4 +122,4 @@ class Context:
     def take_effects(self) -> list[Effect]:
         """What is to be done, in order; it is handed over once."""
         effects, self._effects = self._effects, []
-        return effects
+        return effects if self.sealing is None else [self.sealing.seal(each) for each in effects]

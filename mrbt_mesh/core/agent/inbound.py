@@ -51,6 +51,13 @@ class Inbound:
 
     def take(self, event: FromOutside, now_us: int, is_planning: bool) -> None:
         """Take in one; `is_planning`: a plan is being made, until then facts stay as they are."""
+        sealing = self._context.sealing
+        if sealing is not None:
+            try:
+                event = sealing.open(event)
+            except WireError as error:
+                self._not_authentic(event, error, now_us)
+                return
         match event:
             case MessageReceived(kind, source, data):
                 try:
@@ -67,6 +74,24 @@ class Inbound:
                 self._query(query, kind, data, now_us)
             case AnswerReceived(peer, data):
                 self._answer(peer, data, now_us)
+
+    def _not_authentic(self, event: FromOutside, error: WireError, now_us: int) -> None:
+        """Whoever asks without a key of this team is told so; nothing else comes of it."""
+        match event:
+            case MessageReceived(_, source, _):
+                self._refuse(source, error)
+            case AnswerReceived(peer, _):
+                self._refuse(peer, error)
+                self._context.replica.anti_entropy.mark_unanswered(peer, now_us)
+            case QueryReceived(query, kind, _):
+                text = f"{self._context.me} refuses this: {error}"
+                header = self._context.replica.header
+                answer = encode(header, MessageKind.ANSWER, answer_body(False, text))
+                pages = (answer,) if kind is MessageKind.COMMAND else ()
+                self._context.emit(Reply(query, pages))
+                self._refuse("a query", error)
+            case _:
+                pass
 
     def _read_beat(self, source: str, data: bytes, now_us: int, is_planning: bool) -> None:
         context = self._context

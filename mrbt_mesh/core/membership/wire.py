@@ -23,6 +23,8 @@ MAX_MESSAGE_BYTES = 4 << 20
 MAX_ITEMS = 100_000
 MAX_NONCE = 32
 DIGEST_BYTES = 8
+# What messages of a team with keys begin with, see `envelope`.
+SEALED = "mrbt-sealed-1"
 
 
 class WireError(ValueError):
@@ -146,6 +148,8 @@ def decode(data: bytes, mine: Header, kind: MessageKind) -> tuple[str, Any]:
         raise WireError(f"not msgpack: {error}") from error
     if not isinstance(message, list) or not message or message[0] != SCHEMA:
         version = message[0] if isinstance(message, list) and message else None
+        if version == SEALED:
+            raise IncompatibleError("signed: this team has keys, and there are none here (--keys)")
         if isinstance(version, int) and len(message) > 5:
             raise IncompatibleError(f"wire schema {version} (ours is {SCHEMA})")
         raise WireError("not a message of this protocol")

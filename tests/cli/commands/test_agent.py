@@ -30,8 +30,11 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[Started]:
 
 
 def test_a_robot_on_the_network(started: list[Started]) -> None:
-    assert mrbt("agent", "--mission", EXPLORE, "--robot", "R1") == (0, "", "")
+    code, output, problems = mrbt("agent", "--mission", EXPLORE, "--robot", "R1")
+    assert (code, output) == (0, "")
+    assert "not secure" in problems
     ((start, address),) = started
+    assert address.keys is None
     assert start == RobotStart(Path(EXPLORE), "R1")
     assert (address.transport.team, address.transport.robot) == ("explore", "R1")
     assert address.transport.multicast_interface == "auto"
@@ -40,7 +43,7 @@ def test_a_robot_on_the_network(started: list[Started]) -> None:
 def test_every_option_arrives(started: list[Started], tmp_path: Path) -> None:
     words = ["--type", "explorer", "--program", "p.py", "--solver", "cp_sat", "--speed", "2"]
     words += ["--run-dir", str(tmp_path), "--takeover", "--exit-when-done", "--expect", "R1,R2"]
-    words += ["--while-locked", "launcher.lock"]
+    words += ["--while-locked", "launcher.lock", "--keys", "keys"]
     words += ["--gather", "3", "--team", "t", "--run", "r", "--listen", "tcp/127.0.0.1:1"]
     words += ["--connect", "tcp/127.0.0.1:2", "--connect", "tcp/127.0.0.1:3", "--beat", "0.1"]
     code, _, problems = mrbt(
@@ -62,10 +65,18 @@ def test_every_option_arrives(started: list[Started], tmp_path: Path) -> None:
         while_locked=Path("launcher.lock"),
         exit_when_done=True,
     )
-    assert (address.transport.team, address.run) == ("t", "r")
+    assert (address.transport.team, address.run, address.keys) == ("t", "r", Path("keys"))
     assert address.transport.listen == ("tcp/127.0.0.1:1",)
     assert address.transport.connect == ("tcp/127.0.0.1:2", "tcp/127.0.0.1:3")
     assert (address.timing.heartbeat_us, address.timing.detection_us) == (100_000, 400_000)
+
+
+def test_without_keys_on_purpose_there_is_no_warning(started: list[Started]) -> None:
+    assert mrbt("agent", "--mission", EXPLORE, "--robot", "R1", "--insecure") == (0, "", "")
+    words = ("--insecure", "--keys", "keys")
+    code, _, problems = mrbt("agent", "--mission", EXPLORE, "--robot", "R1", *words)
+    assert (code, "--keys: with --insecure nothing is signed" in problems) == (2, True)
+    assert len(started) == 1
 
 
 def test_variables_stand_for_options_and_options_win(started: list[Started]) -> None:

@@ -1,0 +1,58 @@
+"""Seals what an agent sends and opens what it receives, in a team with keys."""
+
+from __future__ import annotations
+
+from mrbt_mesh.core.agent.effects import Ask, Effect, Publish, Reply
+from mrbt_mesh.core.agent.inputs import (
+    AnswerReceived,
+    FromOutside,
+    MessageReceived,
+    QueryReceived,
+)
+from mrbt_mesh.core.membership.envelope import Guard
+from mrbt_mesh.core.membership.keys import Keys
+from mrbt_mesh.core.membership.wire import MessageKind
+
+MAX_ASKERS = 1_000
+
+
+class Sealing:
+    """A guard for one agent, which remembers who asked what: answers are for the asker alone.
+
+    For `life` see `Guard`.
+    """
+
+    def __init__(self, keys: Keys, run: str, life: int) -> None:
+        self.guard = Guard(keys, run, life)
+        self._askers: dict[int, str] = {}
+
+    def seal(self, effect: Effect) -> Effect:
+        """The effect with its message sealed; others as they are."""
+        match effect:
+            case Publish(kind, data):
+                return Publish(kind, self.guard.seal(data))
+            case Ask(peer, data):
+                return Ask(peer, self.guard.seal(data, (peer,)))
+            case Reply(query, pages):
+                asker = self._askers.pop(query, None)
+                if asker is not None:
+                    pages = tuple([self.guard.seal(page, (asker,)) for page in pages])
+                return Reply(query, pages)
+        return effect
+
+    def open(self, event: FromOutside) -> FromOutside:
+        """The input with its message opened; others as they are. Raises WireError."""
+        match event:
+            case MessageReceived(kind, source, data):
+                _, inner = self.guard.open(data, kind, source)
+                return MessageReceived(kind, source, inner)
+            case QueryReceived(query, kind, data):
+                asker, inner = self.guard.open(data, kind)
+                while len(self._askers) >= MAX_ASKERS:
+                    del self._askers[min(self._askers)]
+                self._askers[query] = asker
+                return QueryReceived(query, kind, inner)
+            case AnswerReceived(peer, data) if data is not None:
+                _, inner = self.guard.open(data, MessageKind.STATE, peer)
+                return AnswerReceived(peer, inner)
+        return event

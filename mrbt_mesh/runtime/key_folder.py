@@ -1,0 +1,186 @@
+"""A folder of keys: what `mrbt keys` makes and changes, and what a member reads.
+
+manifest.json   the public keys and roles of all members, signed
+team.secret     the team's own key, which signs the manifest; robots need none
+NAME.key        one member's private key, with the team's public one
+
+A robot's machine needs manifest.json and its own NAME.key, nothing else. Files with private keys
+can only be read by their owner.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from mrbt_mesh.core.membership.keys import Role
+from mrbt_mesh.core.mission.names import is_robot_id
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.manifest import (
+    PUBLIC_BYTES,
+    Manifest,
+    ManifestError,
+    PublicKeys,
+    parse_manifest,
+)
+from mrbt_mesh.runtime.member_keys import SECRET_BYTES, MemberKeys, public_member, signing_key
+from mrbt_mesh.runtime.run_dir import write_atomically
+
+MANIFEST_FILE, TEAM_FILE, KEY_SUFFIX = "manifest.json", "team.secret", ".key"
+OPERATOR = "operator"
+
+
+class KeysError(InputError):
+    """Keys that are missing, damaged or not to be changed; the message says what to do."""
+
+
+class KeyFolder:
+    """The keys in one folder. All methods raise KeysError for what cannot be read or written."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @property
+    def manifest_path(self) -> Path:
+        """Where the manifest is."""
+        return self.path / MANIFEST_FILE
+
+    # -- making and changing ------------------------------------------------------------------
+
+    @classmethod
+    def create(cls, path: Path, members: Mapping[str, Role]) -> KeyFolder:
+        """Make the keys of a new team."""
+        found = cls(path)
+        if found.manifest_path.exists():
+            raise KeysError(f"{path} holds a team's keys already: see `mrbt keys show {path}`")
+        try:
+            path.mkdir(parents=True, exist_ok=True, mode=0o700)
+        except OSError as error:
+            raise KeysError(f"{path}: cannot be made: {error.strerror}") from None
+        secret = secrets.token_bytes(SECRET_BYTES)
+        authority = signing_key(secret).public_key().public_bytes_raw()
+        _write_secret(path / TEAM_FILE, {"private": secret.hex()})
+        found._save(Manifest(0, authority), found._new_keys(members, authority))
+        return found
+
+    def add(self, members: Mapping[str, Role], *, replaces: bool = False) -> Manifest:
+        """Give keys to new members; `replaces`: also to those that have one, or had.
+
+        What a member signed with a key that is replaced stands.
+        """
+        manifest = self.manifest()
+        known = [name for name in sorted(members) if name in manifest.members]
+        if known and not replaces:
+            raise KeysError(f"{known[0]} has a key already: give it another one with --replace")
+        for name in known:
+            if manifest.members[name].role is not members[name]:
+                text = f"{name} is an {manifest.members[name].role}, and stays one"
+                raise KeysError(f"{text}: choose another name for the {members[name]}")
+        made = self._new_keys(members, manifest.authority)
+        for name in known:
+            old = manifest.members[name]
+            made[name] = replace(made[name], former=(old.sign, *old.former))
+        return self._save(manifest, made)
+
+    def revoke(self, names: Iterable[str]) -> Manifest:
+        """Let these members' keys count no more."""
+        manifest = self.manifest()
+        changed = {}
+        for name in names:
+            member = manifest.members.get(name)
+            if member is None:
+                listed = ", ".join(sorted(manifest.members))
+                raise KeysError(f"the team has no member {name!r} (it has {listed})")
+            changed[name] = replace(member, is_revoked=True)
+        return self._save(manifest, changed)
+
+    def _new_keys(self, members: Mapping[str, Role], authority: bytes) -> dict[str, PublicKeys]:
+        made = {}
+        for name, role in sorted(members.items()):
+            if not is_robot_id(name):
+                raise KeysError(f"name {name!r}: 1 to 32 letters, digits, '_' or '-'")
+            secret = secrets.token_bytes(SECRET_BYTES)
+            data = {"name": name, "private": secret.hex(), "authority": authority.hex()}
+            _write_secret(self.path / f"{name}{KEY_SUFFIX}", data)
+            made[name] = public_member(secret, role)
+        return made
+
+    def _save(self, manifest: Manifest, changed: Mapping[str, PublicKeys]) -> Manifest:
+        secret = _read_secret(self.path / TEAM_FILE, "private")
+        members = {**manifest.members, **changed}
+        new = Manifest(manifest.version + 1, manifest.authority, members)
+        signed = new.signed(signing_key(secret))
+        parse_manifest(signed.to_text())
+        try:
+            write_atomically(self.manifest_path, signed.to_text())
+        except OSError as error:
+            raise KeysError(f"{self.manifest_path}: cannot be written: {error.strerror}") from None
+        return signed
+
+    # -- reading ------------------------------------------------------------------------------
+
+    def manifest(self, authority: bytes | None = None) -> Manifest:
+        """The manifest; raises ManifestError if it is not signed by this authority."""
+        try:
+            text = self.manifest_path.read_text()
+        except (OSError, UnicodeDecodeError):
+            raise KeysError(
+                f"{self.path} holds no {MANIFEST_FILE}: make a team's keys with `mrbt keys init`"
+            ) from None
+        try:
+            return parse_manifest(text, authority)
+        except ManifestError as error:
+            raise ManifestError(f"{self.manifest_path}: {error}") from error
+
+    def keys_of(self, name: str) -> MemberKeys:
+        """What a member needs to take part."""
+        path = self.path / f"{name}{KEY_SUFFIX}"
+        authority = _read_secret(path, "authority", PUBLIC_BYTES)
+        secret = _read_secret(path, "private")
+        manifest = self.manifest(authority)
+        member = manifest.members.get(name)
+        if member is None or member.is_revoked:
+            raise KeysError(f"{name} is no member of the team in {self.manifest_path}")
+        if member.sign != public_member(secret, member.role).sign:
+            raise KeysError(f"{path} is not the key that {self.manifest_path} has of {name}")
+        return MemberKeys(name, secret, manifest)
+
+    def reader(self) -> str:
+        """Who watches with this folder: an operator whose key is here, else an observer."""
+        manifest = self.manifest()
+        for role in (Role.OPERATOR, Role.OBSERVER):
+            for name, member in sorted(manifest.members.items()):
+                here = (self.path / f"{name}{KEY_SUFFIX}").exists()
+                if member.role is role and here and not member.is_revoked:
+                    return name
+        raise KeysError(
+            f"{self.path} holds no operator's and no observer's key: make one with `mrbt keys add`"
+        )
+
+
+def _write_secret(path: Path, data: Mapping[str, str]) -> None:
+    """A new file that only its owner can read, in place of an earlier one."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with open(descriptor, "w") as file:
+            file.write(json.dumps(data, indent=1) + "\n")
+        temporary.replace(path)
+    except OSError as error:
+        raise KeysError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def _read_secret(path: Path, key: str, size: int = SECRET_BYTES) -> bytes:
+    try:
+        found = bytes.fromhex(json.loads(path.read_text())[key])
+    except OSError as error:
+        raise KeysError(f"the key {path} cannot be read: {error.strerror}") from None
+    except (ValueError, TypeError, KeyError):
+        raise KeysError(f"{path} is no private key of `mrbt keys`") from None
+    if len(found) != size:
+        raise KeysError(f"{path} is no private key of `mrbt keys`")
+    return found

@@ -1,0 +1,50 @@
+"""`mrbt keys`: a team's keys from the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from tests.support.command import mrbt
+
+
+def members(folder: Path) -> dict[str, str]:
+    code, output, problems = mrbt("keys", "show", "--keys", str(folder), "--json")
+    assert code == 0, problems
+    found = json.loads(output)["members"]
+    return {n: "revoked" if m["revoked"] else m["role"] for n, m in found.items()}
+
+
+def test_keys_are_made_shown_added_replaced_and_revoked(tmp_path: Path) -> None:
+    folder = tmp_path / "keys"
+    code, output, _ = mrbt("keys", "init", str(folder), "--robots", "A,B", "--observers", "eye")
+    assert code == 0
+    assert output.startswith(f"made keys for A, B, operator, eye in {folder}\n")
+    roles = {"A": "robot", "B": "robot", "eye": "observer", "operator": "operator"}
+    assert members(folder) == roles
+    assert mrbt("keys", "add", "C", "D", "--keys", str(folder))[0] == 0
+    assert members(folder) == {**roles, "C": "robot", "D": "robot"}
+    code, output, _ = mrbt("keys", "revoke", "C", "--keys", str(folder))
+    assert (code, output) == (0, "C: revoked; version 3 of the manifest\n")
+    assert members(folder) == {**roles, "C": "revoked", "D": "robot"}
+    assert mrbt("keys", "add", "C", "--replace", "--keys", str(folder))[0] == 0
+    assert members(folder)["C"] == "robot"
+    code, output, _ = mrbt("keys", "show", "--keys", str(folder))
+    assert code == 0
+    assert "eye: observer, key " in output
+
+
+def test_what_cannot_be_is_said(tmp_path: Path) -> None:
+    folder = tmp_path / "keys"
+    code, _, problems = mrbt("keys", "init", str(folder), "--robots", "A", "--operators", "A")
+    assert (code, "A is given twice" in problems) == (2, True)
+    assert not folder.exists()
+    mrbt("keys", "init", str(folder), "--robots", "A")
+    for arguments, problem in (
+        (("init", str(folder), "--robots", "A"), "holds a team's keys already"),
+        (("add", "A", "--keys", str(folder)), "A has a key already"),
+        (("revoke", "Z", "--keys", str(folder)), "no member 'Z'"),
+        (("show", "--keys", str(tmp_path)), "holds no manifest.json"),
+    ):
+        code, _, problems = mrbt("keys", *arguments)
+        assert (code, problem in problems) == (2, True), problems

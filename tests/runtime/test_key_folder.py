@@ -1,0 +1,114 @@
+"""A folder of keys: made once, changed by its team key, readable by nobody else."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from mrbt_mesh.core.membership.keys import Role
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.key_folder import TEAM_FILE, KeyFolder
+
+MEMBERS = {"A": Role.ROBOT, "B": Role.ROBOT, "op": Role.OPERATOR, "eye": Role.OBSERVER}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> KeyFolder:
+    return KeyFolder.create(tmp_path / "keys", MEMBERS)
+
+
+def test_secrets_are_their_owners_alone(folder: KeyFolder) -> None:
+    secrets = [*folder.path.glob("*.key"), folder.path / TEAM_FILE]
+    assert len(secrets) == len(MEMBERS) + 1
+    assert {path.stat().st_mode & 0o777 for path in secrets} == {0o600}
+    assert folder.path.stat().st_mode & 0o077 == 0
+    for path in secrets:
+        assert json.loads(path.read_text())["private"] not in folder.manifest_path.read_text()
+
+
+def test_members_know_each_other(folder: KeyFolder) -> None:
+    one, other = folder.keys_of("A"), folder.keys_of("B")
+    assert other.is_signed("A", b"x", one.sign(b"x"))
+    assert one.tag("B", b"x") == other.tag("A", b"x")
+    assert {name: one.role_of(name) for name in one.members()} == MEMBERS
+
+
+def test_a_robots_machine_needs_two_files(folder: KeyFolder, tmp_path: Path) -> None:
+    there = tmp_path / "robot"
+    there.mkdir()
+    for name in ("manifest.json", "A.key"):
+        shutil.copy(folder.path / name, there)
+    assert KeyFolder(there).keys_of("A").is_signed("B", b"x", folder.keys_of("B").sign(b"x"))
+    with pytest.raises(InputError, match=r"team\.secret cannot be read"):
+        KeyFolder(there).add({"C": Role.ROBOT})
+
+
+def test_keys_are_never_made_twice(folder: KeyFolder) -> None:
+    with pytest.raises(InputError, match="holds a team's keys already"):
+        KeyFolder.create(folder.path, MEMBERS)
+    with pytest.raises(InputError, match="A has a key already"):
+        folder.add({"A": Role.ROBOT})
+
+
+def test_adding_and_replacing(folder: KeyFolder) -> None:
+    before = folder.manifest()
+    assert folder.add({"C": Role.ROBOT}).version == before.version + 1
+    old = folder.keys_of("A").sign(b"x")
+    manifest = folder.add({"A": Role.ROBOT}, replaces=True)
+    assert manifest.members["A"].former == (before.members["A"].sign,)
+    assert manifest.members["B"] == before.members["B"]
+    keys = folder.keys_of("C")
+    assert not keys.is_signed("A", b"x", old)
+    assert keys.was_signed("A", b"x", old)
+    assert keys.is_signed("A", b"x", folder.keys_of("A").sign(b"x"))
+    with pytest.raises(InputError, match="op is an operator, and stays one"):
+        folder.add({"op": Role.ROBOT}, replaces=True)
+
+
+def test_revoking(folder: KeyFolder) -> None:
+    folder.revoke(["B"])
+    with pytest.raises(InputError, match="B is no member"):
+        folder.keys_of("B")
+    with pytest.raises(InputError, match="no member 'Z'"):
+        folder.revoke(["Z"])
+    assert folder.add({"B": Role.ROBOT}, replaces=True).members["B"].former
+    assert folder.keys_of("B").role_of("B") is Role.ROBOT
+
+
+def test_who_watches(folder: KeyFolder) -> None:
+    assert folder.reader() == "op"
+    folder.revoke(["op"])
+    assert folder.reader() == "eye"
+    (folder.path / "eye.key").unlink()
+    with pytest.raises(InputError, match="no operator's and no observer's key"):
+        folder.reader()
+
+
+@pytest.mark.parametrize("text", ["", "{}", '{"private": 7}', '{"private": "00"}', "\x00"])
+def test_a_damaged_key_is_refused(folder: KeyFolder, text: str) -> None:
+    (folder.path / "A.key").write_text(text)
+    with pytest.raises(InputError, match=r"A\.key is no private key"):
+        folder.keys_of("A")
+
+
+def test_a_key_that_is_not_the_manifests_is_refused(folder: KeyFolder, tmp_path: Path) -> None:
+    other = KeyFolder.create(tmp_path / "other", MEMBERS)
+    shutil.copy(other.path / "A.key", folder.path)
+    with pytest.raises(InputError, match="another team's"):
+        folder.keys_of("A")
+    mine = json.loads((folder.path / "B.key").read_text())
+    (folder.path / "A.key").write_text(json.dumps(mine))
+    with pytest.raises(InputError, match="is not the key that"):
+        folder.keys_of("A")
+
+
+def test_what_is_missing_is_named(tmp_path: Path, folder: KeyFolder) -> None:
+    with pytest.raises(InputError, match=r"holds no manifest\.json: make a team's keys"):
+        KeyFolder(tmp_path).manifest()
+    with pytest.raises(InputError, match=r"Z\.key cannot be read"):
+        folder.keys_of("Z")
+    with pytest.raises(InputError, match="1 to 32 letters"):
+        folder.add({"not a name": Role.ROBOT})
