@@ -49,14 +49,16 @@ class Renewals:
         if plan is None or plan is seen.plan or not agent.is_plan_current or agent.is_joining:
             return
         seen.plan = plan
+        is_late = _has_late_news(agent.facts)
         for request in plan.evaluation.requests:
-            last = seen.requested.get(request.node)
+            last = seen.requested.pop(request.node, None)
             if last is not None:
                 self._findings.checks["I3"] += 1
                 self._compare(agent, last, request.activation, request.node in seen.turned)
-            seen.requested[request.node] = request.activation
             seen.turned.discard(request.node)
-        if seen.requested and not _has_late_news(agent.facts):
+            if not is_late:  # else its name may tell of a turn of which only the note is here
+                seen.requested[request.node] = request.activation
+        if seen.requested and not is_late:
             for barrier in self._barriers:
                 if barrier.keeps_out(set(filter(agent.facts.condition, barrier.conditions))):
                     seen.turned |= barrier.behind & seen.requested.keys()
