@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from mrbt_mesh.core.agent.effects import Ask, Effect, Publish, Reply
 from mrbt_mesh.core.agent.inputs import (
     AnswerReceived,
@@ -29,15 +31,15 @@ class Sealing:
     def seal(self, effect: Effect) -> Effect:
         """The effect with its message sealed; others as they are."""
         match effect:
-            case Publish(kind, data):
-                return Publish(kind, self.guard.seal(data))
-            case Ask(peer, data):
-                return Ask(peer, self.guard.seal(data, (peer,)))
-            case Reply(query, pages):
-                asker = self._askers.pop(query, None)
+            case Publish():
+                return replace(effect, data=self.guard.seal(effect.data))
+            case Ask():
+                return replace(effect, data=self.guard.seal(effect.data, (effect.peer,)))
+            case Reply():
+                asker = self._askers.pop(effect.query, None)
                 if asker is not None:
-                    pages = tuple([self.guard.seal(page, (asker,)) for page in pages])
-                return Reply(query, pages)
+                    pages = tuple([self.guard.seal(page, (asker,)) for page in effect.pages])
+                    return replace(effect, pages=pages)
         return effect
 
     def open(self, event: FromOutside) -> FromOutside:
