@@ -1,4 +1,8 @@
-"""Starts robots as processes of their own, by exec: Zenoh does not survive a fork."""
+"""How robots are started as processes of their own: endpoints, command lines, one by exec.
+
+A whole team is forked (`robot_forks`), from a process that never opened a Zenoh session: that would
+not survive it.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,7 @@ import subprocess
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import Protocol
 
 import anyio
 import anyio.abc
@@ -75,6 +80,17 @@ def observer_transport(run_dir: RunDir, info: RunInfo) -> TransportConfig:
     )
 
 
+class StartedRobot(Protocol):
+    """A robot's process as its launcher sees it."""
+
+    @property
+    def pid(self) -> int: ...
+
+    @property
+    def returncode(self) -> int | None:
+        """None as long as it runs, or is not known to have ended; negative for a signal."""
+
+
 def agent_command(
     run_dir: RunDir,
     info: RunInfo,
@@ -83,11 +99,23 @@ def agent_command(
     robot_type: str | None = None,
     takeover: bool = False,
 ) -> list[str]:
-    """The command line of one robot's process, at its place; it leaves with the run's launcher."""
+    """The command line of one robot's process, at its place."""
     place = info.places.get(robot)
     command = [*place.prefix] if place is not None else []
-    command += [sys.executable, "-m", "mrbt_mesh", "agent"]
-    command += ["--mission", str(run_dir.mission_path), "--robot", robot]
+    command += [sys.executable, "-m", "mrbt_mesh"]
+    return command + agent_arguments(run_dir, info, robot, robot_type=robot_type, takeover=takeover)
+
+
+def agent_arguments(
+    run_dir: RunDir,
+    info: RunInfo,
+    robot: str,
+    *,
+    robot_type: str | None = None,
+    takeover: bool = False,
+) -> list[str]:
+    """The arguments of `mrbt` that make a robot of this run, which leaves with its launcher."""
+    command = ["agent", "--mission", str(run_dir.mission_path), "--robot", robot]
     command += ["--team", info.team, "--run", info.run, "--run-dir", str(run_dir.path)]
     command += ["--beat", str(info.beat_s), "--detection", str(info.detection_s)]
     command += ["--speed", str(info.speed), "--expect", ",".join(info.robots)]
@@ -148,7 +176,7 @@ async def start_robot(
 
     `environment` are variables that it gets besides those of this process.
     """
-    with (run_dir.path / f"{robot}.out").open("ab") as output:
+    with run_dir.output_path(robot).open("ab") as output:
         return await anyio.open_process(
             command,
             stdin=subprocess.DEVNULL,

@@ -8,6 +8,7 @@ keys/               the keys of all members (see `key_folder`)
 <robot>.process     pid and start time of the robot's process, written by itself; its
                     modification time is the last sign of life
 <robot>.log         its log, JSON lines; <robot>.out: what it printed
+fork_server.out     what was printed by the process that forks the robots: nothing, unless it fails
 events.jsonl        the physical truth, written by the robots
 summary.json        written by `up` at the end
 """
@@ -153,6 +154,15 @@ class RunDir:
     def mission_path(self) -> Path:
         """The compiled mission."""
         return self.path / MISSION_FILE
+
+    @property
+    def fork_server_output_path(self) -> Path:
+        """What the process printed that forks the robots."""
+        return self.path / "fork_server.out"
+
+    def output_path(self, robot: str) -> Path:
+        """What a robot printed."""
+        return self.path / f"{robot}.out"
 
     @property
     def key_path(self) -> Path:

@@ -20,6 +20,8 @@ from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.journal import read_journals
 from mrbt_mesh.runtime.launcher import (
     PORT,
+    StartedRobot,
+    agent_arguments,
     agent_command,
     ensure_keys,
     free_endpoints,
@@ -29,6 +31,7 @@ from mrbt_mesh.runtime.launcher import (
     wait_for_exit,
     with_newcomer,
 )
+from mrbt_mesh.runtime.robot_forks import CAN_FORK, ForkedRobot, RobotForks
 from mrbt_mesh.runtime.run_dir import Place, RunDir, RunInfo
 from mrbt_mesh.runtime.settings import PROTOCOLS, WIRED
 from mrbt_mesh.runtime.team_address import TeamAddress, timing_of
@@ -117,11 +120,12 @@ class Team:
         self.info = info
         self.mission = mission
         self.environment = dict(environment or {})
-        self.processes: dict[str, anyio.abc.Process] = {}
+        self.processes: dict[str, StartedRobot] = {}
+        self._forks: RobotForks | None = None
 
     async def start(
         self, robot: str, *, robot_type: str | None = None, takeover: bool = False
-    ) -> anyio.abc.Process:
+    ) -> StartedRobot:
         """Start a robot: one of the team, one more, or a dead one again.
 
         A dead one comes back to its own endpoint; one that is to be replaced still holds it.
@@ -138,9 +142,19 @@ class Team:
         return self.processes[robot]
 
     async def start_all(self) -> None:
-        """Start the robots with which the run begins; raises RunDirError."""
+        """Start the robots with which the run begins; raises RunDirError.
+
+        They are forked from one process, unless they have places of their own.
+        """
+        if not CAN_FORK or self.info.places or len(self.info.robots) == 1:
+            for robot in self.info.robots:
+                await self.start(robot)
+            return
         for robot in self.info.robots:
-            await self.start(robot)
+            ensure_keys(self.run_dir, self.info, robot)
+        arguments = {r: agent_arguments(self.run_dir, self.info, r) for r in self.info.robots}
+        self._forks = RobotForks(self.run_dir, self.environment)
+        self.processes |= await anyio.to_thread.run_sync(self._forks.start, arguments)
 
     def process(self, robot: str) -> psutil.Process | None:
         """The robot's process, whoever started it, also one that is only just starting."""
@@ -176,12 +190,19 @@ class Team:
 
     def refusals(self) -> list[str]:
         """What robots printed that were started from here and refused their input."""
+        self._settle()
         found = []
         for robot, process in self.processes.items():
             if process.returncode == REFUSED:
                 with contextlib.suppress(OSError):
-                    found.append((self.run_dir.path / f"{robot}.out").read_text().strip())
+                    found.append(self.run_dir.output_path(robot).read_text().strip())
         return found
+
+    def _settle(self) -> None:
+        """Hear how those ended that have ended."""
+        for process in self.processes.values():
+            if isinstance(process, ForkedRobot):
+                process.settle()
 
     def crashes(self) -> list[str]:
         """Robots that were started from here and ended by an error, and their last words.
@@ -189,13 +210,14 @@ class Team:
         Ended by a refusal is none, nor by SIGTERM or SIGKILL, nor with status 1 and no word:
         that is how a robot of a mission that has failed ends.
         """
+        self._settle()
         found = []
         for robot, process in sorted(self.processes.items()):
             status = process.returncode
             if status in (None, 0, REFUSED, -signal.SIGTERM, -signal.SIGKILL):
                 continue
             with contextlib.suppress(OSError):
-                words = (self.run_dir.path / f"{robot}.out").read_text().strip().splitlines()
+                words = self.run_dir.output_path(robot).read_text().strip().splitlines()
                 if words or status != FAILED:
                     last = words[-1] if words else "no word"
                     found.append(f"{robot} ended with status {status}: {last}")
@@ -230,4 +252,7 @@ class Team:
             with anyio.move_on_after(END_TIMEOUT_S if step != "wait" else self.info.beat_s * 4):
                 while self.living():
                     await anyio.sleep(0.02)
-                return
+                break
+        if self._forks is not None:
+            await anyio.to_thread.run_sync(self._forks.close)
+            self._forks = None

@@ -35,8 +35,8 @@ def test_robots_leave_in_order_when_their_launcher_is_gone(
     team.up(EXPLORE)
     team.wait_for_events(2, "explore")
     team.mrbt("join", "R3", "--type", "explorer")
-    found = team.running()
-    assert len(found) == 3
+    found = team.running() + team.fork_servers()
+    assert len(found) == 4
     team.signal_launcher(number)
     wait_for_exits(team, found)
     assert [end_of(team, robot) for robot in ("R1", "R2", "R3")] == [IN_ORDER] * 3, team.logs()

@@ -76,6 +76,7 @@ def test_detached_teams_run_without_an_observer_and_end_by_themselves(team: Team
     )
     assert "2 robots run" in told
     team.wait_for_events(2, "explore", "end")
+    assert team.fork_servers() == []
     over = team.wait_until(lambda: _stopped(team, "R1"), "R1 stopped")
     assert over[-1]["reason"] == "mission success"
 

@@ -229,9 +229,17 @@ class Team:
 
     def running(self) -> list[psutil.Process]:
         """Robots of this test that run, whoever started them."""
+        return [p for p in self._mine() if "agent" in p.cmdline() or p.name().startswith("mrbt ")]
+
+    def fork_servers(self) -> list[psutil.Process]:
+        """The processes that robots were forked from, and that still run."""
+        forked = {process.pid for process in self.running()}
+        mine = [p for p in self._mine() if "mrbt_mesh.cli.fork_server" in p.cmdline()]
+        return [process for process in mine if process.pid not in forked]
+
+    def _mine(self) -> list[psutil.Process]:
         found = psutil.process_iter(["cmdline"])
-        mine = [p for p in found if str(self.folder) in " ".join(p.info["cmdline"] or ())]
-        return [process for process in mine if "agent" in process.info["cmdline"]]
+        return [p for p in found if str(self.folder) in " ".join(p.info["cmdline"] or ())]
 
     def clean(self) -> None:
         """End every process that this team started."""

@@ -51,7 +51,7 @@ def start_one(robot: str, robot_type: str | None, takeover: bool, run_dir: Path 
     except TimeoutError:
         fail(f"{robot} runs, and has not joined within {JOIN_TIMEOUT_S:g} s", FAILURE)
     if code is not None and code != 0:
-        fail((found.path / f"{robot}.out").read_text().strip().rpartition("\n")[2], code)
+        fail(found.output_path(robot).read_text().strip().rpartition("\n")[2], code)
     click.echo(f"{robot} joined")
     end_process(SUCCESS)
 

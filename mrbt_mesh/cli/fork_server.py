@@ -1,0 +1,109 @@
+"""Forks the robots of a team, so that what all of them need is loaded once.
+
+    python -m mrbt_mesh.cli.fork_server RUN_DIR
+
+It is told on standard input, line by line, whom to start with which arguments of `mrbt`, and says
+on standard output who has which pid and how it ended: `runtime/robot_forks.py` is its other end. It
+ends with its launcher, and its robots go on.
+
+Nothing may be loaded here that starts a thread or opens a Zenoh session: neither survives a fork.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import importlib
+import json
+import os
+import select
+import signal
+import sys
+from typing import Any, NoReturn
+
+from mrbt_mesh.cli.main import main
+
+# What a robot loads before it knows more than its command line.
+LOADED_ONCE = (
+    "anyio._backends._asyncio",
+    "mrbt_mesh.cli.commands.agent",
+    "mrbt_mesh.runtime.manifest_watch",
+    "mrbt_mesh.runtime.robot_process",
+)
+REQUESTS, ANSWERS = 0, 1
+CHUNK = 1 << 16
+MAX_NAME = 15  # of a process, on Linux
+
+
+def serve() -> None:
+    """Fork robots until the launcher is gone."""
+    for module in LOADED_ONCE:
+        importlib.import_module(module)
+    gc.collect()
+    gc.freeze()  # pages that no collection writes to stay shared with the robots
+    ended, end = os.pipe()
+    os.set_blocking(end, False)
+    signal.set_wakeup_fd(end)
+    signal.signal(signal.SIGCHLD, lambda *_: None)
+    waiting = b""
+    while True:
+        ready, _, _ = select.select([REQUESTS, ended], [], [])
+        if ended in ready:
+            os.read(ended, CHUNK)
+        _tell_who_has_ended()
+        if REQUESTS not in ready:
+            continue
+        data = os.read(REQUESTS, CHUNK)
+        if not data:
+            return
+        *lines, waiting = (waiting + data).split(b"\n")
+        for line in lines:
+            request = json.loads(line)
+            pid = os.fork()
+            if pid == 0:
+                os.close(ended)
+                os.close(end)
+                _become_robot(request)
+            _tell({"robot": request["robot"], "pid": pid})
+
+
+def _tell(news: dict[str, Any]) -> None:
+    os.write(ANSWERS, json.dumps(news).encode() + b"\n")
+
+
+def _tell_who_has_ended() -> None:
+    with contextlib.suppress(ChildProcessError):
+        while (ended := os.waitpid(-1, os.WNOHANG))[0]:
+            _tell({"pid": ended[0], "status": os.waitstatus_to_exitcode(ended[1])})
+
+
+def _become_robot(request: dict[str, Any]) -> NoReturn:
+    """Run `mrbt` in a session of its own, with the robot's output file."""
+    signal.set_wakeup_fd(-1)
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    os.setsid()
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    output = os.open(request["output"], os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+    for descriptor, standard in ((nothing, 0), (output, 1), (output, 2)):
+        os.dup2(descriptor, standard)
+    os.close(nothing)
+    os.close(output)
+    # As `ps` and `top` show it; the command line is that of this process for all of them.
+    with contextlib.suppress(OSError), open("/proc/self/comm", "w") as name:
+        name.write(f"mrbt {request['robot']}"[:MAX_NAME])
+    sys.argv = ["mrbt", *request["arguments"]]
+    code: Any = 1
+    try:
+        main()
+    except SystemExit as error:
+        code = error.code
+    except BaseException:
+        sys.excepthook(*sys.exc_info())
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code if isinstance(code, int) else 0 if code is None else 1)
+
+
+if __name__ == "__main__":
+    with contextlib.suppress(BrokenPipeError):
+        serve()

@@ -1,0 +1,129 @@
+"""A team's robots, forked from one process: `cli/fork_server.py`, of which this is the other end.
+
+A robot that starts by exec takes four times as much processor time, nearly all of it for loading
+the same modules again; and most of its memory is the same as that of the others.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import psutil
+
+from mrbt_mesh.runtime.run_dir import RunDir, RunDirError
+
+# Elsewhere a fork without an exec may break what the system's libraries keep.
+CAN_FORK = sys.platform == "linux"
+CHUNK = 1 << 16
+# The end of a robot that is gone is told at once; only a server that hangs is not waited for.
+NEWS_TIMEOUT_S = 2.0
+START_TIMEOUT_S = 120.0
+
+
+class ForkedRobot:
+    """A robot's process; another process is its parent, which tells how it ended."""
+
+    def __init__(self, forks: RobotForks, pid: int) -> None:
+        self._forks = forks
+        self.pid = pid
+        self.status: int | None = None
+
+    @property
+    def returncode(self) -> int | None:
+        """As far as it is known by now; negative for a signal."""
+        if self.status is None:
+            self._forks.take_news(0)
+        return self.status
+
+    def settle(self) -> None:
+        """Wait for the status of a robot that has ended."""
+        while self.returncode is None and not self._runs():
+            if not self._forks.take_news(NEWS_TIMEOUT_S):
+                return
+
+    def _runs(self) -> bool:
+        try:
+            return psutil.Process(self.pid).status() != psutil.STATUS_ZOMBIE
+        except psutil.Error:
+            return False
+
+
+class RobotForks:
+    """Starts robots; `close` it once they have ended."""
+
+    def __init__(self, run_dir: RunDir, environment: Mapping[str, str]) -> None:
+        """`environment` are variables that the robots get besides those of this process."""
+        self._run_dir = run_dir
+        self._waiting = b""
+        self._robots: dict[int, ForkedRobot] = {}
+        self._started: dict[str, ForkedRobot] = {}
+        with run_dir.fork_server_output_path.open("ab") as output:
+            # In a session of its own: the keys of the terminal are for the launcher.
+            self._server = subprocess.Popen(
+                [sys.executable, "-m", "mrbt_mesh.cli.fork_server", str(run_dir.path)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=output,
+                env=os.environ | environment,
+                start_new_session=True,
+                bufsize=0,
+            )
+
+    def start(self, arguments: Mapping[str, Sequence[str]]) -> dict[str, ForkedRobot]:
+        """Start robots with these arguments of `mrbt`; blocks until they have their pids.
+
+        Raises RunDirError if the process that forks them cannot do so.
+        """
+        assert self._server.stdin is not None
+        requests = [
+            {"robot": robot, "arguments": [*words], "output": str(self._run_dir.output_path(robot))}
+            for robot, words in arguments.items()
+        ]
+        try:
+            for request in requests:
+                self._server.stdin.write(json.dumps(request).encode() + b"\n")
+        except BrokenPipeError:
+            pass  # it has ended, which is noticed below
+        while not self._started.keys() >= arguments.keys():
+            if not self.take_news(START_TIMEOUT_S):
+                path = self._run_dir.fork_server_output_path
+                raise RunDirError(f"the robots cannot be started: {path} may say why")
+        return {robot: self._started[robot] for robot in arguments}
+
+    def take_news(self, timeout_s: float) -> bool:
+        """Take in what has been said, waiting for it so long; whether there was something."""
+        assert self._server.stdout is not None
+        if self._server.stdout.closed:
+            return False
+        poll = select.poll()
+        poll.register(self._server.stdout, select.POLLIN)
+        if not poll.poll(1e3 * timeout_s):
+            return False
+        data = os.read(self._server.stdout.fileno(), CHUNK)
+        *lines, self._waiting = (self._waiting + data).split(b"\n")
+        for line in lines:
+            self._take(json.loads(line))
+        return bool(data)
+
+    def _take(self, news: dict[str, Any]) -> None:
+        if "status" in news:
+            self._robots[news["pid"]].status = news["status"]
+        else:
+            robot = ForkedRobot(self, news["pid"])
+            self._robots[robot.pid] = self._started[news["robot"]] = robot
+
+    def close(self) -> None:
+        """End the process that forks; robots that still run are not touched."""
+        assert self._server.stdin is not None
+        assert self._server.stdout is not None
+        self._server.stdin.close()
+        while self.take_news(NEWS_TIMEOUT_S):
+            pass
+        self._server.stdout.close()
+        self._server.wait()
