@@ -11,7 +11,7 @@ from itertools import product
 
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.activation import parse_activation
-from mrbt_mesh.core.bt.evaluation import OverlaidFacts
+from mrbt_mesh.core.bt.evaluation import OverlaidFacts, OwnFacts
 from mrbt_mesh.core.bt.guards import conditions_in
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import ExpressionRevision
@@ -76,15 +76,23 @@ class Renewals:
 
 
 def _may_turn(agent: AgentView, node: int) -> bool:
-    """Whether the conditions that have ever changed can keep a node from being reached."""
+    """Whether the conditions that have ever changed can keep a node from being reached.
+
+    With what actions have done so far, or with all of it to be done again: a condition that turns
+    may have renewed what stands before the node.
+    """
     facts = agent.facts
-    names = sorted(_changed(facts) & conditions_in(facts.mission.tree.spec(0)))
+    conditions = sorted(conditions_in(facts.mission.tree.spec(0)))
+    changed = _changed(facts)
+    names = [name for name in conditions if name in changed]
     if len(names) > MAX_CONDITIONS:
         return True
     for values in product((False, True), repeat=len(names)):
-        supposed = _Otherwise(facts, dict(zip(names, values, strict=True)))
-        if facts.mission.evaluator.evaluate(supposed).statuses[node] == Status.IDLE.value:
-            return True
+        supposed = dict(zip(names, values, strict=True))
+        anew = {name: supposed.get(name, facts.condition(name)) for name in conditions}
+        for each in (_Otherwise(facts, supposed), OwnFacts(set(filter(anew.get, anew)))):
+            if facts.mission.evaluator.evaluate(each).statuses[node] == Status.IDLE.value:
+                return True
     return False
 
 
