@@ -1,12 +1,13 @@
 """Forks the robots of a team, so that what all of them need is loaded once.
 
-    python -m mrbt_mesh.cli.fork_server RUN_DIR
+    python -m mrbt_mesh.cli.fork_server RUN_DIR [arrays]
 
 It is told on standard input, line by line, whom to start with which arguments of `mrbt`, and says
 on standard output who has which pid and how it ended: `runtime/robot_forks.py` is its other end. It
 ends with its launcher, and its robots go on.
 
-Nothing may be loaded here that starts a thread or opens a Zenoh session: neither survives a fork.
+Nothing may be begun here that does not survive a fork, as a Zenoh session or a thread. numpy's
+library has threads, and ends them itself before a fork.
 """
 
 from __future__ import annotations
@@ -30,14 +31,20 @@ LOADED_ONCE = (
     "mrbt_mesh.runtime.manifest_watch",
     "mrbt_mesh.runtime.robot_process",
 )
+# What those load as well whose team is large: robots for which few demands are not the rule.
+LOADED_FOR_ARRAYS = (
+    "mrbt_mesh.core.assignment.canonical",
+    "mrbt_mesh.core.incremental.assignment.optimum",
+    "ortools.graph.python.min_cost_flow",
+)
 REQUESTS, ANSWERS = 0, 1
 CHUNK = 1 << 16
 MAX_NAME = 15  # of a process, on Linux
 
 
-def serve() -> None:
-    """Fork robots until the launcher is gone."""
-    for module in LOADED_ONCE:
+def serve(arrays: bool) -> None:
+    """Fork robots until the launcher is gone; with `arrays`, those of a large team."""
+    for module in (*LOADED_ONCE, *(LOADED_FOR_ARRAYS if arrays else ())):
         importlib.import_module(module)
     gc.collect()
     gc.freeze()  # pages that no collection writes to stay shared with the robots
@@ -106,4 +113,4 @@ def _become_robot(request: dict[str, Any]) -> NoReturn:
 
 if __name__ == "__main__":
     with contextlib.suppress(BrokenPipeError):
-        serve()
+        serve("arrays" in sys.argv[2:])

@@ -57,16 +57,19 @@ class ForkedRobot:
 class RobotForks:
     """Starts robots; `close` it once they have ended."""
 
-    def __init__(self, run_dir: RunDir, environment: Mapping[str, str]) -> None:
-        """`environment` are variables that the robots get besides those of this process."""
+    def __init__(self, run_dir: RunDir, environment: Mapping[str, str], arrays: bool) -> None:
+        """`environment` are variables that the robots get besides those of this process. `arrays`:
+        they will solve large assignment problems.
+        """
         self._run_dir = run_dir
         self._waiting = b""
         self._robots: dict[int, ForkedRobot] = {}
         self._started: dict[str, ForkedRobot] = {}
+        command = [sys.executable, "-m", "mrbt_mesh.cli.fork_server", str(run_dir.path)]
         with run_dir.fork_server_output_path.open("ab") as output:
             # In a session of its own: the keys of the terminal are for the launcher.
             self._server = subprocess.Popen(
-                [sys.executable, "-m", "mrbt_mesh.cli.fork_server", str(run_dir.path)],
+                [*command, *(["arrays"] if arrays else [])],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=output,

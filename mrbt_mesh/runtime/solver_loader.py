@@ -38,10 +38,14 @@ def solver_for(mission: Mission, named: str | None = None) -> Solver:
 
     Raises SolverError if it cannot be used for this mission.
     """
-    actions = [mission.global_tasks[node.subject] for node in mission.tree.actions()]
-    demands = sum(len(task.needs) for task in actions)
-    is_small = not needs_arrays(len(mission.robots), demands)
+    is_small = not may_need_arrays(mission)
     return load_solver(named or mission.solver, bool(mission.constraints), is_small)
+
+
+def may_need_arrays(mission: Mission) -> bool:
+    """Whether the default solver needs its libraries if all is asked for at the same time."""
+    actions = [mission.global_tasks[node.subject] for node in mission.tree.actions()]
+    return needs_arrays(len(mission.robots), sum(len(task.needs) for task in actions))
 
 
 def load_solver(named: str | None, constrained: bool, is_small: bool = False) -> Solver:

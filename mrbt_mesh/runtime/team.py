@@ -34,6 +34,7 @@ from mrbt_mesh.runtime.launcher import (
 from mrbt_mesh.runtime.robot_forks import CAN_FORK, ForkedRobot, RobotForks
 from mrbt_mesh.runtime.run_dir import Place, RunDir, RunInfo
 from mrbt_mesh.runtime.settings import PROTOCOLS, WIRED
+from mrbt_mesh.runtime.solver_loader import may_need_arrays
 from mrbt_mesh.runtime.team_address import TeamAddress, timing_of
 from mrbt_mesh.runtime.watcher import Watcher
 
@@ -153,7 +154,7 @@ class Team:
         for robot in self.info.robots:
             ensure_keys(self.run_dir, self.info, robot)
         arguments = {r: agent_arguments(self.run_dir, self.info, r) for r in self.info.robots}
-        self._forks = RobotForks(self.run_dir, self.environment)
+        self._forks = RobotForks(self.run_dir, self.environment, may_need_arrays(self.mission))
         self.processes |= await anyio.to_thread.run_sync(self._forks.start, arguments)
 
     def process(self, robot: str) -> psutil.Process | None:

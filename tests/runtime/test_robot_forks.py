@@ -33,8 +33,8 @@ def forks(tmp_path: Path) -> Iterator[Callable[..., RobotForks]]:
     """Makes what forks robots into the test's folder, and ends it."""
     made: list[RobotForks] = []
 
-    def make(**environment: str) -> RobotForks:
-        made.append(RobotForks(RunDir(tmp_path), environment))
+    def make(arrays: bool = False, **environment: str) -> RobotForks:
+        made.append(RobotForks(RunDir(tmp_path), environment, arrays))
         return made[-1]
 
     yield make
@@ -74,6 +74,21 @@ def test_a_robot_has_a_session_and_a_name_of_its_own_and_outlives_its_parent(
     assert process.is_running()
     process.kill()
     wait_for_exit(robot.pid)
+
+
+def test_solvers_that_were_loaded_before_the_fork_solve_after_it(
+    forks: Callable[..., RobotForks], tmp_path: Path
+) -> None:
+    """Planning tries the named solver out; CP-SAT is loaded in the robot itself."""
+    plan = ["plan", str(mission_file("vehicle_repair")), "--json", "--solver"]
+    solvers = ("min_cost_flow", "cp_sat")
+    found = forks(arrays=True).start({solver: [*plan, solver] for solver in solvers})
+    for robot in found.values():
+        wait_for_exit(robot.pid)
+        robot.settle()
+    printed = [RunDir(tmp_path).output_path(solver).read_text() for solver in solvers]
+    assert [robot.returncode for robot in found.values()] == [0, 0], printed
+    assert printed[0] == printed[1]
 
 
 def test_a_killed_robot_has_its_signal_as_status(
