@@ -26,6 +26,11 @@ def planner(agent: Agent) -> Planner:
     return agent._planner
 
 
+def follow_up(agent: Agent) -> FollowUp:
+    """What follows from inputs and from the time."""
+    return agent._follow_up
+
+
 def schedule(agent: Agent) -> HeartbeatSchedule:
     """When it beats."""
     return agent._schedule

@@ -78,13 +78,13 @@ class Agent:
         if now_us > self._deadline_us:
             self._lifecycle.woke_late(now_us - self._deadline_us, now_us)
             self._deadline_us = now_us
+        taken = [event]
         if context.config.plans_apart:
-            for each in self._deferred.due(event, self._planner.awaited is not None):
-                self._take(each, now_us)
-        else:
-            self._take(event, now_us)
+            taken = self._deferred.due(event, self._planner.awaited is not None)
+        for each in taken:
+            self._take(each, now_us)
         if not context.has_stopped:
-            self._follow_up.input(event, now_us)
+            self._follow_up.inputs(taken, now_us)
         return context.take_effects()
 
     def next_deadline_us(self, now_us: int) -> int:

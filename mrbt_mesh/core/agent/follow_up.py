@@ -7,6 +7,8 @@ of it follows from; to go through it after each would take a robot of a large te
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.executor import Executor
 from mrbt_mesh.core.agent.heartbeats import Heartbeats
@@ -53,13 +55,13 @@ class FollowUp:
         self._seen: int | None = None
         self._reads_reports = False
 
-    def input(self, event: Input, now_us: int) -> None:
-        """An input has been taken in: do what follows from it."""
+    def inputs(self, events: Sequence[Input], now_us: int) -> None:
+        """These have been taken in: do what follows from them."""
         if self._planner.awaited is not None:
             self._judge(now_us)
             self._ask_who_is_due(now_us)
             self._heartbeats.send_if_due(now_us)
-        elif not self._is_clean(event, now_us):
+        elif not self._is_clean(events, now_us):
             self._bring_up_to_date(now_us)
             self._note_what_is_done(now_us)
         else:
@@ -111,12 +113,12 @@ class FollowUp:
 
     # -- the dirty check ----------------------------------------------------------------------
 
-    def _is_clean(self, event: Input, now_us: int) -> bool:
-        """Whether nothing follows from an input. So it is with most."""
+    def _is_clean(self, events: Sequence[Input], now_us: int) -> bool:
+        """Whether nothing follows from inputs. So it is with most."""
         return (
             now_us < self.step_us
             and self._seen == self._changes()
-            and isinstance(event, _MAY_CHANGE_NOTHING)
+            and all(isinstance(event, _MAY_CHANGE_NOTHING) for event in events)
             and not self._context.membership.needs_detection(now_us)
         )
 

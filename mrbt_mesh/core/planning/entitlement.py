@@ -1,10 +1,15 @@
 """Who may be asked: what conditions that every robot has for itself mean for a request.
 
 A request behind such a condition is for the robots for which it holds: with a robot's own values in
-place of the team's, each guard of the request has to be as it must.
+place of the team's, each guard of the request has to be as it must. A guard that stands against the
+team as well asks for nothing: something else has let the team through, such as the outcome of
+`pick` in Fallback(holding, pick).
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
 
 from mrbt_mesh.core.bt.evaluation import Request
 from mrbt_mesh.core.facts.team_facts import TeamFacts
@@ -20,16 +25,21 @@ def entitled(facts: TeamFacts, request: Request) -> tuple[str, ...] | None:
         return None
     robots = sorted(facts.mission.robots)
     for name, against in guards:
-        robots = [robot for robot in robots if _finds(facts, robot, name) is not against]
+        if _finds(facts, facts.condition, name) is not against:
+            robots = [
+                robot
+                for robot in robots
+                if _finds(facts, partial(facts.condition_of, robot), name) is not against
+            ]
     return tuple(robots)
 
 
-def _finds(facts: TeamFacts, robot: str, name: str) -> bool:
-    """Whether a condition or expression holds for one robot."""
+def _finds(facts: TeamFacts, value: Callable[[str], bool], name: str) -> bool:
+    """Whether a condition or expression holds, with these values of conditions."""
     if name in facts.mission.own:
-        return facts.condition_of(robot, name)
+        return value(name)
     expression = facts.mission.own.expressions[name]
-    holding = {c for c in expression.conditions if facts.condition_of(robot, c)}
+    holding = set(filter(value, expression.conditions))
     return facts.mission.evaluator.holds(expression, holding)
 
 

@@ -26,7 +26,8 @@ def lacked(facts: TeamFacts, activation: str, robot: str) -> str:
         is_own = any(name in own for name in barrier.conditions)
         if is_own and node in barrier.behind:
             holding = {c for c in barrier.conditions if facts.condition_of(robot, c)}
-            if barrier.keeps_out(holding):
+            team = set(filter(facts.condition, barrier.conditions))
+            if barrier.keeps_out(holding) and not barrier.keeps_out(team):
                 return ", ".join(barrier.conditions)
     return ""
 

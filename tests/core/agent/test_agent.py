@@ -378,6 +378,18 @@ def test_a_beat_that_is_due_before_the_timer_is_set_is_not_put_off() -> None:
     assert agent.next_deadline_us(due_us + 1) <= due_us
 
 
+def test_what_a_timer_lets_in_that_has_waited_for_a_plan_is_followed_up() -> None:
+    """An action that has stopped frees its robot for the next one, which would never begin."""
+    script = team()
+    story(script, "pass 2000")
+    now_us = script.team.now_us
+    for event, expected in ((inputs.ActionStopped(99), 1), (inputs.ProgressReported(99, 1), 0)):
+        with inside.counted() as counts:
+            taken = [inputs.TimerFired(), event]
+            inside.follow_up(script.team.processes["A"].agent).inputs(taken, now_us)
+        assert counts["followed up"] == expected
+
+
 def test_an_earlier_life_that_others_bury_is_noticed_at_once() -> None:
     """The accusation changes no peer, no fact and no deadline: but this robot must outbid it."""
     script = team()

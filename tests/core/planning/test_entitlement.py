@@ -51,6 +51,15 @@ def test_what_stands_behind_is_for_those_for_which_it_holds() -> None:
     assert candidates(world_of(holding="A2 B-1")) == {"place": ["A2", "B-1"]}
 
 
+def test_what_holds_for_nobody_asks_for_nothing_where_the_team_goes_on_without_it() -> None:
+    world = world_of()
+    world.outcome(world.activation("pick"), True, "A1")  # and sets nothing
+    assert candidates(world) == {"place": list(ROBOTS)}
+    world.set("holding@B-1", True, "B-1")
+    world.tick()
+    assert candidates(world) == {"place": ["B-1"]}
+
+
 def test_it_is_picked_again_once_nobody_holds_it_and_not_before() -> None:
     world = world_of(holding="A1 A2")
     first = world.activation("place")
