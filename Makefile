@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-long test-plain test-slow test-docker tolerance lint check-lock lock drills soak \
-	clean bench bench-failover bench-resume bench-membership bench-estimate bench-robustness walk paper
+	clean bench bench-scale bench-failover bench-resume bench-membership bench-estimate bench-robustness walk paper
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
@@ -21,6 +21,7 @@ help:
 	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
 	@echo "make bench           the planner against what one would use instead: docs/performance.md"
 	@echo "make bench-failover  time from a kill or a freeze until the replacement has started"
+	@echo "make bench-scale     teams of 6 to 64 processes: launch, cost at rest, replacement"
 	@echo "make bench-resume    50 rounds of killing the whole team and resuming it"
 	@echo "make bench-membership false deaths, detection and agreement on bad networks"
 	@echo "make bench-estimate  how many runs mrbt estimate makes in a minute"
@@ -78,6 +79,9 @@ drills: $(READY)
 bench: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[bench]'
 	$(BIN)/python -m benchmarks --json bench.json --plot bench-plots
+
+bench-scale: $(READY)
+	$(BIN)/python -m benchmarks.scale
 
 bench-resume: $(READY)
 	$(BIN)/python -m benchmarks.resume

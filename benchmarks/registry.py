@@ -103,6 +103,11 @@ SCRIPTS = {
         ("--kills", "3", "--freezes", "1"),
     ),
     "resume": Script("rounds of killing the whole team and resuming it", (), ("--rounds", "3")),
+    "scale": Script(
+        "teams of 6 to 64 processes: launch, cost at rest, time until a killed robot is replaced",
+        (),
+        ("--sizes", "6,12", "--kills", "2"),
+    ),
     "membership": Script("false deaths, detection and agreement on bad networks", (), ()),
     "estimate": Script("how many runs mrbt estimate makes in a minute", (), ("--runs", "20")),
     "robustness": Script(

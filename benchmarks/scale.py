@@ -1,0 +1,193 @@
+"""What robots on one machine cost, and how fast they are, by their number; on real processes.
+
+    python -m benchmarks.scale [--sizes 6,12,24,48,64] [--kills 5] [--json FILE]
+                               [--beat 0.2] [--detection 1]
+
+A patrol of N robots over N/2 areas that never ends, so that half of the team is at work and half
+is free. For each size a team is started, left alone, and loses some robots one after the other:
+
+launch    from the start of `mrbt up` until all areas are worked on, which the team has agreed on
+at rest   processor time of all robots together, memory of one, over some seconds
+kill      SIGKILL of a robot at work until another one has started in its area
+
+Memory: resident, and the robot's share of it (pages that several processes have count by parts).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import statistics
+import tempfile
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import psutil
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.run import ROOT, Run, machine, say
+from mrbt_mesh.runtime.settings import DEFAULT_BEAT_S, DEFAULT_DETECTION_S
+
+SIZES = (6, 12, 24, 48, 64)
+LAUNCH_TIMEOUT_S, KILL_TIMEOUT_S = 240.0, 60.0
+# After the launch, until what it leaves to do is done; then so long is measured.
+SETTLE_S, REST_S = 10.0, 10.0
+LOOK_S = 0.005
+
+PATROL = """\
+mission: patrol
+program: {program}
+parameters: {{areas: [{areas}]}}
+local_tasks: {{explore: {{parameters: [area], work: 1000000}}}}
+robot_types: {{R: {{capabilities: {{explore: 1}}}}}}
+robots: {{{robots}}}
+global_tasks:
+  visit: {{parameters: [area], needs: {{explore($area): {{min: 1, max: 1}}}}}}
+tree:
+  Parallel: {{success: all, for_each: {{area: $areas}}, do: visit($area)}}
+"""
+
+
+@dataclass
+class Size:
+    """What was found of one team; None: not in time."""
+
+    robots: int
+    launch_s: float | None = None
+    cpu_at_rest_percent: float | None = None
+    rss_mb: float | None = None
+    share_mb: float | None = None
+    kills_ms: list[float | None] = field(default_factory=list)
+
+
+def patrol(robots: int) -> str:
+    """The mission file of a team of so many robots."""
+    return PATROL.format(
+        program=ROOT / "agents" / "explore.py",
+        areas=", ".join(f"a{area:03}" for area in range(robots // 2)),
+        robots=", ".join(f"R{robot:03}: R" for robot in range(robots)),
+    )
+
+
+def workers(run: Run) -> dict[str, str]:
+    """Area -> the robot that started there last."""
+    return {line["args"][0]: line["robot"] for line in run.events() if line["event"] == "start"}
+
+
+def launch_s(run: Run, areas: int, started_s: float) -> float | None:
+    """Seconds until robots have started in all areas."""
+    while time.monotonic() < started_s + LAUNCH_TIMEOUT_S and run.process.poll() is None:
+        if len(workers(run)) == areas:
+            return time.monotonic() - started_s
+        time.sleep(LOOK_S)
+    return None
+
+
+def rest(run: Run, found: Size) -> None:
+    """Processor time and memory of the team, left alone."""
+    processes = list(run.processes().values())
+    time.sleep(SETTLE_S)
+    before_s, begun_s = _cpu_s(processes), time.monotonic()
+    time.sleep(REST_S)
+    spent_s, over_s = _cpu_s(processes) - before_s, time.monotonic() - begun_s
+    memory = [process.memory_full_info() for process in processes]
+    found.cpu_at_rest_percent = round(100 * spent_s / over_s, 1)
+    found.rss_mb = round(statistics.median(each.rss for each in memory) / 1e6, 1)
+    if hasattr(memory[0], "pss"):
+        found.share_mb = round(statistics.median(each.pss for each in memory) / 1e6, 1)
+
+
+def _cpu_s(processes: list[psutil.Process]) -> float:
+    return sum(sum(process.cpu_times()[:2]) for process in processes)
+
+
+def kill_ms(run: Run, area: str) -> float | None:
+    """Kill who works in an area; milliseconds until another robot has started there."""
+    victim = workers(run)[area]
+    killed_s = time.time()
+    os.kill(run.processes()[victim].pid, signal.SIGKILL)
+    while time.time() < killed_s + KILL_TIMEOUT_S:
+        for line in run.events():
+            if line["event"] == "start" and line["t"] > killed_s and line["args"] == [area]:
+                return round(1e3 * (float(line["t"]) - killed_s), 1)
+        time.sleep(LOOK_S)
+    return None
+
+
+def measure(robots: int, kills: int, *options: str) -> Size:
+    """Start one team and measure it."""
+    found = Size(robots)
+    with tempfile.TemporaryDirectory(prefix="mrbt-bench-") as folder:
+        mission = Path(folder) / "mission.yaml"
+        mission.write_text(patrol(robots))
+        started_s = time.monotonic()
+        run = Run(Path(folder), mission, *options)
+        try:
+            found.launch_s = launch_s(run, robots // 2, started_s)
+            say(f"{robots} robots: at work after {found.launch_s} s")
+            if found.launch_s is None:
+                return found
+            rest(run, found)
+            for area in sorted(workers(run))[:kills]:
+                found.kills_ms.append(kill_ms(run, area))
+                say(f"{robots} robots: killed, replaced after {found.kills_ms[-1]} ms")
+        finally:
+            run.stop()
+    return found
+
+
+def table(sizes: list[Size]) -> Table:
+    """The findings for people."""
+    shown = Table(box=None, title="Robots on one machine", title_justify="left")
+    heads = ("robots", "launch, s", "all at rest, % of a core", "resident, MB", "share, MB")
+    for head in (*heads, "kill, median ms", "worst ms"):
+        shown.add_column(head, justify="right")
+    for size in sizes:
+        in_time = [ms for ms in size.kills_ms if ms is not None]
+        late = f"> {KILL_TIMEOUT_S:g} s" if None in size.kills_ms else ""
+        launched = "not in time" if size.launch_s is None else f"{size.launch_s:.1f}"
+        kills = (
+            f"{statistics.median(in_time):.0f}" if in_time else "",
+            late or (f"{max(in_time):.0f}" if in_time else ""),
+        )
+        costs = (size.cpu_at_rest_percent, size.rss_mb, size.share_mb)
+        cells = ["" if cost is None else f"{cost:.1f}" for cost in costs]
+        shown.add_row(str(size.robots), launched, *cells, *kills)
+    return shown
+
+
+def sizes_of(text: str) -> list[int]:
+    """The sizes of an option; raises ArgumentTypeError."""
+    sizes = [int(size) for size in text.split(",")]
+    if min(sizes) < 2:
+        raise argparse.ArgumentTypeError("a team has at least 2 robots")
+    return sizes
+
+
+def main() -> None:
+    """Run the benchmark."""
+    assert __doc__ is not None
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("--sizes", type=sizes_of, default=list(SIZES), metavar="N,N,...")
+    parser.add_argument("--kills", type=int, default=5, help="robots killed per team (5)")
+    parser.add_argument("--beat", default=str(DEFAULT_BEAT_S), help="as of `mrbt up`")
+    parser.add_argument("--detection", default=str(DEFAULT_DETECTION_S), help="as of `mrbt up`")
+    parser.add_argument("--json", type=Path, help="also write the result here")
+    options = parser.parse_args()
+    knobs = ("--beat", options.beat, "--detection", options.detection)
+    result: dict[str, Any] = {"machine": machine(), "load_before": os.getloadavg()[0]}
+    sizes = [measure(size, min(options.kills, size // 2), *knobs) for size in options.sizes]
+    Console(width=max(Console().width, 120)).print(table(sizes))
+    result |= {"beat_s": float(options.beat), "detection_s": float(options.detection)}
+    result["sizes"] = [asdict(size) for size in sizes]
+    if options.json is not None:
+        options.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
