@@ -17,9 +17,9 @@ from typing import Any
 
 import msgpack
 
-from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, make_entry
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 SUFFIX = ".journal"
 LAZY_COMMIT_S = 0.1
 
@@ -29,7 +29,17 @@ CREATE TABLE IF NOT EXISTS entries (
     author TEXT, name TEXT, counter INTEGER, nonce TEXT, sequence INTEGER, value BLOB,
     PRIMARY KEY (author, name)
 ) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS proofs (
+    author TEXT, counter INTEGER, nonce TEXT, sequence INTEGER, hashes BLOB, signature BLOB,
+    PRIMARY KEY (author, counter, nonce, sequence)
+) WITHOUT ROWID;
 """
+# Proofs of batches of which no entry stands are dropped now and then.
+_DROP_PROOFS = """
+DELETE FROM proofs WHERE (author, counter, nonce, sequence) NOT IN
+    (SELECT author, counter, nonce, sequence FROM entries)
+"""
+COMMITS_PER_CLEANING = 1_000
 
 
 class Journal:
@@ -52,6 +62,7 @@ class Journal:
         self._log = log
         self._pending: dict[tuple[str, str], Entry | None] = {}
         self._failing = False
+        self._commits = 0
         self._database: sqlite3.Connection | None = None
 
     def open(self) -> tuple[Entry, ...]:
@@ -84,8 +95,11 @@ class Journal:
         elif known != self._meta:
             other = [key for key in self._meta if known.get(key) != self._meta[key]]
             raise ValueError(f"belongs to another {', '.join(other)}")
+        database.execute(_DROP_PROOFS)
+        shown = database.execute("SELECT * FROM proofs").fetchall()
+        proofs = {row[:4]: BatchProof(row[4], row[5]) for row in shown}
         rows = database.execute("SELECT * FROM entries ORDER BY author, name").fetchall()
-        return tuple(_entry(*row) for row in rows)
+        return tuple(_entry(row, proofs.get((row[0], *row[2:5]))) for row in rows)
 
     def _set_aside(self, reason: str) -> None:
         """Move a journal that cannot be used out of the way, for people to look at."""
@@ -127,12 +141,23 @@ class Journal:
             for e in self._pending.values()
             if e is not None
         ]
+        proofs = [
+            (e.author, *e.version.incarnation, e.version.sequence, p.hashes, p.signature)
+            for e in self._pending.values()
+            if e is not None and (p := e.proof) is not None
+        ]
         gone = [key for key, entry in self._pending.items() if entry is None]
         try:
             self._database.execute("BEGIN IMMEDIATE")
             self._database.executemany(
                 "INSERT OR REPLACE INTO entries VALUES (?, ?, ?, ?, ?, ?)", rows
             )
+            self._database.executemany(
+                "INSERT OR REPLACE INTO proofs VALUES (?, ?, ?, ?, ?, ?)", proofs
+            )
+            self._commits += 1
+            if self._commits % COMMITS_PER_CLEANING == 0:
+                self._database.execute(_DROP_PROOFS)
             self._database.executemany("DELETE FROM entries WHERE author = ? AND name = ?", gone)
             self._database.execute("COMMIT")
         except sqlite3.Error as error:
@@ -164,9 +189,10 @@ class Journal:
             self._database = None
 
 
-def _entry(author: str, name: str, counter: int, nonce: str, sequence: int, value: bytes) -> Entry:
+def _entry(row: tuple[Any, ...], proof: BatchProof | None) -> Entry:
+    author, name, counter, nonce, sequence, value = row
     version = Version(Incarnation(counter, nonce), sequence)
-    return make_entry(author, name, version, msgpack.unpackb(value))
+    return make_entry(author, name, version, msgpack.unpackb(value), proof)
 
 
 def journal_path(run_dir: Path, robot: str) -> Path:

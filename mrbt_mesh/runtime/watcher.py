@@ -35,12 +35,13 @@ class Watcher:
     def __init__(self, address: TeamAddress) -> None:
         self.address = address
         self.timing = address.timing
+        self._guard = _guard_of(address)
+        keys = self._guard.keys if self._guard is not None else None
         self.observer = Observer(
-            address.mission, address.run, address.timing, default_solver, chosen_engine()
+            address.mission, address.run, address.timing, default_solver, chosen_engine(), keys
         )
         self.changed = anyio.Event()
         self._asked: set[tuple[str, Incarnation]] = set()
-        self._guard = _guard_of(address)
         self._transport: ZenohTransport
 
     async def open(self) -> None:

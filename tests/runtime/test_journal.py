@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, make_entry
 from mrbt_mesh.runtime.journal import Journal
 
 MISSION, RUN = "d" * 64, "run1"
+VALUES: dict[str, Any] = {"claim": None, "order": ["pause", 1]}
 
 
 class Diary:
@@ -53,6 +54,28 @@ def test_what_was_committed_is_there_again_and_what_was_not_is_not(tmp_path: Pat
     # The process dies here: nothing is closed.
     again = journal(path).open()
     assert sorted(again, key=str) == sorted(kept, key=str)
+
+
+def test_the_proof_of_a_batch_is_kept_as_long_as_an_entry_of_it_stands(tmp_path: Path) -> None:
+    path = tmp_path / "A1.journal"
+    first = journal(path)
+    first.open()
+    proofs = [BatchProof(bytes(32), bytes(64)), BatchProof(b"x" * 32, b"y" * 64)]
+    version = Version(Incarnation(1, "n"), 1)
+    for name in ("claim", "order"):
+        first.put([make_entry("A1", name, version, VALUES[name], proofs[0])])
+    first.put([entry("B1")])
+    first.commit()
+    again = journal(path)
+    assert [each.proof for each in again.open()] == [proofs[0], proofs[0], None]
+    for name in ("claim", "order"):
+        again.put(
+            [make_entry("A1", name, Version(Incarnation(1, "n"), 2), VALUES[name], proofs[1])]
+        )
+        again.commit()
+    assert [each.proof for each in journal(path).open()] == [proofs[1], proofs[1], None]
+    (rows,) = sqlite3.connect(path).execute("SELECT COUNT(*) FROM proofs").fetchone()
+    assert rows == 1
 
 
 def test_a_newer_entry_of_a_key_replaces_the_older_one(tmp_path: Path) -> None:

@@ -46,6 +46,11 @@ def resumed(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
     if load_mission(found.mission_path).digest != mission.digest:
         raise InputError(f"{found.path} is a run of another mission, or of another version of it")
     before = found.info()
+    if info.insecure != before.insecure:
+        how = "without" if before.insecure else "with"
+        raise InputError(
+            f"{found.path} is a run {how} keys, and can only be resumed so: --insecure"
+        )
     found.save(replace(info, team=before.team, run=before.run))
     found.remember()
     return found

@@ -40,7 +40,9 @@ class Context:
         self.facts = TeamFacts(mission, config.run)
         header = Header(mission.digest[:16], mission.name, config.run, config.robot)
         read_batch = config.engine.read_batch
-        self.replica = Replica(self.facts, header, config.timing, config.nonce, read_batch)
+        self.replica = Replica(
+            self.facts, header, config.timing, config.nonce, read_batch, config.keys
+        )
         self.replica.restore(config.restored)
         self.membership = Membership(self.me, config.timing)
         self.joining: Joining | None = Joining(

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeAlias
 
 import msgpack
@@ -41,12 +41,20 @@ class Version(NamedTuple):
     sequence: int
 
 
+@dataclass(slots=True)
+class BatchProof:
+    """Shows that an author wrote a batch: the hashes of its entries, and a signature over them."""
+
+    hashes: bytes = b""
+    signature: bytes = b""
+
+
 @dataclass(frozen=True, slots=True)
 class Entry:
     """One fact: `value` is plain data as on the wire, `record` what it means.
 
     `parts` are those of its name, the kind first. `hash`: 128 bits over author, name, version and
-    value.
+    value. `proof` is that of its batch, in a team with keys; it is no part of what the fact says.
     """
 
     author: str
@@ -57,9 +65,12 @@ class Entry:
     record: Record
     packed: bytes
     hash: int
+    proof: BatchProof | None = field(default=None, compare=False, repr=False)
 
 
-def make_entry(author: str, name: str, version: Version, value: Any) -> Entry:
+def make_entry(
+    author: str, name: str, version: Version, value: Any, proof: BatchProof | None = None
+) -> Entry:
     """Parse and pack one entry; raises ValueError if the value is none of its kind."""
     parts, record = parse_record(name, value)
     try:
@@ -72,7 +83,7 @@ def make_entry(author: str, name: str, version: Version, value: Any) -> Entry:
     head = msgpack.packb([author, name, counter, nonce, sequence])
     digest = hashlib.blake2b(head + packed, digest_size=16).digest()
     number = int.from_bytes(digest, "big")
-    return Entry(author, name, parts, version, value, record, packed, number)
+    return Entry(author, name, parts, version, value, record, packed, number, proof)
 
 
 def join(mine: Entry | None, other: Entry) -> Entry:

@@ -6,10 +6,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
-from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
 from mrbt_mesh.core.membership.anti_entropy import AntiEntropy
+from mrbt_mesh.core.membership.authorship import NOT_AUTHENTIC, Authorship
+from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import (
     Header,
@@ -58,12 +60,14 @@ class Replica:
         timing: Timing,
         nonce: str,
         read_batch: ReadBatch = read_batch,
+        keys: Keys | None = None,
     ) -> None:
         self.facts = facts
         self.header = header
         self.incarnation = Incarnation(0, nonce)
         self.anti_entropy = AntiEntropy(timing)
         self._read_batch = read_batch
+        self._authorship = Authorship(keys, header.run) if keys is not None else None
         self._sequence = 0
 
     @property
@@ -94,14 +98,17 @@ class Replica:
         """
         self._sequence += 1
         version = Version(self.incarnation, self._sequence)
-        entries = self._add(values, version)
+        proof = BatchProof() if self._authorship is not None else None
+        entries = self._add(values, version, proof)
         if then is not None:
-            entries += self._add(then(), version)
+            entries += self._add(then(), version, proof)
+        if self._authorship is not None and proof is not None:
+            self._authorship.sign(proof, entries)
         self.anti_entropy.note_change(now_us)
         return encode(self.header, MessageKind.FACT, pack_entries(entries)), tuple(entries)
 
-    def _add(self, values: Values, version: Version) -> list[Entry]:
-        entries = [make_entry(self.me, name, version, value) for name, value in values]
+    def _add(self, values: Values, version: Version, proof: BatchProof | None) -> list[Entry]:
+        entries = [make_entry(self.me, name, version, value, proof) for name, value in values]
         self.facts.map.merge(entries)
         return entries
 
@@ -117,7 +124,7 @@ class Replica:
 
     def restore(self, entries: Iterable[Entry]) -> list[Entry]:
         """Take in what a journal kept; returns what was news."""
-        return self._merge(entries, 0, 0).changed
+        return self._merge(entries, 0, 0, is_own_record=True).changed
 
     def receive(self, source: str, data: bytes, now_us: int) -> Received:
         """Take in a published batch, which may only hold entries of its source.
@@ -137,11 +144,15 @@ class Replica:
         received.has_more = body[0]
         return received
 
-    def _merge(self, entries: Iterable[Entry], malformed: int, now_us: int) -> Received:
+    def _merge(
+        self, entries: Iterable[Entry], malformed: int, now_us: int, is_own_record: bool = False
+    ) -> Received:
         received = Received(refused=malformed, reason="malformed entry" if malformed else "")
         fitting = []
         for entry in entries:
             reason = refusal_reason(entry, self.facts.mission, self.facts.run)
+            if reason is None and not is_own_record and not self._is_authentic(entry):
+                reason = NOT_AUTHENTIC
             if reason is None:
                 fitting.append(entry)
             else:
@@ -151,6 +162,13 @@ class Replica:
         if received.changed:
             self.anti_entropy.note_change(now_us)
         return received
+
+    def _is_authentic(self, entry: Entry) -> bool:
+        if self._authorship is None:
+            return True
+        mine = self.facts.map.get(entry.author, entry.name)
+        is_held = mine is not None and mine.hash == entry.hash
+        return is_held or self._authorship.is_authentic(entry)
 
     # -- pulls --------------------------------------------------------------------------------
 

@@ -15,10 +15,17 @@ from typing import Any, TypeAlias
 import msgpack
 
 from mrbt_mesh.core.facts.records import MAX_NAME
-from mrbt_mesh.core.facts.store import MAX_VALUE_BYTES, Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import (
+    MAX_VALUE_BYTES,
+    BatchProof,
+    Entry,
+    Incarnation,
+    Version,
+    make_entry,
+)
 from mrbt_mesh.core.mission.names import is_robot_id
 
-SCHEMA = 2
+SCHEMA = 3
 MAX_MESSAGE_BYTES = 4 << 20
 MAX_ITEMS = 100_000
 MAX_NONCE = 32
@@ -296,26 +303,46 @@ def _lease_request(value: Any) -> tuple[str, str] | None:
 
 
 def pack_entries(entries: Iterable[Entry]) -> list[Any]:
-    """Entries as plain data, grouped by author and version, so that a batch travels whole."""
+    """Entries as plain data, grouped by author and version, so that a batch travels whole.
+
+    Each group ends with the proof of its batch.
+    """
     groups: dict[tuple[str, Version], list[list[Any]]] = {}
+    proofs: dict[tuple[str, Version], list[bytes]] = {}
     for entry in entries:
-        groups.setdefault((entry.author, entry.version), []).append([entry.name, entry.value])
-    return [[a, *v.incarnation, v.sequence, rows] for (a, v), rows in groups.items()]
+        batch = (entry.author, entry.version)
+        groups.setdefault(batch, []).append([entry.name, entry.value])
+        if entry.proof is not None:
+            proofs[batch] = [entry.proof.hashes, entry.proof.signature]
+    return [
+        [a, *v.incarnation, v.sequence, rows, proofs.get((a, v))] for (a, v), rows in groups.items()
+    ]
 
 
 def parse_entries(body: Any) -> tuple[list[Entry], int]:
     """(well-formed entries, number of malformed ones left out); raises WireError if no table."""
     entries: list[Entry] = []
     malformed = 0
-    for author, counter, nonce, sequence, rows in _rows(body, 5):
+    for author, counter, nonce, sequence, rows, shown in _rows(body, 6):
         version = Version(_incarnation(counter, nonce), _count(sequence))
-        robot = _robot(author)
+        robot, proof = _robot(author), _proof(shown)
         for name, value in _rows(rows, 2):
             try:
-                entries.append(make_entry(robot, name, version, value))
+                entries.append(make_entry(robot, name, version, value, proof))
             except (ValueError, TypeError):
                 malformed += 1
     return entries, malformed
+
+
+def _proof(value: Any) -> BatchProof | None:
+    if value is None:
+        return None
+    if not isinstance(value, list) or len(value) != 2:
+        raise WireError("proof of a batch is malformed")
+    hashes, signature = value
+    if not isinstance(hashes, bytes) or not isinstance(signature, bytes):
+        raise WireError("proof of a batch is malformed")
+    return BatchProof(hashes, signature)
 
 
 def parse_summary(body: Any) -> Mapping[str, bytes]:

@@ -14,6 +14,7 @@ from mrbt_mesh.core.engine import FASTEST, Engine
 from mrbt_mesh.core.facts.records import Claim, OrderKind
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.replica import Replica
@@ -45,11 +46,12 @@ class Observer:
         timing: Timing,
         solver: Solver,
         engine: Engine = FASTEST,
+        keys: Keys | None = None,
     ) -> None:
         self.mission = mission
         self.facts = TeamFacts(mission, run)
         header = Header(mission.digest[:16], mission.name, run, "")
-        self.replica = Replica(self.facts, header, timing, "", engine.read_batch)
+        self.replica = Replica(self.facts, header, timing, "", engine.read_batch, keys)
         self.membership = Membership("", timing)
         self.evaluator = engine.evaluator(self.facts)
         self.record = RunRecord(mission)

@@ -68,7 +68,7 @@ class Forger:
         author = self._random.choice([*robots, "stranger"])
         names = ("claim", "member", "order", "outcome/x/y", "verdict/a:b:c", "condition/none", "x")
         rows = [[self._random.choice(names), self._value(2) or "?"] for _ in range(3)]
-        body = [[author, 1 << 40, "forged", 1, rows]]
+        body = [[author, 1 << 40, "forged", 1, rows, None]]
         return encode(replace(self._header, sender=source), kind, body)
 
     def _value(self, depth: int) -> object:

@@ -111,7 +111,7 @@ def test_nothing_that_arrives_stops_an_agent_or_reaches_another_robots_facts(
 
 def test_a_robot_cannot_publish_for_another_one() -> None:
     script = team()
-    forged = [["A", 9, "zz", 1, [["claim", None]]]]
+    forged = [["A", 9, "zz", 1, [["claim", None]], None]]
     data = encode(header(script), MessageKind.FACT, forged)
     give(script, inputs.MessageReceived(MessageKind.FACT, "B", data))
     assert "B published entries of another author" in script.team.story[-1]
