@@ -39,6 +39,7 @@ from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.runtime.fencing import FencingSelector, boottime_us
+from mrbt_mesh.runtime.flood_gate import FloodGate
 from mrbt_mesh.runtime.inbox import Inbox
 from mrbt_mesh.runtime.journal import Journal
 from mrbt_mesh.runtime.journal_writer import JournalWriter
@@ -106,8 +107,11 @@ class Driver:
 
     async def _main(self, launcher: LauncherWatch | None) -> Stop:
         self._stopped = anyio.Event()
-        inbox = Inbox(asyncio.get_running_loop(), lambda: self._drain(inbox))
-        self._transport = ZenohTransport(self._setup.transport, inbox.put)
+        inbox = Inbox(asyncio.get_running_loop(), lambda: self._drain(inbox, gate))
+        config = self._setup.config
+        gate = FloodGate(config.keys, config.run, inbox.put) if config.keys is not None else None
+        deliver = gate.deliver if gate is not None else inbox.put
+        self._transport = ZenohTransport(self._setup.transport, deliver)
         await anyio.to_thread.run_sync(self._transport.open)
         try:
             async with anyio.create_task_group() as group:
@@ -122,7 +126,7 @@ class Driver:
                 group.start_soon(self._watch_manifest)
                 self._is_ready = True
                 self.submit(TimerFired())
-                self._drain(inbox)
+                self._drain(inbox, gate)
                 if launcher is not None:
                     loop = asyncio.get_running_loop()
                     launcher.call_when_gone(lambda: self._lose_launcher(loop))
@@ -150,13 +154,13 @@ class Driver:
             self._carry_out(effect)
         self._set_timer()
 
-    def _drain(self, inbox: Inbox) -> None:
+    def _drain(self, inbox: Inbox, gate: FloodGate | None) -> None:
         if not self._is_ready:
             return  # what has come stays there until it can be taken
         if inbox.dropped:
             self._logger.warning("inbox_overflow", dropped=inbox.dropped)
             inbox.dropped = 0
-        for event in inbox.take():
+        for event in (*inbox.take(), *(gate.take_refused() if gate is not None else ())):
             self.submit(event)
 
     def _set_timer(self) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
 from typing import Any, NoReturn
 
 import anyio
@@ -10,6 +12,7 @@ from mrbt_mesh.cli.framework.exits import FAILURE, SUCCESS, fail
 from mrbt_mesh.cli.framework.terminal import console, print_json
 from mrbt_mesh.cli.team.orders import nobody, with_team
 from mrbt_mesh.cli.views.status_view import render_status
+from mrbt_mesh.core.agent.commands import REFUSALS
 from mrbt_mesh.core.facts.records import Member
 from mrbt_mesh.core.facts.team_facts import changed_performances
 from mrbt_mesh.core.membership.peer import State
@@ -20,6 +23,7 @@ from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.runtime.watcher import Watcher
 
 SETTLE_BEATS = 2
+REFUSALS_TIMEOUT_S = 1.0
 
 
 def tell_status(team: TeamAddress, as_json: bool) -> NoReturn:
@@ -33,7 +37,7 @@ def tell_status(team: TeamAddress, as_json: bool) -> NoReturn:
             while True:
                 await watcher.wait_for_change(0.05)
         watcher.refresh()
-        data = status_data(watcher)
+        data = status_data(watcher) | {"refused": await _refused(watcher)}
         if as_json:
             print_json(data)
         else:
@@ -41,6 +45,24 @@ def tell_status(team: TeamAddress, as_json: bool) -> NoReturn:
         return SUCCESS
 
     with_team(team, act)
+
+
+async def _refused(watcher: Watcher) -> dict[str, dict[str, int]]:
+    """What each living robot has refused, as far as it answers: "source: reason" -> how often."""
+    found: dict[str, dict[str, int]] = {}
+
+    async def ask(robot: str) -> None:
+        good, text = await watcher.command(robot, REFUSALS)
+        with contextlib.suppress(ValueError):
+            counts = json.loads(text) if good else {}
+            if counts:
+                found[robot] = counts
+
+    with anyio.move_on_after(REFUSALS_TIMEOUT_S):
+        async with anyio.create_task_group() as group:
+            for robot in watcher.observer.membership.alive_set():
+                group.start_soon(ask, robot)
+    return dict(sorted(found.items()))
 
 
 def status_data(watcher: Watcher) -> dict[str, Any]:
@@ -69,6 +91,7 @@ def status_data(watcher: Watcher) -> dict[str, Any]:
         ],
         "waiting": [w.global_task for w in waiting if not w.is_blocked],
         "agreement": observer.agreement,
+        "secure": watcher.address.keys is not None,
         "run_dir": str(run_dir.path) if run_dir is not None else None,
     }
 

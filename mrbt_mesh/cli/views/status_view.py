@@ -27,7 +27,18 @@ def render_status(data: Mapping[str, Any]) -> RenderableType:
         *([render_bounds(data["bounds"])] if data["bounds"] else []),
         *(Text(f"{row['request']} {row['reason']}", "red") for row in data["blocked"]),
         agreement,
+        *_refused(data.get("refused", {})),
+        *([] if data.get("secure", True) else [Text("not secure: nothing is signed", "yellow")]),
     )
+
+
+def _refused(counts: Mapping[str, Mapping[str, int]]) -> list[Text]:
+    """A line for each robot that has refused anything, with what it refused most."""
+    lines = []
+    for robot, rows in counts.items():
+        total, first = sum(rows.values()), next(iter(rows))
+        lines.append(Text(f"{robot} has refused {total} messages, most of them {first}", "yellow"))
+    return lines
 
 
 def _standing(data: Mapping[str, Any]) -> str:

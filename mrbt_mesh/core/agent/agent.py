@@ -24,6 +24,7 @@ from mrbt_mesh.core.agent.inputs import (
     CapabilityChanged,
     ConditionSet,
     Input,
+    InputRefused,
     LeaveRequested,
     MessageReceived,
     PerformanceChanged,
@@ -110,6 +111,8 @@ class Agent:
         match event:
             case MessageReceived() | TokenChanged() | QueryReceived() | AnswerReceived():
                 self._inbound.take(event, now_us, self._planner.awaited is not None)
+            case InputRefused(source, reason, count):
+                self._context.refuse(source, reason, count=count)
             case ActionFinished():
                 self._reports.finished(event, now_us)
             case ActionStopped(ticket):

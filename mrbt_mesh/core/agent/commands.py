@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import json
 from typing import Any
 
 from mrbt_mesh.core.agent.context import Context
@@ -15,7 +16,9 @@ from mrbt_mesh.core.mission.mission import micro_performance
 
 FAULT, RESTORE, LEAVE, ORDER, DECIDE = "fault", "restore", "leave", "order", "decide"
 PERFORM = "perform"
+REFUSALS = "refusals"
 MAX_ARGUMENT = 1_024
+MAX_REFUSALS = 100
 
 
 class Decision(enum.StrEnum):
@@ -69,9 +72,16 @@ class Commands:
                 return True, f"{me} leaves"
             case "order":
                 return self._order(argument, now_us)
+            case "refusals":
+                return True, self._refusals()
             case "decide":
                 return self._decide(argument, now_us)
         return False, f"no command {command!r}"
+
+    def _refusals(self) -> str:
+        """What was refused most, as JSON: "source: reason" -> how often."""
+        counts = sorted(self._context.refused.items(), key=lambda pair: (-pair[1], pair[0]))
+        return json.dumps(dict(counts[:MAX_REFUSALS]))
 
     def _perform(self, argument: str, now_us: int) -> tuple[bool, str]:
         """`argument` is a local task and a performance in units: `replace_hw=0.5`."""

@@ -99,21 +99,21 @@ class Context:
         """One line for the robot's log."""
         self._effects.append(Log(level, event, fields))
 
-    def refuse(self, source: str, reason: str, incompatible: bool = False) -> None:
+    def refuse(self, source: str, reason: str, incompatible: bool = False, count: int = 1) -> None:
         """Count what is refused; log it once per source and reason."""
-        if self.is_first(source, reason):
+        if self.is_first(source, reason, count):
             event = "robot_refused" if incompatible else "input_refused"
             self.log("error" if incompatible else "warning", event, source=source, reason=reason)
         if incompatible and self.joining is not None:
             self.joining.refusal = f"{source}: {reason}"
 
-    def is_first(self, source: str, reason: str) -> bool:
-        """Count one more of a kind that is worth one line in the log; whether it is the first."""
+    def is_first(self, source: str, reason: str, count: int = 1) -> bool:
+        """Count more of a kind that is worth one line in the log; whether they are the first."""
         key = f"{source}: {reason}"
         if key not in self.refused and len(self.refused) >= MAX_REASONS:
             return False
-        self.refused[key] = self.refused.get(key, 0) + 1
-        return self.refused[key] == 1
+        self.refused[key] = self.refused.get(key, 0) + count
+        return self.refused[key] == count
 
     def stop(self, code: int, reason: str | None) -> None:
         """The agent is done, for this reason; None: it is not."""

@@ -46,6 +46,15 @@ class AnswerReceived:
 
 
 @dataclass(frozen=True, slots=True)
+class InputRefused:
+    """So many inputs were refused before they came here."""
+
+    source: str
+    reason: str
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
 class ActionFinished:
     """The action under `ticket` ended by itself.
 
@@ -139,7 +148,9 @@ class PlanMade:
     plan: Plan
 
 
-FromOutside: TypeAlias = MessageReceived | TokenChanged | QueryReceived | AnswerReceived
+FromOutside: TypeAlias = (
+    MessageReceived | TokenChanged | QueryReceived | AnswerReceived | InputRefused
+)
 
 
 Input: TypeAlias = (

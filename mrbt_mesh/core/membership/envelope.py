@@ -34,6 +34,8 @@ WINDOW = 256
 # backwards at every start.
 MAX_LIVES = 32
 _MAX_NAME = 64
+# How every envelope begins: a list of eight, and the first of them.
+_START = b"\x98" + msgpack.packb(SEALED)
 
 _MAY_SAY = {
     Role.ROBOT: frozenset(
@@ -76,10 +78,21 @@ class Envelope(NamedTuple):
         return hashlib.blake2b(head + self.data, digest_size=32).digest()
 
 
+def has_tag(keys: Keys, envelope: Envelope) -> bool:
+    """Whether the sender has put a tag for this member on it, which no command has."""
+    tag = envelope.proof.get(keys.name) if isinstance(envelope.proof, dict) else None
+    if not isinstance(tag, bytes):
+        return False
+    expected = keys.tag(envelope.sender, envelope.content)
+    return expected is not None and hmac.compare_digest(tag, expected)
+
+
 def parse_envelope(data: bytes) -> Envelope:
     """Take an envelope apart; raises ForgedError for anything else, nothing else."""
     if len(data) > MAX_MESSAGE_BYTES:
         raise ForgedError(f"message of {len(data)} bytes, at most {MAX_MESSAGE_BYTES} are read")
+    if not data.startswith(_START):
+        raise ForgedError("not signed")
     try:
         message = msgpack.unpackb(
             data,
@@ -123,6 +136,30 @@ class _Life:
         return True
 
 
+class HeardMessages:
+    """What has been heard of each sender, so that nothing counts twice."""
+
+    def __init__(self) -> None:
+        self._lives: dict[str, dict[int, _Life]] = {}
+
+    def latest_life(self, sender: str) -> int:
+        """The latest life from which there was news; 0: none."""
+        return max(self._lives.get(sender, ()), default=0)
+
+    def is_news(self, envelope: Envelope) -> bool:
+        """Whether this was not heard before; from now on it was. Its proof must be good."""
+        lives = self._lives.setdefault(envelope.sender, {})
+        life = lives.get(envelope.life)
+        if life is None:
+            if len(lives) >= MAX_LIVES:
+                oldest = min(lives)
+                if envelope.life < oldest:
+                    return False
+                del lives[oldest]
+            life = lives[envelope.life] = _Life()
+        return life.take(envelope.number)
+
+
 class Guard:
     """Seals what one member sends and opens what it receives.
 
@@ -134,8 +171,7 @@ class Guard:
         self._run = run
         self._life = life
         self._number = 0
-        self._lives: dict[str, dict[int, _Life]] = {}
-        self._latest: dict[str, int] = {}
+        self._memory = HeardMessages()
 
     # -- sending ------------------------------------------------------------------------------
 
@@ -158,7 +194,7 @@ class Guard:
         The process that follows does not obey it again.
         """
         head = self._head(to, data)
-        tag = self.keys.tag(to, _bound(head.content, self._latest.get(to, 0)))
+        tag = self.keys.tag(to, _bound(head.content, self._memory.latest_life(to)))
         return bytes(msgpack.packb([SEALED, *head[:-1], {to: tag} if tag is not None else {}]))
 
     def _head(self, to: str, data: bytes) -> Envelope:
@@ -186,7 +222,7 @@ class Guard:
         self._check_proof(envelope, kind)
         if envelope.run != self._run:
             raise IncompatibleError(f"run {envelope.run!r} (ours is {self._run!r})")
-        if not self._is_news(envelope):
+        if not self._memory.is_news(envelope):
             raise ForgedError("said before")
         return sender, envelope.data
 
@@ -206,19 +242,6 @@ class Guard:
             is_good = expected is not None and hmac.compare_digest(tag, expected)
         if not is_good:
             raise ForgedError("signature is wrong")
-
-    def _is_news(self, envelope: Envelope) -> bool:
-        lives = self._lives.setdefault(envelope.sender, {})
-        life = lives.get(envelope.life)
-        if life is None:
-            if len(lives) >= MAX_LIVES:
-                oldest = min(lives)
-                if envelope.life < oldest:
-                    return False
-                del lives[oldest]
-            life = lives[envelope.life] = _Life()
-            self._latest[envelope.sender] = max(lives)
-        return life.take(envelope.number)
 
 
 def _bound(content: bytes, life: int) -> bytes:

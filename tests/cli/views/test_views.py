@@ -130,7 +130,8 @@ def test_bids_are_in_the_live_view_and_in_the_summary() -> None:
 def test_the_status_shows_the_bounds_of_what_is_requested() -> None:
     # C1 dies with one of two frames to move; the screws of both are out.
     observer = run(8.0, (1 * SECOND, Kill("C1"))).observer
-    watcher = SimpleNamespace(observer=observer, address=SimpleNamespace(run_dir=None))
+    address = SimpleNamespace(run_dir=None, keys=None)
+    watcher = SimpleNamespace(observer=observer, address=address)
     data = status_data(cast("Any", watcher))
     (row,) = data["bounds"]
     assert row["local_task"] == "move_frame"

@@ -1,0 +1,85 @@
+"""The gate: what a member has sealed passes, of the rest so much in a second, counted by source."""
+
+from __future__ import annotations
+
+from mrbt_mesh.core.agent.inputs import Input, InputRefused, MessageReceived, QueryReceived
+from mrbt_mesh.core.membership.envelope import MAX_TAGS, Guard
+from mrbt_mesh.core.membership.wire import MessageKind
+from mrbt_mesh.runtime.flood_gate import AT_ONCE, CHECKS_PER_S, FloodGate
+from tests.support.keys import keys_of
+
+KEYS = keys_of("A", "B")
+LARGE = keys_of("A", "B", *(f"R{number}" for number in range(MAX_TAGS)))
+BEAT = MessageKind.HEARTBEAT
+TOO_MUCH = "too much to check"
+
+
+class Desk:
+    """A gate with a clock of its own, and what came through."""
+
+    def __init__(self) -> None:
+        self.now_us = 0
+        self.got: list[tuple[Input, str | None]] = []
+        self.gate = FloodGate(
+            KEYS["B"], "run", lambda *each: self.got.append(each), lambda: self.now_us
+        )
+
+    def hear(self, source: str, data: bytes) -> None:
+        self.gate.deliver(MessageReceived(BEAT, source, data), f"beat/{source}")
+
+
+def test_what_is_sealed_passes_in_the_midst_of_a_flood_under_the_same_name() -> None:
+    desk, sender = Desk(), Guard(KEYS["A"], "run", 1)
+    mine = [sender.seal(b"x") for _ in range(50)]
+    for message in mine:
+        for _ in range(100):
+            desk.hear("A", b"noise")
+        desk.hear("A", message)
+    passed = [event.data for event, slot in desk.got if slot == "beat/A"]  # type: ignore[union-attr]
+    assert passed == mine
+    assert [slot for _, slot in desk.got].count(None) == AT_ONCE
+    assert desk.gate.take_refused() == [InputRefused("A", TOO_MUCH, 5_000 - AT_ONCE)]
+    assert desk.gate.take_refused() == []
+
+
+def test_what_comes_again_takes_no_newer_message_s_place() -> None:
+    desk, sender = Desk(), Guard(KEYS["A"], "run", 1)
+    old = [sender.seal(b"x") for _ in range(10)]
+    for message in [*old, *old]:
+        desk.hear("A", message)
+    assert [slot for _, slot in desk.got] == ["beat/A"] * 10 + [None] * 10
+    desk.hear("A", Guard(KEYS["A"], "yesterday", 1).seal(b"x"))
+    desk.hear("op", sender.seal(b"x"))
+    assert [slot for _, slot in desk.got][20:] == [None, None]
+
+
+def test_what_is_not_checked_yet_takes_no_message_s_place() -> None:
+    desk = Desk()
+    desk.hear("A", Guard(LARGE["A"], "run", 1).seal(b"signed for many"))
+    assert [slot for _, slot in desk.got] == [None]
+
+
+def test_each_source_has_a_budget_that_fills_up_again() -> None:
+    desk = Desk()
+    for source in ("A", "Z"):
+        for _ in range(AT_ONCE + 10):
+            desk.hear(source, b"noise")
+    assert len(desk.got) == 2 * AT_ONCE
+    desk.now_us = 1_000_000
+    for _ in range(AT_ONCE):
+        desk.hear("A", b"noise")
+    assert len(desk.got) == 2 * AT_ONCE + CHECKS_PER_S
+    refused = {each.source: each.count for each in desk.gate.take_refused()}
+    assert refused == {"A": 10 + AT_ONCE - CHECKS_PER_S, "Z": 10}
+
+
+def test_questions_of_members_pass_and_commands_have_a_budget() -> None:
+    desk, asker = Desk(), Guard(KEYS["A"], "run", 1)
+    pull = asker.seal(b"x", ("B",))
+    for _ in range(AT_ONCE + 5):
+        desk.gate.deliver(QueryReceived(1, MessageKind.PULL, pull), None)
+        desk.gate.deliver(QueryReceived(1, MessageKind.COMMAND, b"noise"), None)
+    kinds = [event.kind for event, _ in desk.got]  # type: ignore[union-attr]
+    assert kinds.count(MessageKind.PULL) == AT_ONCE + 5
+    assert kinds.count(MessageKind.COMMAND) == AT_ONCE
+    assert desk.gate.take_refused() == [InputRefused("a query", TOO_MUCH, 5)]
