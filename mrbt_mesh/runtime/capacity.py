@@ -17,7 +17,7 @@ import psutil
 # Processor time that one robot takes per beat: its own beat, those that it hears, its links.
 BEAT_COST_S = 0.009
 # Memory that goes up with one more robot; what processes share is counted once.
-ROBOT_MEMORY_MB = 35
+ROBOT_MEMORY_MB = 30
 # Robots at rest may take so much of the processor: starting, plans and work need the rest.
 MOST_OF_CORES = 0.6
 MOST_OF_MEMORY = 0.8

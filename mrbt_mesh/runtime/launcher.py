@@ -12,7 +12,7 @@ import select
 import socket
 import subprocess
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -91,19 +91,11 @@ class StartedRobot(Protocol):
         """None as long as it runs, or is not known to have ended; negative for a signal."""
 
 
-def agent_command(
-    run_dir: RunDir,
-    info: RunInfo,
-    robot: str,
-    *,
-    robot_type: str | None = None,
-    takeover: bool = False,
-) -> list[str]:
+def agent_command(info: RunInfo, robot: str, arguments: Sequence[str]) -> list[str]:
     """The command line of one robot's process, at its place."""
     place = info.places.get(robot)
     command = [*place.prefix] if place is not None else []
-    command += [sys.executable, "-m", "mrbt_mesh"]
-    return command + agent_arguments(run_dir, info, robot, robot_type=robot_type, takeover=takeover)
+    return [*command, sys.executable, "-m", "mrbt_mesh", *arguments]
 
 
 def agent_arguments(

@@ -84,6 +84,8 @@ class RobotForks:
         Raises RunDirError if the process that forks them cannot do so.
         """
         assert self._server.stdin is not None
+        for robot in arguments:
+            self._started.pop(robot, None)  # its life before
         requests = [
             {"robot": robot, "arguments": [*words], "output": str(self._run_dir.output_path(robot))}
             for robot, words in arguments.items()

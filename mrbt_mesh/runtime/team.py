@@ -136,11 +136,20 @@ class Team:
             self.info = with_newcomer(self.info, robot)
             self.run_dir.save(self.info)
         ensure_keys(self.run_dir, self.info, robot)
-        command = agent_command(
+        arguments = agent_arguments(
             self.run_dir, self.info, robot, robot_type=robot_type, takeover=takeover
         )
-        self.processes[robot] = await start_robot(self.run_dir, robot, command, self.environment)
+        if self._forks is not None:
+            self.processes |= await self._fork({robot: arguments})
+        else:
+            command = agent_command(self.info, robot, arguments)
+            started = await start_robot(self.run_dir, robot, command, self.environment)
+            self.processes[robot] = started
         return self.processes[robot]
+
+    async def _fork(self, arguments: Mapping[str, Sequence[str]]) -> dict[str, ForkedRobot]:
+        assert self._forks is not None
+        return await anyio.to_thread.run_sync(self._forks.start, arguments)
 
     async def start_all(self) -> None:
         """Start the robots with which the run begins; raises RunDirError.
@@ -155,7 +164,7 @@ class Team:
             ensure_keys(self.run_dir, self.info, robot)
         arguments = {r: agent_arguments(self.run_dir, self.info, r) for r in self.info.robots}
         self._forks = RobotForks(self.run_dir, self.environment, may_need_arrays(self.mission))
-        self.processes |= await anyio.to_thread.run_sync(self._forks.start, arguments)
+        self.processes |= await self._fork(arguments)
 
     def process(self, robot: str) -> psutil.Process | None:
         """The robot's process, whoever started it, also one that is only just starting."""

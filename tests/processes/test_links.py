@@ -17,7 +17,7 @@ import pytest
 from mrbt_mesh.drills import namespaces
 from mrbt_mesh.drills.namespaces import Namespaces
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
-from mrbt_mesh.runtime.launcher import agent_command, ensure_keys
+from mrbt_mesh.runtime.launcher import agent_arguments, agent_command, ensure_keys
 from mrbt_mesh.runtime.run_dir import Place, RunDir
 from mrbt_mesh.runtime.team import new_run
 from mrbt_mesh.runtime.team_key import write_team_key
@@ -83,7 +83,8 @@ class Crew:
 
     def start(self) -> None:
         for robot in self.robots:
-            command = agent_command(self.run_dir, self.info, robot)
+            arguments = agent_arguments(self.run_dir, self.info, robot)
+            command = agent_command(self.info, robot, arguments)
             self.processes[robot] = subprocess.Popen(command, env=self.team.environment)
         self.wait(lambda: all(self.hears(r) for r in self.robots), "everybody hears everybody")
 

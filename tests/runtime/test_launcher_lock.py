@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mrbt_mesh.runtime.launcher import agent_command
+from mrbt_mesh.runtime.launcher import agent_arguments
 from mrbt_mesh.runtime.launcher_lock import LauncherWatch, is_launched, launched_from_here
 from mrbt_mesh.runtime.run_dir import RunDir, RunDirError, RunInfo
 
@@ -68,12 +68,12 @@ def started(script: str, *arguments: str) -> subprocess.Popen[str]:
 def test_only_the_robots_of_a_launched_run_are_told_of_a_launcher(tmp_path: Path) -> None:
     """A detached run never had one; without one, a robot that joins has nobody to go with."""
     run_dir = RunDir(tmp_path)
-    command = agent_command(run_dir, run_info(), "R1")
+    command = agent_arguments(run_dir, run_info(), "R1")
     assert "--while-locked" not in command
     with launched_from_here(run_dir):
-        told = agent_command(run_dir, run_info(), "R1")
+        told = agent_arguments(run_dir, run_info(), "R1")
     assert told == [*command, "--while-locked", str(tmp_path / "launcher.lock")]
-    assert agent_command(run_dir, run_info(), "R1") == command
+    assert agent_arguments(run_dir, run_info(), "R1") == command
 
 
 def test_a_run_has_one_launcher_at_a_time(tmp_path: Path) -> None:

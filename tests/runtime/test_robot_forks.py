@@ -55,6 +55,19 @@ def test_each_runs_what_it_is_told_and_its_end_is_known(
     assert "--mission" in RunDir(tmp_path).output_path("A2").read_text()
 
 
+def test_a_robot_is_started_again(forks: Callable[..., RobotForks], tmp_path: Path) -> None:
+    server = forks()
+    pids = []
+    for _ in range(2):
+        (robot,) = server.start({"A1": ["--version"]}).values()
+        wait_for_exit(robot.pid)
+        robot.settle()
+        assert robot.returncode == 0
+        pids.append(robot.pid)
+    assert pids[0] != pids[1]
+    assert RunDir(tmp_path).output_path("A1").read_text().count(__version__) == 2
+
+
 def test_a_robot_has_a_session_and_a_name_of_its_own_and_outlives_its_parent(
     forks: Callable[..., RobotForks], tmp_path: Path
 ) -> None:

@@ -85,7 +85,7 @@ def test_robots_at_places_run_there_and_listen_there(
     launcher.ensure_keys(run_dir, info, "A2")
     assert run_dir.key_path.exists() == (transport == "wireless")
     assert RunDir.find(tmp_path).info() == info
-    command = launcher.agent_command(run_dir, info, "A2")
+    command = launcher.agent_command(info, "A2", launcher.agent_arguments(run_dir, info, "A2"))
     assert command[:2] == ["enter", "A2"]
     assert options(command, "--listen") == [f"{protocol}/198.18.0.2:7447"]
     assert options(command, "--connect") == [f"{protocol}/198.18.0.1:7447"]
