@@ -137,8 +137,8 @@ class SteppedTeam:
     def count(self, effect: Effect) -> None:
         """What an agent has sent."""
         match effect:
-            case Publish(_, data):
-                copies = len(self._world.robots.processes) - 1
+            case Publish(_, data, to):
+                copies = len(self._world.robots.processes) - 1 if to is None else len(to)
                 self.sent += copies
                 self.sent_bytes += copies * len(data)
             case Ask(_, data):

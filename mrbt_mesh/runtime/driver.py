@@ -36,7 +36,7 @@ from mrbt_mesh.core.agent.effects import (
 from mrbt_mesh.core.agent.inputs import Input, LeaveRequested, PlanMade, TimerFired
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.wire import MessageKind
-from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.runtime.fencing import FencingSelector, boottime_us
 from mrbt_mesh.runtime.flood_gate import FloodGate
@@ -49,7 +49,6 @@ from mrbt_mesh.runtime.log import robot_logger
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.zenoh_transport import (
-    LEASE_MS,
     TransportConfig,
     TransportError,
     ZenohTransport,
@@ -62,6 +61,7 @@ EVENTS_FILE = "events.jsonl"
 CLOSE_TIMEOUT_S = 1.0
 LEAVE_TIMEOUT_S = 3.0
 WATCH_S = 0.25
+LOOKS_PER_LEASE = 8
 REOPEN_RETRY_S = 0.1
 # A link on which so many beats are missing is silent, but not before a dead one lost its lease.
 SILENT_BEATS = 5
@@ -216,9 +216,10 @@ class Driver:
 
     async def _watch_links(self) -> None:
         """Tell which links fall silent and come back; reopen a session that is split."""
-        watch = LinkWatch(max(LEASE_MS * 1_000, SILENT_BEATS * self._config.timing.heartbeat_us))
+        lease_us = self._setup.transport.lease_ms * 1_000
+        watch = LinkWatch(max(lease_us, SILENT_BEATS * self._config.timing.heartbeat_us))
         while True:
-            await anyio.sleep(WATCH_S)
+            await anyio.sleep(lease_us / LOOKS_PER_LEASE / MICRO)
             now_us = boottime_us()
             linked = self._transport.linked()
             links = {
@@ -226,7 +227,7 @@ class Driver:
                     self._transport.heard_us(robot), peer.last_heard_us, robot in linked
                 )
                 for robot, peer in self._agent.view.peers.items()
-                if peer.state is not State.LEFT
+                if peer.state is not State.LEFT and self._agent.view.judges(robot)
             }
             for event in watch.look(links, now_us):
                 self.log("info", event.what, peer=event.robot, silent_s=event.silent_us / 1e6)
@@ -253,8 +254,8 @@ class Driver:
 
     def _carry_out(self, effect: Effect) -> None:
         match effect:
-            case Publish(kind, data):
-                self._transport.publish(kind, data)
+            case Publish(kind, data, to):
+                self._transport.publish(kind, data, to)
             case Persist(entries, synced):
                 self._journal.put(entries, synced)
             case Forget(keys):

@@ -76,7 +76,12 @@ def observer_transport(run_dir: RunDir, info: RunInfo) -> TransportConfig:
     """How an observer reaches a run: it dials every robot. Raises TransportError."""
     key = run_dir.key_path if info.transport == WIRELESS else None
     return TransportConfig(
-        info.team, "", connect=tuple(info.endpoints.values()), profile=info.transport, key=key
+        info.team,
+        "",
+        connect=tuple(info.endpoints.values()),
+        profile=info.transport,
+        key=key,
+        robots=len(info.robots),
     )
 
 

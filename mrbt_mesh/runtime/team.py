@@ -84,7 +84,7 @@ def new_run(
         solver=solver,
         insecure=insecure,
     )
-    timing_of(beat_s, detection_s)
+    timing_of(beat_s, detection_s, mission)
     return info
 
 
@@ -94,10 +94,11 @@ def address_of(run_dir: RunDir) -> TeamAddress:
     Raises RunDirError or MissionError for a damaged one, TransportError without the team's key.
     """
     info = run_dir.info()
+    mission = load_mission(run_dir.mission_path)
     return TeamAddress(
-        load_mission(run_dir.mission_path),
+        mission,
         info.run,
-        timing_of(info.beat_s, info.detection_s),
+        timing_of(info.beat_s, info.detection_s, mission),
         observer_transport(run_dir, info),
         run_dir,
         keys=None if info.insecure else run_dir.keys_path,

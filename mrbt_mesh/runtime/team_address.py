@@ -64,17 +64,25 @@ def on_network(
     return TeamAddress(
         mission,
         run or mission.digest[:8],
-        timing_of(beat_s, detection_s),
+        timing_of(beat_s, detection_s, mission),
         TransportConfig(
-            team or mission.name, robot, tuple(listen), tuple(connect), multicast, profile, key
+            team or mission.name,
+            robot,
+            tuple(listen),
+            tuple(connect),
+            multicast,
+            profile,
+            key,
+            len(mission.robots),
         ),
         keys=keys,
     )
 
 
-def timing_of(beat_s: float, detection_s: float) -> Timing:
-    """The knobs of membership; raises AddressError if they do not fit together."""
+def timing_of(beat_s: float, detection_s: float, mission: Mission) -> Timing:
+    """The times of a mission's team; raises AddressError if they do not fit together."""
     try:
-        return Timing(round(beat_s * SECOND_US), round(detection_s * SECOND_US))
+        timing = Timing(round(beat_s * SECOND_US), round(detection_s * SECOND_US))
+        return timing.of_team(len(mission.robots))
     except ValueError as error:
         raise AddressError(str(error)) from error

@@ -49,6 +49,8 @@ from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.settings import PROTOCOLS, WIRED, WIRELESS
 
 LEASE_MS = 2_000
+# Up to here links are watched as closely as they can be.
+FULL_LEASE_ROBOTS = 6
 REOPEN_CLOSE_TIMEOUT_S = 1.0
 OBSERVER = "observer"
 
@@ -62,7 +64,8 @@ class TransportConfig:
     """`robot` is empty for an observer. Endpoints are Zenoh locators, `tcp/127.0.0.1:7450`.
 
     `multicast_interface`: scout on this interface (`auto`, `lo`, an address); None: do not.
-    `key`: file with the team's key, for `wireless` (see `team_key`). Raises TransportError.
+    `key`: file with the team's key, for `wireless` (see `team_key`). `robots`: how many there
+    are in the team. Raises TransportError.
     """
 
     team: str
@@ -72,6 +75,15 @@ class TransportConfig:
     multicast_interface: str | None = None
     profile: str = WIRED
     key: Path | None = None
+    robots: int = 1
+
+    @property
+    def lease_ms(self) -> int:
+        """After so long without a word a link is given up; four are said in that time.
+
+        Every robot has a link to every other one, so in a larger team less is said over each.
+        """
+        return LEASE_MS * max(1, self.robots // FULL_LEASE_ROBOTS)
 
     def __post_init__(self) -> None:
         protocol = PROTOCOLS[self.profile]
@@ -122,7 +134,7 @@ def session_config(config: TransportConfig) -> zenoh.Config:
         "scouting/multicast": scouting,
         "scouting/gossip/enabled": False,
         "transport/link/protocols": [PROTOCOLS[config.profile]],
-        "transport/link/tx/lease": LEASE_MS,
+        "transport/link/tx/lease": config.lease_ms,
         "transport/link/rx/max_message_size": 2 * MAX_MESSAGE_BYTES,
         # A killed process would leave its segments behind; loopback is fast enough.
         "transport/shared_memory/enabled": False,
@@ -189,9 +201,12 @@ class ZenohTransport:
             # What follows is a path in Zenoh's own sources.
             reason = str(error).partition(" at /")[0].partition(" [")[0]
             raise TransportError(f"cannot open a Zenoh session on {where}: {reason}") from error
-        for kind in (MessageKind.HEARTBEAT, MessageKind.FACT):
+        keys = [(f"{kind}/*", kind) for kind in (MessageKind.HEARTBEAT, MessageKind.FACT)]
+        # What goes to some goes once more to whoever watches.
+        to = f"to/{self._config.robot}/*" if self._config.robot else "watch/*"
+        for key, kind in [*keys, (to, MessageKind.HEARTBEAT)]:
             session.declare_subscriber(
-                f"{self._prefix}/{kind}/*", self._callback(self._on_sample, kind)
+                f"{self._prefix}/{key}", self._callback(self._on_sample, kind)
             )
         session.liveliness().declare_subscriber(
             f"{self._prefix}/alive/**", self._callback(self._on_token, None), history=True
@@ -247,21 +262,26 @@ class ZenohTransport:
 
     # -- sending --------------------------------------------------------------------------
 
-    def publish(self, kind: MessageKind, data: bytes) -> None:
-        """Send to everybody; what is sent while the session is being reopened is lost."""
+    def publish(self, kind: MessageKind, data: bytes, to: tuple[str, ...] | None = None) -> None:
+        """Send to these robots and to whoever watches, or to everybody.
+
+        What is sent while the session is being reopened is lost.
+        """
         session = self._session
         if session is None:
             return
+        places = (str(kind),) if to is None else (*(f"to/{robot}" for robot in to), "watch")
         # It may be closed in another thread meanwhile.
         with contextlib.suppress(zenoh.ZError):
-            session.put(
-                f"{self._prefix}/{kind}/{self._config.robot}",
-                data,
-                congestion_control=zenoh.CongestionControl.DROP,
-                priority=zenoh.Priority.REAL_TIME,
-                express=True,
-                allowed_destination=zenoh.Locality.REMOTE,
-            )
+            for place in places:
+                session.put(
+                    f"{self._prefix}/{place}/{self._config.robot}",
+                    data,
+                    congestion_control=zenoh.CongestionControl.DROP,
+                    priority=zenoh.Priority.REAL_TIME,
+                    express=True,
+                    allowed_destination=zenoh.Locality.REMOTE,
+                )
 
     def ask(
         self,

@@ -189,11 +189,13 @@ class Team:
         self, process: Process, effect: fx.Publish | fx.Ask | fx.Reply | fx.DeclareToken
     ) -> None:
         match effect:
-            case fx.Publish(kind, data):
+            case fx.Publish(kind, data, to):
                 self.heard.append(inputs.MessageReceived(kind, process.robot, data))
                 if kind is MessageKind.FACT:
                     self._tell(process, f"writes {batch_text(process, data)}")
                 for other in self._others(process):
+                    if to is not None and other.robot not in to:
+                        continue
                     self._post(other, inputs.MessageReceived(kind, process.robot, data))
                 if self.observer is not None:
                     self.observer.message(kind, process.robot, data, self.now_us)

@@ -13,10 +13,11 @@ from mrbt_mesh.core.planning.plan import Plan
 
 @dataclass(frozen=True, slots=True)
 class Publish:
-    """Send to everybody, under this robot's key."""
+    """Send to these robots, and to whoever watches; `to` is None: to everybody."""
 
     kind: MessageKind
     data: bytes
+    to: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,6 +54,8 @@ class FollowUp:
         self.step_us = now_us
         self._seen: int | None = None
         self._reads_reports = False
+        # Until when others that join are waited for, None if nobody does.
+        self._joining_until_us: int | None = None
 
     def inputs(self, events: Sequence[Input], now_us: int) -> None:
         """These have been taken in: do what follows from them."""
@@ -80,8 +82,11 @@ class FollowUp:
             executor.check_leases(now_us)
             self._reports.contradict(now_us)
             # Leases may have to be renewed while a plan is made elsewhere, and they are facts.
-            self._planner.update(now_us, context.config.plans_apart and executor.leases.is_idle)
-            if self._planner.awaited is None:
+            apart = context.config.plans_apart and executor.leases.is_idle
+            awaits_others = self._awaits_joining(now_us)
+            if not awaits_others:
+                self._planner.update(now_us, apart)
+            if self._planner.awaited is None and not awaits_others:
                 self._reports.ask_for_bids()
                 executor.perform(now_us)
         self._ask_who_is_due(now_us)
@@ -96,6 +101,19 @@ class FollowUp:
             context.stop(0, "left")
         else:
             self._heartbeats.send_if_due(now_us)
+
+    def _awaits_joining(self, now_us: int) -> bool:
+        """Whether a plan would be too early: in a large team, while others are about to join.
+
+        Each of them changes the plan, and nobody begins before they have it too. They are waited
+        for no longer than agreement is.
+        """
+        membership = self._context.membership
+        if membership.neighbourhood.is_complete or not membership.is_anybody_joining:
+            self._joining_until_us = None
+        elif self._joining_until_us is None:
+            self._joining_until_us = now_us + self._context.config.timing.grace_us
+        return self._joining_until_us is not None and now_us < self._joining_until_us
 
     def _judge(self, now_us: int) -> None:
         context = self._context
@@ -139,6 +157,7 @@ class FollowUp:
         deadlines_us = (
             planner.deadlines.next_deadline_us(),
             leases.next_deadline_us(),
+            self._joining_until_us,
             joining.deadline_us if joining is not None else None,
             joining.gathers_until_us if joining is not None else None,
             self._executor.grace_ends_us if is_waiting else None,

@@ -20,9 +20,11 @@ from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
 from mrbt_mesh.core.membership.replica import Received
 from mrbt_mesh.core.membership.wire import (
+    DIGEST_BYTES,
     Heartbeat,
     IncompatibleError,
     MessageKind,
+    SelfReport,
     WireError,
     decode,
     encode,
@@ -111,7 +113,7 @@ class Inbound:
             if known is None or known.incarnation != beat.report.incarnation:
                 incarnation = str(beat.report.incarnation)
                 context.log("info", "robot_heard", robot=source, incarnation=incarnation)
-            context.replica.compare_digest(source, beat.fact_digest, now_us)
+            self._compare_digest(source, beat, now_us)
             # Every beat says it again.
             if (beat.lease_request is not None or beat.lease_grants) and not is_planning:
                 self._executor.lease_asked(source, beat, now_us)
@@ -120,6 +122,16 @@ class Inbound:
         if joining is not None:
             joining.mark_heard(source)
         self._check_relays(source, beat, starting, now_us)
+
+    def _compare_digest(self, source: str, beat: Heartbeat, now_us: int) -> None:
+        """In a large team, where not everybody hears everybody, also of who is alive."""
+        context = self._context
+        theirs, mine = beat.fact_digest, context.facts.map.digest()
+        membership, has_place = context.membership, context.joining is None
+        if has_place and beat.report.has_joined and not membership.neighbourhood.is_complete:
+            theirs += beat.alive_digest
+            mine += membership.alive_digest(context.replica.incarnation)
+        context.replica.compare_digest(source, theirs, now_us, mine)
 
     def _check_relays(self, source: str, beat: Heartbeat, starting: bool, now_us: int) -> None:
         context = self._context
@@ -132,7 +144,7 @@ class Inbound:
         header = context.replica.header
         try:
             if kind is MessageKind.PULL:
-                pages = context.replica.answer_pull(data)
+                pages = context.replica.answer_pull(data, self._view())
             else:
                 _, body = decode(data, header, MessageKind.COMMAND)
                 good, text = self._commands.carry_out(body, now_us)
@@ -142,6 +154,14 @@ class Inbound:
             answer = encode(header, MessageKind.ANSWER, answer_body(False, str(error)))
             context.emit(Reply(query, (answer,)))
             self._refuse("a query", error)
+
+    def _view(self) -> dict[str, SelfReport]:
+        """Whom this robot holds for alive, for one that asks; nothing while it joins."""
+        context = self._context
+        if context.joining is not None:
+            return {}
+        mine = SelfReport(context.replica.incarnation, 0, bytes(DIGEST_BYTES), True, 0)
+        return context.membership.view(mine)
 
     def _answer(self, peer: str, data: bytes | None, now_us: int) -> None:
         context = self._context
@@ -154,6 +174,8 @@ class Inbound:
             self._refuse(peer, error)
             return
         self._take_in(peer, received)
+        if received.view and not context.membership.neighbourhood.is_complete:
+            context.membership.compare_view(peer, received.view, now_us)
         if not received.has_more:
             context.replica.anti_entropy.mark_answered(peer)
             if context.joining is not None:

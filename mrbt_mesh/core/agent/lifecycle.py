@@ -93,7 +93,9 @@ class Lifecycle:
         if joining is None or context.is_leaving:
             return False
         peers, digest = context.membership.peers, context.facts.map.digest()
-        wanted = joining.still_to_ask(peers, digest, now_us)
+        around = context.membership.neighbourhood
+        near = peers if around.is_complete else {r: peers[r] for r in around.robots}
+        wanted = joining.still_to_ask(near, digest, now_us)
         context.ask(context.replica.anti_entropy.choose_to_ask(wanted, now_us), now_us)
         awaited = joining.is_first and self._duplicates.is_other_life_relayed
         team_is_there = bool(context.membership.alive_set())

@@ -12,7 +12,7 @@ from mrbt_mesh.core.agent.inputs import (
     QueryReceived,
 )
 from mrbt_mesh.core.membership.envelope import Guard
-from mrbt_mesh.core.membership.keys import Keys
+from mrbt_mesh.core.membership.keys import Keys, Role
 from mrbt_mesh.core.membership.wire import MessageKind
 
 MAX_ASKERS = 1_000
@@ -31,8 +31,9 @@ class Sealing:
     def seal(self, effect: Effect) -> Effect:
         """The effect with its message sealed; others as they are."""
         match effect:
-            case Publish():
-                return replace(effect, data=self.guard.seal(effect.data))
+            case Publish(_, data, to):
+                readers = (*to, *self._watchers()) if to is not None else None
+                return replace(effect, data=self.guard.seal(data, readers))
             case Ask():
                 return replace(effect, data=self.guard.seal(effect.data, (effect.peer,)))
             case Reply():
@@ -41,6 +42,11 @@ class Sealing:
                     pages = tuple([self.guard.seal(page, (asker,)) for page in effect.pages])
                     return replace(effect, pages=pages)
         return effect
+
+    def _watchers(self) -> list[str]:
+        """Whoever is no robot may watch what goes to some robots only."""
+        keys = self.guard.keys
+        return [name for name in keys.members() if keys.role_of(name) is not Role.ROBOT]
 
     def open(self, event: FromOutside) -> FromOutside:
         """The input with its message opened; others as they are. Raises WireError."""

@@ -75,6 +75,10 @@ class AgentView:
         """What it knows of the other robots; to be read only."""
         return self._context.membership.peers
 
+    def judges(self, robot: str) -> bool:
+        """Whether it listens for a robot, or would if that were alive: it is a neighbour of it."""
+        return self._context.membership.neighbourhood.judges(robot)
+
     @property
     def version(self) -> tuple[int, int]:
         """Two numbers that grow with each change of its facts and of who is alive."""

@@ -2,6 +2,7 @@
 
 Where to find it:
 
+- whom a robot beats to, and whose silence it judges: `ring`, `neighbourhood`
 - how long everything takes: `timing`; when a heartbeat is sent: `heartbeat`
 - what is known of the others: `membership`; of one of them: `peer`, `arrival_history`
 - when a robot is suspected, probed, declared dead: `failure_detector`

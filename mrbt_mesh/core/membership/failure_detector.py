@@ -15,8 +15,9 @@ Sources: SWIM (Das, Gupta, Motivala 2002); Lifeguard (Dadgar, Phillips, Currey 2
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
+from mrbt_mesh.core.membership.neighbourhood import Neighbourhood
 from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.membership.timing import Timing
 
@@ -51,34 +52,61 @@ class FailureDetector:
         if limit_us != peer.silence_limit_us:
             peer.silence_limit_us, peer.probe_after_us = limit_us, limit_us // PROBE_SHARE
 
-    def find_suspects(self, peers: Mapping[str, Peer], now_us: int) -> list[str]:
-        """The live robots that are silent, which are probed, or whose token is gone."""
+    def find_suspects(
+        self,
+        judged: Mapping[str, Peer],
+        token_lost: Collection[str],
+        peers: Mapping[str, Peer],
+        now_us: int,
+    ) -> list[str]:
+        """The live robots that are silent, which are probed, or whose token is gone.
+
+        `judged`: those whose silence tells. `token_lost`: those without a token.
+        """
         suspects = []
-        for robot, peer in peers.items():
-            is_live = peer.state.is_live
-            peer.is_probed = is_live and is_silent(peer, now_us)
-            if peer.is_probed or (is_live and peer.is_token_lost):
+        for robot, peer in judged.items():
+            peer.is_probed = is_silent(peer, now_us)
+            if peer.is_probed:
                 suspects.append(robot)
-        return suspects
+        suspects += [r for r in token_lost if peers[r].state.is_live and not peers[r].is_probed]
+        return sorted(suspects)
 
-    def find_dead(self, peers: Mapping[str, Peer], now_us: int) -> list[str]:
-        """The suspects that are dead, sorted."""
-        extra_us = self._extra_us(peers)
-        return [
-            robot
-            for robot, peer in sorted(peers.items())
-            if peer.state is State.SUSPECT
-            and (
-                now_us - peer.last_heard_us >= self._limit_us(peer, peers) + extra_us
-                or _has_everybody_lost_token(robot, peers)
-            )
-        ]
+    def find_dead(
+        self,
+        around: Neighbourhood,
+        suspected: Collection[str],
+        accused: Collection[str],
+        peers: Mapping[str, Peer],
+        now_us: int,
+    ) -> list[str]:
+        """The robots that are dead, sorted.
 
-    def _extra_us(self, peers: Mapping[str, Peer]) -> int:
+        Of those that it judges, suspects that have been silent for too long or whose token is gone
+        everywhere. Of others, `accused`, those that most of their neighbours have declared dead;
+        one of these is enough if the token is gone here as well.
+        """
+        extra_us = self._extra_us(around.judged)
+        dead = []
+        for robot in sorted({*suspected, *accused}):
+            peer = peers[robot]
+            if not peer.state.is_live:
+                continue
+            if not peer.is_judged:
+                is_dead = _is_given_up(robot, around, peers)
+            else:
+                silent_us = now_us - peer.last_heard_us
+                is_dead = peer.state is State.SUSPECT and (
+                    silent_us >= self._limit_us(peer, peers) + extra_us
+                    or _has_everybody_lost_token(robot, around, peers)
+                )
+            if is_dead:
+                dead.append(robot)
+        return dead
+
+    def _extra_us(self, judged: Mapping[str, Peer]) -> int:
         """How much longer to wait when most robots are silent together."""
-        live = sum(peer.state.is_live for peer in peers.values())
-        silent = sum(peer.is_probed for peer in peers.values())
-        return self._timing.detection_us if silent > 1 and 2 * silent > live else 0
+        silent = sum(peer.is_probed for peer in judged.values())
+        return self._timing.detection_us if silent > 1 and 2 * silent > len(judged) else 0
 
     def _limit_us(self, peer: Peer, peers: Mapping[str, Peer]) -> int:
         """The silence after which a suspect is dead: less if another robot has declared it dead."""
@@ -87,13 +115,11 @@ class FailureDetector:
             return max(self._timing.detection_us, peer.probe_after_us)
         return peer.silence_limit_us
 
-    def next_due_us(self, peers: Mapping[str, Peer], now_us: int) -> int:
+    def next_due_us(self, judged: Mapping[str, Peer], now_us: int) -> int:
         """When a judgement may differ from the present one, if nothing is heard until then."""
         detection_us = self._timing.detection_us
         earliest_us = now_us + detection_us
-        for peer in peers.values():
-            if not peer.state.is_live:
-                continue
+        for peer in judged.values():
             for wait_us in (peer.probe_after_us, detection_us, peer.silence_limit_us):
                 at_us = peer.last_heard_us + wait_us
                 if at_us <= now_us:
@@ -108,13 +134,28 @@ def is_silent(peer: Peer, now_us: int) -> bool:
     return now_us - peer.last_heard_us >= peer.probe_after_us
 
 
-def _has_everybody_lost_token(robot: str, peers: Mapping[str, Peer]) -> bool:
-    """Whether all others that are in good standing lost this robot's token, as this one did."""
+def _has_everybody_lost_token(robot: str, around: Neighbourhood, peers: Mapping[str, Peer]) -> bool:
+    """Whether all others that judge this robot lost its token, as this one did.
+
+    All of whom this one hears, that are in good standing.
+    """
     if not peers[robot].is_token_lost:
         return False
+    heard = around.robots
     witnesses = [
         name
-        for name, other in peers.items()
-        if name != robot and other.report.has_joined and other.state.is_alive
+        for name in around.monitors(robot)
+        if name in heard and peers[name].state.is_alive and peers[name].report.has_joined
     ]
     return bool(witnesses) and all(name in peers[robot].token_lost_by for name in witnesses)
+
+
+def _is_given_up(robot: str, around: Neighbourhood, peers: Mapping[str, Peer]) -> bool:
+    """Whether those who judge a robot have declared it dead: most of them, or one at least if its
+    token is gone here too.
+    """
+    peer = peers[robot]
+    accusers = [name for name in peer.declared_dead_by if name in peers]
+    believed = sum(peers[name].state.is_alive for name in accusers)
+    needed = 1 if peer.is_token_lost else len(around.monitors(robot)) // 2 + 1
+    return believed >= needed

@@ -1,48 +1,81 @@
 """Who is alive: one robot's view of the others, from heartbeats, relays, suspicions and tokens.
 
-Heartbeats decide, liveliness tokens are hints. Every heartbeat relays the newest self-report of
-each robot that its sender hears, and its suspicions: a robot that anybody still hears is alive
-for everybody. `failure_detector` says when a silent robot is suspected and declared dead. Death is
-a local judgement about one incarnation; a newer heartbeat of that incarnation revives it.
+Heartbeats decide, liveliness tokens are hints. A robot judges the silence of its neighbours
+(`neighbourhood`): in a small team of everybody, in a larger one of six. Every heartbeat relays the
+newest self-report of each neighbour that its sender hears, and its suspicions: a robot that any of
+its neighbours still hears is alive for all of them. `failure_detector` says when a silent robot is
+suspected and declared dead. Who declares a neighbour dead tells everybody, and most of a robot's
+neighbours are believed. Death is a judgement about one incarnation; a newer heartbeat of that
+incarnation revives it.
 
 Source: SWIM (Das, Gupta, Motivala 2002); relays on heartbeats are its indirect probe.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from typing import Any
 
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.arrival_history import ArrivalHistory
 from mrbt_mesh.core.membership.failure_detector import PROBE_SHARE, FailureDetector, is_silent
+from mrbt_mesh.core.membership.neighbourhood import Neighbourhood
 from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.membership.timing import Timing
-from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport, Suspicion
+from mrbt_mesh.core.membership.wire import DIGEST_BYTES, Heartbeat, SelfReport, Suspicion
+
+# Of a large team a heartbeat names so many suspicions at most.
+MAX_SUSPICIONS = 32
+# So many detection times longer a robot that has trouble itself waits for silent ones.
+MAX_PATIENCE = 4
 
 
+# Attributes: what is known of the others, and what of that has changed since it was looked at last.
 class Membership:
     """One robot's view of the others. `me` never appears in it.
 
     `alive_changes` grows with every change of who is alive, `suspicion_changes` with every token
     that comes or goes and every suspicion of others, `report_changes` when a robot reports another
-    plan or result. Until `next_detection_us`, and while nothing of it changes, `detect_failures`
-    would find nothing new.
+    plan or result, `news_changes` when everybody is to hear from this robot at once. Until
+    `next_detection_us`, and while nothing of it changes, `detect_failures` would find nothing new.
+
+    `reach` of its neighbours: that of the timing, unless it hears everybody as an observer does.
     """
 
-    def __init__(self, me: str, timing: Timing) -> None:
+    def __init__(self, me: str, timing: Timing, reach: int | None = None) -> None:
         self.me = me
         self.timing = timing
         self.peers: dict[str, Peer] = {}
+        reach = timing.reach if reach is None else reach
+        self._neighbourhood = Neighbourhood(me, timing, self.peers, reach)
+        self._now_us = 0
         self.alive_changes = 0
         self.suspicion_changes = 0
         self.report_changes = 0
+        self.news_changes = 0
         self.next_detection_us = 0
         self._detector = FailureDetector(timing)
         self._detected_at_changes = -1
         # Robots whose last heartbeat named suspicions, and the peers that this robot suspects.
         self._suspecting: set[str] = set()
         self._suspected: dict[str, Peer] = {}
+        # Until when this robot tells of those that it has declared dead, where not all do.
+        self._told_dead_until_us: dict[str, int] = {}
+        # How many detection times longer others may be silent, and until when.
+        self._patience = 0
+        self._patience_from_us = 0
+        self._patience_until_us = 0
+        # Robots whose token is gone here, and live ones that others declare dead.
+        self._token_lost: set[str] = set()
+        self._accused: set[str] = set()
+        self._digest: tuple[int, Incarnation, bytes] = (-1, Incarnation(0, ""), b"")
+
+    @property
+    def neighbourhood(self) -> Neighbourhood:
+        """Whom this robot judges and sends its heartbeats to, by what it knows now."""
+        self._neighbourhood.follow(self.alive_changes, self._now_us)
+        return self._neighbourhood
 
     # -- what comes in ------------------------------------------------------------------------
 
@@ -56,8 +89,13 @@ class Membership:
 
     def receive_heartbeat(self, robot: str, heartbeat: Heartbeat, now_us: int) -> bool:
         """Take in a heartbeat that came from `robot` itself; False if it is old news."""
+        self._now_us = now_us
+        before = self.peers.get(robot)
+        is_new = before is None or before.incarnation != heartbeat.report.incarnation
         if not self._take_report(robot, heartbeat.report, now_us, heartbeat):
             return False
+        if is_new or self.me in heartbeat.relays:
+            self.neighbourhood.answer(robot)
         peers, me = self.peers, self.me
         for name, report in heartbeat.relays.items():
             known = peers.get(name)
@@ -83,28 +121,39 @@ class Membership:
                 return False
             peer = self._add_incarnation(robot, report, peer, now_us)
         elif report.number > peer.report.number:
-            self._take_news(peer, now_us)
+            if heartbeat is not None or self.neighbourhood.judges(robot):
+                self._take_news(peer, now_us)
         elif heartbeat is not None and report.number == peer.report.number:
             peer.heartbeat = heartbeat
             return peer.state.is_live
         else:
             return False
-        before, peer.report, peer.last_heard_us = peer.report, report, now_us
+        before, peer.report = peer.report, report
+        # A relay of a robot that this one does not judge may be older than its death.
+        is_proof = heartbeat is not None or self.neighbourhood.judges(robot)
+        if is_proof:
+            peer.last_heard_us = now_us
         if report.plan_digest != before.plan_digest or report.result != before.result:
             self.report_changes += 1
         if report.has_joined != before.has_joined:
             self.alive_changes += 1
         if heartbeat is not None:
             self._take_own_heartbeat(robot, peer, heartbeat)
-        elif peer.state is State.DEAD or (peer.state is State.SUSPECT and not peer.is_token_lost):
+        elif is_proof and (
+            peer.state is State.DEAD or (peer.state is State.SUSPECT and not peer.is_token_lost)
+        ):
             self._set(robot, peer, State.ALIVE)
         return True
 
     def _take_own_heartbeat(self, robot: str, peer: Peer, heartbeat: Heartbeat) -> None:
         """Only the robot itself takes back a lost token: a relay may be older than the loss."""
         peer.heartbeat = heartbeat
+        self.neighbourhood.heard(robot)
+        if peer.state is State.DEAD and not self.neighbourhood.is_complete:
+            self.news_changes += 1  # it, and others that it was with, may hold this one for dead
         if peer.is_token_lost or peer.token_lost_by:
             peer.is_token_lost = False
+            self._token_lost.discard(robot)
             peer.token_lost_by.clear()
             self.suspicion_changes += 1
         if heartbeat.is_leaving:
@@ -120,6 +169,7 @@ class Membership:
         limit_us = self._detector.silence_limit_us(arrivals.overdue_permille)
         self.alive_changes += 1
         self._suspected.pop(robot, None)
+        self._token_lost.discard(robot)
         probe_after_us = limit_us // PROBE_SHARE
         peer = Peer(report.incarnation, report, now_us, arrivals, limit_us, probe_after_us)
         self.peers[robot] = peer
@@ -127,7 +177,7 @@ class Membership:
 
     def _take_news(self, peer: Peer, now_us: int) -> None:
         """A newer report of the same incarnation has arrived."""
-        if peer.state.is_live:
+        if peer.is_judged:
             self._detector.learn_arrival(peer, now_us)
         peer.is_probed = False
         if peer.declared_dead_by:
@@ -141,10 +191,14 @@ class Membership:
         """What a robot suspects now, in place of what it suspected before."""
         for suspicion in suspicions:
             peer = self.peers.get(suspicion.robot)
+            if suspicion.robot == self.me and suspicion.is_dead:
+                self._was_accused()
             if peer is not None and suspicion.incarnation == peer.incarnation:
                 self.suspicion_changes += 1
                 _set_member(peer.token_lost_by, robot, suspicion.is_token_lost)
                 _set_member(peer.declared_dead_by, robot, suspicion.is_dead)
+                if suspicion.is_dead and not self.neighbourhood.is_complete:
+                    self._accused.add(suspicion.robot)
         suspected = {suspicion.robot for suspicion in suspicions}
         for name, peer in self.peers.items():
             if name not in suspected and (
@@ -155,11 +209,27 @@ class Membership:
                 self.suspicion_changes += 1
         _set_member(self._suspecting, robot, bool(suspected))
 
+    def _was_accused(self) -> None:
+        """Somebody holds this robot for dead: it tells everybody, and judges others with patience.
+
+        Source: Lifeguard's local health: who is suspected without reason may itself be slow.
+        """
+        if not self.neighbourhood.is_complete:
+            self.news_changes += 1
+            self._be_patient()
+
+    def _be_patient(self) -> None:
+        if self._now_us >= self._patience_from_us:
+            self._patience = min(MAX_PATIENCE, self._patience + 1)
+            self._patience_from_us = self._now_us + self.timing.heartbeat_us
+            self._patience_until_us = self._now_us + self.timing.max_silence_us
+
     def receive_token(self, robot: str, incarnation: Incarnation, is_held: bool) -> None:
         """A liveliness token came (`is_held`) or went. Its presence proves nothing."""
         peer = self.peers.get(robot)
         if peer is not None and peer.incarnation == incarnation:
             peer.is_token_lost = not is_held
+            _set_member(self._token_lost, robot, not is_held)
             self.suspicion_changes += 1
 
     def allow_for_own_lag(self, lag_us: int, now_us: int) -> None:
@@ -168,6 +238,9 @@ class Membership:
         Source: Lifeguard's local health (Dadgar, Phillips, Currey 2018), as a shift of what was
         last heard.
         """
+        self._now_us = now_us
+        if not self.neighbourhood.is_complete:
+            self._be_patient()
         for peer in self.peers.values():
             peer.last_heard_us = min(now_us, peer.last_heard_us + lag_us)
 
@@ -179,30 +252,49 @@ class Membership:
             return True
         if now_us < self.next_detection_us:
             return False
-        if self._suspected or any(
-            peer.state.is_live and is_silent(peer, now_us) for peer in self.peers.values()
-        ):
+        self._now_us = now_us
+        judged = self.neighbourhood.judged
+        if self._suspected or any(is_silent(peer, now_us) for peer in judged.values()):
             return True
         # Newer news has put it off.
-        self.next_detection_us = self._detector.next_due_us(self.peers, now_us)
+        self.next_detection_us = self._detector.next_due_us(judged, now_us)
         return False
 
     def detect_failures(self, now_us: int) -> list[tuple[str, State, State]]:
         """Suspect silent robots, declare suspects dead; (robot, before, after) of each change."""
         if not self.needs_detection(now_us):
             return []
-        before = {robot: peer.state for robot, peer in self.peers.items()}
-        for robot in self._detector.find_suspects(self.peers, now_us):
-            self._set(robot, self.peers[robot], State.SUSPECT)
-        for robot in self._detector.find_dead(self.peers, now_us):
-            self._set(robot, self.peers[robot], State.DEAD)
-            self.peers[robot].is_probed = False
+        peers, around, detector = self.peers, self.neighbourhood, self._detector
+        around.end_checks(now_us)
+        for robot in [r for r, until_us in self._told_dead_until_us.items() if now_us >= until_us]:
+            del self._told_dead_until_us[robot]
+        before: dict[str, State] = {}
+        for robot in detector.find_suspects(around.judged, self._token_lost, peers, now_us):
+            before[robot] = peers[robot].state
+            self._set(robot, peers[robot], State.SUSPECT)
+        around = self.neighbourhood  # without those that are suspected from now on
+        if self._patience and now_us >= self._patience_until_us:
+            self._patience, self._patience_until_us = (
+                self._patience - 1,
+                now_us + self.timing.detection_us,
+            )
+        patience_us = self._patience * self.timing.detection_us
+        accused = self._suspected, self._accused
+        for robot in detector.find_dead(around, *accused, peers, now_us - patience_us):
+            peer = peers[robot]
+            before.setdefault(robot, peer.state)
+            if peer.is_judged and not around.is_complete:
+                self._told_dead_until_us[robot] = now_us + self.timing.max_silence_us
+                self.news_changes += 1
+            self._set(robot, peer, State.DEAD)
+            peer.is_probed = False
+            self._accused.discard(robot)
         self._detected_at_changes = self.alive_changes + self.suspicion_changes
-        self.next_detection_us = self._detector.next_due_us(self.peers, now_us)
+        self.next_detection_us = detector.next_due_us(self.neighbourhood.judged, now_us)
         return [
-            (robot, before[robot], self.peers[robot].state)
-            for robot in sorted(before)
-            if before[robot] is not self.peers[robot].state
+            (robot, state, peers[robot].state)
+            for robot, state in sorted(before.items())
+            if state is not peers[robot].state
         ]
 
     def _set(self, robot: str, peer: Peer, state: State) -> None:
@@ -245,26 +337,79 @@ class Membership:
                 return False
         return True
 
+    @property
+    def is_anybody_joining(self) -> bool:
+        """Whether a robot in good standing has yet to join."""
+        return any(p.state.is_alive and not p.report.has_joined for p in self.peers.values())
+
     def all_report_result(self, result: int) -> bool:
-        """Whether every robot of the alive set, suspects included, reports this mission status."""
+        """Whether every robot of the alive set that this one judges reports this mission status.
+
+        Suspects included. A robot that has missed the end can hear of it from its neighbours, who
+        stay until it has.
+        """
         return all(
             peer.report.result == result
-            for peer in self.peers.values()
-            if peer.report.has_joined and peer.state.is_live
+            for peer in self.neighbourhood.judged.values()
+            if peer.report.has_joined
         )
+
+    def alive_digest(self, mine: Incarnation) -> bytes:
+        """Over the alive set and this robot's incarnation: equal where they are."""
+        changes, of, digest = self._digest
+        if changes != self.alive_changes or of != mine:
+            alive = sorted((self.alive_set() | {self.me: mine}).items())
+            text = "".join(f"{robot} {incarnation}\n" for robot, incarnation in alive)
+            digest = hashlib.blake2b(text.encode(), digest_size=DIGEST_BYTES).digest()
+            self._digest = self.alive_changes, mine, digest
+        return digest
+
+    # -- where others hold other robots for alive ---------------------------------------------
+
+    def view(self, mine: SelfReport) -> dict[str, SelfReport]:
+        """The newest self-reports of the robots in good standing, and this robot's own."""
+        reports = {r: peer.report for r, peer in self.peers.items() if peer.state.is_alive}
+        return dict(sorted((reports | {self.me: mine}).items()))
+
+    def compare_view(self, source: str, reports: Mapping[str, SelfReport], now_us: int) -> None:
+        """A robot tells whom it holds for alive: hear those oneself of whom it says otherwise."""
+        self._now_us = now_us
+        around = self._neighbourhood
+        for robot, report in reports.items():
+            if robot == self.me:
+                continue
+            known = self.peers.get(robot)
+            if known is None or report.incarnation > known.incarnation:
+                self._take_report(robot, report, now_us, None)
+                around.check(robot, now_us)
+            elif report.incarnation == known.incarnation:
+                self._take_report(robot, report, now_us, None)
+                if known.state in (State.DEAD, State.SUSPECT):
+                    around.check(robot, now_us)
+        for robot, peer in sorted(self.peers.items()):
+            if peer.state.is_alive and robot not in reports and robot != source:
+                around.check(robot, now_us)
+        self.next_detection_us = now_us
 
     # -- what this robot tells others ---------------------------------------------------------
 
     def relays(self) -> dict[str, SelfReport]:
         """The relays that this robot's next heartbeat carries, sorted by robot."""
         return {
-            robot: peer.report for robot, peer in sorted(self.peers.items()) if peer.state.is_alive
+            robot: peer.report
+            for robot, peer in sorted(self.neighbourhood.judged.items())
+            if peer.state.is_alive
         }
 
     def suspicions(self) -> tuple[Suspicion, ...]:
         """The suspicions that this robot's next heartbeat carries, sorted by robot."""
         if not self._suspected:
             return ()
+        suspected = sorted(self._suspected.items())
+        if not self.neighbourhood.is_complete:
+            told = self._told_dead_until_us
+            named = [(robot, peer) for robot, peer in suspected if peer.is_judged or robot in told]
+            suspected = named[:MAX_SUSPICIONS]
         return tuple(
             Suspicion(
                 robot,
@@ -273,7 +418,7 @@ class Membership:
                 is_dead=peer.state is State.DEAD,
                 is_probe=peer.is_probed,
             )
-            for robot, peer in sorted(self._suspected.items())
+            for robot, peer in suspected
         )
 
     @property

@@ -29,10 +29,12 @@ class State(enum.StrEnum):
         self.is_suspected = name in ("suspect", "dead")
 
 
+# Attributes: all that one robot remembers of another.
 @dataclass(slots=True)
 class Peer:
     """What is known of one robot's newest incarnation.
 
+    `is_judged`: this robot listens for it, and suspects it when it is silent (`Membership.judged`).
     `report`: its newest self-report, from its own heartbeat or relayed; it arrived at
     `last_heard_us`. After `probe_after_us` of silence the robot is suspected and probed, after
     `silence_limit_us` it is dead. `token_lost_by`: robots that lost its liveliness token, as this
@@ -46,6 +48,7 @@ class Peer:
     silence_limit_us: int
     probe_after_us: int
     heartbeat: Heartbeat | None = None
+    is_judged: bool = False
     is_probed: bool = False
     is_token_lost: bool = False
     state: State = State.ALIVE

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
@@ -17,11 +17,14 @@ from mrbt_mesh.core.membership.wire import (
     Header,
     MessageKind,
     ReadBatch,
+    SelfReport,
     WireError,
     decode,
     encode,
     pack_entries,
+    pack_reports,
     parse_entries,
+    parse_reports,
     parse_summary,
     read_batch,
 )
@@ -38,13 +41,14 @@ PAGE_BYTES = 1 << 16
 class Received:
     """What a message brought: entries that changed something, and refusals to count.
 
-    `has_more`: further pages of the same answer follow.
+    `has_more`: further pages of the same answer follow. `view`: whom the sender holds for alive.
     """
 
     changed: list[Entry] = field(default_factory=list)
     refused: int = 0
     reason: str = ""
     has_more: bool = False
+    view: Mapping[str, SelfReport] = field(default_factory=dict)
 
 
 class Replica:
@@ -137,11 +141,13 @@ class Replica:
     def receive_state(self, data: bytes, now_us: int) -> Received:
         """Take in a page of a peer's answer to a pull: entries of any author. Raises WireError."""
         _, body = decode(data, self.header, MessageKind.STATE)
-        if not isinstance(body, list) or len(body) != 2 or not isinstance(body[0], bool):
+        if not isinstance(body, list) or len(body) != 3 or not isinstance(body[0], bool):
             raise WireError("state is malformed")
         entries, malformed = parse_entries(body[1])
+        view = parse_reports(body[2])
         received = self._merge(entries, malformed, now_us)
         received.has_more = body[0]
+        received.view = view
         return received
 
     def _merge(
@@ -172,19 +178,27 @@ class Replica:
 
     # -- pulls --------------------------------------------------------------------------------
 
-    def compare_digest(self, peer: str, digest: bytes, now_us: int) -> None:
-        """A peer's heartbeat told the digest of its facts."""
-        self.anti_entropy.compare(peer, digest, self.facts.map.digest(), now_us)
+    def compare_digest(
+        self, peer: str, digest: bytes, now_us: int, mine: bytes | None = None
+    ) -> None:
+        """A peer's heartbeat told the digest of its facts.
+
+        `mine`: what to compare it with, if it is over more than the facts.
+        """
+        own = self.facts.map.digest() if mine is None else mine
+        self.anti_entropy.compare(peer, digest, own, now_us)
 
     def write_pull(self) -> bytes:
         """The question for what others have and this replica lacks."""
         return encode(self.header, MessageKind.PULL, self.facts.map.author_digests())
 
-    def answer_pull(self, data: bytes) -> tuple[bytes, ...]:
+    def answer_pull(
+        self, data: bytes, view: Mapping[str, SelfReport] | None = None
+    ) -> tuple[bytes, ...]:
         """The answer to a pull: all entries of every author where the asker differs.
 
-        In pages that stay far below what a receiver reads; a batch is never torn apart.
-        Raises WireError.
+        In pages that stay far below what a receiver reads; a batch is never torn apart. `view`,
+        the robots that are held for alive here, goes with the last one. Raises WireError.
         """
         _, body = decode(data, self.header, MessageKind.PULL)
         theirs = parse_summary(body)
@@ -202,9 +216,17 @@ class Replica:
                 size = 0
             pages[-1].extend(batch)
             size += batch_bytes
-        last = len(pages) - 1
+        last, reports = len(pages) - 1, pack_reports(view or {})
         return tuple(
-            encode(self.header, MessageKind.STATE, [number < last, pack_entries(page)])
+            encode(
+                self.header,
+                MessageKind.STATE,
+                [
+                    number < last,
+                    pack_entries(page),
+                    reports if number == last else [],
+                ],
+            )
             for number, page in enumerate(pages)
         )
 

@@ -114,7 +114,8 @@ class Heartbeat:
     """One heartbeat. `statuses` are those of T_i, T_A, T_G and T_Li; `progress` in percent.
 
     `relays`: robot -> its newest self-report that the sender knows. `lease_request`: the activation
-    and the id of the coalition for which the sender needs leases.
+    and the id of the coalition for which the sender needs leases. `is_to_all`: everybody gets it,
+    not only some. `alive_digest` is over the robots that the sender holds for alive.
     """
 
     report: SelfReport
@@ -126,6 +127,8 @@ class Heartbeat:
     relays: Mapping[str, SelfReport]
     lease_request: tuple[str, str] | None = None
     lease_grants: tuple[LeaseGrant, ...] = ()
+    is_to_all: bool = True
+    alive_digest: bytes = bytes(DIGEST_BYTES)
 
 
 def encode(header: Header, kind: MessageKind, body: Any) -> bytes:
@@ -218,20 +221,31 @@ def pack_heartbeat(heartbeat: Heartbeat) -> list[Any]:
     return [
         *report.incarnation,
         report.number,
-        int(report.has_joined) + 2 * int(heartbeat.is_leaving),
+        int(report.has_joined) + 2 * int(heartbeat.is_leaving) + 4 * int(heartbeat.is_to_all),
         report.plan_digest,
         heartbeat.fact_digest,
+        heartbeat.alive_digest,
         list(heartbeat.statuses),
         report.result,
         heartbeat.progress,
         [[s.robot, *s.incarnation, s.flags] for s in heartbeat.suspicions],
-        [
-            [robot, *r.incarnation, r.number, r.plan_digest, int(r.has_joined), r.result]
-            for robot, r in heartbeat.relays.items()
-        ],
+        pack_reports(heartbeat.relays),
         list(heartbeat.lease_request) if heartbeat.lease_request is not None else None,
         [[g.coalition, g.member, g.number] for g in heartbeat.lease_grants],
     ]
+
+
+def pack_reports(reports: Mapping[str, SelfReport]) -> list[list[Any]]:
+    """Self-reports of several robots as plain data."""
+    return [
+        [robot, *r.incarnation, r.number, r.plan_digest, int(r.has_joined), r.result]
+        for robot, r in reports.items()
+    ]
+
+
+def parse_reports(rows: Any) -> dict[str, SelfReport]:
+    """The inverse of `pack_reports`; raises WireError."""
+    return dict([_relay(row) for row in _rows(rows, 7)])
 
 
 def _every_relay_is_new(row: list[Any]) -> bool:
@@ -246,11 +260,11 @@ def parse_heartbeat(
     Relays, most of a heartbeat in a large team, are only taken where `is_new_relay(row)` of
     [robot, counter, nonce, number, ...], as yet unchecked.
     """
-    if not isinstance(body, list) or len(body) != 13:
+    if not isinstance(body, list) or len(body) != 14:
         raise WireError("beat is malformed")
-    counter, nonce, number, flags, plan, facts, statuses, result, progress, *tables = body
+    counter, nonce, number, flags, plan, facts, alive, statuses, result, progress, *tables = body
     suspicions, relays, request, grants = tables
-    flags = _count(flags, 3)
+    flags = _count(flags, 7)
     if not isinstance(statuses, list) or len(statuses) != 4:
         raise WireError("beat statuses are malformed")
     return Heartbeat(
@@ -274,6 +288,8 @@ def parse_heartbeat(
         dict([_relay(row) for row in filter(is_new_relay, _rows(relays, 7))]),
         _lease_request(request),
         tuple(LeaseGrant(_name(c), _robot(m), _count(n)) for c, m, n in _rows(grants, 3)),
+        bool(flags & 4),
+        _digest(alive),
     )
 
 

@@ -26,7 +26,7 @@ from mrbt_mesh.core.membership.wire import (
     MessageKind,
     WireError,
 )
-from mrbt_mesh.core.mission.mission import Mission, MissionEnd
+from mrbt_mesh.core.mission.mission import MAX_ROBOTS, Mission, MissionEnd
 from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.core.planning.plan import Plan
 
@@ -52,7 +52,7 @@ class Observer:
         self.facts = TeamFacts(mission, run)
         header = Header(mission.digest[:16], mission.name, run, "")
         self.replica = Replica(self.facts, header, timing, "", engine.read_batch, keys)
-        self.membership = Membership("", timing)
+        self.membership = Membership("", timing, MAX_ROBOTS)
         self.evaluator = engine.evaluator(self.facts)
         self.record = RunRecord(mission)
         self.plan: Plan | None = None

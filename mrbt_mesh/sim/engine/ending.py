@@ -78,7 +78,7 @@ class Ending:
             changes = -1
         if changes != self._stuck_since[0]:
             self._stuck_since = (changes, now_us)
-        timing = self._setup.agents.timing
+        timing = self._setup.timing
         patience_us = timing.max_detection_us + timing.detection_us
         return changes >= 0 and self._stuck_since[1] + patience_us <= now_us
 

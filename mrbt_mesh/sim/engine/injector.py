@@ -206,4 +206,4 @@ class Injector:
         for process in self._robots.living():
             if process.agent and process.agent.view.facts.order() is OrderKind.PAUSE:
                 process.deliver(self._input(faults.Command(process.robot, ORDER, "resume")))
-        clock.at(clock.now_us + self._setup.agents.timing.detection_us, self._resume)
+        clock.at(clock.now_us + self._setup.timing.detection_us, self._resume)

@@ -57,8 +57,13 @@ class MessageBus:
     # -- messages and questions ---------------------------------------------------------------
 
     def publish(self, source: str, effect: Publish) -> MessageReceived:
-        """Send to all others; returns what arrives there."""
+        """Send to all others, or to some; returns what arrives there."""
         event = MessageReceived(effect.kind, source, effect.data)
+        if effect.to is not None:
+            for target in effect.to:
+                if target in self.processes:
+                    self._send(source, target, event)
+            return event
         arrivals = self.network.arrivals_at_all(source, self.processes, self.clock.now_us)
         for arrival_us, targets in arrivals.items():
             self.clock.at(arrival_us, partial(self._deliver_to_all, targets, event))

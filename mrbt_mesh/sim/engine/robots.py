@@ -118,7 +118,7 @@ class Robots:
             run=setup.run,
             nonce=self._random_bytes("nonce", robot, self._lives).hex(),
             solver=options.solvers.get(robot, options.solver),
-            timing=options.timing,
+            timing=setup.timing,
             expected=frozenset(setup.robots),
             exit_when_done=options.exit_when_done,
             software="simulator",

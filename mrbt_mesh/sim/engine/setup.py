@@ -59,6 +59,11 @@ class Setup:
     start_spread_us: int = 20_000
 
     @property
+    def timing(self) -> Timing:
+        """The times of a team of this size."""
+        return self.agents.timing.of_team(len(self.mission.robots))
+
+    @property
     def run(self) -> str:
         """The id of the run."""
         return f"sim{self.seed}"

@@ -85,7 +85,7 @@ class World:
 
     @property
     def timing(self) -> Timing:
-        return self.setup.agents.timing
+        return self.setup.timing
 
     @property
     def plan_delay_us(self) -> int:

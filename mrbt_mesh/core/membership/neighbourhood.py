@@ -1,0 +1,132 @@
+"""Whom one robot sends its heartbeats to, and whose silence it judges.
+
+Its neighbours in the ring of all robots in good standing (`ring`). Besides them, as far as that is
+not everybody anyway:
+
+- one more robot with each heartbeat, all of the team in turn, dead ones included: so two parts of a
+  team that were cut off from each other find out, and whoever has missed a change hears of it;
+- whoever judges this robot, or is new, by its own last heartbeat: two robots that see different
+  rings hear each other;
+- robots that are *checked*: others say otherwise of them than is known here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from mrbt_mesh.core.membership.peer import Peer, State
+from mrbt_mesh.core.membership.ring import Ring
+from mrbt_mesh.core.membership.timing import Timing
+
+# So many robots are checked at a time.
+MAX_CHECKED = 16
+
+
+class Neighbourhood:
+    """Of the robot `me` among its `peers`, a mapping that its owner changes.
+
+    `judged`: the live robots whose silence it judges. `reach` as in `Ring`.
+    """
+
+    def __init__(self, me: str, timing: Timing, peers: Mapping[str, Peer], reach: int) -> None:
+        self.me = me
+        self.judged: dict[str, Peer] = {}
+        self._timing = timing
+        self._peers = peers
+        self._reach = reach
+        self._ring = Ring([me], reach)
+        self._version = -1
+        self._checked_until_us: dict[str, int] = {}
+        self._to_answer: set[str] = set()
+
+    def follow(self, version: int, now_us: int) -> None:
+        """Be up to date with who is in good standing: `version` grows with each change of that.
+
+        A robot that is judged from now on has not been silent before.
+        """
+        if version == self._version:
+            return
+        self._version = version
+        peers = self._peers
+        good = [robot for robot, peer in peers.items() if peer.state.is_alive]
+        self._ring = ring = Ring([self.me, *good], self._reach)
+        mine = frozenset(ring.neighbours(self.me))
+        self.judged = {}
+        for robot, peer in peers.items():
+            if not peer.state.is_live:
+                peer.is_judged = False
+                continue
+            is_judged = robot in mine or robot in self._checked_until_us
+            if not is_judged and not peer.state.is_alive:
+                is_judged = self.me in ring.neighbours(robot)
+            if is_judged:
+                self.judged[robot] = peer
+                if not peer.is_judged and not ring.is_complete:
+                    peer.last_heard_us = max(peer.last_heard_us, now_us)
+            peer.is_judged = is_judged
+            peer.is_probed = peer.is_probed and is_judged
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether everybody is everybody's neighbour."""
+        return self._ring.is_complete
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """Its neighbours, sorted."""
+        return self._ring.neighbours(self.me)
+
+    def judges(self, robot: str) -> bool:
+        """Whether it judges a robot, or would if that were alive."""
+        return robot in self.judged or self.me in self._ring.neighbours(robot)
+
+    def monitors(self, robot: str) -> tuple[str, ...]:
+        """The robots in good standing that judge a robot."""
+        return self._ring.neighbours(robot)
+
+    # -- checks -------------------------------------------------------------------------------
+
+    def check(self, robot: str, now_us: int) -> bool:
+        """Listen for a robot for some time, and let it hear from this one; whether that is new."""
+        if robot in self._checked_until_us or len(self._checked_until_us) >= MAX_CHECKED:
+            return False
+        self._checked_until_us[robot] = now_us + self._timing.max_detection_us
+        self._version = -1
+        return True
+
+    def heard(self, robot: str) -> None:
+        """A heartbeat of the robot itself has come."""
+        if self._checked_until_us.pop(robot, None) is not None:
+            self._version = -1
+
+    def end_checks(self, now_us: int) -> None:
+        """Give up those that have led to nothing."""
+        for robot, until_us in list(self._checked_until_us.items()):
+            if now_us >= until_us:
+                self.heard(robot)
+
+    # -- who hears it -------------------------------------------------------------------------
+
+    def answer(self, robot: str) -> None:
+        """Let a robot hear this one's next heartbeat."""
+        self._to_answer.add(robot)
+
+    def audience(
+        self, number: int, mission: Iterable[str], others: Iterable[str]
+    ) -> tuple[str, ...] | None:
+        """Who gets heartbeat `number`, sorted; None: everybody. Those that wait have an answer.
+
+        `mission`: the robots that may be there, heard or not. `others`: who is to have it, besides.
+        """
+        answered, self._to_answer = self._to_answer, set()
+        if self.is_complete:
+            return None
+        left = {robot for robot, peer in self._peers.items() if peer.state is State.LEFT}
+        wanted = {*self.robots, *self.judged, *self._checked_until_us, *answered, *others}
+        for robot, peer in self.judged.items():
+            if peer.is_probed:
+                wanted.update(self.monitors(robot))
+        in_turn = sorted({*self._peers, *mission} - left - {self.me})
+        if in_turn:
+            wanted.add(in_turn[number % len(in_turn)])
+        return tuple(sorted(wanted - left - {self.me}))

@@ -1,0 +1,151 @@
+"""Teams in which not everybody is everybody's neighbour, in the simulator."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+
+from benchmarks.membership.team import SteppedTeam
+from mrbt_mesh.core.membership.ring import Ring
+from mrbt_mesh.core.membership.timing import SECOND_US, Timing
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.sim.engine.network import LinkKnobs, NetworkKnobs
+from tests.support.build import action, make_mission, parallel, task
+
+MS = 1_000
+GOOD = NetworkKnobs(link=LinkKnobs(delay_us=MS, jitter_us=MS), token_delay_us=5 * MS)
+NO_TOKENS = NetworkKnobs(link=LinkKnobs(delay_us=MS, jitter_us=MS), token_delay_us=None)
+BAD = NetworkKnobs(
+    link=LinkKnobs(delay_us=MS, jitter_us=200 * MS, loss_permille=300), token_delay_us=None
+)
+
+
+def patrol(robots: int) -> Mission:
+    """Half as many areas as robots, any of which can take any."""
+    areas = [f"area{number}" for number in range(robots // 2)]
+    tree = parallel(len(areas), *map(action, areas))
+    able = {f"R{number:03d}": {"watch": 1.0} for number in range(robots)}
+    return make_mission(tree, able, [task(area, ("watch", 1, 1)) for area in areas])
+
+
+def started(robots: int, network: NetworkKnobs, seed: int = 1) -> SteppedTeam:
+    """A team that is at work, and has been for a while."""
+    team = SteppedTeam(patrol(robots), network, seed)
+    team.launch_all()
+    team.run_until(20 * SECOND_US)
+    assert alive(team) == {robots: robots}
+    assert len(team.at_work()) == robots // 2
+    return team
+
+
+def alive(team: SteppedTeam) -> dict[int, int]:
+    """How many robots hold how many for alive, themselves included."""
+    return dict(Counter(len(agent.alive()) for agent in team.living()))
+
+
+def at_rest(robots: int) -> float:
+    """Messages per robot and second."""
+    team = started(robots, GOOD)
+    before = team.sent
+    team.run_until(team.now_us + 20 * SECOND_US)
+    return (team.sent - before) / robots / 20
+
+
+def test_what_a_robot_sends_does_not_grow_with_its_team() -> None:
+    small, medium, large = at_rest(7), at_rest(16), at_rest(32)
+    assert large < 1.2 * medium
+    assert large < small
+
+
+@pytest.mark.parametrize("robots", [9, 24])
+def test_a_killed_robot_is_replaced_after_a_few_messages(robots: int) -> None:
+    team = started(robots, GOOD)
+    victim, before = team.at_work()[0], team.sent
+    team.kill(victim)
+    team.run_until(team.now_us + 50 * MS)
+    assert alive(team) == {robots - 1: robots - 1}
+    assert len(team.at_work()) == robots // 2
+    assert (team.sent - before) / robots < 100
+
+
+@pytest.mark.parametrize("robots", [9, 24])
+def test_a_frozen_robot_is_found_in_the_detection_time_and_found_again(robots: int) -> None:
+    team = started(robots, NO_TOKENS)
+    timing = Timing().of_team(robots)
+    victim = team.at_work()[0]
+    team.freeze(victim)
+    team.run_until(team.now_us + timing.detection_us + timing.heartbeat_us)
+    assert alive(team) == {robots - 1: robots - 1}
+    assert len(team.at_work()) == robots // 2
+    team.thaw(victim)
+    team.run_until(team.now_us + 2 * timing.detection_us)
+    assert alive(team) == {robots: robots}
+
+
+def test_neighbours_that_die_together_are_all_found() -> None:
+    robots = 20
+    team = started(robots, NO_TOKENS)
+    ring = Ring(team.mission.robots, Timing().reach)
+    first = sorted(team.mission.robots)[0]
+    gone = {first, *ring.neighbours(first)}
+    for robot in gone:
+        team.kill(robot)
+    team.run_until(team.now_us + 2 * Timing().of_team(robots).max_detection_us)
+    assert alive(team) == {robots - len(gone): robots - len(gone)}
+    assert len(team.at_work()) == robots // 2
+
+
+def test_halves_that_were_cut_off_find_each_other_again() -> None:
+    robots = 16
+    team = started(robots, NO_TOKENS)
+    left = set(sorted(team.mission.robots)[: robots // 2])
+    links = [
+        link
+        for one in left
+        for other in team.mission.robots.keys() - left
+        for link in ((one, other), (other, one))
+    ]
+    team.network.block(links)
+    timing = Timing().of_team(robots)
+    team.run_until(team.now_us + 2 * timing.max_detection_us)
+    assert alive(team) == {robots // 2: robots}
+    team.network.unblock(links)
+    team.run_until(team.now_us + 5 * timing.detection_us)
+    assert alive(team) == {robots: robots}
+    digests = {agent.facts.map.digest() for agent in team.living()}
+    assert len(digests) == 1
+
+
+def test_a_robot_that_hears_nothing_persuades_nobody() -> None:
+    robots = 16
+    team = started(robots, NO_TOKENS)
+    deaf = sorted(team.mission.robots)[3]
+    team.network.block([(other, deaf) for other in team.mission.robots if other != deaf])
+    for _ in range(24):
+        team.run_until(team.now_us + SECOND_US // 2)
+        others = [agent for agent in team.living() if agent.robot != deaf]
+        assert {len(agent.alive()) for agent in others} == {robots}
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_nobody_dies_of_loss_and_jitter(seed: int) -> None:
+    robots = 24
+    team = SteppedTeam(patrol(robots), BAD, seed)
+    team.launch_all()
+    team.run_until(30 * SECOND_US)
+    for _ in range(60):
+        team.run_until(team.now_us + SECOND_US)
+        assert alive(team) == {robots: robots}, f"seed {seed} at {team.now_us / SECOND_US:.0f} s"
+
+
+def test_one_broken_link_is_no_fault() -> None:
+    robots = 12
+    team = started(robots, NO_TOKENS)
+    ring = Ring(team.mission.robots, Timing().reach)
+    one = sorted(team.mission.robots)[0]
+    other = ring.neighbours(one)[0]
+    team.network.block([(one, other), (other, one)])
+    for _ in range(60):
+        team.run_until(team.now_us + SECOND_US // 2)
+        assert alive(team) == {robots: robots}
