@@ -33,7 +33,7 @@ def test_only_calls_into_the_product_are_landings() -> None:
     is_robot_id("A1")
     sorted([1])
     end()
-    assert {landing.file for landing in trace.landings} == {"core/mission/mission.py"}
+    assert {landing.file for landing in trace.landings} == {"core/mission/names.py"}
 
 
 def test_another_robot_starts_the_repair_that_an_outcome_led_to() -> None:

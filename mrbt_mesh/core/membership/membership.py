@@ -250,6 +250,12 @@ class Membership:
         """Whether `detect_failures` could find something new."""
         if self._detected_at_changes != self.alive_changes + self.suspicion_changes:
             return True
+        if (
+            self._told_dead_until_us
+            or self._patience
+            or (self._suspected and not self.neighbourhood.is_complete)
+        ):
+            return True  # what is told of others, and how long they are waited for, changes
         if now_us < self.next_detection_us:
             return False
         self._now_us = now_us
@@ -257,8 +263,17 @@ class Membership:
         if self._suspected or any(is_silent(peer, now_us) for peer in judged.values()):
             return True
         # Newer news has put it off.
-        self.next_detection_us = self._detector.next_due_us(judged, now_us)
+        self.next_detection_us = self._next_due_us(now_us)
         return False
+
+    def _next_due_us(self, now_us: int) -> int:
+        """When a judgement, or what is told of others, may differ from the present one."""
+        around, patience_us = self.neighbourhood, self._patience * self.timing.detection_us
+        times_us = [*self._told_dead_until_us.values(), *around.checks_end_us]
+        if self._patience:
+            times_us.append(self._patience_until_us)
+        due_us = self._detector.next_due_us(around.judged, patience_us, now_us)
+        return min([due_us, *(at_us for at_us in times_us if at_us > now_us)])
 
     def detect_failures(self, now_us: int) -> list[tuple[str, State, State]]:
         """Suspect silent robots, declare suspects dead; (robot, before, after) of each change."""
@@ -290,7 +305,7 @@ class Membership:
             peer.is_probed = False
             self._accused.discard(robot)
         self._detected_at_changes = self.alive_changes + self.suspicion_changes
-        self.next_detection_us = detector.next_due_us(self.neighbourhood.judged, now_us)
+        self.next_detection_us = self._next_due_us(now_us)
         return [
             (robot, state, peers[robot].state)
             for robot, state in sorted(before.items())

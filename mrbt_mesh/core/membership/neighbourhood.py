@@ -99,6 +99,11 @@ class Neighbourhood:
         if self._checked_until_us.pop(robot, None) is not None:
             self._version = -1
 
+    @property
+    def checks_end_us(self) -> list[int]:
+        """When those that go on are given up."""
+        return list(self._checked_until_us.values())
+
     def end_checks(self, now_us: int) -> None:
         """Give up those that have led to nothing."""
         for robot, until_us in list(self._checked_until_us.items()):
