@@ -146,7 +146,6 @@ class Heartbeats:
             membership.relays(),
             executor.leases.holder.requested,
             executor.leases.grantor.grants(),
-            to is None,
             membership.alive_digest(context.replica.incarnation),
         )
         data = context.config.engine.write_heartbeat(beat, context.replica.header)

@@ -6,10 +6,12 @@ Where to find it:
 - how long everything takes: `timing`; when a heartbeat is sent: `heartbeat`
 - what is known of the others: `membership`; of one of them: `peer`, `arrival_history`
 - when a robot is suspected, probed, declared dead: `failure_detector`
+- how much longer a robot that is slow itself waits for others: `local_health`
 - when a new incarnation may take part: `joining`; two robots of one id: `duplicate_ids`
 - where a lease is granted, renewed, given up: `leases`
 - what this robot writes and takes in: `replica`; whom it asks for what it missed: `anti_entropy`
-- the messages, and which are refused: `wire`
+- the messages, and which are refused: `wire`; who may have said it: `keys`, `envelope`,
+  `authorship`
 
 Imports `facts` and what is below, never `planning`.
 """

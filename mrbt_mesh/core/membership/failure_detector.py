@@ -115,16 +115,16 @@ class FailureDetector:
             return max(self._timing.detection_us, peer.probe_after_us)
         return peer.silence_limit_us
 
-    def next_due_us(self, judged: Mapping[str, Peer], patience_us: int, now_us: int) -> int:
+    def next_due_us(self, judged: Mapping[str, Peer], extra_us: int, now_us: int) -> int:
         """When a judgement may differ from the present one, if nothing is heard until then.
 
-        `patience_us`: how much longer than their limits the silent may be.
+        `extra_us`: how much longer than their limits the silent may be.
         """
         detection_us = self._timing.detection_us
         earliest_us = now_us + detection_us
         for peer in judged.values():
             limits_us = (detection_us, peer.silence_limit_us)
-            waits_us = (peer.probe_after_us, *(limit_us + patience_us for limit_us in limits_us))
+            waits_us = (peer.probe_after_us, *(limit_us + extra_us for limit_us in limits_us))
             for wait_us in waits_us:
                 at_us = peer.last_heard_us + wait_us
                 if at_us <= now_us:

@@ -15,11 +15,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from itertools import chain
 from typing import Any
 
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.arrival_history import ArrivalHistory
 from mrbt_mesh.core.membership.failure_detector import PROBE_SHARE, FailureDetector, is_silent
+from mrbt_mesh.core.membership.local_health import LocalHealth
 from mrbt_mesh.core.membership.neighbourhood import Neighbourhood
 from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.membership.timing import Timing
@@ -27,8 +29,6 @@ from mrbt_mesh.core.membership.wire import DIGEST_BYTES, Heartbeat, SelfReport, 
 
 # Of a large team a heartbeat names so many suspicions at most.
 MAX_SUSPICIONS = 32
-# So many detection times longer a robot that has trouble itself waits for silent ones.
-MAX_PATIENCE = 4
 
 
 # Attributes: what is known of the others, and what of that has changed since it was looked at last.
@@ -62,10 +62,7 @@ class Membership:
         self._suspected: dict[str, Peer] = {}
         # Until when this robot tells of those that it has declared dead, where not all do.
         self._told_dead_until_us: dict[str, int] = {}
-        # How many detection times longer others may be silent, and until when.
-        self._patience = 0
-        self._patience_from_us = 0
-        self._patience_until_us = 0
+        self._health = LocalHealth(timing)
         # Robots whose token is gone here, and live ones that others declare dead.
         self._token_lost: set[str] = set()
         self._accused: set[str] = set()
@@ -210,19 +207,10 @@ class Membership:
         _set_member(self._suspecting, robot, bool(suspected))
 
     def _was_accused(self) -> None:
-        """Somebody holds this robot for dead: it tells everybody, and judges others with patience.
-
-        Source: Lifeguard's local health: who is suspected without reason may itself be slow.
-        """
+        """Somebody holds this robot for dead: it tells everybody; it may itself be slow."""
         if not self.neighbourhood.is_complete:
             self.news_changes += 1
-            self._be_patient()
-
-    def _be_patient(self) -> None:
-        if self._now_us >= self._patience_from_us:
-            self._patience = min(MAX_PATIENCE, self._patience + 1)
-            self._patience_from_us = self._now_us + self.timing.heartbeat_us
-            self._patience_until_us = self._now_us + self.timing.max_silence_us
+            self._health.worsen(self._now_us)
 
     def receive_token(self, robot: str, incarnation: Incarnation, is_held: bool) -> None:
         """A liveliness token came (`is_held`) or went. Its presence proves nothing."""
@@ -240,7 +228,7 @@ class Membership:
         """
         self._now_us = now_us
         if not self.neighbourhood.is_complete:
-            self._be_patient()
+            self._health.worsen(now_us)
         for peer in self.peers.values():
             peer.last_heard_us = min(now_us, peer.last_heard_us + lag_us)
 
@@ -252,7 +240,7 @@ class Membership:
             return True
         if (
             self._told_dead_until_us
-            or self._patience
+            or not self._health.is_good
             or (self._suspected and not self.neighbourhood.is_complete)
         ):
             return True  # what is told of others, and how long they are waited for, changes
@@ -268,12 +256,10 @@ class Membership:
 
     def _next_due_us(self, now_us: int) -> int:
         """When a judgement, or what is told of others, may differ from the present one."""
-        around, patience_us = self.neighbourhood, self._patience * self.timing.detection_us
-        times_us = [*self._told_dead_until_us.values(), *around.checks_end_us]
-        if self._patience:
-            times_us.append(self._patience_until_us)
-        due_us = self._detector.next_due_us(around.judged, patience_us, now_us)
-        return min([due_us, *(at_us for at_us in times_us if at_us > now_us)])
+        around, health = self.neighbourhood, self._health
+        due_us = self._detector.next_due_us(around.judged, health.extra_us, now_us)
+        others_us = (self._told_dead_until_us.values(), around.checks_end_us, health.better_at_us)
+        return min([due_us, *(at_us for at_us in chain(*others_us) if at_us > now_us)])
 
     def detect_failures(self, now_us: int) -> list[tuple[str, State, State]]:
         """Suspect silent robots, declare suspects dead; (robot, before, after) of each change."""
@@ -288,14 +274,9 @@ class Membership:
             before[robot] = peers[robot].state
             self._set(robot, peers[robot], State.SUSPECT)
         around = self.neighbourhood  # without those that are suspected from now on
-        if self._patience and now_us >= self._patience_until_us:
-            self._patience, self._patience_until_us = (
-                self._patience - 1,
-                now_us + self.timing.detection_us,
-            )
-        patience_us = self._patience * self.timing.detection_us
+        self._health.recover(now_us)
         accused = self._suspected, self._accused
-        for robot in detector.find_dead(around, *accused, peers, now_us - patience_us):
+        for robot in detector.find_dead(around, *accused, peers, now_us - self._health.extra_us):
             peer = peers[robot]
             before.setdefault(robot, peer.state)
             if peer.is_judged and not around.is_complete:

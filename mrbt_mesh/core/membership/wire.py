@@ -114,8 +114,8 @@ class Heartbeat:
     """One heartbeat. `statuses` are those of T_i, T_A, T_G and T_Li; `progress` in percent.
 
     `relays`: robot -> its newest self-report that the sender knows. `lease_request`: the activation
-    and the id of the coalition for which the sender needs leases. `is_to_all`: everybody gets it,
-    not only some. `alive_digest` is over the robots that the sender holds for alive.
+    and the id of the coalition for which the sender needs leases. `alive_digest` is over the robots
+    that the sender holds for alive.
     """
 
     report: SelfReport
@@ -127,7 +127,6 @@ class Heartbeat:
     relays: Mapping[str, SelfReport]
     lease_request: tuple[str, str] | None = None
     lease_grants: tuple[LeaseGrant, ...] = ()
-    is_to_all: bool = True
     alive_digest: bytes = bytes(DIGEST_BYTES)
 
 
@@ -221,7 +220,7 @@ def pack_heartbeat(heartbeat: Heartbeat) -> list[Any]:
     return [
         *report.incarnation,
         report.number,
-        int(report.has_joined) + 2 * int(heartbeat.is_leaving) + 4 * int(heartbeat.is_to_all),
+        int(report.has_joined) + 2 * int(heartbeat.is_leaving),
         report.plan_digest,
         heartbeat.fact_digest,
         heartbeat.alive_digest,
@@ -264,7 +263,7 @@ def parse_heartbeat(
         raise WireError("beat is malformed")
     counter, nonce, number, flags, plan, facts, alive, statuses, result, progress, *tables = body
     suspicions, relays, request, grants = tables
-    flags = _count(flags, 7)
+    flags = _count(flags, 3)
     if not isinstance(statuses, list) or len(statuses) != 4:
         raise WireError("beat statuses are malformed")
     return Heartbeat(
@@ -288,7 +287,6 @@ def parse_heartbeat(
         dict([_relay(row) for row in filter(is_new_relay, _rows(relays, 7))]),
         _lease_request(request),
         tuple(LeaseGrant(_name(c), _robot(m), _count(n)) for c, m, n in _rows(grants, 3)),
-        bool(flags & 4),
         _digest(alive),
     )
 
