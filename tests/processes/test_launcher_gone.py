@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Iterator
 
 import psutil
 import pytest
@@ -26,9 +27,17 @@ def wait_for_exits(team: Team, processes: list[psutil.Process]) -> None:
     assert alive == [], team.logs()
 
 
+@pytest.fixture
+def closable_terminal() -> Iterator[None]:
+    """What is started hears of a closed terminal, also where the tests themselves must not."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGHUP])
 def test_robots_leave_in_order_when_their_launcher_is_gone(
-    team: Team, number: signal.Signals
+    team: Team, number: signal.Signals, closable_terminal: None
 ) -> None:
     """Also one that joined meanwhile, by a command that has long ended."""
     team.hold("explore")
