@@ -33,7 +33,7 @@ from mrbt_mesh.core.agent.effects import (
     StartAction,
     Stop,
 )
-from mrbt_mesh.core.agent.inputs import Input, LeaveRequested, PlanMade, TimerFired
+from mrbt_mesh.core.agent.inputs import Input, LeaveRequested, PlanMade, TimerFired, together
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import MICRO, Mission
@@ -160,7 +160,8 @@ class Driver:
         if inbox.dropped:
             self._logger.warning("inbox_overflow", dropped=inbox.dropped)
             inbox.dropped = 0
-        for event in (*inbox.take(), *(gate.take_refused() if gate is not None else ())):
+        refused = gate.take_refused() if gate is not None else ()
+        for event in together((*inbox.take(), *refused)):
             self.submit(event)
 
     def _set_timer(self) -> None:

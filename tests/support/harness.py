@@ -109,9 +109,10 @@ class Team:
         self.processes[name].frozen = True
 
     def thaw(self, name: str) -> None:
-        """The process goes on, with a full mailbox."""
+        """The process goes on, with a full mailbox, as the driver would."""
         process = self.processes[name]
         process.frozen = False
+        process.mail = deque(inputs.together(process.mail))
         self._waiting.append(process)
         self._drain()
 

@@ -7,6 +7,8 @@ with a faulty network and a virtual one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from mrbt_mesh.core.agent.commands import Commands
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.context import Context
@@ -27,6 +29,7 @@ from mrbt_mesh.core.agent.inputs import (
     InputRefused,
     LeaveRequested,
     MessageReceived,
+    NewsReceived,
     PerformanceChanged,
     PlanMade,
     ProgressReported,
@@ -79,11 +82,12 @@ class Agent:
         if now_us > self._deadline_us:
             self._lifecycle.woke_late(now_us - self._deadline_us, now_us)
             self._deadline_us = now_us
-        taken = [event]
+        taken: Sequence[Input] = event.news if isinstance(event, NewsReceived) else (event,)
         if context.config.plans_apart:
-            taken = self._deferred.due(event, self._planner.awaited is not None)
+            taken = self._deferred.due(taken, self._planner.awaited is not None)
         for each in taken:
-            self._take(each, now_us)
+            if not context.has_stopped:
+                self._take(each, now_us)
         if not context.has_stopped:
             self._follow_up.inputs(taken, now_us)
         return context.take_effects()

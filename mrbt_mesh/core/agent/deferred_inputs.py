@@ -9,12 +9,11 @@ dead, and nobody's death goes unnoticed.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 
 from mrbt_mesh.core.agent import inputs
 from mrbt_mesh.core.membership.wire import MessageKind
 
-# So many of them, at most, are taken in together before the next plan: a few milliseconds' work.
-AT_ONCE = 100
 _FACTS = (inputs.MessageReceived, inputs.AnswerReceived)
 _ALWAYS = (
     inputs.MessageReceived,
@@ -36,23 +35,25 @@ class DeferredInputs:
         """Whether anything is to be taken in as soon as the plan has been made."""
         return bool(self._waiting)
 
-    def due(self, event: inputs.Input, busy: bool) -> list[inputs.Input]:
-        """What is to be taken in now that `event` has come, while a plan is made or not.
+    def due(self, events: Sequence[inputs.Input], busy: bool) -> list[inputs.Input]:
+        """What is to be taken in now that `events` have come, while a plan is made or not.
 
         What has waited comes before what may change facts, one step at a time: one input, or
         the facts from others that come first.
         """
-        if isinstance(event, _ALWAYS) and not _changes_facts(event):
-            found: list[inputs.Input] = [event]
-        elif busy or self._waiting:
-            self._waiting.append(event)
-            found = []
-        else:
-            return [event]
-        if not busy and self._waiting and not isinstance(event, inputs.PlanMade):
+        found: list[inputs.Input] = []
+        for event in events:
+            if isinstance(event, _ALWAYS) and not _changes_facts(event):
+                found.append(event)
+            elif busy or self._waiting:
+                self._waiting.append(event)
+            else:
+                found.append(event)
+        is_made = any(isinstance(event, inputs.PlanMade) for event in events)
+        if not busy and self._waiting and not is_made:
             first = self._waiting.popleft()
             found.append(first)
-            most = AT_ONCE if isinstance(first, _FACTS) else 1
+            most = inputs.AT_ONCE if isinstance(first, _FACTS) else 1
             while most > 1 and self._waiting and isinstance(self._waiting[0], _FACTS):
                 found.append(self._waiting.popleft())
                 most -= 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -148,13 +149,21 @@ class PlanMade:
     plan: Plan
 
 
-FromOutside: TypeAlias = (
-    MessageReceived | TokenChanged | QueryReceived | AnswerReceived | InputRefused
-)
+News: TypeAlias = MessageReceived | TokenChanged | AnswerReceived | InputRefused
+
+FromOutside: TypeAlias = News | QueryReceived
+
+
+@dataclass(frozen=True, slots=True)
+class NewsReceived:
+    """News that have waited together, oldest first: taken in before anything follows from them."""
+
+    news: tuple[News, ...]
 
 
 Input: TypeAlias = (
     FromOutside
+    | NewsReceived
     | ActionFinished
     | ActionStopped
     | ProgressReported
@@ -166,3 +175,31 @@ Input: TypeAlias = (
     | TimerFired
     | PlanMade
 )
+
+
+# So much, at most, is taken in together: a few milliseconds' work.
+AT_ONCE = 100
+
+
+def together(waiting: Iterable[Input]) -> Iterator[Input]:
+    """What has waited, in order, with news that come one after the other handed in as one input.
+
+    A robot that was slow hears so of all before it judges who is silent, and goes once through
+    what follows. What the robot itself or an operator says comes alone: each of it is a step of
+    the tree.
+    """
+    news: list[News] = []
+    for event in waiting:
+        if isinstance(event, News):
+            news.append(event)
+            if len(news) < AT_ONCE:
+                continue
+        if len(news) == 1:
+            yield news[0]
+        elif news:
+            yield NewsReceived(tuple(news))
+        news.clear()
+        if not isinstance(event, News):
+            yield event
+    if news:
+        yield NewsReceived(tuple(news)) if len(news) > 1 else news[0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 
-from mrbt_mesh.core.agent.inputs import Input, TimerFired
+from mrbt_mesh.core.agent.inputs import Input, TimerFired, together
 from mrbt_mesh.runtime.inbox import MAX_WAITING
 from mrbt_mesh.sim.engine.clock import Gate, VirtualClock
 
@@ -76,7 +76,7 @@ class Pace:
         """Handle what has waited, then let the program's timers go on."""
         waiting = list(self._waiting)
         self._waiting.clear()
-        for event in waiting:
+        for event in together(waiting):
             self._handle(event)
         self.gate.open()
         if self.is_slow and not self.is_over:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.agent import inputs
-from mrbt_mesh.core.agent.deferred_inputs import AT_ONCE, DeferredInputs
+from mrbt_mesh.core.agent.deferred_inputs import DeferredInputs
 from mrbt_mesh.core.membership.wire import MessageKind
 
 BEAT = inputs.MessageReceived(MessageKind.HEARTBEAT, "B", b"beat")
@@ -24,15 +24,15 @@ def condition(number: int) -> inputs.Input:
 def test_without_a_plan_in_the_making_everything_is_taken_at_once() -> None:
     meanwhile = DeferredInputs()
     for event in (BEAT, fact(1), condition(1), TIMER, inputs.LeaveRequested()):
-        assert meanwhile.due(event, False) == [event]
+        assert meanwhile.due([event], False) == [event]
     assert not meanwhile.waits
 
 
 def test_beats_are_heard_and_facts_wait() -> None:
     meanwhile = DeferredInputs()
-    assert meanwhile.due(BEAT, True) == [BEAT]
-    assert meanwhile.due(fact(1), True) == []
-    assert meanwhile.due(TIMER, True) == [TIMER]
+    assert meanwhile.due([BEAT], True) == [BEAT]
+    assert meanwhile.due([fact(1)], True) == []
+    assert meanwhile.due([TIMER], True) == [TIMER]
     assert meanwhile.waits
 
 
@@ -40,29 +40,29 @@ def test_facts_of_others_come_together_and_what_the_robot_says_one_by_one() -> N
     meanwhile = DeferredInputs()
     events = [fact(1), fact(2), condition(1), condition(2), fact(3)]
     for event in events:
-        assert meanwhile.due(event, True) == []
-    assert meanwhile.due(TIMER, False) == [TIMER, fact(1), fact(2)]
-    assert meanwhile.due(TIMER, False) == [TIMER, condition(1)]
-    assert meanwhile.due(TIMER, False) == [TIMER, condition(2)]
-    assert meanwhile.due(TIMER, False) == [TIMER, fact(3)]
+        assert meanwhile.due([event], True) == []
+    assert meanwhile.due([TIMER], False) == [TIMER, fact(1), fact(2)]
+    assert meanwhile.due([TIMER], False) == [TIMER, condition(1)]
+    assert meanwhile.due([TIMER], False) == [TIMER, condition(2)]
+    assert meanwhile.due([TIMER], False) == [TIMER, fact(3)]
     assert not meanwhile.waits
 
 
 def test_a_flood_of_facts_is_taken_in_by_portions() -> None:
     meanwhile = DeferredInputs()
-    flood = [fact(number % 256) for number in range(2 * AT_ONCE + 1)]
+    flood = [fact(number % 256) for number in range(2 * inputs.AT_ONCE + 1)]
     for event in flood:
-        assert meanwhile.due(event, True) == []
-    taken = [meanwhile.due(TIMER, False)[1:] for _ in range(3)]
-    assert list(map(len, taken)) == [AT_ONCE, AT_ONCE, 1]
+        assert meanwhile.due([event], True) == []
+    taken = [meanwhile.due([TIMER], False)[1:] for _ in range(3)]
+    assert list(map(len, taken)) == [inputs.AT_ONCE, inputs.AT_ONCE, 1]
     assert [event for batch in taken for event in batch] == flood
 
 
 def test_the_plan_comes_before_what_has_waited_for_it() -> None:
     meanwhile = DeferredInputs()
-    meanwhile.due(fact(1), True)
+    meanwhile.due([fact(1)], True)
     made = inputs.PlanMade(1, None)  # type: ignore[arg-type]
-    assert meanwhile.due(made, True) == [made]
+    assert meanwhile.due([made], True) == [made]
 
 
 @given(st.lists(st.tuples(st.integers(0, 2), st.booleans()), max_size=40))
@@ -74,7 +74,7 @@ def test_nothing_is_lost_or_overtaken(steps: list[tuple[int, bool]]) -> None:
         event = (fact(number), condition(number), BEAT)[kind]
         if kind != 2:
             given_events.append(event)
-        taken += [each for each in meanwhile.due(event, busy) if each is not BEAT]
+        taken += [each for each in meanwhile.due([event], busy) if each is not BEAT]
     while meanwhile.waits:
-        taken += [each for each in meanwhile.due(TIMER, False) if each is not TIMER]
+        taken += [each for each in meanwhile.due([TIMER], False) if each is not TIMER]
     assert taken == given_events
