@@ -56,7 +56,7 @@ test: lint
 
 # The same with more seeds and more examples of every property.
 test-long: $(READY)
-	MRBT_CHAOS_SEEDS=1000 MRBT_EXAMPLES=1000 $(BIN)/pytest -n auto -m "not processes"
+	MRBT_LONG=1 MRBT_CHAOS_SEEDS=1000 MRBT_EXAMPLES=1000 $(BIN)/pytest -n auto -m "not processes"
 
 # What robots compute with must make no difference: everything by the plain definitions.
 test-plain: $(READY)

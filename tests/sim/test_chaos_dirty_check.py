@@ -7,6 +7,7 @@ import pytest
 from mrbt_mesh.core.agent.follow_up import FollowUp
 from mrbt_mesh.sim.chaos.campaign import Source
 from mrbt_mesh.sim.run import run_scenario
+from tests.support.effort import seeds
 
 
 def effect_log(seed: int) -> list[str]:
@@ -17,7 +18,7 @@ def effect_log(seed: int) -> list[str]:
     return list(run_scenario(mission, program, scenario, keep_log=True).effect_log)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", seeds(8))
 def test_what_is_let_pass_would_have_had_no_effect(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

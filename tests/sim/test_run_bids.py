@@ -13,6 +13,7 @@ from mrbt_mesh.core.facts.records import CLOSED, Bid, split_name
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.sim import Kill, LinkKnobs, NetworkKnobs, Restart, SimulationResult, simulate
 from tests.support.build import action, make_mission, task
+from tests.support.effort import seeds
 from tests.support.runs import Run
 
 SECOND_US = 1_000_000
@@ -96,7 +97,7 @@ def test_a_robot_that_starts_again_bids_as_before() -> None:
     assert bids["C"] == Bid(-8_000_000)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", seeds(6))
 def test_couriers_deliver_over_a_network_that_loses_a_third(run: Run, seed: int) -> None:
     """Bids are told once: what is lost is repaired, or the time for bids passes."""
     knobs = NetworkKnobs(LinkKnobs(loss_permille=330, delay_us=20_000, jitter_us=60_000))

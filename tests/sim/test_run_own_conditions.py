@@ -21,6 +21,7 @@ from mrbt_mesh.sim import (
 from mrbt_mesh.sim.engine.setup import AgentOptions
 from tests.support import behaviour
 from tests.support.behaviour import ends, mission_of, starts
+from tests.support.effort import seeds
 
 S = 1_000_000
 DETECTED_S, AGREED_S = 1.0, 1.0
@@ -95,7 +96,7 @@ def test_a_short_absence_takes_nothing_away() -> None:
     assert [task for _, task in starts(result)].count("pick") == 1
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", seeds(4))
 def test_a_robot_that_comes_back_still_holds_what_it_held(seed: int) -> None:
     """It is too late for what another one has picked, and both hold something."""
     behave = "pick: {sets: {holding: true}}, carry: {seconds: 5}"

@@ -32,14 +32,14 @@ def test_a_campaign_that_breaks_nothing(tmp_path: Path) -> None:
 
 
 def test_the_same_in_two_processes_as_json(tmp_path: Path) -> None:
-    arguments = ("--generated", "--seeds", "6,7,8,9,11,14", "--json", "--keep", str(tmp_path))
+    arguments = ("--generated", "--seeds", "6,9,11", "--json", "--keep", str(tmp_path))
     found = []
     for jobs in ("1", "2"):
         code, output, problems = chaos(*arguments, "--jobs", jobs)
         assert code == 0, problems
         found.append(json.loads(output))
     first, second = found
-    assert first["seeds"] == 6
+    assert first["seeds"] == 3
     assert first["failures"] == []
     for key in ("results", "checks", "seeds_checked", "done_twice", "exclusive_done_twice"):
         assert first[key] == second[key]

@@ -14,6 +14,7 @@ from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim.run import simulate
 from tests.support.command import mrbt
+from tests.support.effort import seeds
 from tests.support.paths import ROOT
 
 EXAMPLE = ROOT / "examples" / "lift"
@@ -42,7 +43,7 @@ def test_the_committed_mission_is_what_the_command_writes(tmp_path: Path) -> Non
     assert written.read_text() == (EXAMPLE / "mission.yaml").read_text()
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", seeds(3))
 def test_six_robots_are_faster_by_what_the_longest_chain_allows(seed: int) -> None:
     predicted = told(TREE, "--robots", TEAM)["factor"]
     mission = load_mission(EXAMPLE / "mission.yaml")

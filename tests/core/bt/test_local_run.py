@@ -9,6 +9,7 @@ from mrbt_mesh.core.bt.local_run import LocalRun, OwnConditions
 from mrbt_mesh.core.bt.tree import NodeSpec, Status, build_tree
 from tests.support.btcpp.conformance import at_first, team_run, team_tree, told, traces
 from tests.support.build import action, condition, fallback, parallel, retry, sequence, timeout
+from tests.support.effort import IS_LONG
 
 
 class Robot:
@@ -45,13 +46,14 @@ class Robot:
 def test_a_robot_does_with_a_tree_what_a_team_of_one_does(family: str) -> None:
     # That is what BehaviorTree.CPP does, or else a note says why not: test_team_tree_traces.
     compared = 0
-    for trace in traces():
+    tried = traces() if IS_LONG else traces()[::3]
+    for trace in tried:
         team = team_tree(trace)
         if trace.family == family and team.spec is not None and not trace.error:
             compared += 1
             robot = Robot(team.spec, *at_first(trace))
             assert told(robot, team.spec, trace) == team_run(team.spec, trace), trace.id
-    assert compared > 600
+    assert compared > len(tried) // 5
 
 
 def test_the_status_of_the_tree_is_the_outcome() -> None:

@@ -22,6 +22,7 @@ from tests.support.btcpp.stories import (
     reference_run,
 )
 from tests.support.build import World, action, condition, fallback, sequence
+from tests.support.effort import seeds
 
 HOLDING = condition("holding")
 PICK_AND_PLACE = sequence(fallback(HOLDING, action("pick")), action("place"))
@@ -79,9 +80,10 @@ def test_actions_that_set_conditions_do_what_they_do_in_behaviortree_cpp(seed: i
     story_differs(seed)
 
 
-def test_in_some_of_a_thousand_stories_it_matters() -> None:
-    counts = Counter(story_differs(seed) for seed in range(1_000))
-    assert counts[True] >= 50
+def test_in_some_stories_it_matters() -> None:
+    tried = seeds(1_000)
+    counts = Counter(map(story_differs, tried))
+    assert counts[True] >= len(tried) // 20
 
 
 @pytest.mark.parametrize("reads_before", [True, False])

@@ -28,6 +28,7 @@ from tests.support.build import (
     sequence,
     task,
 )
+from tests.support.effort import seeds
 
 
 def limited(mission: Mission, *constraints: Constraint) -> World:
@@ -285,7 +286,7 @@ def keeps(
     return True
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", seeds(6))
 def test_plans_keep_the_constraints_and_requests_as_trying_out_everything_does(seed: int) -> None:
     draw = random.Random(seed)
     limited_requests = 0

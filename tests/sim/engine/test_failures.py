@@ -8,6 +8,7 @@ import pytest
 
 from mrbt_mesh.sim import SimulationResult, simulate
 from mrbt_mesh.sim.engine.failures import EVERYBODY, FailureModel, Rate, losable, rate_of
+from tests.support.effort import seeds
 from tests.support.runs import example
 
 SECOND_US = 1_000_000
@@ -123,7 +124,7 @@ def test_a_run_of_which_nothing_more_will_come_is_ended_early() -> None:
     assert early.summary["global_tasks"] == late.summary["global_tasks"]
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", seeds(6))
 def test_ending_early_ends_nothing_that_would_have_gone_on(seed: int) -> None:
     """Rates that leave some runs blocked: the verdict is the same with all the time there is."""
     model = FailureModel(

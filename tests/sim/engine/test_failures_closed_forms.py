@@ -28,8 +28,9 @@ from mrbt_mesh.core.mission.local_tasks import LocalTask
 from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, Mission, Need, Robot
 from mrbt_mesh.sim import simulate
 from mrbt_mesh.sim.engine.failures import FailureModel
+from tests.support.effort import IS_LONG
 
-RUNS = 400
+RUNS = 400 if IS_LONG else 200
 # What a run needs beside its actions: rounding, one message of the robot to itself.
 OVERHEAD_S = 1e-3
 CHANCES = {"a": 0.9, "b": 0.6, "c": 0.75}

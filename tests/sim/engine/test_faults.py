@@ -25,6 +25,7 @@ from mrbt_mesh.sim import (
     Unblock,
     partition,
 )
+from tests.support.effort import seeds
 from tests.support.runs import Run, undisturbed
 
 SECOND_US = 1_000_000
@@ -40,7 +41,7 @@ ROUGH = LinkKnobs(
 )
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", seeds(5))
 def test_without_faults_all_stop_by_themselves_and_nothing_is_reported(run: Run, seed: int) -> None:
     result = run("vehicle_repair", seed)
     assert (
@@ -51,14 +52,14 @@ def test_without_faults_all_stop_by_themselves_and_nothing_is_reported(run: Run,
 
 
 @pytest.mark.parametrize("robot", ["A1", "A2", "B1", "B2"])
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", seeds(10))
 def test_any_a_or_b_may_be_killed_at_any_moment(run: Run, robot: str, seed: int) -> None:
     at_us = random.Random(f"{robot}/{seed}").randrange(LENGTH_US)
     result = run("vehicle_repair", seed, schedule=[(at_us, Kill(robot))], speed=SPEED)
     assert not any(event["t"] > at_us / 1e6 and event["robot"] == robot for event in result.events)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", seeds(8))
 def test_both_a_and_one_b_may_be_killed_one_after_another(run: Run, seed: int) -> None:
     choose = random.Random(seed)
     victims = ["A1", "A2", choose.choice(["B1", "B2"])]
@@ -110,7 +111,7 @@ def test_a_c_killed_early_blocks_the_mission_until_it_is_back(run: Run) -> None:
     assert fault["until_s"] == pytest.approx(episode["to"], abs=0.5)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", seeds(4))
 def test_a_c_killed_later_blocks_the_cover_only(run: Run, seed: int) -> None:
     schedule = [(10 * SECOND_US, Kill("C2")), (30 * SECOND_US, Restart("C2"))]
     result = run("vehicle_repair", seed, schedule=schedule)
@@ -148,12 +149,12 @@ def test_a_short_freeze_is_no_fault(run: Run) -> None:
     assert result.summary["faults"] == []
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", seeds(6))
 def test_messages_are_lost_doubled_and_overtaken(run: Run, seed: int) -> None:
     run("vehicle_repair", seed, network=NetworkKnobs(ROUGH))
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", seeds(6))
 def test_a_robot_is_killed_while_messages_are_lost(run: Run, seed: int) -> None:
     choose = random.Random(seed)
     schedule = [(choose.randrange(LENGTH_US), Kill(choose.choice(ROBOTS[:4])))]
@@ -178,7 +179,7 @@ def test_after_losses_all_come_to_the_same_facts_and_rest(run: Run) -> None:
     assert {"I1", "I2", "I3", "I4"} <= result.checks.keys()
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", seeds(8))
 def test_a_partition_heals(run: Run, seed: int) -> None:
     choose = random.Random(seed)
     left = choose.sample(ROBOTS, choose.randint(1, 5))
@@ -224,7 +225,7 @@ def test_garbage_changes_nothing(run: Run, seed: int) -> None:
     assert result.summary == expected.summary
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", seeds(6))
 def test_a_robot_is_restarted(run: Run, seed: int) -> None:
     choose = random.Random(seed)
     robot, at_us = choose.choice(ROBOTS), choose.randrange(LENGTH_US)
@@ -295,7 +296,7 @@ def chaos(seed: int) -> list[tuple[int, Fault]]:
     return schedule
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", seeds(20))
 def test_chaos(run: Run, seed: int) -> None:
     link = (LinkKnobs(), ROUGH)[seed % 2]
     tokens = (5_000, None)[seed // 2 % 2]

@@ -12,6 +12,7 @@ from mrbt_mesh.sim import AgentOptions, NetworkKnobs, SimulationResult, simulate
 from mrbt_mesh.sim.engine import faults as f
 from mrbt_mesh.sim.engine import sharing
 from mrbt_mesh.sim.engine.network import LinkKnobs
+from tests.support.effort import seeds
 from tests.support.runs import example
 
 SECOND_US = 1_000_000
@@ -49,7 +50,7 @@ def test_inspection_changes_nothing_of_a_run(name: str, seed: int) -> None:
     assert not alone.effect_log_digest
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", seeds(4))
 def test_nor_with_faults_and_a_bad_network(seed: int) -> None:
     mission, program = example("vehicle_repair")
     options: dict[str, Any] = {"seed": seed, "schedule": SCHEDULE, "network": LOSSY}

@@ -25,6 +25,7 @@ from mrbt_mesh.core.incremental.assignment.problem_changes import ProblemChanges
 from mrbt_mesh.core.incremental.assignment.reassign import Reassigner
 from mrbt_mesh.core.incremental.assignment.residual import InfeasibleError, TooFarError
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE
+from tests.support.effort import seeds
 from tests.support.problems import optima
 
 KINDS = ["dies", "comes", "request", "ended", "bounds", "option"]
@@ -171,7 +172,7 @@ def follow(seed: int, size: int, events: int, most: int) -> Iterator[tuple[Named
 def test_after_every_event_it_is_what_brute_force_finds(
     storage: str, search: str, ties: str, most: int
 ) -> None:
-    for seed in range(4):
+    for seed in seeds(4):
         for team, optimum in follow(seed, 4, 50, most):
             best = named(team, optima(team.problem())[0])
             assert optimum.assigned == best, f"{seed=} {most=}"
@@ -183,7 +184,7 @@ def test_after_every_event_it_is_what_brute_force_finds(
 def test_after_every_event_it_is_what_scratch_finds(
     storage: str, search: str, ties: str, size: int, events: int, most: int
 ) -> None:
-    for seed in range(2):
+    for seed in seeds(2):
         for team, optimum in follow(seed, size, events, most):
             assert optimum.assigned == assigned(team), f"{seed=} {size=} {most=}"
             check_prices(optimum)
@@ -215,7 +216,7 @@ def test_update_gives_what_scratch_gives_whatever_has_changed(
     storage: str, size: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Also where it has to solve again: many changes, no solution, visits that go too far."""
-    for seed in range(8):
+    for seed in seeds(8):
         story = Story(seed, size, VALUES[seed % 4])
         reassigner = Reassigner(assigned, smallest_team=1)
         monkeypatch.setattr(reassign_module, "ROBOTS_PER_VISIT", (1, 5)[seed % 2])

@@ -19,6 +19,7 @@ from mrbt_mesh.core.planning.capabilities import Worker
 from mrbt_mesh.core.planning.consistency import Consistency, Kept, kept_requests
 from mrbt_mesh.core.planning.demands import Demand
 from tests.support.consistency_stories import WORKER, Sizes, Story, facts
+from tests.support.effort import seeds
 
 FACTS = facts()
 
@@ -58,7 +59,7 @@ def follow(story: Story, steps: int, label: str, keeper: ConsistencyKeeper) -> N
 @pytest.mark.parametrize("name", SMALL)
 def test_every_event_by_itself(name: str) -> None:
     """However few requests there are, and however much has changed."""
-    for seed in range(12):
+    for seed in seeds(12):
         keeper = ConsistencyKeeper(few_requests=0, requests_per_change=0)
         follow(Story(seed, SMALL[name]), 80, f"{name}, seed {seed}", keeper)
 
@@ -68,7 +69,7 @@ def test_every_event_by_itself(name: str) -> None:
 def test_whatever_happens_the_keeper_answers_like_the_definition(
     name: str, few_requests: int
 ) -> None:
-    for seed in range(12):
+    for seed in seeds(12):
         keeper = ConsistencyKeeper(few_requests)
         follow(Story(seed, SMALL[name]), 80, f"{name}, seed {seed}", keeper)
 
@@ -84,7 +85,7 @@ def test_whatever_happens_the_keeper_answers_like_the_definition(
     ids=["sparse", "types", "dense", "several needs"],
 )
 def test_medium_teams(sizes: Sizes) -> None:
-    for seed in range(2):
+    for seed in seeds(2):
         follow(Story(seed, sizes), 60, f"{sizes}, seed {seed}", ConsistencyKeeper())
 
 
@@ -126,7 +127,7 @@ def test_robots_that_come_and_go_for_a_long_time() -> None:
 def test_requests_may_change_places() -> None:
     groups = [[demand(index, 1, "AB")] for index in range(20)]
     keeper, team = ConsistencyKeeper(), dict.fromkeys("AB", WORKER)
-    for seed in range(10):
+    for seed in seeds(10):
         random.Random(seed).shuffle(groups)
         assert keeper.kept_requests(FACTS, groups, team)[0] == [0, 1], f"seed {seed}"
 

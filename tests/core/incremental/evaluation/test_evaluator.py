@@ -33,6 +33,7 @@ from tests.support.build import (
     task,
     timeout,
 )
+from tests.support.effort import seeds
 from tests.support.strategies import UNARY, tree_specs
 
 ROBOTS = ("R1", "R2", "R3")
@@ -214,9 +215,9 @@ def test_whatever_becomes_known_it_is_as_from_scratch(spec: NodeSpec, source: Ra
         pass
 
 
-@pytest.mark.parametrize("seeds", range(STORIES))
-def test_long_stories_are_as_from_scratch_at_every_step(seeds: int) -> None:
-    for seed in range(seeds * PER_STORY, (seeds + 1) * PER_STORY):
+@pytest.mark.parametrize("story", seeds(STORIES))
+def test_long_stories_are_as_from_scratch_at_every_step(story: int) -> None:
+    for seed in range(story * PER_STORY, (story + 1) * PER_STORY):
         source = Random(f"story/{seed}")
         try:
             for _ in tell(grow(source, 5), source, 50):
