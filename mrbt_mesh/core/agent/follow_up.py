@@ -117,6 +117,8 @@ class FollowUp:
 
     def _judge(self, now_us: int) -> None:
         context = self._context
+        if not context.membership.needs_detection(now_us):
+            return
         for robot, before, after in context.membership.detect_failures(now_us):
             level = "warning" if after.is_suspected else "info"
             context.log(level, f"robot_{after}", robot=robot, before=str(before))
@@ -146,7 +148,7 @@ class FollowUp:
         changes = (
             self._context.facts.changes + membership.alive_changes + membership.suspicion_changes
         )
-        changes += self._duplicates.changes
+        changes += membership.news_changes + self._duplicates.changes
         return changes + membership.report_changes if self._reads_reports else changes
 
     def _note_what_is_done(self, now_us: int) -> None:

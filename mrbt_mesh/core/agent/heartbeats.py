@@ -56,7 +56,7 @@ class Heartbeats:
         self._told_news = 0
         self._news_from_us = now_us
         self._told: tuple[str, ...] = ()
-        self._starters: tuple[str, ...] = ()
+        self._told_plan: Plan | None = None
 
     def send_if_due(self, now_us: int) -> None:
         """Beat if it is time, or if there is something that others must hear at once."""
@@ -67,7 +67,6 @@ class Heartbeats:
     def send_if_regular(self, now_us: int) -> None:
         """Beat if it is time; nothing has changed that others must hear at once."""
         if now_us >= self._schedule.next_due_us:
-            self.hurry_if_probing(now_us)
             self._send(self._urgent(), now_us)
 
     def send(self, now_us: int) -> None:
@@ -112,10 +111,12 @@ class Heartbeats:
             is_to_all = now_us <= self._to_all_until_us
         around, plan = context.membership.neighbourhood, self._planner.plan
         if urgent.digest and (last is None or last.digest != urgent.digest):
-            # Who was told of the plan before is told that it is no more.
+            # Who was to begin by the plan before, and has not, is told that it is no more.
+            before = self._told_plan
+            waiting = starters(before, context.facts) if before is not None else ()
             begins = starters(plan, context.facts) if plan and not around.is_complete else ()
-            self._told = (*self._starters, *begins)
-            self._starters, self._told_until_us = begins, now_us + repeats_us
+            self._told, self._told_until_us = (*waiting, *begins), now_us + repeats_us
+            self._told_plan = plan if begins else None
         awaits_all = plan is not None and (plan.pending_verdicts or plan.pending_losses)
         if urgent.news != self._told_news and now_us >= self._news_from_us:
             # At most once per period: a team that has trouble must not make more of it.
@@ -128,6 +129,7 @@ class Heartbeats:
 
     def _send(self, urgent: Urgent, now_us: int) -> None:
         context, plan, executor = self._context, self._planner.plan, self._executor
+        self.hurry_if_probing(now_us)
         number = self._schedule.mark_sent(urgent, now_us)
         # A beat renews the leases that this robot holds: it answers itself first.
         granted = executor.leases.heartbeat_sent(number, now_us, executor.may_grant)

@@ -123,7 +123,7 @@ class FailureDetector:
         detection_us = self._timing.detection_us
         earliest_us = now_us + detection_us
         for peer in judged.values():
-            limits_us = (detection_us, peer.silence_limit_us)
+            limits_us = (detection_us, peer.silence_limit_us, peer.probe_after_us)
             waits_us = (peer.probe_after_us, *(limit_us + extra_us for limit_us in limits_us))
             for wait_us in waits_us:
                 at_us = peer.last_heard_us + wait_us

@@ -14,7 +14,7 @@ Source: SWIM (Das, Gupta, Motivala 2002); relays on heartbeats are its indirect 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import chain
 from typing import Any
 
@@ -23,7 +23,7 @@ from mrbt_mesh.core.membership.arrival_history import ArrivalHistory
 from mrbt_mesh.core.membership.failure_detector import PROBE_SHARE, FailureDetector, is_silent
 from mrbt_mesh.core.membership.local_health import LocalHealth
 from mrbt_mesh.core.membership.neighbourhood import Neighbourhood
-from mrbt_mesh.core.membership.peer import Peer, State
+from mrbt_mesh.core.membership.peer import Peer, State, set_member
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import DIGEST_BYTES, Heartbeat, SelfReport, Suspicion
 
@@ -63,6 +63,7 @@ class Membership:
         # Until when this robot tells of those that it has declared dead, where not all do.
         self._told_dead_until_us: dict[str, int] = {}
         self._health = LocalHealth(timing)
+        self._next_denial_us = 0
         # Robots whose token is gone here, and live ones that others declare dead.
         self._token_lost: set[str] = set()
         self._accused: set[str] = set()
@@ -191,9 +192,9 @@ class Membership:
             if suspicion.robot == self.me and suspicion.is_dead:
                 self._was_accused()
             if peer is not None and suspicion.incarnation == peer.incarnation:
-                self.suspicion_changes += 1
-                _set_member(peer.token_lost_by, robot, suspicion.is_token_lost)
-                _set_member(peer.declared_dead_by, robot, suspicion.is_dead)
+                self.suspicion_changes += set_member(
+                    peer.token_lost_by, robot, suspicion.is_token_lost
+                ) + set_member(peer.declared_dead_by, robot, suspicion.is_dead)
                 if suspicion.is_dead and not self.neighbourhood.is_complete:
                     self._accused.add(suspicion.robot)
         suspected = {suspicion.robot for suspicion in suspicions}
@@ -204,20 +205,25 @@ class Membership:
                 peer.token_lost_by.discard(robot)
                 peer.declared_dead_by.discard(robot)
                 self.suspicion_changes += 1
-        _set_member(self._suspecting, robot, bool(suspected))
+        set_member(self._suspecting, robot, bool(suspected))
 
     def _was_accused(self) -> None:
-        """Somebody holds this robot for dead: it tells everybody; it may itself be slow."""
+        """Somebody holds this robot for dead: it tells everybody; it may itself be slow.
+
+        Those who do so say it together and again: one answer in each heartbeat period is enough.
+        """
         if not self.neighbourhood.is_complete:
-            self.news_changes += 1
             self._health.worsen(self._now_us)
+            if self._now_us >= self._next_denial_us:
+                self._next_denial_us = self._now_us + self.timing.heartbeat_us
+                self.news_changes += 1
 
     def receive_token(self, robot: str, incarnation: Incarnation, is_held: bool) -> None:
         """A liveliness token came (`is_held`) or went. Its presence proves nothing."""
         peer = self.peers.get(robot)
         if peer is not None and peer.incarnation == incarnation:
             peer.is_token_lost = not is_held
-            _set_member(self._token_lost, robot, not is_held)
+            set_member(self._token_lost, robot, not is_held)
             self.suspicion_changes += 1
 
     def allow_for_own_lag(self, lag_us: int, now_us: int) -> None:
@@ -238,17 +244,13 @@ class Membership:
         """Whether `detect_failures` could find something new."""
         if self._detected_at_changes != self.alive_changes + self.suspicion_changes:
             return True
-        if (
-            self._told_dead_until_us
-            or not self._health.is_good
-            or (self._suspected and not self.neighbourhood.is_complete)
-        ):
-            return True  # what is told of others, and how long they are waited for, changes
         if now_us < self.next_detection_us:
             return False
         self._now_us = now_us
         judged = self.neighbourhood.judged
         if self._suspected or any(is_silent(peer, now_us) for peer in judged.values()):
+            return True
+        if any(at_us <= now_us for at_us in self._ends_us()):
             return True
         # Newer news has put it off.
         self.next_detection_us = self._next_due_us(now_us)
@@ -256,10 +258,14 @@ class Membership:
 
     def _next_due_us(self, now_us: int) -> int:
         """When a judgement, or what is told of others, may differ from the present one."""
-        around, health = self.neighbourhood, self._health
-        due_us = self._detector.next_due_us(around.judged, health.extra_us, now_us)
-        others_us = (self._told_dead_until_us.values(), around.checks_end_us, health.better_at_us)
-        return min([due_us, *(at_us for at_us in chain(*others_us) if at_us > now_us)])
+        judged, extra_us = self.neighbourhood.judged, self._health.extra_us
+        due_us = self._detector.next_due_us(judged, extra_us, now_us)
+        return min([due_us, *(at_us for at_us in self._ends_us() if at_us > now_us)])
+
+    def _ends_us(self) -> Iterator[int]:
+        """When this robot stops telling of deaths, checking robots, and being so patient."""
+        told_us, checks_us = self._told_dead_until_us.values(), self._neighbourhood.checks_end_us
+        return chain(told_us, checks_us, self._health.better_at_us)
 
     def detect_failures(self, now_us: int) -> list[tuple[str, State, State]]:
         """Suspect silent robots, declare suspects dead; (robot, before, after) of each change."""
@@ -436,10 +442,3 @@ class Membership:
                 ):
                     return True
         return False
-
-
-def _set_member(names: set[str], name: str, is_member: bool) -> None:
-    if is_member:
-        names.add(name)
-    else:
-        names.discard(name)

@@ -54,3 +54,13 @@ class Peer:
     state: State = State.ALIVE
     token_lost_by: set[str] = field(default_factory=set)
     declared_dead_by: set[str] = field(default_factory=set)
+
+
+def set_member(names: set[str], name: str, is_member: bool) -> bool:
+    """Have a name in a set, or not; whether that is new."""
+    is_new = (name in names) is not is_member
+    if is_new and is_member:
+        names.add(name)
+    elif is_new:
+        names.discard(name)
+    return is_new
