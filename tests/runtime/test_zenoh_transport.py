@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.runtime import zenoh_transport
-from mrbt_mesh.runtime.zenoh_transport import TransportConfig, ZenohTransport
+from mrbt_mesh.runtime.session_config import TransportConfig
+from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
 
 
 class LingeringSession:

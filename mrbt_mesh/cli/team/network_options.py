@@ -31,6 +31,11 @@ def warn_insecure() -> None:
     click.echo(f"mrbt: warning: {text}", err=True)
 
 
+def endpoints_of(listed: str | None) -> tuple[str, ...]:
+    """`tcp/A:1,tcp/B:1` one by one."""
+    return tuple(endpoint for endpoint in (listed or "").split(",") if endpoint)
+
+
 @dataclass(frozen=True)
 class TeamNetworkOptions:
     """Who says the same of all of these finds one another."""
@@ -55,11 +60,14 @@ class TeamNetworkOptions:
         str | None,
         _option("Interface for discovery. Default: auto, unless endpoints are given.", "NAME"),
     ] = None
+    router: Annotated[
+        str | None,
+        _option("Routers (`mrbt router`) to be a client of, one at a time.", "tcp/IP:PORT,..."),
+    ] = None
     transport: Annotated[
         Literal["wired", "wireless"],
-        _option("TCP, or QUIC for lossy networks, which needs --key."),
+        _option("TCP, or QUIC for lossy networks, which needs --keys."),
     ] = "wired"
-    key: Annotated[Path | None, _option("The team's key, made by `mrbt key FILE`.", "FILE")] = None
     keys: Annotated[
         Path | None,
         _option("Folder of keys, made by `mrbt keys`. Default: nothing is signed.", "DIR"),
@@ -88,6 +96,6 @@ class TeamNetworkOptions:
             beat_s=self.beat,
             detection_s=self.detection,
             profile=self.transport,
-            key=self.key,
             keys=self.keys,
+            routers=endpoints_of(self.router),
         )
