@@ -7,6 +7,7 @@ DEFAULT_BEAT_S, DEFAULT_DETECTION_S = 0.2, 1.0
 DEFAULT_GATHER_S = 10.0
 # Environment variables that stand for the options of the same names.
 MISSION_VARIABLE, TEAM_VARIABLE, RUN_VARIABLE = "MRBT_MISSION", "MRBT_TEAM", "MRBT_RUN"
+ROUTER_VARIABLE = "MRBT_ROUTER"
 
 WIRED, WIRELESS = "wired", "wireless"
 # Transport profile -> protocols of its endpoints; docs/transport.md says when to use which.

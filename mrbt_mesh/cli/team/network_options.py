@@ -11,6 +11,7 @@ from mrbt_mesh.cli.framework.declare import option
 from mrbt_mesh.runtime.settings import (
     DEFAULT_BEAT_S,
     DEFAULT_DETECTION_S,
+    ROUTER_VARIABLE,
     RUN_VARIABLE,
     TEAM_VARIABLE,
 )
@@ -62,7 +63,11 @@ class TeamNetworkOptions:
     ] = None
     router: Annotated[
         str | None,
-        _option("Routers (`mrbt router`) to be a client of, one at a time.", "tcp/IP:PORT,..."),
+        _option(
+            "Routers (`mrbt router`) to be a client of, one at a time.",
+            "tcp/IP:PORT,...",
+            variable=ROUTER_VARIABLE,
+        ),
     ] = None
     transport: Annotated[
         Literal["wired", "wireless"],
