@@ -42,16 +42,18 @@ class DrillRouters:
             if line.startswith("routes"):
                 return
             said.append(line.strip())
+        self.kill(number)
         raise RoutersError(f"router {number} has ended: {' '.join(said)}")
 
     def kill(self, number: int) -> bool:
         """SIGKILL; False if it did not run."""
         process = self._processes.pop(number, None)
-        if process is None or process.poll() is not None:
+        if process is None:
             return False
-        process.kill()
-        process.wait()
-        return True
+        with process:  # waits for its end, and closes what it wrote to
+            has_run = process.poll() is None
+            process.kill()
+        return has_run
 
     def signal(self, number: int, what: signal.Signals) -> None:
         """Stop a router's process (SIGSTOP), or let it go on."""
