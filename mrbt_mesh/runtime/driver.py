@@ -263,8 +263,8 @@ class Driver:
             case Ask(peer, data):
                 timeout_s = self._config.timing.ask_timeout_us / 1e6
                 self._transport.ask(peer, MessageKind.PULL, data, timeout_s)
-            case AskRouter(robot, incarnation, router):
-                self._transport.ask_router(robot, incarnation, router)
+            case AskRouter():
+                self._transport.ask_router(effect)
             case Reply(query, pages):
                 self._transport.reply(query, pages)
             case StartAction() | CancelAction() | RequestBid() | MakePlan():

@@ -12,6 +12,7 @@ from functools import partial
 import anyio
 
 from mrbt_mesh.core.agent.commands import command_body
+from mrbt_mesh.core.agent.effects import AskRouter
 from mrbt_mesh.core.agent.inputs import (
     AnswerReceived,
     Input,
@@ -102,7 +103,7 @@ class Watcher:
                 self._open(data, kind, source, partial(observer.message, kind, source), now_us)
             case TokenChanged(robot, incarnation, held, router):
                 if observer.token(robot, incarnation, held, router):
-                    self._transport.ask_router(robot, incarnation, router)
+                    self._transport.ask_router(AskRouter(robot, incarnation, router))
             case RouterAnswered(robot, incarnation, is_linked):
                 observer.router_answered(robot, incarnation, is_linked)
             case AnswerReceived(peer, data) if data is not None:

@@ -27,12 +27,13 @@ import contextlib
 import json
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import zenoh
 from zenoh.handlers import Callback
 
+from mrbt_mesh.core.agent.effects import AskRouter
 from mrbt_mesh.core.agent.inputs import (
     AnswerReceived,
     Input,
@@ -45,6 +46,7 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES, MAX_NONCE, MessageKind
 from mrbt_mesh.core.mission.names import is_robot_id
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.router_asks import RouterAsks
 from mrbt_mesh.runtime.session_config import (
     TransportConfig,
     TransportError,
@@ -81,9 +83,9 @@ class ZenohTransport:
         self._queries: dict[int, zenoh.Query] = {}
         self._query_number = 0
         self._lock = threading.Lock()
-        self._zids: dict[str, str] = {}
         # Session and router that the newest token of each incarnation names.
         self._tokens: dict[tuple[str, Incarnation], tuple[str, str]] = {}
+        self._asks = RouterAsks(self.ask_routers)
         self._heard_us: dict[str, int] = {}
 
     # -- life of the session --------------------------------------------------------------
@@ -168,7 +170,8 @@ class ZenohTransport:
             zids = {str(zid) for zid in session.info.peers_zid()}
         except zenoh.ZError:
             return frozenset()  # closed in another thread just now
-        return frozenset(robot for robot, zid in self._zids.copy().items() if zid in zids)
+        tokens = self._tokens.copy()
+        return frozenset(robot for (robot, _), (zid, _) in tokens.items() if zid in zids)
 
     # -- sending --------------------------------------------------------------------------
 
@@ -232,20 +235,16 @@ class ZenohTransport:
         except zenoh.ZError:
             give(AnswerReceived(peer, None), None)
 
-    def ask_router(
-        self,
-        robot: str,
-        incarnation: Incarnation,
-        router: str,
-        deliver: Callable[[Input, str | None], None] | None = None,
-    ) -> None:
-        """Ask a router whether it has a link to a robot; RouterAnswered comes to `deliver`.
+    def ask_router(self, effect: AskRouter) -> None:
+        """Ask a router, together with what else is asked now; call it in the event loop."""
+        self._asks.add(effect)
 
-        All are asked: the robot may have a link to another one by now.
+    def ask_routers(self, asked: Sequence[AskRouter]) -> None:
+        """Ask which links routers have: RouterAnswered is delivered for each robot.
+
+        All routers are asked, once for all robots: one may have a link to another router by now.
         """
-        give = deliver or self._deliver
         session = self._session
-        zid, _ = self._tokens.get((robot, incarnation), ("", ""))
         links: dict[str, frozenset[str]] = {}
 
         def on_reply(reply: zenoh.Reply) -> None:
@@ -254,9 +253,15 @@ class ZenohTransport:
                 links.update(linked_sessions(payload.to_bytes()))
 
         def on_end() -> None:
-            is_linked = any(zid in sessions for sessions in links.values())
-            known = is_linked if is_linked or router in links else None
-            give(RouterAnswered(robot, incarnation, known), None)
+            for robot, incarnation, is_linked in found():
+                self._deliver(RouterAnswered(robot, incarnation, is_linked), None)
+
+        def found() -> Iterator[tuple[str, Incarnation, bool | None]]:
+            for ask in asked:
+                zid, _ = self._tokens.get((ask.robot, ask.incarnation), ("", ""))
+                is_linked = any(zid in sessions for sessions in links.values())
+                known = is_linked or ask.router in links
+                yield ask.robot, ask.incarnation, is_linked if known else None
 
         try:
             if session is None:
@@ -332,7 +337,6 @@ class ZenohTransport:
         incarnation, router = Incarnation(int(counter), nonce), "" if named == NO_ROUTER else named
         held = sample.kind == zenoh.SampleKind.PUT
         if held:
-            self._zids[robot] = zid
             self._tokens[robot, incarnation] = zid, router
             # A stranger may show tokens of ever new incarnations.
             while len(self._tokens) > MAX_TOKENS:

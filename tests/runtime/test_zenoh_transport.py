@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 import zenoh
 
+from mrbt_mesh.core.agent.effects import AskRouter
 from mrbt_mesh.core.agent.inputs import Input, RouterAnswered, TokenChanged
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.runtime import zenoh_transport
@@ -135,14 +136,15 @@ def test_what_routers_say_of_a_robot_whose_token_is_gone(
     heard = Heard()
     heard.token(PUT, "A1/3/n/aa/r1")
     heard.transport._session = Session()  # type: ignore[assignment]
-    heard.transport.ask_router("A1", LIFE, "r1")
+    heard.transport.ask_routers([AskRouter("A1", LIFE, "r1")])
     assert heard.inputs[-1] == RouterAnswered("A1", LIFE, is_linked)
 
 
 def test_a_closed_session_asks_nobody() -> None:
     heard = Heard()
-    heard.transport.ask_router("A1", LIFE, "r1")
-    assert heard.inputs == [RouterAnswered("A1", LIFE, None)]
+    asked = [AskRouter("A1", LIFE, "r1"), AskRouter("C1", LIFE, "r1")]
+    heard.transport.ask_routers(asked)
+    assert heard.inputs == [RouterAnswered(robot, LIFE, None) for robot in ("A1", "C1")]
 
 
 def test_an_answer_lists_sessions_by_router() -> None:
