@@ -15,7 +15,7 @@ help:
 	@echo "make test-plain      the fast tests with MRBT_PLAIN=1: nothing but the plain definitions"
 	@echo "make test-long       the fast tests with 1,000 seeds of chaos and 1,000 examples each"
 	@echo "make test-docker     the docker-compose demo; as root, installs Debian's docker.io if missing"
-	@echo "make test-slow       wireless teams, discovery, split sessions: real processes, some minutes"
+	@echo "make test-slow       wireless teams, discovery, split sessions, containers over routers: minutes"
 	@echo "make tolerance       what mrbt analyze foretells of faults, against thousands of simulated runs"
 	@echo "make lint            ruff, mypy, import-linter"
 	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
@@ -70,7 +70,7 @@ tolerance: $(READY)
 	MRBT_TOLERANCE_MISSIONS=1800 $(BIN)/pytest -n auto tests/analysis/test_tolerance_random_missions.py
 
 test-docker: $(READY)
-	$(BIN)/pytest -m docker -rs tests/docker
+	$(BIN)/pytest -m "docker and not slow" -rs tests/docker
 
 drills: $(READY)
 	$(BIN)/mrbt drill --all --brief --junit drills.xml

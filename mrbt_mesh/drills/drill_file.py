@@ -184,6 +184,8 @@ class _Checker:
     def check(self) -> None:
         model = self.model
         self.robots(("robots",), model.robots)
+        if model.routers and (model.network != "loopback" or model.profiles != ["wired"]):
+            self.report.add(("routers",), "routers need `network: loopback`, `transport: wired`")
         try:
             Timing(
                 round(model.timing.beat_s * SECOND_US), round(model.timing.detection_s * SECOND_US)
@@ -234,6 +236,8 @@ class _Checker:
         match fault:
             case True:
                 pass
+            case int():
+                self.router(path, fault)
             case CapabilityModel(robots=robots, local_task=task):
                 self.robots((*path, "robots"), robots)
                 if task != "all":
@@ -253,6 +257,11 @@ class _Checker:
                 self.robots(path, fault)
                 if name == "join":
                     self.join(path, fault)
+
+    def router(self, path: SourcePath, number: int) -> None:
+        if number > self.model.routers:
+            text = f"there is no router {number}: the drill's `routers` is {self.model.routers}"
+            self.report.add(path, text)
 
     def join(self, path: SourcePath, robots: Any) -> None:
         started = self.model.robots or list(self.mission.robots)

@@ -15,6 +15,7 @@ import psutil
 from mrbt_mesh.core.agent.commands import DECIDE, FAULT, LEAVE, PERFORM, RESTORE
 from mrbt_mesh.drills.journals import Done, read
 from mrbt_mesh.drills.model import (
+    ROUTER_FAULTS,
     CapabilityModel,
     DecisionModel,
     DelayModel,
@@ -25,6 +26,7 @@ from mrbt_mesh.drills.model import (
 )
 from mrbt_mesh.drills.network import LinkFaults
 from mrbt_mesh.drills.physical import FreezeSpan
+from mrbt_mesh.drills.routers import DrillRouters
 from mrbt_mesh.drills.triggers import Fates, Sight, chosen
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.launcher import wait_for_exit
@@ -73,19 +75,21 @@ class Deeds:
 
 
 class DrillInjector:
-    """Carries out steps on one team. `network` is None on loopback."""
+    """Carries out steps on one team. `network` is None on loopback, `routers` without any."""
 
     def __init__(
         self,
         team: Team,
         watcher: Watcher,
         network: LinkFaults | None,
+        routers: DrillRouters | None,
         tell: Callable[[Deed], None],
     ) -> None:
         self.deeds = Deeds()
         self._team = team
         self._watcher = watcher
         self._network = network
+        self._routers = routers
         self._tell = tell
 
     async def carry_out(self, step: StepModel, sight: Sight) -> None:
@@ -118,6 +122,8 @@ class DrillInjector:
                 living = sorted(self._watcher.observer.membership.alive_set())
                 argument = f"{fault.global_task} {fault.decision}"
                 await self._order(name, living[:1], DECIDE, argument)
+            elif name in ROUTER_FAULTS:
+                await anyio.to_thread.run_sync(self._act_on_router, name, fault)
             else:
                 await self._disturb(name, fault, sight)
 
@@ -205,6 +211,23 @@ class DrillInjector:
             good, text = await self._watcher.command(robot, command, argument)
             if not good:
                 self.deeds.problems.append(f"{fault}: {robot}: {text}")
+
+    # -- routers --------------------------------------------------------------------------
+
+    def _act_on_router(self, name: str, number: int) -> None:
+        routers = self._routers
+        assert routers is not None, "checked when the drill was read"
+        if name == "kill_router":
+            if not routers.kill(number):
+                self.deeds.problems.append(f"{name}: router {number} did not run any more")
+            self._note(name, (), f"router {number} killed (SIGKILL)")
+        elif name == "stop_router":
+            routers.signal(number, signal.SIGSTOP)
+            self._note(name, (), f"router {number} frozen (SIGSTOP)")
+        else:
+            routers.kill(number)
+            routers.start(number)
+            self._note(name, (), f"router {number} started again")
 
     # -- links ----------------------------------------------------------------------------
 

@@ -36,6 +36,7 @@ DRILL_EXPLAINED = EXPLAINED | {
 Seconds: TypeAlias = Annotated[float, Field(ge=0, le=MAX_SECONDS)]
 Permille: TypeAlias = Annotated[int, Field(ge=1, le=1_000)]
 Count: TypeAlias = Annotated[int, Field(ge=0, le=MAX_ROBOTS)]
+RouterNumber: TypeAlias = Annotated[int, Field(ge=1, le=9)]
 Profile: TypeAlias = Literal["wired", "wireless"]
 Yes: TypeAlias = Annotated[Literal[True], one_of("true", lambda v: v is True)]
 
@@ -239,6 +240,9 @@ class StepModel(FileModel):
     lose: LossModel | None = None
     delay: DelayModel | None = None
     heal: Yes | None = None
+    kill_router: RouterNumber | None = None
+    stop_router: RouterNumber | None = None
+    restart_router: RouterNumber | None = None
 
     @model_validator(mode="after")
     def _has_moment_and_fault(self) -> StepModel:
@@ -262,6 +266,7 @@ class StepModel(FileModel):
         ]
 
 
+ROUTER_FAULTS = frozenset({"kill_router", "stop_router", "restart_router"})
 NETWORK_FAULTS = frozenset({"partition", "block", "unblock", "lose", "delay", "heal"})
 
 
@@ -373,7 +378,8 @@ class DrillModel(FileModel):
     """A mission, faults with their moments, and what must hold at the end.
 
     `for_each` makes one drill per combination of its values; `$name` stands for a value.
-    `quick`: part of the short set.
+    `quick`: part of the short set. `routers`: so many, numbered from 1 on, of which all robots are
+    clients; they try the first one first.
     """
 
     name: Annotated[str, Field(pattern=_DRILL)]
@@ -387,6 +393,7 @@ class DrillModel(FileModel):
     timeout_s: Annotated[float, Field(gt=0, le=MAX_SECONDS)] = 120.0
     transport: Profiles = "wired"
     network: Literal["loopback", "namespaces"] = "loopback"
+    routers: Annotated[int, Field(ge=0, le=9)] = 0
     steps: Annotated[list[StepOrCycle], Field(max_length=MAX_STEPS)] = []
     expect: ExpectModel = ExpectModel()
 

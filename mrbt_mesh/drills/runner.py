@@ -21,6 +21,7 @@ from mrbt_mesh.drills.links import read_links
 from mrbt_mesh.drills.model import ConditionTrigger, Profile
 from mrbt_mesh.drills.network import LinkFaults, places
 from mrbt_mesh.drills.physical import read_events
+from mrbt_mesh.drills.routers import DrillRouters, routers
 from mrbt_mesh.drills.triggers import Schedule, Sight
 from mrbt_mesh.formats.mission_file import compile_mission
 from mrbt_mesh.runtime.driver import EVENTS_FILE
@@ -71,15 +72,18 @@ async def run_drill(
     """Carry a drill out in a new run directory; `tell` gets the timeline as it happens.
 
     Whatever happens, no process of the team is left behind. Raises TransportError, RunDirError,
-    NamespaceError.
+    NamespaceError, RoutersError.
     """
     begun_s = time.monotonic()
-    with places(drill.model.network, sorted(drill.mission.robots)) as (network, found):
-        info = _new_run(drill, profile, found)
+    with (
+        places(drill.model.network, sorted(drill.mission.robots)) as (network, found),
+        routers(drill.model.routers) as between,
+    ):
+        info = _new_run(drill, profile, found, between)
         run_dir = RunDir.create(folder, info, compile_mission(drill.mission))
         hold = run_dir.path / HOLD_FILE
         team = Team(run_dir, info, drill.mission, {HOLD_VARIABLE: str(hold)})
-        run = _Run(drill, team, network, hold, tell)
+        run = _Run(drill, team, network, between, hold, tell)
         with launched_from_here(run_dir):
             try:
                 await team.start_all()
@@ -105,7 +109,9 @@ async def run_drill(
     )
 
 
-def _new_run(drill: Drill, profile: Profile, found: Mapping[str, Place]) -> RunInfo:
+def _new_run(
+    drill: Drill, profile: Profile, found: Mapping[str, Place], between: DrillRouters | None
+) -> RunInfo:
     model = drill.model
     assert drill.mission.program is not None, "checked when the drill was read"
     return new_run(
@@ -118,6 +124,7 @@ def _new_run(drill: Drill, profile: Profile, found: Mapping[str, Place]) -> RunI
         speed=model.speed,
         transport=profile,
         places=found,
+        routers=between.endpoints if between is not None else (),
     )
 
 
@@ -129,12 +136,14 @@ class _Run:
         drill: Drill,
         team: Team,
         network: LinkFaults | None,
+        between: DrillRouters | None,
         hold: Path,
         tell: Callable[[TimelineEntry], None],
     ) -> None:
         self.drill = drill
         self.team = team
         self.network = network
+        self.between = between
         self.hold = hold
         self.schedule = Schedule(drill.steps)
         self._hold_tasks()
@@ -150,7 +159,11 @@ class _Run:
         observer = watcher.observer
         schedule = self.schedule
         injector = DrillInjector(
-            self.team, watcher, self.network, lambda deed: self._deed(observer, deed)
+            self.team,
+            watcher,
+            self.network,
+            self.between,
+            lambda deed: self._deed(observer, deed),
         )
         async with anyio.create_task_group() as group:
             group.start_soon(self.team.note_exits, watcher)

@@ -241,7 +241,7 @@ def _robots_of(step: StepModel) -> list[Robots]:
     found: list[Robots] = []
     for name, fault in step.faults():
         match fault:
-            case True | DecisionModel():
+            case True | int() | DecisionModel():
                 pass
             case CapabilityModel(robots=robots) | PerformanceModel(robots=robots):
                 found.append(robots)

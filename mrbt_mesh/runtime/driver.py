@@ -20,6 +20,7 @@ from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.effects import (
     Ask,
+    AskRouter,
     CancelAction,
     DeclareToken,
     Effect,
@@ -48,11 +49,8 @@ from mrbt_mesh.runtime.link_watch import LinkWatch, Sighting
 from mrbt_mesh.runtime.log import robot_logger
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.run_dir import RunDir
-from mrbt_mesh.runtime.zenoh_transport import (
-    TransportConfig,
-    TransportError,
-    ZenohTransport,
-)
+from mrbt_mesh.runtime.session_config import TransportConfig, TransportError
+from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
 
 if TYPE_CHECKING:
     from mrbt_mesh.runtime.manifest_watch import ManifestWatch
@@ -222,6 +220,7 @@ class Driver:
         while True:
             await anyio.sleep(lease_us / LOOKS_PER_LEASE / MICRO)
             now_us = boottime_us()
+            self._transport.follow_router()
             linked = self._transport.linked()
             links = {
                 robot: Sighting(
@@ -264,6 +263,8 @@ class Driver:
             case Ask(peer, data):
                 timeout_s = self._config.timing.ask_timeout_us / 1e6
                 self._transport.ask(peer, MessageKind.PULL, data, timeout_s)
+            case AskRouter():
+                self._transport.ask_router(effect)
             case Reply(query, pages):
                 self._transport.reply(query, pages)
             case StartAction() | CancelAction() | RequestBid() | MakePlan():

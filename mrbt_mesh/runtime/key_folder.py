@@ -2,7 +2,7 @@
 
 manifest.json   the public keys and roles of all members, signed
 team.secret     the team's own key, which signs the manifest; robots need none
-NAME.key        one member's private key, with the team's public one
+NAME.key        one member's private key, with the team's public one and both their certificates
 
 A robot's machine needs manifest.json and its own NAME.key, nothing else. Files with private keys
 can only be read by their owner.
@@ -16,6 +16,9 @@ import secrets
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
+
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 
 from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.core.mission.names import is_robot_id
@@ -27,8 +30,15 @@ from mrbt_mesh.runtime.manifest import (
     PublicKeys,
     parse_manifest,
 )
-from mrbt_mesh.runtime.member_keys import SECRET_BYTES, MemberKeys, public_member, signing_key
+from mrbt_mesh.runtime.member_keys import (
+    SECRET_BYTES,
+    MemberKeys,
+    link_key,
+    public_member,
+    signing_key,
+)
 from mrbt_mesh.runtime.run_dir import write_atomically
+from mrbt_mesh.runtime.session_config import Certificates
 
 MANIFEST_FILE, TEAM_FILE, KEY_SUFFIX = "manifest.json", "team.secret", ".key"
 OPERATOR = "operator"
@@ -64,7 +74,7 @@ class KeyFolder:
         secret = secrets.token_bytes(SECRET_BYTES)
         authority = signing_key(secret).public_key().public_bytes_raw()
         _write_secret(path / TEAM_FILE, {"private": secret.hex()})
-        found._save(Manifest(0, authority), found._new_keys(members, authority))
+        found._save(Manifest(0, authority), found._new_keys(members, authority, secret))
         return found
 
     def add(self, members: Mapping[str, Role], *, replaces: bool = False) -> Manifest:
@@ -80,7 +90,8 @@ class KeyFolder:
             if manifest.members[name].role is not members[name]:
                 text = f"{name} is an {manifest.members[name].role}, and stays one"
                 raise KeysError(f"{text}: choose another name for the {members[name]}")
-        made = self._new_keys(members, manifest.authority)
+        secret = _read_secret(self.path / TEAM_FILE, "private")
+        made = self._new_keys(members, manifest.authority, secret)
         for name in known:
             old = manifest.members[name]
             made[name] = replace(made[name], former=(old.sign, *old.former))
@@ -98,13 +109,20 @@ class KeyFolder:
             changed[name] = replace(member, is_revoked=True)
         return self._save(manifest, changed)
 
-    def _new_keys(self, members: Mapping[str, Role], authority: bytes) -> dict[str, PublicKeys]:
-        made = {}
+    def _new_keys(
+        self, members: Mapping[str, Role], authority: bytes, team_secret: bytes
+    ) -> dict[str, PublicKeys]:
+        # Robots never make certificates, and the library is large.
+        from mrbt_mesh.runtime.member_certificates import member_certificate, team_certificate
+
+        made, trusted = {}, team_certificate(team_secret)
         for name, role in sorted(members.items()):
             if not is_robot_id(name):
                 raise KeysError(f"name {name!r}: 1 to 32 letters, digits, '_' or '-'")
             secret = secrets.token_bytes(SECRET_BYTES)
             data = {"name": name, "private": secret.hex(), "authority": authority.hex()}
+            data["certificate"] = member_certificate(team_secret, name, secret)
+            data["team_certificate"] = trusted
             _write_secret(self.path / f"{name}{KEY_SUFFIX}", data)
             made[name] = public_member(secret, role)
         return made
@@ -149,17 +167,34 @@ class KeyFolder:
             raise KeysError(f"{path} is not the key that {self.manifest_path} has of {name}")
         return MemberKeys(name, secret, manifest)
 
+    def certificates_of(self, name: str) -> Certificates:
+        """What a member shows on links that are encrypted."""
+        path = self.path / f"{name}{KEY_SUFFIX}"
+        private = link_key(_read_secret(path, "private"))
+        pem = private.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()).decode()
+        data = _read(path)
+        try:
+            return Certificates(str(data["team_certificate"]), str(data["certificate"]), pem)
+        except KeyError:
+            text = f"without certificates: make it anew with `mrbt keys add {name} --replace`"
+            raise KeysError(f"{path} is of an older version, {text}") from None
+
     def reader(self) -> str:
         """Who watches with this folder: an operator whose key is here, else an observer."""
+        return self._holder("operator's and no observer's", Role.OPERATOR, Role.OBSERVER)
+
+    def router(self) -> str:
+        """The router whose key is here."""
+        return self._holder("router's", Role.ROUTER)
+
+    def _holder(self, what: str, *roles: Role) -> str:
         manifest = self.manifest()
-        for role in (Role.OPERATOR, Role.OBSERVER):
+        for role in roles:
             for name, member in sorted(manifest.members.items()):
                 here = (self.path / f"{name}{KEY_SUFFIX}").exists()
                 if member.role is role and here and not member.is_revoked:
                     return name
-        raise KeysError(
-            f"{self.path} holds no operator's and no observer's key: make one with `mrbt keys add`"
-        )
+        raise KeysError(f"{self.path} holds no {what} key: make one with `mrbt keys add`")
 
 
 def _write_secret(path: Path, data: Mapping[str, str]) -> None:
@@ -174,13 +209,23 @@ def _write_secret(path: Path, data: Mapping[str, str]) -> None:
         raise KeysError(f"{path}: cannot be written: {error.strerror}") from None
 
 
-def _read_secret(path: Path, key: str, size: int = SECRET_BYTES) -> bytes:
+def _read(path: Path) -> dict[str, Any]:
     try:
-        found = bytes.fromhex(json.loads(path.read_text())[key])
+        found = json.loads(path.read_text())
     except OSError as error:
         raise KeysError(f"the key {path} cannot be read: {error.strerror}") from None
+    except ValueError:
+        found = None
+    if not isinstance(found, dict):
+        raise KeysError(f"{path} is no private key of `mrbt keys`")
+    return found
+
+
+def _read_secret(path: Path, key: str, size: int = SECRET_BYTES) -> bytes:
+    try:
+        found = bytes.fromhex(_read(path)[key])
     except (ValueError, TypeError, KeyError):
-        raise KeysError(f"{path} is no private key of `mrbt keys`") from None
+        found = b""
     if len(found) != size:
         raise KeysError(f"{path} is no private key of `mrbt keys`")
     return found

@@ -23,14 +23,14 @@ import psutil
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.launcher_lock import is_launched
 from mrbt_mesh.runtime.run_dir import RunDir, RunDirError, RunInfo
+from mrbt_mesh.runtime.session_config import TransportConfig
 from mrbt_mesh.runtime.settings import (
     DEFAULT_GATHER_S,
+    ENCRYPTED,
     PROTOCOLS,
     START_S_PER_ROBOT,
     WIRED,
-    WIRELESS,
 )
-from mrbt_mesh.runtime.zenoh_transport import TransportConfig
 
 HOST = "127.0.0.1"
 PORT = 7447
@@ -38,19 +38,20 @@ PORT = 7447
 _reserved: list[socket.socket] = []
 
 
-def free_endpoints(count: int, transport: str) -> list[str]:
+def free_endpoints(count: int, protocol: str) -> list[str]:
     """Loopback endpoints that are free now.
 
     On Linux no other launcher gets the TCP ports while this process lives: robots take a while
     to start, and teams may start side by side.
     """
-    kind = socket.SOCK_STREAM if transport == WIRED else socket.SOCK_DGRAM
+    is_stream = protocol in PROTOCOLS[WIRED]
+    kind = socket.SOCK_STREAM if is_stream else socket.SOCK_DGRAM
     sockets = [socket.socket(type=kind) for _ in range(count)]
     try:
         for item in sockets:
             item.bind((HOST, 0))
         ports = [item.getsockname()[1] for item in sockets]
-        if transport == WIRED and sys.platform == "linux":
+        if is_stream and sys.platform == "linux":
             for item in sockets:
                 # Zenoh sets this as well, and so may listen; who asks for any port may not have it.
                 item.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -59,35 +60,37 @@ def free_endpoints(count: int, transport: str) -> list[str]:
     finally:
         for item in sockets:
             item.close()
-    return [f"{PROTOCOLS[transport]}/{HOST}:{port}" for port in ports]
+    return [f"{protocol}/{HOST}:{port}" for port in ports]
 
 
 def ensure_keys(run_dir: RunDir, info: RunInfo, robot: str) -> None:
-    """Make what keys a robot of this run lacks; raises RunDirError or KeysError."""
+    """Make what keys a robot of this run lacks; raises KeysError."""
     if not info.insecure:
         from mrbt_mesh.runtime.run_keys import ensure_member
 
         ensure_member(run_dir, info, robot)
-    if info.transport == WIRELESS and not run_dir.key_path.exists():
-        # Robots never make keys, and the library is large.
-        from mrbt_mesh.runtime.team_key import write_team_key
-
-        try:
-            write_team_key(run_dir.key_path)
-        except OSError as error:
-            raise RunDirError(f"cannot write the team's key: {error}") from error
 
 
 def observer_transport(run_dir: RunDir, info: RunInfo) -> TransportConfig:
-    """How an observer reaches a run: it dials every robot. Raises TransportError."""
-    key = run_dir.key_path if info.transport == WIRELESS else None
+    """How an observer reaches a run: it dials every robot, or a router.
+
+    Raises TransportError or KeysError.
+    """
+    connect = () if info.routers else tuple(info.endpoints.values())
+    certificates = None
+    if any(endpoint.partition("/")[0] in ENCRYPTED for endpoint in connect):
+        from mrbt_mesh.runtime.key_folder import KeyFolder
+
+        folder = KeyFolder(run_dir.keys_path)
+        certificates = folder.certificates_of(folder.reader())
     return TransportConfig(
         info.team,
         "",
-        connect=tuple(info.endpoints.values()),
+        connect=connect,
         profile=info.transport,
-        key=key,
+        certificates=certificates,
         robots=len(info.robots),
+        routers=info.routers,
     )
 
 
@@ -123,13 +126,15 @@ def agent_arguments(
     command += ["--beat", str(info.beat_s), "--detection", str(info.detection_s)]
     command += ["--speed", str(info.speed), "--expect", ",".join(info.robots)]
     gather_s = max(DEFAULT_GATHER_S, START_S_PER_ROBOT * len(info.robots))
-    command += ["--gather", f"{gather_s:g}", "--listen", info.endpoints[robot], "--exit-when-done"]
+    command += ["--gather", f"{gather_s:g}"]
     command += ["--insecure"] if info.insecure else ["--keys", str(run_dir.keys_path)]
-    command += ["--transport", info.transport]
-    if info.transport == WIRELESS:
-        command += ["--key", str(run_dir.key_path)]
-    for other in info.dials[robot]:
-        command += ["--connect", info.endpoints[other]]
+    command += ["--transport", info.transport, "--exit-when-done"]
+    if info.routers:
+        command += ["--router", ",".join(info.routers)]
+    else:
+        command += ["--listen", info.endpoints[robot]]
+        for other in info.dials[robot]:
+            command += ["--connect", info.endpoints[other]]
     if info.program is not None:
         command += ["--program", info.program]
     if info.solver is not None:
@@ -166,11 +171,14 @@ def with_newcomer(info: RunInfo, robot: str) -> RunInfo:
 
 def _next_endpoint(info: RunInfo, robot: str) -> str:
     """A robot that is replaced while it runs still holds its old endpoint."""
+    if info.routers:
+        return ""
+    protocol = next(iter(info.endpoints.values())).partition("/")[0]
     if not info.places:
-        return free_endpoints(1, info.transport)[0]
+        return free_endpoints(1, protocol)[0]
     old = info.endpoints.get(robot)
     port = int(old.rpartition(":")[2]) + 1 if old is not None else PORT
-    return f"{PROTOCOLS[info.transport]}/{info.places[robot].address}:{port}"
+    return f"{protocol}/{info.places[robot].address}:{port}"
 
 
 async def start_robot(

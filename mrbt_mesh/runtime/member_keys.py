@@ -35,6 +35,16 @@ def signing_key(secret: bytes) -> Ed25519PrivateKey:
     return _private_keys(secret)[0]
 
 
+def certifying_key(secret: bytes) -> Ed25519PrivateKey:
+    """The key by which a team's secret signs certificates."""
+    return Ed25519PrivateKey.from_private_bytes(_derived(secret, b"mrbt certify"))
+
+
+def link_key(secret: bytes) -> Ed25519PrivateKey:
+    """The key of a member's certificate."""
+    return Ed25519PrivateKey.from_private_bytes(_derived(secret, b"mrbt link"))
+
+
 def public_member(secret: bytes, role: Role) -> PublicKeys:
     """What the manifest says of whoever holds this secret."""
     sign, agree = _private_keys(secret)
@@ -54,7 +64,11 @@ class MemberKeys:
     def replace(self, manifest: Manifest) -> None:
         """Go by this manifest from now on."""
         self.manifest = manifest
-        self._members = {n: m for n, m in manifest.members.items() if not m.is_revoked}
+        self._members = {
+            name: member
+            for name, member in manifest.members.items()
+            if not member.is_revoked and member.role is not Role.ROUTER
+        }
         self._names = tuple(sorted(self._members))
         self._shared: dict[str, bytes] = {}
 

@@ -2,7 +2,6 @@
 
 run.json            how the run was started (RunInfo)
 mission.json        the compiled mission
-team.pem            the team's key, for the transport profile `wireless`
 launcher.lock       locked by the process that launched the robots, as long as it lives
 keys/               the keys of all members (see `key_folder`)
 <robot>.process     pid and start time of the robot's process, written by itself; its
@@ -28,8 +27,7 @@ import psutil
 from mrbt_mesh.errors import InputError
 
 RUN_FILE, MISSION_FILE, SUMMARY_FILE = "run.json", "mission.json", "summary.json"
-KEY_FILE, LOCK_FILE = "team.pem", "launcher.lock"
-KEYS_FOLDER = "keys"
+KEYS_FOLDER, LOCK_FILE = "keys", "launcher.lock"
 _STATE = "MRBT_STATE_DIR"
 
 
@@ -52,7 +50,8 @@ class RunInfo:
 
     `dials` names the robots that each robot connects to: of every pair, one side dials.
     `places` is empty for a team on loopback; `transport` is a key of `PROTOCOLS`; `solver` is
-    None for the mission's. `insecure`: its members have no keys.
+    None for the mission's. `insecure`: its members have no keys. With `routers` its robots are
+    clients of these, and have no endpoints of their own.
     """
 
     mission_path: str
@@ -71,6 +70,7 @@ class RunInfo:
     places: Mapping[str, Place] = field(default_factory=dict)
     solver: str | None = None
     insecure: bool = False
+    routers: tuple[str, ...] = ()
 
 
 def state_dir() -> Path:
@@ -146,7 +146,8 @@ class RunDir:
                 robot: Place(place["address"], tuple(place["prefix"]))
                 for robot, place in data["places"].items()
             }
-            return RunInfo(**data | {"robots": tuple(data["robots"]), "places": places})
+            lists = {name: tuple(data.get(name, ())) for name in ("robots", "routers")}
+            return RunInfo(**data | lists | {"places": places})
         except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
             raise RunDirError(f"{self.path / RUN_FILE} is damaged: {error}") from error
 
@@ -163,11 +164,6 @@ class RunDir:
     def output_path(self, robot: str) -> Path:
         """What a robot printed."""
         return self.path / f"{robot}.out"
-
-    @property
-    def key_path(self) -> Path:
-        """The team's key."""
-        return self.path / KEY_FILE
 
     @property
     def launcher_lock_path(self) -> Path:

@@ -9,7 +9,14 @@ DEFAULT_GATHER_S = 10.0
 START_S_PER_ROBOT = 0.5
 # Environment variables that stand for the options of the same names.
 MISSION_VARIABLE, TEAM_VARIABLE, RUN_VARIABLE = "MRBT_MISSION", "MRBT_TEAM", "MRBT_RUN"
+ROUTER_VARIABLE = "MRBT_ROUTER"
 
 WIRED, WIRELESS = "wired", "wireless"
-# Transport profile -> protocol of its endpoints; docs/transport.md says when to use which.
-PROTOCOLS = {WIRED: "tcp", WIRELESS: "quic"}
+# Transport profile -> protocols of its endpoints; docs/transport.md says when to use which.
+PROTOCOLS = {WIRED: ("tcp", "tls"), WIRELESS: ("quic",)}
+ENCRYPTED = frozenset({"tls", "quic"})
+
+
+def default_protocol(profile: str, has_certificates: bool) -> str:
+    """The protocol of a link where no endpoint names one: encrypted wherever that can be."""
+    return PROTOCOLS[profile][-1 if has_certificates else 0]

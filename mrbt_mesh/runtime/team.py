@@ -33,9 +33,10 @@ from mrbt_mesh.runtime.launcher import (
 )
 from mrbt_mesh.runtime.robot_forks import CAN_FORK, ForkedRobot, RobotForks
 from mrbt_mesh.runtime.run_dir import Place, RunDir, RunInfo
-from mrbt_mesh.runtime.settings import PROTOCOLS, WIRED
+from mrbt_mesh.runtime.session_config import TransportConfig
+from mrbt_mesh.runtime.settings import ENCRYPTED, WIRED, WIRELESS, default_protocol
 from mrbt_mesh.runtime.solver_loader import may_need_arrays
-from mrbt_mesh.runtime.team_address import TeamAddress, timing_of
+from mrbt_mesh.runtime.team_address import AddressError, TeamAddress, timing_of
 from mrbt_mesh.runtime.watcher import Watcher
 
 END_TIMEOUT_S = 3.0
@@ -59,16 +60,24 @@ def new_run(
     places: Mapping[str, Place] | None = None,
     solver: str | None = None,
     insecure: bool = False,
+    routers: Sequence[str] = (),
 ) -> RunInfo:
     """A run of its own: fresh ids and free endpoints.
 
     `places`: where each robot runs that takes part or may join later; default: on loopback.
-    Raises AddressError for a beat period and a detection time that do not fit together.
+    `routers`: endpoints of those that all its robots are clients of. Raises AddressError for what
+    does not fit together, TransportError for routers that its robots cannot be clients of.
     """
-    if places:
-        endpoints = {r: f"{PROTOCOLS[transport]}/{places[r].address}:{PORT}" for r in robots}
+    if transport == WIRELESS and insecure:
+        raise AddressError("the transport wireless is encrypted, and so needs keys: no --insecure")
+    endpoints = dict.fromkeys(robots, "")
+    protocol = default_protocol(transport, has_certificates=False)
+    if routers:
+        _check_routers(routers, transport)
+    elif places:
+        endpoints = {r: f"{protocol}/{places[r].address}:{PORT}" for r in robots}
     else:
-        endpoints = dict(zip(robots, free_endpoints(len(robots), transport), strict=True))
+        endpoints = dict(zip(robots, free_endpoints(len(robots), protocol), strict=True))
     info = RunInfo(
         mission_path=str(mission_path.resolve()),
         mission_name=mission.name,
@@ -86,9 +95,20 @@ def new_run(
         places=places or {},
         solver=solver,
         insecure=insecure,
+        routers=tuple(routers),
     )
     timing_of(beat_s, detection_s, mission)
     return info
+
+
+def _check_routers(routers: Sequence[str], transport: str) -> None:
+    encrypted = [each for each in routers if each.partition("/")[0] in ENCRYPTED]
+    if encrypted or transport == WIRELESS:
+        raise AddressError(
+            "the robots of a run have keys of their own, which no router knows: "
+            "over tls or quic they are clients of a router with `mrbt agent --keys`"
+        )
+    TransportConfig("", "", routers=tuple(routers), profile=transport)
 
 
 def address_of(run_dir: RunDir) -> TeamAddress:
@@ -134,7 +154,7 @@ class Team:
         """Start a robot: one of the team, one more, or a dead one again.
 
         A dead one comes back to its own endpoint; one that is to be replaced still holds it.
-        Raises RunDirError if it has no place in this run or the team's key cannot be written.
+        Raises RunDirError if it has no place in this run, KeysError if it can get no key.
         """
         if robot not in self.info.endpoints or self.process(robot) is not None:
             self.info = with_newcomer(self.info, robot)

@@ -11,8 +11,8 @@ from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import is_robot_id
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.run_dir import RunDir
+from mrbt_mesh.runtime.session_config import Certificates, TransportConfig
 from mrbt_mesh.runtime.settings import DEFAULT_BEAT_S, DEFAULT_DETECTION_S, WIRED
-from mrbt_mesh.runtime.zenoh_transport import TransportConfig
 
 
 class AddressError(InputError):
@@ -47,19 +47,19 @@ def on_network(
     beat_s: float = DEFAULT_BEAT_S,
     detection_s: float = DEFAULT_DETECTION_S,
     profile: str = WIRED,
-    key: Path | None = None,
     keys: Path | None = None,
+    routers: Sequence[str] = (),
 ) -> TeamAddress:
     """The team that everybody finds who has the same mission and says the same of the rest.
 
     `robot` is empty for an observer. Without endpoints they find each other by multicast.
-    Raises AddressError or TransportError.
+    Raises AddressError, TransportError or KeysError.
     """
     for option, value in (("--team", team), ("--run", run)):
         if value is not None and not is_robot_id(value):
             text = "1 to 32 letters, digits, '_' or '-', it becomes part of keys"
             raise AddressError(f"{option} {value!r}: {text}")
-    if multicast is None and not listen and not connect:
+    if multicast is None and not listen and not connect and not routers:
         multicast = "auto"
     return TeamAddress(
         mission,
@@ -72,11 +72,23 @@ def on_network(
             tuple(connect),
             multicast,
             profile,
-            key,
+            certificates_of(keys, robot),
             len(mission.robots),
+            tuple(routers),
         ),
         keys=keys,
     )
+
+
+def certificates_of(keys: Path | None, robot: str) -> Certificates | None:
+    """What a robot, or whoever reads (no robot), shows on its links; raises KeysError."""
+    if keys is None:
+        return None
+    # The library is large.
+    from mrbt_mesh.runtime.key_folder import KeyFolder
+
+    folder = KeyFolder(keys)
+    return folder.certificates_of(robot or folder.reader())
 
 
 def timing_of(beat_s: float, detection_s: float, mission: Mission) -> Timing:

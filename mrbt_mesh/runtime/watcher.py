@@ -12,7 +12,14 @@ from functools import partial
 import anyio
 
 from mrbt_mesh.core.agent.commands import command_body
-from mrbt_mesh.core.agent.inputs import AnswerReceived, Input, MessageReceived, TokenChanged
+from mrbt_mesh.core.agent.effects import AskRouter
+from mrbt_mesh.core.agent.inputs import (
+    AnswerReceived,
+    Input,
+    MessageReceived,
+    RouterAnswered,
+    TokenChanged,
+)
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.envelope import ForgedError, Guard
@@ -94,8 +101,11 @@ class Watcher:
         match event:
             case MessageReceived(kind, source, data):
                 self._open(data, kind, source, partial(observer.message, kind, source), now_us)
-            case TokenChanged(robot, incarnation, held):
-                observer.token(robot, incarnation, held)
+            case TokenChanged(robot, incarnation, held, router):
+                if observer.token(robot, incarnation, held, router):
+                    self._transport.ask_router(AskRouter(robot, incarnation, router))
+            case RouterAnswered(robot, incarnation, is_linked):
+                observer.router_answered(robot, incarnation, is_linked)
             case AnswerReceived(peer, data) if data is not None:
                 self._open(data, MessageKind.STATE, peer, partial(observer.state, peer), now_us)
             case _:

@@ -1,4 +1,4 @@
-"""The only module that talks to Zenoh.
+"""A robot's or an observer's Zenoh session.
 
 Facts that shaped it (eclipse-zenoh 1.10, measured):
 - A link that both sides dial can merge into a stale one after a one-sided lease expiry, and
@@ -12,6 +12,11 @@ Facts that shaped it (eclipse-zenoh 1.10, measured):
 - Closing a dead TCP link lingers on a receive thread: there are 16 of them.
 - Closing an isolated session may take 10 s and raise: it happens on a daemon thread.
 - A closed QUIC session may hold its port for a second or two.
+- A client with several routers is linked to one, and to the next within some ms of its end; peers
+  with the same endpoints are not. It loses everybody's tokens then, and gets them back. Whoever is
+  linked to another router loses those of the dead one's clients, as if they had been killed: only a
+  router can say which it is, in its administration space.
+- A client that waits for its first router does not try the second: it is told not to wait.
 - BLOCK can stall the caller and then drop the link: everything is sent with DROP; lost facts
   are repaired by the agents.
 """
@@ -20,153 +25,43 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
-import secrets
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
-
-os.environ.setdefault("ZENOH_RUNTIME", "(rx: (worker_threads: 16))")
 
 import zenoh
 from zenoh.handlers import Callback
 
+from mrbt_mesh.core.agent.effects import AskRouter
 from mrbt_mesh.core.agent.inputs import (
     AnswerReceived,
     Input,
     MessageReceived,
     QueryReceived,
+    RouterAnswered,
     TokenChanged,
 )
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES, MAX_NONCE, MessageKind
 from mrbt_mesh.core.mission.names import is_robot_id
-from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.fencing import boottime_us
-from mrbt_mesh.runtime.settings import PROTOCOLS, WIRED, WIRELESS
+from mrbt_mesh.runtime.router_asks import RouterAsks
+from mrbt_mesh.runtime.session_config import (
+    TransportConfig,
+    TransportError,
+    open_session,
+    session_config,
+)
 
-LEASE_MS = 2_000
-# Up to here links are watched as closely as they can be.
-FULL_LEASE_ROBOTS = 6
 REOPEN_CLOSE_TIMEOUT_S = 1.0
-OBSERVER = "observer"
-
-
-class TransportError(InputError):
-    """The session cannot be opened; the message says why and what to change."""
-
-
-@dataclass(frozen=True)
-class TransportConfig:
-    """`robot` is empty for an observer. Endpoints are Zenoh locators, `tcp/127.0.0.1:7450`.
-
-    `multicast_interface`: scout on this interface (`auto`, `lo`, an address); None: do not.
-    `key`: file with the team's key, for `wireless` (see `team_key`). `robots`: how many there
-    are in the team. Raises TransportError.
-    """
-
-    team: str
-    robot: str
-    listen: tuple[str, ...] = ()
-    connect: tuple[str, ...] = ()
-    multicast_interface: str | None = None
-    profile: str = WIRED
-    key: Path | None = None
-    robots: int = 1
-
-    @property
-    def lease_ms(self) -> int:
-        """After so long without a word a link is given up; four are said in that time.
-
-        Every robot has a link to every other one, so in a larger team less is said over each.
-        """
-        return LEASE_MS * max(1, self.robots // FULL_LEASE_ROBOTS)
-
-    def __post_init__(self) -> None:
-        protocol = PROTOCOLS[self.profile]
-        for endpoint in (*self.listen, *self.connect):
-            if not endpoint.startswith(f"{protocol}/"):
-                raise TransportError(
-                    f"endpoint {endpoint!r}: the transport {self.profile} needs {protocol}/IP:PORT"
-                )
-        if (self.key is not None) != (self.profile == WIRELESS):
-            raise TransportError(
-                "the transport wireless, and only that, needs the team's key: "
-                "make one with `mrbt key FILE`, and give it to every robot with --key"
-            )
-        if self.key is not None and not os.access(self.key, os.R_OK):
-            raise TransportError(f"the team's key {self.key} cannot be read")
-
-
-def session_id(unix_ns: int) -> str:
-    """A Zenoh session id, random but greater than those of earlier times.
-
-    Zenoh compares ids from their least significant byte on, and wants no leading zero.
-    """
-    noise = secrets.token_bytes(7) + bytes([0x80 | secrets.randbelow(0x80)])
-    return f"{int.from_bytes(unix_ns.to_bytes(8, 'big') + noise, 'little'):x}"
-
-
-def session_config(config: TransportConfig) -> zenoh.Config:
-    """The Zenoh configuration; raises TransportError for a locator that Zenoh refuses."""
-    scouting: dict[str, Any] = {"enabled": False}
-    if config.multicast_interface is not None:
-        scouting = {
-            "enabled": True,
-            "interface": config.multicast_interface,
-            "autoconnect": {"peer": ["router", "peer"]},
-            "autoconnect_strategy": {"peer": {"to_router": "always", "to_peer": "greater-zid"}},
-        }
-    settings: dict[str, Any] = {
-        "mode": "peer",
-        "connect/endpoints": list(config.connect),
-        "connect/timeout_ms": -1,
-        "connect/exit_on_failure": False,
-        "connect/retry": {
-            "period_init_ms": 250,
-            "period_max_ms": 500,
-            "period_increase_factor": 1,
-        },
-        "scouting/delay": 0,
-        "scouting/multicast": scouting,
-        "scouting/gossip/enabled": False,
-        "transport/link/protocols": [PROTOCOLS[config.profile]],
-        "transport/link/tx/lease": config.lease_ms,
-        "transport/link/rx/max_message_size": 2 * MAX_MESSAGE_BYTES,
-        # A killed process would leave its segments behind; loopback is fast enough.
-        "transport/shared_memory/enabled": False,
-        "transport/unicast/open_timeout": LEASE_MS,
-        "transport/unicast/accept_timeout": LEASE_MS,
-    }
-    listen = list(config.listen)
-    if not listen and config.multicast_interface is not None:
-        listen = [f"{PROTOCOLS[config.profile]}/[::]:0"]
-    settings["listen/endpoints"] = listen
-    if config.key is not None:
-        # One key for the whole team, shown and demanded on both sides: who lacks it stays out.
-        # Certificates say nothing of addresses, so names are not compared.
-        key = str(config.key)
-        settings["transport/link/tls"] = {
-            "root_ca_certificate": key,
-            "listen_certificate": key,
-            "listen_private_key": key,
-            "connect_certificate": key,
-            "connect_private_key": key,
-            "enable_mtls": True,
-            "verify_name_on_connect": False,
-        }
-    if config.multicast_interface is not None:
-        settings["id"] = session_id(time.time_ns())
-    result = zenoh.Config()
-    for key, value in settings.items():
-        try:
-            result.insert_json5(key, json.dumps(value))
-        except zenoh.ZError as error:
-            raise TransportError(f"Zenoh refuses {key} = {value!r}: {error}") from error
-    return result
+# So long a robot waits for the first router to answer, and whoever only watches.
+ROUTER_WAIT_S, OBSERVER_WAIT_S, ROUTER_RETRY_S = 30.0, 3.0, 0.25
+# So long a router may take to say which links it has, in so many bytes.
+ROUTER_ANSWER_S = 0.5
+MAX_ROUTER_ANSWER_BYTES = 1 << 20
+MAX_TOKENS = 10_000
+OBSERVER, NO_ROUTER = "observer", "direct"
 
 
 class ZenohTransport:
@@ -182,25 +77,22 @@ class ZenohTransport:
         self._deliver = deliver
         self._prefix = f"mrbt/{config.team}"
         self._session: zenoh.Session | None = None
-        self._token: zenoh.LivelinessToken | None = None
+        # With the router that it names.
+        self._token: tuple[zenoh.LivelinessToken, str] | None = None
         self._incarnation: Incarnation | None = None
         self._queries: dict[int, zenoh.Query] = {}
         self._query_number = 0
         self._lock = threading.Lock()
-        self._zids: dict[str, str] = {}
+        # Session and router that the newest token of each incarnation names.
+        self._tokens: dict[tuple[str, Incarnation], tuple[str, str]] = {}
+        self._asks = RouterAsks(self.ask_routers)
         self._heard_us: dict[str, int] = {}
 
     # -- life of the session --------------------------------------------------------------
 
     def open(self) -> None:
         """Open the session and subscribe; raises TransportError. Blocks: call it in a thread."""
-        try:
-            session = zenoh.open(session_config(self._config))
-        except zenoh.ZError as error:
-            where = ", ".join(self._config.listen) or "any port"
-            # What follows is a path in Zenoh's own sources.
-            reason = str(error).partition(" at /")[0].partition(" [")[0]
-            raise TransportError(f"cannot open a Zenoh session on {where}: {reason}") from error
+        session = self._open_client() if self._config.routers else self._open_peer()
         keys = [(f"{kind}/*", kind) for kind in (MessageKind.HEARTBEAT, MessageKind.FACT)]
         # What goes to some goes once more to whoever watches.
         to = f"to/{self._config.robot}/*" if self._config.robot else "watch/*"
@@ -220,6 +112,23 @@ class ZenohTransport:
         self._session = session
         if self._incarnation is not None:
             self.declare_token(self._incarnation)
+
+    def _open_peer(self) -> zenoh.Session:
+        return open_session(session_config(self._config), self._config.listen)
+
+    def _open_client(self) -> zenoh.Session:
+        """Wait for a router."""
+        settings = session_config(self._config)
+        until_s = time.monotonic() + (ROUTER_WAIT_S if self._config.robot else OBSERVER_WAIT_S)
+        while True:
+            try:
+                return zenoh.open(settings)
+            except zenoh.ZError as error:
+                if time.monotonic() > until_s:
+                    listed = ", ".join(self._config.routers)
+                    text = f"no router answers at {listed}: start one with `mrbt router`"
+                    raise TransportError(text) from error
+            time.sleep(ROUTER_RETRY_S)
 
     def close(self, timeout_s: float) -> None:
         """Close the session, waiting at most `timeout_s`; an isolated one takes 10 s."""
@@ -250,15 +159,19 @@ class ZenohTransport:
         return self._heard_us.get(robot)
 
     def linked(self) -> frozenset[str]:
-        """Robots to which there is a transport, whatever comes over it."""
+        """Robots to which there is a transport, whatever comes over it.
+
+        None for a client: its only link is the one to its router, which it dials alone.
+        """
         session = self._session
-        if session is None:
+        if session is None or self._config.routers:
             return frozenset()
         try:
             zids = {str(zid) for zid in session.info.peers_zid()}
         except zenoh.ZError:
             return frozenset()  # closed in another thread just now
-        return frozenset(robot for robot, zid in self._zids.copy().items() if zid in zids)
+        tokens = self._tokens.copy()
+        return frozenset(robot for (robot, _), (zid, _) in tokens.items() if zid in zids)
 
     # -- sending --------------------------------------------------------------------------
 
@@ -322,6 +235,46 @@ class ZenohTransport:
         except zenoh.ZError:
             give(AnswerReceived(peer, None), None)
 
+    def ask_router(self, effect: AskRouter) -> None:
+        """Ask a router, together with what else is asked now; call it in the event loop."""
+        self._asks.add(effect)
+
+    def ask_routers(self, asked: Sequence[AskRouter]) -> None:
+        """Ask which links routers have: RouterAnswered is delivered for each robot.
+
+        All routers are asked, once for all robots: one may have a link to another router by now.
+        """
+        session = self._session
+        links: dict[str, frozenset[str]] = {}
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            payload = reply.ok.payload if reply.ok is not None else None
+            if payload is not None and len(payload) <= MAX_ROUTER_ANSWER_BYTES:
+                links.update(linked_sessions(payload.to_bytes()))
+
+        def on_end() -> None:
+            for robot, incarnation, is_linked in found():
+                self._deliver(RouterAnswered(robot, incarnation, is_linked), None)
+
+        def found() -> Iterator[tuple[str, Incarnation, bool | None]]:
+            for ask in asked:
+                zid, _ = self._tokens.get((ask.robot, ask.incarnation), ("", ""))
+                is_linked = any(zid in sessions for sessions in links.values())
+                known = is_linked or ask.router in links
+                yield ask.robot, ask.incarnation, is_linked if known else None
+
+        try:
+            if session is None:
+                raise zenoh.ZError("closed")
+            session.get(
+                "@/*/router",
+                Callback(on_reply, on_end, indirect=False),
+                timeout=ROUTER_ANSWER_S,
+                express=True,
+            )
+        except zenoh.ZError:
+            on_end()
+
     def reply(self, query: int, pages: tuple[bytes, ...]) -> None:
         """Answer a query that was delivered as QueryReceived."""
         with self._lock:
@@ -342,12 +295,23 @@ class ZenohTransport:
         old = self._token
         who = self._config.robot or OBSERVER
         with contextlib.suppress(zenoh.ZError):
-            self._token = session.liveliness().declare_token(
+            router = _router_of(session)
+            token = session.liveliness().declare_token(
                 f"{self._prefix}/alive/{who}/{incarnation.counter}/{incarnation.nonce}"
-                f"/{session.zid()}"
+                f"/{session.zid()}/{router or NO_ROUTER}"
             )
+            self._token = token, router
             if old is not None:
-                old.undeclare()
+                old[0].undeclare()
+
+    def follow_router(self) -> None:
+        """See that the token names the router that this session is linked to by now."""
+        session, token = self._session, self._token
+        if session is None or token is None or not self._config.routers:
+            return
+        with contextlib.suppress(zenoh.ZError):
+            if _router_of(session) not in ("", token[1]) and self._incarnation is not None:
+                self.declare_token(self._incarnation)
 
     # -- receiving, on Zenoh's threads ----------------------------------------------------
 
@@ -365,15 +329,21 @@ class ZenohTransport:
 
     def _on_token(self, sample: zenoh.Sample, _: None) -> None:
         parts = str(sample.key_expr).removeprefix(f"{self._prefix}/alive/").split("/")
-        if len(parts) != 4 or not is_robot_id(parts[0]) or parts[0] == self._config.robot:
+        if len(parts) != 5 or not is_robot_id(parts[0]) or parts[0] == self._config.robot:
             return
-        robot, counter, nonce, zid = parts
+        robot, counter, nonce, zid, named = parts
         if not counter.isdecimal() or len(counter) > 15 or len(nonce) > MAX_NONCE:
             return
+        incarnation, router = Incarnation(int(counter), nonce), "" if named == NO_ROUTER else named
         held = sample.kind == zenoh.SampleKind.PUT
         if held:
-            self._zids[robot] = zid
-        self._deliver(TokenChanged(robot, Incarnation(int(counter), nonce), held), None)
+            self._tokens[robot, incarnation] = zid, router
+            # A stranger may show tokens of ever new incarnations.
+            while len(self._tokens) > MAX_TOKENS:
+                del self._tokens[next(iter(self._tokens))]
+        elif self._tokens.get((robot, incarnation)) != (zid, router):
+            return  # it has shown another one since
+        self._deliver(TokenChanged(robot, incarnation, held, router), None)
 
     def _on_query(self, query: zenoh.Query, kind: MessageKind) -> None:
         payload = query.payload
@@ -386,3 +356,17 @@ class ZenohTransport:
                 del self._queries[min(self._queries)]
         data = payload.to_bytes() if payload is not None else b""
         self._deliver(QueryReceived(number, kind, data), None)
+
+
+def _router_of(session: zenoh.Session) -> str:
+    """The router that a client is linked to now; empty for a peer."""
+    return next((str(zid) for zid in session.info.routers_zid()), "")
+
+
+def linked_sessions(answer: bytes) -> dict[str, frozenset[str]]:
+    """A router and the sessions that it has links to, by its answer; empty if that is malformed."""
+    try:
+        data = json.loads(answer)
+        return {str(data["zid"]): frozenset(str(each["peer"]) for each in data["sessions"])}
+    except (ValueError, TypeError, KeyError, RecursionError):
+        return {}

@@ -21,7 +21,7 @@ from mrbt_mesh.sim.checkers.comparison import PlanComparison
 from mrbt_mesh.sim.checkers.inspection import FullInspection
 from mrbt_mesh.sim.engine.clock import VirtualLoop
 from mrbt_mesh.sim.engine.failures import NO_FAILURES, FailureModel
-from mrbt_mesh.sim.engine.faults import Schedule
+from mrbt_mesh.sim.engine.faults import EndRouter, Schedule, StartRouter
 from mrbt_mesh.sim.engine.inspection import Inspection
 from mrbt_mesh.sim.engine.network import NetworkKnobs
 from mrbt_mesh.sim.engine.scenario import Scenario
@@ -92,7 +92,8 @@ def simulate(
     The same arguments give the same run, effect for effect; what they mean: `Setup`. Without
     `inspect` nothing is checked and no effect log is kept, which is faster and changes nothing
     else. `keep_log`: keep the log's lines, not only their digest. Raises ValueError for a robot
-    that the mission does not have, SimulationError if an agent breaks.
+    that the mission does not have and for a router that the network has not, SimulationError if an
+    agent breaks.
     """
     team = tuple(sorted(mission.robots if robots is None else set(robots)))
     steps = tuple(schedule)
@@ -101,6 +102,10 @@ def simulate(
         if robot not in mission.robots:
             known = ", ".join(sorted(mission.robots))
             raise ValueError(f"the mission has no robot {robot!r}; it has {known}")
+    unknown = {f.router for _, f in steps if isinstance(f, EndRouter | StartRouter)}
+    unknown -= set(network.routers if network is not None else ())
+    if unknown:
+        raise ValueError(f"the network has no router {min(unknown)!r}")
     if not team or speed <= 0 or timeout_us <= 0:
         raise ValueError("a run needs a robot, a speed above 0 and a timeout above 0")
     setup = Setup(

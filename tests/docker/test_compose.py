@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from mrbt_mesh.drills.physical import spans
-from tests.support.docker_compose import ROBOTS, Compose
+from tests.support.docker_compose import ROBOTS, ROUTED_OBSERVER, Compose
 from tests.support.paper_run import check_order
 
 pytestmark = [pytest.mark.docker, pytest.mark.processes, pytest.mark.timeout(900)]
@@ -99,3 +99,16 @@ def test_a_team_killed_as_a_whole_goes_on_and_a_new_name_starts_afresh(compose: 
     again = compose.observer()
     again.until("mission: success")
     assert compose.events() == events, "a finished run is finished"
+
+
+@pytest.mark.slow
+def test_a_team_on_two_networks_goes_on_when_the_router_in_use_is_killed(compose: Compose) -> None:
+    compose.hold("replace_hw")
+    compose("up", "-d", ROUTED_OBSERVER)
+    lines = compose.observer(ROUTED_OBSERVER)
+    lines.until(r"replace_hw\(\d\) for")
+    compose("kill", "router1")
+    compose.hold()
+    lines.until("mission: success")
+    assert not [line for line in lines.seen if "is dead" in line]
+    assert compose.docker("wait", compose.container(ROUTED_OBSERVER)).strip() == "0"

@@ -8,7 +8,6 @@ import sys
 import pytest
 
 from mrbt_mesh.runtime.launcher import free_endpoints
-from mrbt_mesh.runtime.settings import WIRED
 from tests.support.paths import ROOT
 from tests.support.team import TEST_TIMEOUT_S
 
@@ -17,7 +16,7 @@ pytestmark = [pytest.mark.processes, pytest.mark.slow, pytest.mark.timeout(TEST_
 # In a process of its own: Zenoh sessions in the tests' process would outlive them.
 SESSIONS = """
 import os, sys, threading
-from mrbt_mesh.runtime.zenoh_transport import TransportConfig, session_config, zenoh
+from mrbt_mesh.runtime.session_config import TransportConfig, session_config, zenoh
 
 def session(*listen):
     return zenoh.open(session_config(TransportConfig("team", "", listen, (), "lo")))
@@ -36,7 +35,7 @@ os._exit(0)
 
 def test_a_newcomer_dials_whom_it_discovers() -> None:
     """It looks around at once; those that are there already do so only every few seconds."""
-    (endpoint,) = free_endpoints(1, WIRED)
+    (endpoint,) = free_endpoints(1, "tcp")
     done = subprocess.run(
         [sys.executable, "-c", SESSIONS, endpoint],
         cwd=ROOT,

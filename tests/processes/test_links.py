@@ -14,13 +14,14 @@ from typing import Any
 
 import pytest
 
+from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.drills import namespaces
 from mrbt_mesh.drills.namespaces import Namespaces
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
+from mrbt_mesh.runtime.key_folder import KeyFolder
 from mrbt_mesh.runtime.launcher import agent_arguments, agent_command, ensure_keys
 from mrbt_mesh.runtime.run_dir import Place, RunDir
 from mrbt_mesh.runtime.team import new_run
-from mrbt_mesh.runtime.team_key import write_team_key
 from tests.support.paths import ROOT
 from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
 
@@ -177,8 +178,8 @@ def test_robots_on_one_network_need_only_mission_team_and_id(
     options = ["--mission", str(EXPLORE), "--team", "found", "--speed", "10", "--exit-when-done"]
     team.hold("explore")
     if profile == "wireless":
-        write_team_key(tmp_path / "team.pem")
-        options += ["--transport", "wireless", "--key", str(tmp_path / "team.pem")]
+        KeyFolder.create(tmp_path / "keys", dict.fromkeys(["R1", "R2"], Role.ROBOT))
+        options += ["--transport", "wireless", "--keys", str(tmp_path / "keys")]
     said = {robot: tmp_path / f"{robot}.err" for robot in ("R1", "R2")}
     with Namespaces(["R1", "R2"], "multicast") as space:
         started = []

@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.runtime.launcher import free_endpoints
-from mrbt_mesh.runtime.settings import WIRED
 from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
 
 pytestmark = [pytest.mark.processes, pytest.mark.slow, pytest.mark.timeout(TEST_TIMEOUT_S)]
@@ -76,7 +75,7 @@ def test_a_team_found_by_multicast_is_watched_asked_and_told(team: Team) -> None
 
 def test_a_team_with_endpoints_is_watched_by_dialling_them(team: Team) -> None:
     team.hold("explore")
-    first, second = free_endpoints(2, WIRED)
+    first, second = free_endpoints(2, "tcp")
     for robot, options in (("R1", ["--listen", first]), ("R2", ["--listen", second])):
         options += ["--speed", "10", *(["--connect", first] if robot == "R2" else [])]
         team.agent(EXPLORE, robot, *options)

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from mrbt_mesh.core.membership.keys import Role
+from mrbt_mesh.runtime.key_folder import KeyFolder
 from mrbt_mesh.runtime.launcher import free_endpoints
-from mrbt_mesh.runtime.team_key import write_team_key
 from tests.support.team import EXPLORE, REPAIR, TEST_TIMEOUT_S, Team
 
 pytestmark = [pytest.mark.processes, pytest.mark.slow, pytest.mark.timeout(TEST_TIMEOUT_S)]
@@ -32,12 +33,12 @@ def test_a_killed_robot_is_replaced_and_comes_back(team: Team) -> None:
 
 def test_robots_with_different_keys_never_meet(team: Team, tmp_path: Path) -> None:
     """Each does the whole mission alone, though one dials the other all the time."""
-    first, second = free_endpoints(2, "wireless")
+    first, second = free_endpoints(2, "quic")
     agents = []
     for robot, listen, connect in (("R1", first, ()), ("R2", second, ("--connect", first))):
-        key = tmp_path / f"{robot}.pem"
-        write_team_key(key)
-        options = ["--transport", "wireless", "--key", str(key), "--listen", listen, *connect]
+        keys = tmp_path / robot  # a team of its own
+        KeyFolder.create(keys, dict.fromkeys(["R1", "R2"], Role.ROBOT))
+        options = ["--transport", "wireless", "--keys", str(keys), "--listen", listen, *connect]
         options += ["--team", "keys", "--speed", "10", "--gather", "0", "--exit-when-done"]
         agents.append(team.agent(EXPLORE, robot, *options))
     for agent in agents:

@@ -112,3 +112,25 @@ def test_what_is_missing_is_named(tmp_path: Path, folder: KeyFolder) -> None:
         folder.keys_of("Z")
     with pytest.raises(InputError, match="1 to 32 letters"):
         folder.add({"not a name": Role.ROBOT})
+
+
+def test_routers_have_keys_and_are_none_to_whom_messages_go(folder: KeyFolder) -> None:
+    folder.add({"r1": Role.ROUTER})
+    assert folder.router() == "r1"
+    keys = folder.keys_of("A")
+    assert "r1" not in keys.members()
+    assert keys.role_of("r1") is None
+    assert folder.reader() == "op"
+    folder.revoke(["r1"])
+    with pytest.raises(InputError, match="holds no router's key: make one with `mrbt keys add`"):
+        folder.router()
+
+
+def test_a_key_from_before_there_were_certificates_says_what_to_do(folder: KeyFolder) -> None:
+    path = folder.path / "A.key"
+    data = json.loads(path.read_text())
+    assert folder.certificates_of("A").certificate == data.pop("certificate")
+    path.write_text(json.dumps(data))
+    assert folder.keys_of("A").name == "A"
+    with pytest.raises(InputError, match="mrbt keys add A --replace"):
+        folder.certificates_of("A")

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import threading
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+import zenoh
 
+from mrbt_mesh.core.agent.effects import AskRouter
+from mrbt_mesh.core.agent.inputs import Input, RouterAnswered, TokenChanged
+from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.runtime import zenoh_transport
-from mrbt_mesh.runtime.zenoh_transport import TransportConfig, ZenohTransport
+from mrbt_mesh.runtime.session_config import TransportConfig
+from mrbt_mesh.runtime.zenoh_transport import ZenohTransport, linked_sessions
 
 
 class LingeringSession:
@@ -39,3 +46,107 @@ def test_whoever_closes_does_not_wait_for_a_session_that_lingers(
     assert session.closing.daemon, "a process may end without it"
     session.may_close.set()
     session.closing.join()
+
+
+LIFE = Incarnation(3, "n")
+PUT, DELETE = zenoh.SampleKind.PUT, zenoh.SampleKind.DELETE
+
+
+class Heard:
+    """A transport and what it delivers of tokens."""
+
+    def __init__(self) -> None:
+        self.inputs: list[Input] = []
+        self.transport = ZenohTransport(
+            TransportConfig("team", "B1", routers=("tcp/127.0.0.1:1",)),
+            lambda event, _: self.inputs.append(event),
+        )
+
+    def token(self, kind: zenoh.SampleKind, rest: str) -> None:
+        sample = SimpleNamespace(key_expr=f"mrbt/team/alive/{rest}", kind=kind)
+        self.transport._on_token(sample, None)  # type: ignore[arg-type]
+
+
+def test_a_token_names_the_router_of_its_robot() -> None:
+    heard = Heard()
+    heard.token(PUT, "A1/3/n/aa/r1")
+    heard.token(DELETE, "A1/3/n/aa/r1")
+    heard.token(PUT, "C1/3/n/cc/direct")
+    assert heard.inputs == [
+        TokenChanged("A1", LIFE, True, "r1"),
+        TokenChanged("A1", LIFE, False, "r1"),
+        TokenChanged("C1", LIFE, True, ""),
+    ]
+
+
+def test_the_end_of_a_token_that_another_one_has_replaced_means_nothing() -> None:
+    """So it is when a robot's token names its new router, or its session was opened anew."""
+    heard = Heard()
+    heard.token(PUT, "A1/3/n/aa/r1")
+    heard.token(PUT, "A1/3/n/aa/r2")
+    heard.token(DELETE, "A1/3/n/aa/r1")
+    heard.token(PUT, "A1/3/n/bb/r2")
+    heard.token(DELETE, "A1/3/n/aa/r2")
+    assert [event.held for event in heard.inputs if isinstance(event, TokenChanged)] == [True] * 3
+    heard.token(DELETE, "A1/3/n/bb/r2")
+    assert heard.inputs[-1] == TokenChanged("A1", LIFE, False, "r2")
+
+
+@pytest.mark.parametrize(
+    "rest", ["A1/3/n/aa", "A1/3/n/aa/r1/x", "a b/3/n/aa/r1", "A1/x/n/aa/r1", "B1/3/n/aa/r1"]
+)
+def test_other_tokens_are_passed_over(rest: str) -> None:
+    heard = Heard()
+    heard.token(PUT, rest)
+    assert heard.inputs == []
+
+
+def answer(router: str, *sessions: str) -> bytes:
+    return json.dumps({"zid": router, "sessions": [{"peer": each} for each in sessions]}).encode()
+
+
+@pytest.mark.parametrize(
+    ("answers", "is_linked"),
+    [
+        ([answer("r1", "bb"), answer("r2")], False),
+        ([answer("r1", "aa", "bb"), answer("r2")], True),
+        ([answer("r1", "bb"), answer("r2", "aa")], True),
+        ([answer("r2", "bb")], None),
+        ([b"{", b"[]", b'{"zid": "r1"}', b'{"zid": "r1", "sessions": [1]}'], None),
+        ([b"x" * (zenoh_transport.MAX_ROUTER_ANSWER_BYTES + 1)], None),
+        ([], None),
+    ],
+)
+def test_what_routers_say_of_a_robot_whose_token_is_gone(
+    monkeypatch: pytest.MonkeyPatch, answers: list[bytes], is_linked: bool | None
+) -> None:
+    class Session:
+        def get(self, selector: str, handler: tuple[Any, Any], **_: Any) -> None:
+            assert selector == "@/*/router"
+            on_reply, on_end = handler
+            for data in answers:
+                payload = zenoh.ZBytes(data)
+                on_reply(SimpleNamespace(ok=SimpleNamespace(payload=payload)))
+            on_end()
+
+    def callback(on_reply: Any, on_end: Any, **_: Any) -> tuple[Any, Any]:
+        return on_reply, on_end
+
+    monkeypatch.setattr(zenoh_transport, "Callback", callback)
+    heard = Heard()
+    heard.token(PUT, "A1/3/n/aa/r1")
+    heard.transport._session = Session()  # type: ignore[assignment]
+    heard.transport.ask_routers([AskRouter("A1", LIFE, "r1")])
+    assert heard.inputs[-1] == RouterAnswered("A1", LIFE, is_linked)
+
+
+def test_a_closed_session_asks_nobody() -> None:
+    heard = Heard()
+    asked = [AskRouter("A1", LIFE, "r1"), AskRouter("C1", LIFE, "r1")]
+    heard.transport.ask_routers(asked)
+    assert heard.inputs == [RouterAnswered(robot, LIFE, None) for robot in ("A1", "C1")]
+
+
+def test_an_answer_lists_sessions_by_router() -> None:
+    assert linked_sessions(answer("r1", "aa", "bb")) == {"r1": frozenset({"aa", "bb"})}
+    assert linked_sessions(b"\xff") == {}

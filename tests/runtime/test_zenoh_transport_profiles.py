@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import ssl
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,9 +15,14 @@ from mrbt_mesh.formats.mission_file import compile_mission, load_mission
 from mrbt_mesh.runtime import launcher
 from mrbt_mesh.runtime.key_folder import KeyFolder
 from mrbt_mesh.runtime.run_dir import Place, RunDir, RunDirError, RunInfo
+from mrbt_mesh.runtime.session_config import (
+    Certificates,
+    TransportConfig,
+    TransportError,
+    session_config,
+)
 from mrbt_mesh.runtime.team import new_run
-from mrbt_mesh.runtime.team_key import write_team_key
-from mrbt_mesh.runtime.zenoh_transport import TransportConfig, TransportError, session_config
+from mrbt_mesh.runtime.team_address import AddressError
 from tests.support.paths import ROOT, mission_file
 
 REPAIR = mission_file("vehicle_repair")
@@ -36,44 +41,89 @@ def options(command: list[str], name: str) -> list[str]:
     return [command[i + 1] for i, word in enumerate(command) if word == name]
 
 
-@pytest.fixture
-def key(tmp_path: Path) -> Path:
-    write_team_key(tmp_path / "team.pem")
-    return tmp_path / "team.pem"
-
-
-def test_a_team_key_is_a_secret_that_tls_accepts_and_is_never_overwritten(key: Path) -> None:
-    assert key.stat().st_mode & 0o077 == 0
-    context = ssl.create_default_context(cafile=str(key))
-    context.load_cert_chain(key)
-    with pytest.raises(FileExistsError):
-        write_team_key(key)
+CERTIFICATES = Certificates("authority", "certificate", "private")
 
 
 @pytest.mark.parametrize("endpoint", ["quic/127.0.0.1:1", "127.0.0.1:1", "udp/127.0.0.1:1"])
 def test_endpoints_of_another_protocol_are_refused(endpoint: str) -> None:
     for where in ("listen", "connect"):
-        with pytest.raises(TransportError, match="the transport wired needs tcp/IP:PORT"):
+        with pytest.raises(TransportError, match="wired needs tcp/IP:PORT or tls/IP:PORT"):
             TransportConfig("t", "A1", **{where: (endpoint,)})  # type: ignore[arg-type]
 
 
-def test_wireless_and_only_wireless_needs_a_readable_key(key: Path) -> None:
-    for profile, given in (("wireless", None), ("wired", key)):
-        with pytest.raises(TransportError, match="make one with `mrbt key FILE`"):
-            TransportConfig("t", "A1", profile=profile, key=given)
-    with pytest.raises(TransportError, match="cannot be read"):
-        TransportConfig("t", "A1", profile="wireless", key=key.with_name("other.pem"))
+@pytest.mark.parametrize(
+    ("profile", "endpoints"), [("wireless", ()), ("wired", ("tls/127.0.0.1:1",))]
+)
+def test_encrypted_links_need_keys(profile: str, endpoints: tuple[str, ...]) -> None:
+    with pytest.raises(TransportError, match="make them with `mrbt keys init`"):
+        TransportConfig("t", "A1", endpoints, profile=profile)
+    TransportConfig("t", "A1", endpoints, profile=profile, certificates=CERTIFICATES)
 
 
 @pytest.mark.parametrize("multicast", [None, "auto"])
-def test_a_session_speaks_one_protocol_only(key: Path, multicast: str | None) -> None:
-    for profile, protocol in (("wired", "tcp"), ("wireless", "quic")):
-        given = key if profile == "wireless" else None
-        config = TransportConfig("t", "A1", (), (), multicast, profile, given)
-        settings = json.loads(str(session_config(config)))
-        assert settings["transport"]["link"]["protocols"] == [protocol]
-        listened = settings["listen"]["endpoints"]
-        assert listened == ([f"{protocol}/[::]:0"] if multicast else [])
+@pytest.mark.parametrize(
+    ("profile", "certificates", "protocol"),
+    [
+        ("wired", None, "tcp"),
+        ("wired", CERTIFICATES, "tls"),
+        ("wireless", CERTIFICATES, "quic"),
+    ],
+)
+def test_where_no_endpoint_says_otherwise_a_session_speaks_one_protocol(
+    profile: str, certificates: Certificates | None, protocol: str, multicast: str | None
+) -> None:
+    config = TransportConfig("t", "A1", (), (), multicast, profile, certificates)
+    settings = json.loads(str(session_config(config)))
+    assert settings["transport"]["link"]["protocols"] == [protocol]
+    listened = settings["listen"]["endpoints"]
+    assert listened == ([f"{protocol}/[::]:0"] if multicast else [])
+
+
+def test_endpoints_say_which_protocols_there_are() -> None:
+    config = TransportConfig(
+        "t", "A1", ("tls/127.0.0.1:1",), ("tcp/127.0.0.1:2",), certificates=CERTIFICATES
+    )
+    assert config.protocols == ["tcp", "tls"]
+
+
+def test_a_client_of_routers_has_no_other_links() -> None:
+    for more in ({"listen": ("tcp/127.0.0.1:1",)}, {"multicast_interface": "lo"}):
+        with pytest.raises(TransportError, match="--router makes a client"):
+            TransportConfig("t", "A1", routers=("tcp/127.0.0.1:2",), **more)  # type: ignore[arg-type]
+    routers = ("tcp/127.0.0.1:2", "tcp/127.0.0.1:3")
+    settings = json.loads(str(session_config(TransportConfig("t", "A1", routers=routers))))
+    assert settings["mode"] == "client"
+    assert settings["connect"]["endpoints"] == list(routers)
+    assert settings["listen"]["endpoints"] == []
+
+
+def test_robots_of_a_run_are_clients_of_its_routers(tmp_path: Path) -> None:
+    routers = ("tcp/127.0.0.1:2", "tcp/127.0.0.1:3")
+    info = dataclasses.replace(run("wired", ("A1", "A2"), None), routers=routers)
+    info = dataclasses.replace(info, endpoints={"A1": "", "A2": ""})
+    run_dir = RunDir.create(tmp_path, info, compile_mission(load_mission(REPAIR)))
+    assert RunDir.find(tmp_path).info() == info
+    arguments = launcher.agent_arguments(run_dir, info, "A2")
+    assert options(arguments, "--router") == [",".join(routers)]
+    assert not options(arguments, "--listen")
+    assert not options(arguments, "--connect")
+    assert launcher.observer_transport(run_dir, info).routers == routers
+    assert launcher.with_newcomer(info, "B1").endpoints["B1"] == ""
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        ({"transport": "wireless", "insecure": True}, "wireless is encrypted"),
+        ({"routers": ["tls/127.0.0.1:1"]}, "keys of their own, which no router knows"),
+        ({"routers": ["quic/127.0.0.1:1"], "transport": "wireless"}, "which no router knows"),
+    ],
+)
+def test_runs_that_cannot_be_encrypted_are_refused(options: Any, problem: str) -> None:
+    mission = load_mission(REPAIR)
+    timing = {"beat_s": 0.2, "detection_s": 1.0, "speed": 1.0}
+    with pytest.raises(AddressError, match=problem):
+        new_run(mission, REPAIR, ("A1", "A2"), "robot.py", **timing, **options)
 
 
 @pytest.mark.parametrize(("transport", "protocol"), [("wired", "tcp"), ("wireless", "quic")])
@@ -83,19 +133,18 @@ def test_robots_at_places_run_there_and_listen_there(
     info = run(transport, ("A1", "A2"), PLACES)
     run_dir = RunDir.create(tmp_path, info, compile_mission(load_mission(REPAIR)))
     launcher.ensure_keys(run_dir, info, "A2")
-    assert run_dir.key_path.exists() == (transport == "wireless")
     assert RunDir.find(tmp_path).info() == info
     command = launcher.agent_command(info, "A2", launcher.agent_arguments(run_dir, info, "A2"))
     assert command[:2] == ["enter", "A2"]
     assert options(command, "--listen") == [f"{protocol}/198.18.0.2:7447"]
     assert options(command, "--connect") == [f"{protocol}/198.18.0.1:7447"]
     assert options(command, "--transport") == [transport]
-    assert options(command, "--key") == ([str(run_dir.key_path)] if transport == "wireless" else [])
     assert options(command, "--keys") == [str(run_dir.keys_path)]
     assert "--insecure" not in command
     assert sorted(KeyFolder(run_dir.keys_path).keys_of("A2").members()) == ["A1", "A2", "operator"]
     seen = launcher.observer_transport(run_dir, info)
     assert (seen.profile, seen.connect) == (transport, tuple(info.endpoints.values()))
+    assert (seen.certificates is not None) == (transport == "wireless")
 
 
 def test_newcomers_at_places_dial_everybody_and_need_a_place() -> None:

@@ -15,6 +15,9 @@ from typing import Any
 from tests.support import docker_engine as docker
 
 ROBOTS = ("a1", "a2", "b1", "b2", "c1", "c2")
+# The robots of the profile `router`, and who watches them.
+ROUTED = ("left-a1", "right-a2", "left-b1", "right-b2", "left-c1", "right-c2")
+ROUTED_OBSERVER = "routed"
 PROJECT = "mrbt-drill"
 # They only end a test that hangs.
 WAIT_S = 300
@@ -28,7 +31,7 @@ services:
 """ + "".join(
     f"  {robot}:\n    environment: {{MRBT_HOLD: /hold/{HOLD_FILE}}}\n"
     f"    volumes: ['./{HOLD_FOLDER}:/hold:ro']\n"
-    for robot in ROBOTS
+    for robot in (*ROBOTS, *ROUTED)
 )
 
 
@@ -82,10 +85,10 @@ class Compose:
         self._followers.append(process)
         return process
 
-    def observer(self) -> Lines:
-        """What the observer's container says, from its start."""
+    def observer(self, service: str = "observer") -> Lines:
+        """What an observer's container says, from its start."""
         process = subprocess.Popen(
-            ["docker", "logs", "--follow", self.container("observer")],
+            ["docker", "logs", "--follow", self.container(service)],
             env=self._environment,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -155,7 +158,7 @@ class Compose:
             follower.wait()
             if follower.stdout is not None:
                 follower.stdout.close()
-        self("down", "--volumes", "--timeout", "5", timeout_s=WAIT_S)
+        self("--profile", "router", "down", "--volumes", "--timeout", "5", timeout_s=WAIT_S)
 
 
 class Lines:

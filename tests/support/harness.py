@@ -42,6 +42,7 @@ class Process:
     frozen: bool = False
     mail: deque[inputs.Input] = field(default_factory=deque)
     token: Incarnation | None = None
+    router: str = ""
     tickets: list[int] = field(default_factory=list)
     asked: list[fx.RequestBid] = field(default_factory=list)
     stops_at_once: bool = True
@@ -61,6 +62,7 @@ class Team:
         self.cuts: set[frozenset[str]] = set()
         self.story: list[str] = []
         self.observer: Observer | None = None
+        self.dead_routers: set[str] = set()
         # All that was published, as a stranger on the network has it.
         self.heard: list[inputs.MessageReceived] = []
         self._queries: dict[tuple[str, int], Process] = {}
@@ -75,7 +77,7 @@ class Team:
         process = self.processes[name] = Process(name, agent, is_sealed=config.keys is not None)
         for other in self._others(process):
             if other.token is not None:
-                self._post(process, inputs.TokenChanged(other.robot, other.token, True))
+                self._post(process, _token(other, True))
         self.give(process, inputs.TimerFired())
         return process
 
@@ -128,6 +130,25 @@ class Team:
         self.give(process, inputs.QueryReceived(0, MessageKind.COMMAND, message))
         return message
 
+    def kill_router(self, name: str) -> None:
+        """Its clients lose their link to all, and everybody else loses their tokens."""
+        self.dead_routers.add(name)
+        for process in self.processes.values():
+            for other in self._others(process):
+                if name in (process.router, other.router) and other.token is not None:
+                    self._post(process, _token(other, False))
+        self._drain()
+
+    def change_router(self, name: str, router: str) -> None:
+        """A client is linked to another router by now; it and all others are there again."""
+        process = self.processes[name]
+        process.router = router
+        for other in self._others(process):
+            if other.token is not None and process.token is not None:
+                self._post(process, _token(other, True))
+                self._post(other, _token(process, True))
+        self._drain()
+
     def cut(self, one: str, other: str) -> None:
         self.cuts.add(frozenset((one, other)))
 
@@ -137,12 +158,19 @@ class Team:
     # -- delivering ---------------------------------------------------------------------------
 
     def _others(self, process: Process) -> list[Process]:
-        """Processes that this one reaches."""
+        """Processes between which and this one nothing is cut."""
         return [
             other
             for other in self.processes.values()
             if other is not process and frozenset((process.name, other.name)) not in self.cuts
         ]
+
+    def _reached(self, process: Process) -> list[Process]:
+        """Those that hear what this one says."""
+        dead = self.dead_routers
+        if process.router in dead:
+            return []
+        return [other for other in self._others(process) if other.router not in dead]
 
     def _post(self, process: Process, event: inputs.Input) -> None:
         process.mail.append(event)
@@ -165,6 +193,11 @@ class Team:
         match effect:
             case fx.Publish() | fx.Ask() | fx.Reply() | fx.DeclareToken():
                 self._send(process, effect)
+            case fx.AskRouter(robot, incarnation, router):
+                linked = [p for p in self.processes.values() if p.router == router]
+                is_linked = any(other.robot == robot for other in linked)
+                answer = None if router in self.dead_routers else is_linked
+                self._post(process, inputs.RouterAnswered(robot, incarnation, answer))
             case fx.StartAction():
                 process.tickets.append(effect.ticket)
                 partners = f" with {', '.join(effect.partners)}" if effect.partners else ""
@@ -194,14 +227,14 @@ class Team:
                 self.heard.append(inputs.MessageReceived(kind, process.robot, data))
                 if kind is MessageKind.FACT:
                     self._tell(process, f"writes {batch_text(process, data)}")
-                for other in self._others(process):
+                for other in self._reached(process):
                     if to is not None and other.robot not in to:
                         continue
                     self._post(other, inputs.MessageReceived(kind, process.robot, data))
                 if self.observer is not None:
                     self.observer.message(kind, process.robot, data, self.now_us)
             case fx.Ask(peer, data):
-                for other in self._others(process):
+                for other in self._reached(process):
                     if other.robot == peer:
                         self._query += 1
                         self._queries[other.name, self._query] = process
@@ -213,7 +246,7 @@ class Team:
                 self._token_gone(process)
                 process.token = incarnation
                 for other in self._others(process):
-                    self._post(other, inputs.TokenChanged(process.robot, incarnation, True))
+                    self._post(other, _token(process, True))
 
     def _reply(self, process: Process, query: int, pages: tuple[bytes, ...]) -> None:
         asker = self._queries.pop((process.name, query), None)
@@ -235,13 +268,18 @@ class Team:
     def _token_gone(self, process: Process) -> None:
         if process.token is not None:
             for other in self._others(process):
-                self._post(other, inputs.TokenChanged(process.robot, process.token, False))
+                self._post(other, _token(process, False))
             if self.observer is not None:
                 self.observer.token(process.robot, process.token, False)
             process.token = None
 
     def _tell(self, process: Process, text: str) -> None:
         self.story.append(f"{self.now_us // MS:>5} {process.name} {text}")
+
+
+def _token(process: Process, held: bool) -> inputs.TokenChanged:
+    assert process.token is not None
+    return inputs.TokenChanged(process.robot, process.token, held, process.router)
 
 
 def batch_text(process: Process, data: bytes) -> str:

@@ -234,6 +234,14 @@ class Script:
     def do_thaw(self, name: str) -> None:
         self.team.thaw(name)
 
+    def do_router(self, router: str, *names: str) -> None:
+        """router r1 A B: from now on these are linked to it, and to others only by it."""
+        for name in names:
+            self.team.change_router(name, router)
+
+    def do_kill_router(self, router: str) -> None:
+        self.team.kill_router(router)
+
     def do_cut(self, one: str, other: str) -> None:
         self.team.cut(one, other)
 

@@ -16,6 +16,7 @@ PANELS = {
         "status": "Tell who does what, what is blocked, and whether all agree.",
         "join": "Start one more robot of the running mission, or a dead one again.",
         "agent": "Run one robot, anywhere on the network.",
+        "router": "Pass messages on between robots that do not reach each other.",
     },
     "Act on a running team": {
         "kill": "Kill a robot's process with SIGKILL: a major fault.",
@@ -42,7 +43,6 @@ PANELS = {
         "new": "Write a small mission and a robot of your own that run at once; or copy an "
         "example.",
         "keys": "Make and change the keys by which a team knows who says what.",
-        "key": "Make a key for a team on the transport wireless: who holds it may take part.",
     },
     "Prove it": {
         "chaos": "Run a mission with random faults, many times, and check what must always hold.",

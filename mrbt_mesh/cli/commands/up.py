@@ -35,6 +35,10 @@ class LaunchOptions:
         Literal["wired", "wireless"],
         option("How robots talk: TCP, or QUIC for lossy networks."),
     ] = "wired"
+    router: Annotated[
+        str | None,
+        option("Routers to be clients of, in place of links to one another.", "tcp/IP:PORT,..."),
+    ] = None
     insecure: Annotated[
         bool, option("Without keys: whoever reaches a robot's port may say anything.")
     ] = False
@@ -58,7 +62,7 @@ def up(mission: MissionArgument, launch: LaunchOptions, show: ShowOptions, given
     """
     from mrbt_mesh.cli.missions import checked_program, chosen_robots
     from mrbt_mesh.cli.team.launching import created, resumed, run_team
-    from mrbt_mesh.cli.team.network_options import warn_insecure
+    from mrbt_mesh.cli.team.network_options import endpoints_of, warn_insecure
     from mrbt_mesh.formats.mission_file import load_mission
     from mrbt_mesh.runtime.solver_loader import solver_for
     from mrbt_mesh.runtime.team import new_run
@@ -83,6 +87,7 @@ def up(mission: MissionArgument, launch: LaunchOptions, show: ShowOptions, given
         transport=launch.transport,
         solver=launch.solver,
         insecure=launch.insecure,
+        routers=endpoints_of(launch.router),
     )
     if launch.insecure:
         warn_insecure()

@@ -18,9 +18,10 @@ from mrbt_mesh.drills.judge import DrillVerdict
 from mrbt_mesh.drills.model import Profile
 from mrbt_mesh.drills.namespaces import NamespaceError
 from mrbt_mesh.drills.network import why_not
+from mrbt_mesh.drills.routers import RoutersError
 from mrbt_mesh.drills.runner import DrillRun, TimelineEntry, run_drill
 from mrbt_mesh.runtime.run_dir import RunDirError, state_dir
-from mrbt_mesh.runtime.zenoh_transport import TransportError
+from mrbt_mesh.runtime.session_config import TransportError
 
 
 def chosen_drills(paths: Sequence[Path], only_quick: bool) -> list[Drill]:
@@ -98,7 +99,7 @@ class DrillSession:
         tell = (lambda line: None) if self._brief else self._print_line
         try:
             return await run_drill(found, profile, folder, tell)
-        except (TransportError, RunDirError, NamespaceError) as error:
+        except (TransportError, RunDirError, NamespaceError, RoutersError) as error:
             return DrillRun(
                 found.label,
                 profile,

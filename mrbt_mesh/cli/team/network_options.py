@@ -11,6 +11,7 @@ from mrbt_mesh.cli.framework.declare import option
 from mrbt_mesh.runtime.settings import (
     DEFAULT_BEAT_S,
     DEFAULT_DETECTION_S,
+    ROUTER_VARIABLE,
     RUN_VARIABLE,
     TEAM_VARIABLE,
 )
@@ -29,6 +30,11 @@ def warn_insecure() -> None:
 
     text = "not secure: messages are not signed, and whoever reaches a robot's port is believed"
     click.echo(f"mrbt: warning: {text}", err=True)
+
+
+def endpoints_of(listed: str | None) -> tuple[str, ...]:
+    """`tcp/A:1,tcp/B:1` one by one."""
+    return tuple(endpoint for endpoint in (listed or "").split(",") if endpoint)
 
 
 @dataclass(frozen=True)
@@ -55,11 +61,18 @@ class TeamNetworkOptions:
         str | None,
         _option("Interface for discovery. Default: auto, unless endpoints are given.", "NAME"),
     ] = None
+    router: Annotated[
+        str | None,
+        _option(
+            "Routers (`mrbt router`) to be a client of, one at a time.",
+            "tcp/IP:PORT,...",
+            variable=ROUTER_VARIABLE,
+        ),
+    ] = None
     transport: Annotated[
         Literal["wired", "wireless"],
-        _option("TCP, or QUIC for lossy networks, which needs --key."),
+        _option("TCP, or QUIC for lossy networks, which needs --keys."),
     ] = "wired"
-    key: Annotated[Path | None, _option("The team's key, made by `mrbt key FILE`.", "FILE")] = None
     keys: Annotated[
         Path | None,
         _option("Folder of keys, made by `mrbt keys`. Default: nothing is signed.", "DIR"),
@@ -88,6 +101,6 @@ class TeamNetworkOptions:
             beat_s=self.beat,
             detection_s=self.detection,
             profile=self.transport,
-            key=self.key,
             keys=self.keys,
+            routers=endpoints_of(self.router),
         )

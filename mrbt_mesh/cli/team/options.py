@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mrbt_mesh.runtime.team_address import TeamAddress
 
 _ON_NETWORK = (
-    *("--team", "--run", "--connect", "--multicast", "--transport", "--key", "--keys"),
+    *("--team", "--run", "--connect", "--multicast", "--router", "--transport", "--keys"),
     *("--beat", "--detection"),
 )
 

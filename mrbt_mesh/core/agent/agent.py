@@ -34,6 +34,7 @@ from mrbt_mesh.core.agent.inputs import (
     PlanMade,
     ProgressReported,
     QueryReceived,
+    RouterAnswered,
     TokenChanged,
 )
 from mrbt_mesh.core.agent.lifecycle import Lifecycle
@@ -113,7 +114,13 @@ class Agent:
     def _take(self, event: Input, now_us: int) -> None:
         """Hand an input to the part that it concerns."""
         match event:
-            case MessageReceived() | TokenChanged() | QueryReceived() | AnswerReceived():
+            case (
+                MessageReceived()
+                | TokenChanged()
+                | RouterAnswered()
+                | QueryReceived()
+                | AnswerReceived()
+            ):
                 self._inbound.take(event, now_us, self._planner.awaited is not None)
             case InputRefused(source, reason, count):
                 self._context.refuse(source, reason, count=count)

@@ -18,6 +18,7 @@ _FACTS = (inputs.MessageReceived, inputs.AnswerReceived)
 _ALWAYS = (
     inputs.MessageReceived,
     inputs.TokenChanged,
+    inputs.RouterAnswered,
     inputs.TimerFired,
     inputs.ProgressReported,
     inputs.PlanMade,

@@ -44,6 +44,18 @@ class Ask:
 
 
 @dataclass(frozen=True, slots=True)
+class AskRouter:
+    """Ask a router whether it or another one has a link to this robot.
+
+    It is answered by RouterAnswered.
+    """
+
+    robot: str
+    incarnation: Incarnation
+    router: str
+
+
+@dataclass(frozen=True, slots=True)
 class Reply:
     """Answer a query, with one message or, for a PULL of many facts, several pages."""
 
@@ -126,6 +138,7 @@ Effect: TypeAlias = (
     | Persist
     | Forget
     | Ask
+    | AskRouter
     | Reply
     | StartAction
     | MakePlan

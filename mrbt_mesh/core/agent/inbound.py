@@ -7,17 +7,19 @@ from __future__ import annotations
 
 from mrbt_mesh.core.agent.commands import Commands, answer_body
 from mrbt_mesh.core.agent.context import Context
-from mrbt_mesh.core.agent.effects import Reply
+from mrbt_mesh.core.agent.effects import AskRouter, Reply
 from mrbt_mesh.core.agent.executor import Executor
 from mrbt_mesh.core.agent.inputs import (
     AnswerReceived,
     FromOutside,
     MessageReceived,
     QueryReceived,
+    RouterAnswered,
     TokenChanged,
 )
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
+from mrbt_mesh.core.membership.lost_tokens import LostTokens
 from mrbt_mesh.core.membership.replica import Received
 from mrbt_mesh.core.membership.wire import (
     DIGEST_BYTES,
@@ -50,6 +52,7 @@ class Inbound:
         self._duplicates = duplicates
         self._schedule = schedule
         self._commands = commands
+        self._lost_tokens = LostTokens()
 
     def take(self, event: FromOutside, now_us: int, is_planning: bool) -> None:
         """Take in one; `is_planning`: a plan is being made, until then facts stay as they are."""
@@ -70,8 +73,8 @@ class Inbound:
                         self._take_in(source, received)
                 except WireError as error:
                     self._refuse(source, error)
-            case TokenChanged(robot, incarnation, held):
-                self._context.membership.receive_token(robot, incarnation, held)
+            case TokenChanged() | RouterAnswered():
+                self._token(event)
             case QueryReceived(query, kind, data):
                 self._query(query, kind, data, now_us)
             case AnswerReceived(peer, data):
@@ -108,6 +111,7 @@ class Inbound:
             )
             context.stop(2, reason)
             return
+        self._lost_tokens.heard(source)
         known = membership.peers.get(source)
         if membership.receive_heartbeat(source, beat, now_us):
             if known is None or known.incarnation != beat.report.incarnation:
@@ -138,6 +142,18 @@ class Inbound:
         mine, members = context.replica.incarnation, context.facts.members
         reason = self._duplicates.check_relays(source, beat, mine, starting, members, now_us)
         context.stop(2, reason)
+
+    def _token(self, event: TokenChanged | RouterAnswered) -> None:
+        membership, lost_tokens = self._context.membership, self._lost_tokens
+        match event:
+            case TokenChanged(robot, incarnation, held, router):
+                if lost_tokens.must_ask(robot, incarnation, held, router):
+                    self._context.emit(AskRouter(robot, incarnation, router))
+                else:
+                    membership.receive_token(robot, incarnation, held)
+            case RouterAnswered(robot, incarnation, is_linked):
+                if lost_tokens.is_loss(robot, incarnation, is_linked):
+                    membership.receive_token(robot, incarnation, False)
 
     def _query(self, query: int, kind: MessageKind, data: bytes, now_us: int) -> None:
         context = self._context

@@ -22,11 +22,27 @@ class MessageReceived:
 
 @dataclass(frozen=True, slots=True)
 class TokenChanged:
-    """A robot's liveliness token appeared (`held`) or disappeared."""
+    """A robot's liveliness token appeared (`held`) or disappeared.
+
+    `router`: the one that the robot is a client of; empty where robots have links of their own.
+    """
 
     robot: str
     incarnation: Incarnation
     held: bool
+    router: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class RouterAnswered:
+    """The answer to AskRouter: whether a router has a link to the robot.
+
+    None: none is known to have one, and the router that was asked does not answer.
+    """
+
+    robot: str
+    incarnation: Incarnation
+    is_linked: bool | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +165,7 @@ class PlanMade:
     plan: Plan
 
 
-News: TypeAlias = MessageReceived | TokenChanged | AnswerReceived | InputRefused
+News: TypeAlias = MessageReceived | TokenChanged | RouterAnswered | AnswerReceived | InputRefused
 
 FromOutside: TypeAlias = News | QueryReceived
 

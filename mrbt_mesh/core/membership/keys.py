@@ -14,11 +14,15 @@ SIGNATURE_BYTES = 64
 
 
 class Role(enum.StrEnum):
-    """What a member may do: robots take part, operators read and command, observers read."""
+    """What a member may do: robots take part, operators read and command, observers read.
+
+    Routers pass on what others say, and say nothing themselves.
+    """
 
     ROBOT = "robot"
     OPERATOR = "operator"
     OBSERVER = "observer"
+    ROUTER = "router"
 
 
 class Keys(Protocol):
@@ -29,10 +33,10 @@ class Keys(Protocol):
         """Whose private key this is."""
 
     def members(self) -> Sequence[str]:
-        """All members in good standing, sorted."""
+        """All members in good standing that messages are for, sorted: routers are not."""
 
     def role_of(self, name: str) -> Role | None:
-        """None for strangers and for members whose key has been revoked."""
+        """None for strangers, for routers and for members whose key has been revoked."""
 
     def sign(self, data: bytes) -> bytes:
         """`SIGNATURE_BYTES` that anybody can check who has the manifest."""

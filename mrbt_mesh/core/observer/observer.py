@@ -15,6 +15,7 @@ from mrbt_mesh.core.facts.records import Claim, OrderKind
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.keys import Keys
+from mrbt_mesh.core.membership.lost_tokens import LostTokens
 from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.replica import Replica
@@ -63,6 +64,7 @@ class Observer:
         self._updated: tuple[int, int, int] = (-1, -1, -1)
         self._recorded: tuple[Plan | None, bool] = (None, False)
         self._has_caught_up = False
+        self._lost_tokens = LostTokens()
 
     def message(self, kind: MessageKind, source: str, data: bytes, now_us: int) -> None:
         """A published beat or batch; malformed or foreign ones are noted in `refused`."""
@@ -103,11 +105,20 @@ class Observer:
             self.record.say(now_us, f"{source} is not of this run: {error}")
         self.refused[source] = str(error)
 
-    def token(self, robot: str, incarnation: Incarnation, held: bool) -> None:
-        """A liveliness token came or went."""
+    def token(self, robot: str, incarnation: Incarnation, held: bool, router: str = "") -> bool:
+        """A liveliness token came or went; whether the robot's router must be asked about it."""
+        if self._lost_tokens.must_ask(robot, incarnation, held, router):
+            return True
         self.membership.receive_token(robot, incarnation, held)
+        return False
+
+    def router_answered(self, robot: str, incarnation: Incarnation, is_linked: bool | None) -> None:
+        """A router was asked about a lost token: see `RouterAnswered`."""
+        if self._lost_tokens.is_loss(robot, incarnation, is_linked):
+            self.membership.receive_token(robot, incarnation, False)
 
     def _beat(self, source: str, beat: Heartbeat, now_us: int) -> None:
+        self._lost_tokens.heard(source)
         if not self.membership.receive_heartbeat(source, beat, now_us):
             return
         self.replica.compare_digest(source, beat.fact_digest, now_us)

@@ -186,6 +186,20 @@ class LoseToken:
 
 
 @dataclass(frozen=True, slots=True)
+class EndRouter:
+    """A router dies (`NetworkKnobs.routers`): its clients are without a link for a moment."""
+
+    router: str
+
+
+@dataclass(frozen=True, slots=True)
+class StartRouter:
+    """A router is there again; who has found another one stays with that."""
+
+    router: str
+
+
+@dataclass(frozen=True, slots=True)
 class Garbage:
     """`robot` receives `count` malformed, foreign or forged messages of all kinds."""
 
@@ -223,6 +237,8 @@ Fault: TypeAlias = (
     | Replay
     | Heal
     | LoseToken
+    | EndRouter
+    | StartRouter
     | Garbage
     | Command
 )

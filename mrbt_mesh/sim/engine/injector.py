@@ -36,6 +36,7 @@ _ISOLATING = (
     | faults.ClockJump
     | faults.Disturb
     | faults.Replay
+    | faults.EndRouter
     | faults.LoseToken  # a suspect is left out when agreement is counted
 )
 # What a robot lacks from the beginning it finds out once it has started.
@@ -117,6 +118,13 @@ class Injector:
             case faults.Heal(names, broken):
                 self._heal(names)
                 network.block(broken)
+            case faults.EndRouter() | faults.StartRouter():
+                act = (
+                    self._bus.end_router
+                    if isinstance(fault, faults.EndRouter)
+                    else self._bus.routers.begin
+                )
+                act(fault.router)
             case faults.ClockRate(robot, rate_ppm):
                 robots.local_clock(robot).set_rate(rate_ppm)
             case faults.ClockJump(robot, ahead_us):
@@ -188,6 +196,8 @@ class Injector:
         processes = self._robots.processes
         self._bus.network.unblock()
         self._bus.network.settle()
+        for router in self._bus.routers.names:
+            self._bus.routers.begin(router)
         for _, process in sorted(processes.items()):
             process.local.set_rate(0)
             process.local.resume()

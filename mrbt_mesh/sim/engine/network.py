@@ -50,7 +50,8 @@ class NetworkKnobs:
 
     `token_delay_us`: how long after a process' end the others see its liveliness token go; None:
     never, as on a wireless link. `quiet_from_us`: from then on no message is lost, doubled or
-    reordered; None: it goes on. A question without an answer ends after `query_timeout_us`.
+    reordered; None: it goes on. A question without an answer ends after `query_timeout_us`. With
+    `routers`, their names, robots are clients of these, see `routers`.
     """
 
     link: LinkKnobs = LinkKnobs()
@@ -58,6 +59,7 @@ class NetworkKnobs:
     token_delay_us: int | None = 5_000
     query_timeout_us: int = 1_000_000
     quiet_from_us: int | None = None
+    routers: tuple[str, ...] = ()
 
     @cached_property
     def is_steady(self) -> bool:

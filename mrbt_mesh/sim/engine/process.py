@@ -9,6 +9,7 @@ from typing import Any, Protocol
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.effects import (
     Ask,
+    AskRouter,
     CancelAction,
     DeclareToken,
     Effect,
@@ -58,6 +59,7 @@ class Environment(Protocol):
 
     def published(self, process: SimProcess, effect: Publish) -> None: ...
     def asked(self, process: SimProcess, effect: Ask) -> None: ...
+    def asked_router(self, process: SimProcess, effect: AskRouter) -> None: ...
     def replied(self, process: SimProcess, effect: Reply) -> None: ...
     def outcome(self, process: SimProcess, event: ActionFinished) -> Input: ...
     def completed(self, process: SimProcess) -> None: ...
@@ -173,6 +175,8 @@ class SimProcess:
                 self._journal.forget(keys)
             case Ask():
                 self._environment.asked(self, effect)
+            case AskRouter():
+                self._environment.asked_router(self, effect)
             case Reply():
                 self._environment.replied(self, effect)
             case MakePlan():

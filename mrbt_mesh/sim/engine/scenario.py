@@ -55,6 +55,8 @@ class Scenario:
             raise ValueError(f"speed: a number above 0 is expected, found {self.speed}")
         if self.timeout_us <= 0 or min(self.heal_us, self.plan_delay_us or 0) < 0:
             raise ValueError("timeout_us is above 0, heal_us and plan_delay_us are not below 0")
+        if any(isinstance(fault, faults.EndRouter | faults.StartRouter) for _, fault in self.steps):
+            raise ValueError("steps: there are no routers in a schedule, so none can die")
 
     @property
     def network(self) -> NetworkKnobs:

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import anyio
 import anyio.abc
 
-from mrbt_mesh.core.agent.effects import Ask, Publish, Reply
+from mrbt_mesh.core.agent.effects import Ask, AskRouter, Publish, Reply
 from mrbt_mesh.core.agent.inputs import ActionFinished
 from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.assignment.solvers import default_solver
@@ -31,6 +31,7 @@ from mrbt_mesh.sim.engine.process import SimProcess
 from mrbt_mesh.sim.engine.program_tasks import run_program
 from mrbt_mesh.sim.engine.random_failures import RandomFailures
 from mrbt_mesh.sim.engine.robots import Robots
+from mrbt_mesh.sim.engine.routers import Routers
 from mrbt_mesh.sim.engine.setup import Setup
 
 
@@ -45,7 +46,8 @@ class World:
         self.setup = setup
         self.clock = VirtualClock()
         self.network = Network(setup.network, setup.seed)
-        self.bus = MessageBus(self.clock, self.network, self._token_changed)
+        routers = Routers(setup.network.routers, setup.seed)
+        self.bus = MessageBus(self.clock, self.network, routers, self._token_changed)
         self.robots = Robots(setup, self, self.bus)
         self.observer = Observer(
             setup.mission, setup.run, self.timing, default_solver, setup.agents.engine
@@ -141,6 +143,9 @@ class World:
 
     def asked(self, process: SimProcess, effect: Ask) -> None:
         self.bus.ask(process, effect)
+
+    def asked_router(self, process: SimProcess, effect: AskRouter) -> None:
+        self.bus.ask_router(process, effect)
 
     def replied(self, process: SimProcess, effect: Reply) -> None:
         self.bus.reply(process.robot, effect)

@@ -8,8 +8,10 @@ from typing import Any
 
 import pytest
 
+from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime import robot_process
+from mrbt_mesh.runtime.key_folder import KeyFolder
 from mrbt_mesh.runtime.robot_process import RobotStart
 from mrbt_mesh.runtime.team_address import TeamAddress
 from tests.support.command import EXPLORE, mrbt
@@ -41,9 +43,10 @@ def test_a_robot_on_the_network(started: list[Started]) -> None:
 
 
 def test_every_option_arrives(started: list[Started], tmp_path: Path) -> None:
+    keys = KeyFolder.create(tmp_path / "keys", {"R9": Role.ROBOT}).path
     words = ["--type", "explorer", "--program", "p.py", "--solver", "cp_sat", "--speed", "2"]
     words += ["--run-dir", str(tmp_path), "--takeover", "--exit-when-done", "--expect", "R1,R2"]
-    words += ["--while-locked", "launcher.lock", "--keys", "keys"]
+    words += ["--while-locked", "launcher.lock", "--keys", str(keys)]
     words += ["--gather", "3", "--team", "t", "--run", "r", "--listen", "tcp/127.0.0.1:1"]
     words += ["--connect", "tcp/127.0.0.1:2", "--connect", "tcp/127.0.0.1:3", "--beat", "0.1"]
     code, _, problems = mrbt(
@@ -65,7 +68,7 @@ def test_every_option_arrives(started: list[Started], tmp_path: Path) -> None:
         while_locked=Path("launcher.lock"),
         exit_when_done=True,
     )
-    assert (address.transport.team, address.run, address.keys) == ("t", "r", Path("keys"))
+    assert (address.transport.team, address.run, address.keys) == ("t", "r", keys)
     assert address.transport.listen == ("tcp/127.0.0.1:1",)
     assert address.transport.connect == ("tcp/127.0.0.1:2", "tcp/127.0.0.1:3")
     assert (address.timing.heartbeat_us, address.timing.detection_us) == (100_000, 400_000)
@@ -84,6 +87,15 @@ def test_variables_stand_for_options_and_options_win(started: list[Started]) -> 
     assert mrbt("agent", "--robot", "R1", "--team", "other", **variables)[0] == 0
     ((start, address),) = started
     assert (start.mission, address.transport.team, address.run) == (Path(EXPLORE), "other", "r")
+
+
+def test_clients_of_routers_neither_listen_nor_look_around(started: list[Started]) -> None:
+    words = ["--mission", EXPLORE, "--robot", "R1", "--insecure"]
+    assert mrbt("agent", *words, "--router", "tcp/a:1,tcp/b:2")[0] == 0
+    assert mrbt("agent", *words, MRBT_ROUTER="tcp/a:1")[0] == 0
+    transports = [address.transport for _, address in started]
+    assert [transport.routers for transport in transports] == [("tcp/a:1", "tcp/b:2"), ("tcp/a:1",)]
+    assert all(transport.multicast_interface is None for transport in transports)
 
 
 @pytest.mark.parametrize(

@@ -79,6 +79,13 @@ def test_no_object_at_all() -> None:
         scenario_from_json([])
 
 
+def test_routers_cannot_die_where_there_are_none() -> None:
+    data = drawn(5).to_json()
+    data["steps"].append([1, {"fault": "EndRouter", "router": "r1"}])
+    with pytest.raises(ScenarioError, match="there are no routers in a schedule"):
+        scenario_from_json(data)
+
+
 def test_the_same_seed_gives_the_same_chaos_and_another_seed_another() -> None:
     assert drawn(5) == drawn(5)
     assert drawn(5).steps != drawn(6).steps
@@ -87,8 +94,8 @@ def test_the_same_seed_gives_the_same_chaos_and_another_seed_another() -> None:
 def test_all_kinds_of_fault_are_drawn() -> None:
     drawn_kinds = {type(fault).__name__ for seed in range(300) for _, fault in drawn(seed).steps}
     # An Unblock, Settle or Thaw may come, a Restore follows a Lose. To the others, a KillAfter is
-    # a Kill; it is for experiments.
-    assert drawn_kinds == KINDS.keys() - {"KillAfter"}
+    # a Kill; it is for experiments. Routers die in worlds that have some: see test_routers.
+    assert drawn_kinds == KINDS.keys() - {"KillAfter", "EndRouter", "StartRouter"}
 
 
 @pytest.mark.parametrize("seed", range(60))

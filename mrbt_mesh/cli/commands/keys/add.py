@@ -11,8 +11,8 @@ from mrbt_mesh.cli.team.key_options import KeysOption
 def add(
     names: Annotated[tuple[str, ...], argument("NAME...", "Members of the team.")],
     role: Annotated[
-        Literal["robot", "operator", "observer"],
-        option("robot takes part, operator reads and commands, observer reads."),
+        Literal["robot", "operator", "observer", "router"],
+        option("robot takes part, operator commands, observer reads, router passes on."),
     ] = "robot",
     replace: Annotated[
         bool, option("Also members that have a key: it is replaced, and counts no more.")

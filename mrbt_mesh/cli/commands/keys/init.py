@@ -13,6 +13,7 @@ def init(
     robots: Annotated[str, option("The team's robots.", "A1,B1,...")],
     operators: Annotated[str, option("Who may read and command.", "NAME,...")] = "operator",
     observers: Annotated[str | None, option("Who may only read.", "NAME,...")] = None,
+    routers: Annotated[str | None, option("Routers: see `mrbt router`.", "NAME,...")] = None,
 ) -> None:
     """Make the keys of a new team.
 
@@ -27,7 +28,12 @@ def init(
     from mrbt_mesh.errors import InputError
     from mrbt_mesh.runtime.key_folder import TEAM_FILE, KeyFolder
 
-    given = [(Role.ROBOT, robots), (Role.OPERATOR, operators), (Role.OBSERVER, observers)]
+    given = [
+        (Role.ROBOT, robots),
+        (Role.OPERATOR, operators),
+        (Role.OBSERVER, observers),
+        (Role.ROUTER, routers),
+    ]
     members: dict[str, Role] = {}
     for role, names in given:
         for name in listed(names):

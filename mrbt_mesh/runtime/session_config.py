@@ -1,0 +1,215 @@
+"""How a robot's or an observer's Zenoh session is configured: who dials whom, how long it waits.
+
+Why it is so is measured: see `zenoh_transport`, and `router` for what stands in between.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import secrets
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+os.environ.setdefault("ZENOH_RUNTIME", "(rx: (worker_threads: 16))")
+
+import zenoh
+
+from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.settings import ENCRYPTED, PROTOCOLS, WIRED, default_protocol
+
+LEASE_MS = 2_000
+# Up to here links are watched as closely as they can be.
+FULL_LEASE_ROBOTS = 6
+# A client tries one router for so long before it tries the next.
+ROUTER_OPEN_MS = 500
+RETRY = {"period_init_ms": 250, "period_max_ms": 500, "period_increase_factor": 1}
+
+
+class TransportError(InputError):
+    """The session cannot be opened; the message says why and what to change."""
+
+
+@dataclass(frozen=True)
+class Certificates:
+    """What a member shows on its links, and whom it trusts there; all three in PEM.
+
+    `authority`: the team's certificate, which has signed the members'.
+    """
+
+    authority: str
+    certificate: str
+    private: str
+
+
+@dataclass(frozen=True)
+class TransportConfig:
+    """`robot` is empty for an observer. Endpoints are Zenoh locators, `tcp/127.0.0.1:7450`.
+
+    `multicast_interface`: scout on this interface (`auto`, `lo`, an address); None: do not.
+    `certificates`: for links that are encrypted. `robots`: how many there are in the team.
+    `routers`: endpoints of those that it is a client of, of one at a time; it has no other links
+    then. Raises TransportError.
+    """
+
+    team: str
+    robot: str
+    listen: tuple[str, ...] = ()
+    connect: tuple[str, ...] = ()
+    multicast_interface: str | None = None
+    profile: str = WIRED
+    certificates: Certificates | None = None
+    robots: int = 1
+    routers: tuple[str, ...] = ()
+
+    @property
+    def lease_ms(self) -> int:
+        """After so long without a word a link is given up; four are said in that time.
+
+        Every robot has a link to every other one, so in a larger team less is said over each.
+        """
+        robots = 1 if self.routers else self.robots
+        return LEASE_MS * max(1, robots // FULL_LEASE_ROBOTS)
+
+    @property
+    def protocols(self) -> list[str]:
+        """Those of its links."""
+        given = {endpoint.partition("/")[0] for endpoint in self._endpoints()}
+        return sorted(given) or [default_protocol(self.profile, self.certificates is not None)]
+
+    def _endpoints(self) -> tuple[str, ...]:
+        return (*self.listen, *self.connect, *self.routers)
+
+    def __post_init__(self) -> None:
+        if self.routers and (self.listen or self.connect or self.multicast_interface is not None):
+            raise TransportError(
+                "--router makes a client, which has no other links: leave out --listen, --connect "
+                "and --multicast"
+            )
+        allowed = PROTOCOLS[self.profile]
+        for endpoint in self._endpoints():
+            if endpoint.partition("/")[0] not in allowed:
+                forms = " or ".join(f"{protocol}/IP:PORT" for protocol in allowed)
+                raise TransportError(
+                    f"endpoint {endpoint!r}: the transport {self.profile} needs {forms}"
+                )
+        encrypted = [protocol for protocol in self.protocols if protocol in ENCRYPTED]
+        if encrypted and self.certificates is None:
+            raise TransportError(
+                f"links over {encrypted[0]} need the team's keys: make them with `mrbt keys init`, "
+                "and give every robot its own with --keys"
+            )
+
+
+def session_id(unix_ns: int) -> str:
+    """A Zenoh session id, random but greater than those of earlier times.
+
+    Zenoh compares ids from their least significant byte on, and wants no leading zero.
+    """
+    noise = secrets.token_bytes(7) + bytes([0x80 | secrets.randbelow(0x80)])
+    return f"{int.from_bytes(unix_ns.to_bytes(8, 'big') + noise, 'little'):x}"
+
+
+def session_config(config: TransportConfig) -> zenoh.Config:
+    """The Zenoh configuration; raises TransportError for a locator that Zenoh refuses."""
+    scouting: dict[str, Any] = {"enabled": False}
+    if config.multicast_interface is not None:
+        scouting = {
+            "enabled": True,
+            "interface": config.multicast_interface,
+            "autoconnect": {"peer": ["router", "peer"]},
+            "autoconnect_strategy": {"peer": {"to_router": "always", "to_peer": "greater-zid"}},
+        }
+    settings: dict[str, Any] = {
+        "mode": "peer",
+        "connect/endpoints": list(config.connect),
+        "connect/timeout_ms": -1,
+        "connect/exit_on_failure": False,
+        "connect/retry": RETRY,
+        "scouting/delay": 0,
+        "scouting/multicast": scouting,
+        "scouting/gossip/enabled": False,
+        "transport/link/protocols": config.protocols,
+        "transport/link/tx/lease": config.lease_ms,
+        **common_settings(),
+        "transport/unicast/open_timeout": LEASE_MS,
+        "transport/unicast/accept_timeout": LEASE_MS,
+    }
+    listen = list(config.listen)
+    if not listen and config.multicast_interface is not None:
+        listen = [f"{config.protocols[0]}/[::]:0"]
+    settings["listen/endpoints"] = listen
+    if config.routers:
+        settings |= _client_settings(config)
+    if config.certificates is not None:
+        settings["transport/link/tls"] = tls_settings(config.certificates)
+    if config.multicast_interface is not None:
+        settings["id"] = session_id(time.time_ns())
+    return zenoh_config(settings)
+
+
+def _client_settings(config: TransportConfig) -> dict[str, Any]:
+    """One attempt at each router: a client that waits for its first one never tries the second."""
+    return {
+        "mode": "client",
+        "connect/endpoints": list(config.routers),
+        "connect/timeout_ms": 0,
+        "transport/unicast/open_timeout": ROUTER_OPEN_MS,
+    }
+
+
+def common_settings() -> dict[str, Any]:
+    """What holds for every session, whoever it belongs to."""
+    return {
+        "transport/link/rx/max_message_size": 2 * MAX_MESSAGE_BYTES,
+        # A killed process would leave its segments behind; loopback is fast enough.
+        "transport/shared_memory/enabled": False,
+    }
+
+
+def tls_settings(certificates: Certificates) -> dict[str, Any]:
+    """Both sides of a link show a certificate that the team has signed: who has none stays out.
+
+    Certificates say nothing of addresses, so names are not compared with them.
+    """
+    certificate, private = _encoded(certificates.certificate), _encoded(certificates.private)
+    return {
+        "root_ca_certificate_base64": _encoded(certificates.authority),
+        "listen_certificate_base64": certificate,
+        "listen_private_key_base64": private,
+        "connect_certificate_base64": certificate,
+        "connect_private_key_base64": private,
+        "enable_mtls": True,
+        "verify_name_on_connect": False,
+    }
+
+
+def _encoded(pem: str) -> str:
+    return base64.b64encode(pem.encode()).decode()
+
+
+def zenoh_config(settings: Mapping[str, Any]) -> zenoh.Config:
+    """Settings by their paths as a configuration; raises TransportError for one that is refused."""
+    result = zenoh.Config()
+    for key, value in settings.items():
+        try:
+            result.insert_json5(key, json.dumps(value))
+        except zenoh.ZError as error:
+            shown = "what it was given" if "tls" in key else repr(value)
+            raise TransportError(f"Zenoh refuses {key} = {shown}: {error}") from error
+    return result
+
+
+def open_session(settings: zenoh.Config, where: Iterable[str]) -> zenoh.Session:
+    """Open a session; raises TransportError, which says `where` it was to listen or to connect."""
+    try:
+        return zenoh.open(settings)
+    except zenoh.ZError as error:
+        # What follows is a path in Zenoh's own sources.
+        reason = str(error).partition(" at /")[0].partition(" [")[0].strip(" :")
+        named = ", ".join(where) or "any port"
+        raise TransportError(f"cannot open a Zenoh session on {named}: {reason}") from error
