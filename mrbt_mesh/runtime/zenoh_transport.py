@@ -37,6 +37,7 @@ from zenoh.handlers import Callback
 from mrbt_mesh.core.agent.inputs import (
     AnswerReceived,
     Input,
+    InputRefused,
     MessageReceived,
     QueryReceived,
     TokenChanged,
@@ -46,13 +47,17 @@ from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES, MAX_NONCE, Message
 from mrbt_mesh.core.mission.names import is_robot_id
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.flood_gate import NO_SOURCE
 from mrbt_mesh.runtime.settings import PROTOCOLS, WIRED, WIRELESS
+from mrbt_mesh.runtime.token_holders import TokenHolders
 
 LEASE_MS = 2_000
 # Up to here links are watched as closely as they can be.
 FULL_LEASE_ROBOTS = 6
 REOPEN_CLOSE_TIMEOUT_S = 1.0
 OBSERVER = "observer"
+# Whose message it is that comes under no robot's name; what is said of one that is not read.
+NOBODY, TOO_LARGE = "a stranger", f"more than {MAX_MESSAGE_BYTES} bytes"
 
 
 class TransportError(InputError):
@@ -189,6 +194,7 @@ class ZenohTransport:
         self._lock = threading.Lock()
         self._zids: dict[str, str] = {}
         self._heard_us: dict[str, int] = {}
+        self._holders = TokenHolders()
 
     # -- life of the session --------------------------------------------------------------
 
@@ -208,6 +214,8 @@ class ZenohTransport:
             session.declare_subscriber(
                 f"{self._prefix}/{key}", self._callback(self._on_sample, kind)
             )
+        with self._lock:
+            self._holders.clear()
         session.liveliness().declare_subscriber(
             f"{self._prefix}/alive/**", self._callback(self._on_token, None), history=True
         )
@@ -291,7 +299,10 @@ class ZenohTransport:
         timeout_s: float,
         deliver: Callable[[Input, str | None], None] | None = None,
     ) -> None:
-        """Ask one robot; the pages of its answer, or None if there is none, come to `deliver`."""
+        """Ask one robot; the pages of its answer, or None if there is none, come to `deliver`.
+
+        One that is given here gets None in any case, as the end of all answers.
+        """
         give = deliver or self._deliver
         session = self._session
         if session is None:
@@ -305,7 +316,7 @@ class ZenohTransport:
                 give(AnswerReceived(peer, reply.ok.payload.to_bytes()), None)
 
         def on_end() -> None:
-            if not answered.is_set():
+            if deliver is not None or not answered.is_set():
                 give(AnswerReceived(peer, None), None)
 
         try:
@@ -314,7 +325,8 @@ class ZenohTransport:
                 Callback(on_reply, on_end, indirect=False),
                 payload=data,
                 timeout=timeout_s,
-                target=zenoh.QueryTarget.BEST_MATCHING,
+                # Or Zenoh would ask only whoever says that he knows all, who may be anybody.
+                target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 congestion_control=zenoh.CongestionControl.DROP,
                 express=True,
@@ -356,7 +368,11 @@ class ZenohTransport:
 
     def _on_sample(self, sample: zenoh.Sample, kind: MessageKind) -> None:
         source = str(sample.key_expr).rpartition("/")[2]
-        if is_robot_id(source) and len(sample.payload) <= MAX_MESSAGE_BYTES:
+        if not is_robot_id(source):
+            self._deliver(InputRefused(NOBODY, "published under no robot's name", 1), None)
+        elif len(sample.payload) > MAX_MESSAGE_BYTES:
+            self._deliver(InputRefused(source, TOO_LARGE, 1), None)
+        else:
             key = None
             if kind is MessageKind.HEARTBEAT:
                 key = f"beat/{source}"
@@ -370,13 +386,19 @@ class ZenohTransport:
         robot, counter, nonce, zid = parts
         if not counter.isdecimal() or len(counter) > 15 or len(nonce) > MAX_NONCE:
             return
-        held = sample.kind == zenoh.SampleKind.PUT
+        held, incarnation = sample.kind == zenoh.SampleKind.PUT, Incarnation(int(counter), nonce)
         if held:
             self._zids[robot] = zid
-        self._deliver(TokenChanged(robot, Incarnation(int(counter), nonce), held), None)
+        with self._lock:
+            news = self._holders.change(robot, incarnation, zid, held)
+        if news is not None:
+            self._deliver(TokenChanged(robot, incarnation, news), None)
 
     def _on_query(self, query: zenoh.Query, kind: MessageKind) -> None:
         payload = query.payload
+        if payload is not None and len(payload) > MAX_MESSAGE_BYTES:
+            self._deliver(InputRefused(NO_SOURCE, TOO_LARGE, 1), None)
+            return
         with self._lock:
             self._query_number += 1
             number = self._query_number

@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
-from mrbt_mesh.core.agent.inputs import Input, InputRefused, MessageReceived, QueryReceived
+import threading
+
+from mrbt_mesh.core.agent.inputs import (
+    Input,
+    InputRefused,
+    MessageReceived,
+    QueryReceived,
+    TokenChanged,
+)
+from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.envelope import MAX_TAGS, Guard
 from mrbt_mesh.core.membership.wire import MessageKind
-from mrbt_mesh.runtime.flood_gate import AT_ONCE, CHECKS_PER_S, FloodGate
+from mrbt_mesh.runtime.flood_gate import AT_ONCE, CHECKS_PER_S, HOLD_S, MAX_HELD, FloodGate
 from tests.support.keys import keys_of
 
 KEYS = keys_of("A", "B")
@@ -15,13 +24,18 @@ TOO_MUCH = "too much to check"
 
 
 class Desk:
-    """A gate with a clock of its own, and what came through."""
+    """A gate with a clock of its own, what came through, and how long threads had to wait."""
 
     def __init__(self) -> None:
         self.now_us = 0
         self.got: list[tuple[Input, str | None]] = []
+        self.held_s: list[float] = []
         self.gate = FloodGate(
-            KEYS["B"], "run", lambda *each: self.got.append(each), lambda: self.now_us
+            KEYS["B"],
+            "run",
+            lambda *each: self.got.append(each),
+            lambda: self.now_us,
+            self.held_s.append,
         )
 
     def hear(self, source: str, data: bytes) -> None:
@@ -83,3 +97,52 @@ def test_questions_of_members_pass_and_commands_have_a_budget() -> None:
     assert kinds.count(MessageKind.PULL) == AT_ONCE + 5
     assert kinds.count(MessageKind.COMMAND) == AT_ONCE
     assert desk.gate.take_refused() == [InputRefused("a query", TOO_MUCH, 5)]
+
+
+def test_a_thread_that_brings_too_much_waits_and_no_other() -> None:
+    desk, sender = Desk(), Guard(KEYS["A"], "run", 1)
+    for _ in range(AT_ONCE):
+        desk.hear("A", b"noise")
+    desk.hear("A", sender.seal(b"x"))
+    assert desk.held_s == []
+    desk.hear("A", b"noise")
+    desk.hear("A", sender.seal(b"x"))
+    desk.hear("B", b"noise")
+    assert desk.held_s == [HOLD_S]
+
+
+def test_some_threads_never_wait() -> None:
+    waiting, go_on = threading.Semaphore(0), threading.Event()
+
+    def hold(_: float) -> None:
+        waiting.release()
+        go_on.wait()
+
+    gate = FloodGate(KEYS["B"], "run", lambda *_: None, lambda: 0, hold)
+
+    def flood() -> None:
+        gate.deliver(MessageReceived(BEAT, "A", b"noise"), None)
+
+    for _ in range(AT_ONCE):
+        flood()
+    threads = [threading.Thread(target=flood) for _ in range(MAX_HELD)]
+    for thread in threads:
+        thread.start()
+    for _ in threads:
+        waiting.acquire()
+    flood()  # comes back
+    go_on.set()
+    for thread in threads:
+        thread.join()
+    assert gate.take_refused() == [InputRefused("A", TOO_MUCH, MAX_HELD + 1)]
+
+
+def test_tokens_and_what_is_refused_unread_have_budgets_of_their_own() -> None:
+    desk = Desk()
+    for number in range(AT_ONCE + 3):
+        desk.gate.deliver(TokenChanged("A", Incarnation(number, "n"), True), None)
+        desk.gate.deliver(InputRefused("A", "more than 1 bytes", 1), None)
+    desk.gate.deliver(TokenChanged("B", Incarnation(1, "n"), True), None)
+    assert len(desk.got) == 2 * AT_ONCE + 1
+    refused = {each.source: each.count for each in desk.gate.take_refused()}
+    assert refused == {"A": 3, "A's token": 3}

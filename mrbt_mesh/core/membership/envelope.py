@@ -90,7 +90,7 @@ def has_tag(keys: Keys, envelope: Envelope) -> bool:
 def parse_envelope(data: bytes) -> Envelope:
     """Take an envelope apart; raises ForgedError for anything else, nothing else."""
     if len(data) > MAX_MESSAGE_BYTES:
-        raise ForgedError(f"message of {len(data)} bytes, at most {MAX_MESSAGE_BYTES} are read")
+        raise ForgedError(f"more than {MAX_MESSAGE_BYTES} bytes")
     if not data.startswith(_START):
         raise ForgedError("not signed")
     try:
