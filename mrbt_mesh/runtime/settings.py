@@ -7,6 +7,9 @@ DEFAULT_BEAT_S, DEFAULT_DETECTION_S = 0.2, 1.0
 DEFAULT_GATHER_S = 10.0
 # Environment variables that stand for the options of the same names.
 MISSION_VARIABLE, TEAM_VARIABLE, RUN_VARIABLE = "MRBT_MISSION", "MRBT_TEAM", "MRBT_RUN"
+KEYS_VARIABLE = "MRBT_KEYS"
+# How warnings begin that are for people, on stderr.
+WARNING = "mrbt: warning:"
 
 WIRED, WIRELESS = "wired", "wireless"
 # Transport profile -> protocol of its endpoints; docs/transport.md says when to use which.

@@ -175,6 +175,7 @@ def test_robots_on_one_network_need_only_mission_team_and_id(
 ) -> None:
     """As on several machines: found by multicast, no launcher, no run directory, no endpoint."""
     options = ["--mission", str(EXPLORE), "--team", "found", "--speed", "10", "--exit-when-done"]
+    options.append("--insecure")
     team.hold("explore")
     if profile == "wireless":
         write_team_key(tmp_path / "team.pem")

@@ -12,7 +12,7 @@ def key(path: Annotated[Path, argument("FILE", "A file that does not exist yet."
     """Make a key for a team on the transport wireless: who holds it may take part.
 
     Example: mrbt key team.pem, copy it to every robot, then there:
-    mrbt agent --transport wireless --key team.pem --mission MISSION --robot A1
+    mrbt agent --transport wireless --key team.pem --keys keys --mission MISSION --robot A1
     """
     import click
 

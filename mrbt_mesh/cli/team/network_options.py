@@ -11,8 +11,10 @@ from mrbt_mesh.cli.framework.declare import option
 from mrbt_mesh.runtime.settings import (
     DEFAULT_BEAT_S,
     DEFAULT_DETECTION_S,
+    KEYS_VARIABLE,
     RUN_VARIABLE,
     TEAM_VARIABLE,
+    WARNING,
 )
 
 if TYPE_CHECKING:
@@ -28,7 +30,7 @@ def warn_insecure() -> None:
     import click
 
     text = "not secure: messages are not signed, and whoever reaches a robot's port is believed"
-    click.echo(f"mrbt: warning: {text}", err=True)
+    click.echo(f"{WARNING} {text}", err=True)
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ class TeamNetworkOptions:
     key: Annotated[Path | None, _option("The team's key, made by `mrbt key FILE`.", "FILE")] = None
     keys: Annotated[
         Path | None,
-        _option("Folder of keys, made by `mrbt keys`. Default: nothing is signed.", "DIR"),
+        _option("Folder of keys, made by `mrbt keys`.", "DIR", variable=KEYS_VARIABLE),
     ] = None
     beat: Annotated[float, _option("Heartbeat period.", "SECONDS", above=0, most=3600)] = (
         DEFAULT_BEAT_S
