@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES
 from mrbt_mesh.drills.physical import spans
+from mrbt_mesh.runtime.launcher import free_endpoints
+from mrbt_mesh.runtime.settings import WIRED
+from tests.support.intruder_process import intruder
 from tests.support.paper_run import check_paper, go_on_as_in_the_paper, hold_for_the_paper
-from tests.support.paths import ROOT
 from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
@@ -45,38 +45,25 @@ ATTACKS = {
 }
 
 
-@contextmanager
-def intruder(team: Team, *how: str, rate: int = 0) -> Iterator[subprocess.Popen[str]]:
-    """Somebody on the robots' network while they are at work, with all keys of the team."""
+def wanted_of(team: Team, *how: str, **more: Any) -> dict[str, Any]:
+    """What an intruder must know who has all keys of a team that is at work."""
     info = json.loads((team.run_dir / "run.json").read_text())
     started = team.events()[0]
-    wanted = {
+    return {
         "how": how,
-        "rate": rate,
         "team": info["team"],
         "endpoints": list(info["endpoints"].values()),
         "keys": str(team.run_dir / "keys"),
         "activation": started["activation"],
         "local_task": started["local_task"],
+        **more,
     }
-    process = subprocess.Popen(
-        [sys.executable, "-m", "tests.support.raw_intruder", json.dumps(wanted)],
-        cwd=ROOT,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
 
 
-def refusals(team: Team) -> dict[str, int]:
+def refusals(team: Team, *where: str) -> dict[str, int]:
     """How often each reason is given in `mrbt status`, by all robots together."""
     found: Counter[str] = Counter()
-    for counts in team.status()["refused"].values():
+    for counts in json.loads(team.mrbt("status", "--json", *where))["refused"].values():
         for text, count in counts.items():
             found[text.partition(": ")[2]] += count
     return found
@@ -90,7 +77,7 @@ def check_repair(team: Team, *how: str, rate: int = 0) -> None:
     keys = str(team.run_dir / "keys")
     team.mrbt("keys", "add", "screen", "--role", "observer", "--keys", keys)
     reasons = set().union(*(ATTACKS[each] for each in how))
-    with intruder(team, *how, rate=rate) as process:
+    with intruder(**wanted_of(team, *how, rate=rate)) as process:
         team.wait_until(
             lambda: process.poll() is not None or reasons <= refusals(team).keys(),
             f"status shows {reasons}",
@@ -144,3 +131,103 @@ def test_an_order_without_the_operators_key_is_refused_and_told_so(team: Team) -
     assert "abort is the team's order" in team.mrbt("abort")
     code, _ = team.end()
     assert code == 1, team.logs()
+
+
+@pytest.mark.slow
+def test_who_answers_in_others_names_is_not_believed(team: Team) -> None:
+    """He says that he knows all, so that Zenoh would rather ask him than the robots."""
+    team.hold("use_screwdriver")
+    team.up()
+    team.wait_for_events(2, "use_screwdriver")
+    with intruder(**wanted_of(team, "answers")):
+        assert "pause is the team's order" in team.mrbt("pause")
+        assert "resume is the team's order" in team.mrbt("resume")
+        team.mrbt("join", "A3", "--type", "A")
+        team.wait_for_line("A3 joined")
+        team.wait_until(lambda: "not signed" in refusals(team), "status shows his answers")
+        team.release()
+        code, summary = team.end()
+    assert code == 0, team.logs()
+    assert summary["faults"] == []
+    assert summary["robots"]["A3"]["type"] == "A"
+
+
+class Explorers:
+    """Both robots of a mission, started by hand with keys of their own."""
+
+    def __init__(
+        self, team: Team, name: str, run: str, keys: Path, at: list[str], others: list[str]
+    ) -> None:
+        self.team = team
+        self.folder = team.folder / name
+        first, second = self.endpoints = at
+        self.options = ["--team", "same", "--run", run, "--keys", str(keys)]
+        dials = [word for other in others for word in ("--connect", other)]
+        more = [*self.options, "--speed", "10", "--exit-when-done", *dials]
+        listen = {"R1": ["--listen", first], "R2": ["--listen", second, "--connect", first]}
+        self.processes = [
+            team.agent(EXPLORE, robot, "--run-dir", str(self.folder / robot), *words, *more)
+            for robot, words in listen.items()
+        ]
+
+    @property
+    def where(self) -> list[str]:
+        """The options by which commands find them."""
+        dials = [word for endpoint in self.endpoints for word in ("--connect", endpoint)]
+        return ["--mission", str(EXPLORE), *self.options, *dials]
+
+    def told(self, event: str) -> list[str]:
+        """Robots whose logs have this event."""
+        logs = {path.stem: path for path in self.folder.glob("*/*.log")}
+        return [robot for robot, path in sorted(logs.items()) if f'"{event}"' in path.read_text()]
+
+    def work(self) -> Explorers:
+        """Wait until both are at work."""
+        both = ["R1", "R2"]
+        self.team.wait_until(lambda: self.told("local_task_started") == both, "both work")
+        return self
+
+    def end(self) -> list[int]:
+        """Wait for both; returns their exit statuses. Nobody was held for dead."""
+        found = [process.wait() for process in self.processes]
+        assert self.told("robot_dead") == []
+        return found
+
+
+@pytest.mark.slow
+def test_messages_of_another_run_are_refused(team: Team) -> None:
+    keys = team.folder / "keys"
+    team.mrbt("keys", "init", str(keys), "--robots", "R1,R2")
+    endpoints = free_endpoints(2, WIRED)
+
+    def run_until_told(run: str, reason: str) -> list[int]:
+        team.hold("explore")
+        robots = Explorers(team, run, run, keys, endpoints, []).work()
+        team.wait_until(lambda: reason in refusals(team, *robots.where), f"status shows {reason}")
+        team.release()
+        return robots.end()
+
+    with intruder(how=["again"], team="same", endpoints=endpoints):
+        assert run_until_told("first", "said before") == [0, 0]
+        assert run_until_told("second", "run 'first' (ours is 'second')") == [0, 0]
+
+
+@pytest.mark.slow
+def test_two_teams_of_one_name_on_one_network_do_not_hear_each_other(team: Team) -> None:
+    """Same team, run, mission and robots, and links between all of them; only keys differ."""
+    team.hold("explore")
+    found: list[Explorers] = []
+    for name in ("ours", "theirs"):
+        keys = team.folder / f"{name}-keys"
+        team.mrbt("keys", "init", str(keys), "--robots", "R1,R2")
+        others = [endpoint for each in found for endpoint in each.endpoints]
+        found.append(Explorers(team, name, "same", keys, free_endpoints(2, WIRED), others))
+    ours, theirs = found
+    for each in (ours.work(), theirs.work()):
+        team.wait_until(
+            lambda where=each.where: refusals(team, *where).keys() >= WRONG, "status shows it"
+        )
+    assert "abort is the team's order" in team.mrbt("abort", *theirs.where)
+    assert theirs.end() == [1, 1]
+    team.release()
+    assert ours.end() == [0, 0]

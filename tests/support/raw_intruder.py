@@ -234,6 +234,14 @@ class Intruder:
             self._guards[name] = Guard(keys, run, time.time_ns() // 1_000)
         return self._guards[name]
 
+    def member(self) -> Said:
+        """Who holds a robot's key speaks as that robot."""
+        for key, heard in self._latest():
+            message = msgpack.unpackb(heard.data)
+            message[5] = INSIDER
+            mine = f"{key.rpartition('/')[0]}/{INSIDER}"
+            yield mine, self._guard_of(INSIDER, heard.run).seal(msgpack.packb(message))
+
     def commands(self) -> Said:
         """Orders without a key, with keys of its own making, and of members that may not order."""
         for key, heard in self._latest():
