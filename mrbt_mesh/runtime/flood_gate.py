@@ -2,8 +2,8 @@
 
 It stands before the inbox, on Zenoh's threads, so that a robot has time left for its own. Tags are
 checked here. Signatures take a hundred times as long: so many a second are let through for each
-source, and the agent checks them; the same goes for commands, which only it can check, and for
-liveliness tokens, which prove nothing. Whatever passes is opened by the agent, with all its rules.
+source, and the agent checks them; the same goes for liveliness tokens, which prove nothing.
+Whatever passes is opened by the agent, with all its rules.
 
 What is beyond that is not only dropped: the thread that brought it waits a little. Zenoh reads each
 link on a thread of its own, so this slows down the link over which the flood comes, and no other;
@@ -61,7 +61,8 @@ class TokenBucket:
 class FloodGate:
     """Hands on to `deliver` what may be authentic, and counts the rest by source and reason.
 
-    Its methods may be called from any thread. `hold` makes a thread wait for so many seconds.
+    Its methods may be called from any thread. `life`: this member's own, as commands name it.
+    `hold` makes a thread wait for so many seconds.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class FloodGate:
         keys: Keys,
         run: str,
         deliver: Deliver,
+        life: int = 0,
         clock: Callable[[], int] = boottime_us,
         hold: Callable[[float], None] = time.sleep,
     ) -> None:
@@ -76,6 +78,7 @@ class FloodGate:
         self._run = run
         self._memory = HeardMessages()
         self._deliver = deliver
+        self._life = life
         self._clock = clock
         self._hold = hold
         self._may_wait = threading.Semaphore(MAX_HELD)
@@ -93,8 +96,8 @@ class FloodGate:
                 elif self._is_in_budget(source):
                     self._deliver(event, None)
             case QueryReceived(_, kind, data):
-                is_checked = kind is not MessageKind.COMMAND and self._has_tag(data)
-                if is_checked or self._is_in_budget(NO_SOURCE):
+                life = self._life if kind is MessageKind.COMMAND else None
+                if self._has_tag(data, life) or self._is_in_budget(NO_SOURCE):
                     self._deliver(event, slot)
             case TokenChanged(robot):
                 if self._is_in_budget(f"{robot}'s token"):
@@ -126,10 +129,10 @@ class FloodGate:
         with self._lock:
             return self._memory.is_news(envelope)
 
-    def _has_tag(self, data: bytes) -> bool:
-        """Whether a tag shows that a member has sealed this."""
+    def _has_tag(self, data: bytes, life: int | None) -> bool:
+        """Whether a tag shows that a member has sealed this; `life`: see `has_tag`."""
         try:
-            return has_tag(self._keys, parse_envelope(data))
+            return has_tag(self._keys, parse_envelope(data), life)
         except ForgedError:
             return False
 

@@ -20,7 +20,7 @@ from tests.support.keys import keys_of
 KEYS = keys_of("A", "B")
 LARGE = keys_of("A", "B", *(f"R{number}" for number in range(MAX_TAGS)))
 BEAT = MessageKind.HEARTBEAT
-TOO_MUCH = "too much to check"
+TOO_MUCH, LIFE = "too much to check", 7
 
 
 class Desk:
@@ -34,6 +34,7 @@ class Desk:
             KEYS["B"],
             "run",
             lambda *each: self.got.append(each),
+            LIFE,
             lambda: self.now_us,
             self.held_s.append,
         )
@@ -87,16 +88,24 @@ def test_each_source_has_a_budget_that_fills_up_again() -> None:
     assert refused == {"A": 10 + AT_ONCE - CHECKS_PER_S, "Z": 10}
 
 
-def test_questions_of_members_pass_and_commands_have_a_budget() -> None:
+def test_questions_and_orders_of_members_pass_in_the_midst_of_a_flood_of_others() -> None:
     desk, asker = Desk(), Guard(KEYS["A"], "run", 1)
-    pull = asker.seal(b"x", ("B",))
+    operator, receiver = Guard(KEYS["op"], "run", 1), Guard(KEYS["B"], "run", LIFE)
+    operator.open(receiver.seal(b"x"), BEAT, "B")
+    pull, order = asker.seal(b"x", ("B",)), operator.seal_command(b"x", "B")
+    late = Guard(KEYS["op"], "run", 1).seal_command(b"x", "B")  # for an earlier life
     for _ in range(AT_ONCE + 5):
-        desk.gate.deliver(QueryReceived(1, MessageKind.PULL, pull), None)
         desk.gate.deliver(QueryReceived(1, MessageKind.COMMAND, b"noise"), None)
-    kinds = [event.kind for event, _ in desk.got]  # type: ignore[union-attr]
-    assert kinds.count(MessageKind.PULL) == AT_ONCE + 5
-    assert kinds.count(MessageKind.COMMAND) == AT_ONCE
-    assert desk.gate.take_refused() == [InputRefused("a query", TOO_MUCH, 5)]
+    for kind, data in (
+        (MessageKind.PULL, pull),
+        (MessageKind.COMMAND, order),
+        (MessageKind.COMMAND, late),
+    ):
+        desk.gate.deliver(QueryReceived(2, kind, data), None)
+    passed = [event.data for event, _ in desk.got[AT_ONCE:]]  # type: ignore[union-attr]
+    assert passed == [pull, order]
+    assert desk.gate.take_refused() == [InputRefused("a query", TOO_MUCH, 6)]
+    assert receiver.open(order, MessageKind.COMMAND) == ("op", b"x")
 
 
 def test_a_thread_that_brings_too_much_waits_and_no_other() -> None:
@@ -118,7 +127,7 @@ def test_some_threads_never_wait() -> None:
         waiting.release()
         go_on.wait()
 
-    gate = FloodGate(KEYS["B"], "run", lambda *_: None, lambda: 0, hold)
+    gate = FloodGate(KEYS["B"], "run", lambda *_: None, LIFE, lambda: 0, hold)
 
     def flood() -> None:
         gate.deliver(MessageReceived(BEAT, "A", b"noise"), None)
