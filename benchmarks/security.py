@@ -71,7 +71,12 @@ def message_costs(robots: int, count: int) -> dict[str, dict[str, float]]:
     inner = [os.urandom(BEAT_BYTES) for _ in range(total)]
     sealed: list[bytes] = []
     kept: list[Input] = []
-    gate = FloodGate(theirs, RUN, lambda event, _: kept.append(event))
+
+    def keep(event: Input, _: str | None) -> bool:
+        kept.append(event)
+        return True
+
+    gate = FloodGate(theirs, RUN, keep)
     beat = MessageKind.HEARTBEAT
 
     def check(number: int) -> None:

@@ -38,7 +38,7 @@ NO_SOURCE = "a query"
 HOLD_S = 0.005
 MAX_HELD = 12
 
-Deliver = Callable[[Input, str | None], None]
+Deliver = Callable[[Input, str | None], bool]
 
 
 class TokenBucket:
@@ -86,14 +86,17 @@ class FloodGate:
         self._buckets: dict[str, TokenBucket] = {}
         self._refused: dict[tuple[str, str], int] = {}
 
-    def deliver(self, event: Input, slot: str | None) -> None:
-        """Hand on an input, or count it. For `slot` see `Inbox.put`."""
+    def deliver(self, event: Input, slot: str | None) -> bool:
+        """Hand on an input, or count it. For `slot` see `Inbox.put`.
+
+        Returns whether it is shown to come from the member that it names.
+        """
         match event:
             case MessageReceived(_, source, data):
                 # What is not checked yet must not take the place of anything.
                 if self._is_news_of(source, data):
-                    self._deliver(event, slot)
-                elif self._is_in_budget(source):
+                    return self._deliver(event, slot)
+                if self._is_in_budget(source):
                     self._deliver(event, None)
             case QueryReceived(_, kind, data):
                 life = self._life if kind is MessageKind.COMMAND else None
@@ -107,6 +110,7 @@ class FloodGate:
                     self._deliver(event, slot)
             case _:
                 self._deliver(event, slot)
+        return False
 
     def take_refused(self) -> list[InputRefused]:
         """What has been refused since the last call."""

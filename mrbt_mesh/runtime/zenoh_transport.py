@@ -47,7 +47,7 @@ from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES, MAX_NONCE, Message
 from mrbt_mesh.core.mission.names import is_robot_id
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.fencing import boottime_us
-from mrbt_mesh.runtime.flood_gate import NO_SOURCE
+from mrbt_mesh.runtime.flood_gate import NO_SOURCE, Deliver
 from mrbt_mesh.runtime.settings import PROTOCOLS, WIRED, WIRELESS
 from mrbt_mesh.runtime.token_holders import TokenHolders
 
@@ -177,12 +177,10 @@ def session_config(config: TransportConfig) -> zenoh.Config:
 class ZenohTransport:
     """One session: publishes, asks and answers, and turns what arrives into agent inputs.
 
-    `deliver(input, key)` is called on Zenoh's threads; see `Inbox.put`.
+    `deliver(input, key)` is called on Zenoh's threads; see `Inbox.put` and `FloodGate.deliver`.
     """
 
-    def __init__(
-        self, config: TransportConfig, deliver: Callable[[Input, str | None], None]
-    ) -> None:
+    def __init__(self, config: TransportConfig, deliver: Deliver) -> None:
         self._config = config
         self._deliver = deliver
         self._prefix = f"mrbt/{config.team}"
@@ -297,13 +295,13 @@ class ZenohTransport:
         kind: MessageKind,
         data: bytes,
         timeout_s: float,
-        deliver: Callable[[Input, str | None], None] | None = None,
+        deliver: Callable[[Input, str | None], object] | None = None,
     ) -> None:
         """Ask one robot; the pages of its answer, or None if there is none, come to `deliver`.
 
         One that is given here gets None in any case, as the end of all answers.
         """
-        give = deliver or self._deliver
+        give: Callable[[Input, str | None], object] = deliver or self._deliver
         session = self._session
         if session is None:
             give(AnswerReceived(peer, None), None)
@@ -373,11 +371,11 @@ class ZenohTransport:
         elif len(sample.payload) > MAX_MESSAGE_BYTES:
             self._deliver(InputRefused(source, TOO_LARGE, 1), None)
         else:
-            key = None
-            if kind is MessageKind.HEARTBEAT:
-                key = f"beat/{source}"
+            is_beat = kind is MessageKind.HEARTBEAT
+            key = f"beat/{source}" if is_beat else None
+            event = MessageReceived(kind, source, sample.payload.to_bytes())
+            if self._deliver(event, key) and is_beat:
                 self._heard_us[source] = boottime_us()
-            self._deliver(MessageReceived(kind, source, sample.payload.to_bytes()), key)
 
     def _on_token(self, sample: zenoh.Sample, _: None) -> None:
         parts = str(sample.key_expr).removeprefix(f"{self._prefix}/alive/").split("/")

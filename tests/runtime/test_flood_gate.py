@@ -33,14 +33,14 @@ class Desk:
         self.gate = FloodGate(
             KEYS["B"],
             "run",
-            lambda *each: self.got.append(each),
+            lambda *each: self.got.append(each) is None,
             LIFE,
             lambda: self.now_us,
             self.held_s.append,
         )
 
-    def hear(self, source: str, data: bytes) -> None:
-        self.gate.deliver(MessageReceived(BEAT, source, data), f"beat/{source}")
+    def hear(self, source: str, data: bytes) -> bool:
+        return self.gate.deliver(MessageReceived(BEAT, source, data), f"beat/{source}")
 
 
 def test_what_is_sealed_passes_in_the_midst_of_a_flood_under_the_same_name() -> None:
@@ -66,6 +66,15 @@ def test_what_comes_again_takes_no_newer_message_s_place() -> None:
     desk.hear("A", Guard(KEYS["A"], "yesterday", 1).seal(b"x"))
     desk.hear("op", sender.seal(b"x"))
     assert [slot for _, slot in desk.got][20:] == [None, None]
+
+
+def test_only_what_is_new_and_has_a_good_tag_is_shown_to_come_from_its_sender() -> None:
+    desk, message = Desk(), Guard(KEYS["A"], "run", 1).seal(b"x")
+    assert desk.hear("A", message)
+    assert not desk.hear("A", message)
+    assert not desk.hear("B", message)
+    assert not desk.hear("A", b"noise")
+    assert not desk.hear("A", Guard(LARGE["A"], "run", 1).seal(b"signed for many"))
 
 
 def test_what_is_not_checked_yet_takes_no_message_s_place() -> None:
@@ -127,7 +136,7 @@ def test_some_threads_never_wait() -> None:
         waiting.release()
         go_on.wait()
 
-    gate = FloodGate(KEYS["B"], "run", lambda *_: None, LIFE, lambda: 0, hold)
+    gate = FloodGate(KEYS["B"], "run", lambda *_: True, LIFE, lambda: 0, hold)
 
     def flood() -> None:
         gate.deliver(MessageReceived(BEAT, "A", b"noise"), None)
