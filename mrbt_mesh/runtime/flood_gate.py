@@ -35,7 +35,7 @@ MAX_SOURCES = 2_000
 NO_SOURCE = "a query"
 # How long a thread waits that has brought too much, and how many may wait at once: fewer than Zenoh
 # has (`ZENOH_RUNTIME` in `zenoh_transport`), or nobody would read the links of the others.
-HOLD_S = 0.005
+HOLD_S = 0.02
 MAX_HELD = 12
 
 Deliver = Callable[[Input, str | None], bool]

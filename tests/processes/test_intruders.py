@@ -133,25 +133,6 @@ def test_an_order_without_the_operators_key_is_refused_and_told_so(team: Team) -
     assert code == 1, team.logs()
 
 
-@pytest.mark.slow
-def test_who_answers_in_others_names_is_not_believed(team: Team) -> None:
-    """He says that he knows all, so that Zenoh would rather ask him than the robots."""
-    team.hold("use_screwdriver")
-    team.up()
-    team.wait_for_events(2, "use_screwdriver")
-    with intruder(**wanted_of(team, "answers")):
-        assert "pause is the team's order" in team.mrbt("pause")
-        assert "resume is the team's order" in team.mrbt("resume")
-        team.mrbt("join", "A3", "--type", "A")
-        team.wait_for_line("A3 joined")
-        team.wait_until(lambda: "not signed" in refusals(team), "status shows his answers")
-        team.release()
-        code, summary = team.end()
-    assert code == 0, team.logs()
-    assert summary["faults"] == []
-    assert summary["robots"]["A3"]["type"] == "A"
-
-
 class Explorers:
     """Both robots of a mission, started by hand with keys of their own."""
 

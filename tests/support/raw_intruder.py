@@ -61,7 +61,6 @@ class Intruder:
         self._all: list[tuple[str, bytes]] = []
         self._beats: dict[str, tuple[str, Envelope]] = {}
         self._guards: dict[str, Guard] = {}
-        self._answering: list[zenoh.Queryable[Any]] = []
         self._session = _open(wanted["endpoints"])
         kept = zenoh.handlers.Callback(self._hear, indirect=False)
         self._session.declare_subscriber(f"{self._prefix}/**", kept)
@@ -258,22 +257,6 @@ class Intruder:
                     payload=each,
                 )
             yield key, data
-
-    def answers(self) -> Said:
-        """It answers what robots and operators ask one another, before they do."""
-        if not self._answering:
-            answer = zenoh.handlers.Callback(self._answer, indirect=False)
-            self._answering = [
-                self._session.declare_queryable(f"{self._prefix}/{kind}/**", answer, complete=True)
-                for kind in (MessageKind.PULL, MessageKind.COMMAND)
-            ]
-        yield from ()
-
-    def _answer(self, query: zenoh.Query) -> None:
-        heard = self._latest()[0][1]
-        body: list[Any] = [True, "abort is the team's order"]
-        query.reply(query.key_expr, encode(_header(heard), MessageKind.ANSWER, body))
-        query.drop()
 
     # -- too much -------------------------------------------------------------------------------
 
