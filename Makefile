@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-long test-plain test-slow test-docker tolerance lint check-lock lock drills soak \
-	clean bench bench-scale bench-failover bench-resume bench-membership bench-estimate bench-robustness walk paper
+	clean bench bench-scale bench-security bench-failover bench-resume bench-membership bench-estimate bench-robustness walk paper
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
@@ -15,13 +15,14 @@ help:
 	@echo "make test-plain      the fast tests with MRBT_PLAIN=1: nothing but the plain definitions"
 	@echo "make test-long       the fast tests with 1,000 seeds of chaos and 1,000 examples each"
 	@echo "make test-docker     the docker-compose demo; as root, installs Debian's docker.io if missing"
-	@echo "make test-slow       wireless teams, discovery, split sessions, containers over routers: minutes"
+	@echo "make test-slow       wireless teams, discovery, split sessions, intruders, routers: minutes"
 	@echo "make tolerance       what mrbt analyze foretells of faults, against thousands of simulated runs"
 	@echo "make lint            ruff, mypy, import-linter"
 	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
 	@echo "make bench           the planner against what one would use instead: docs/performance.md"
 	@echo "make bench-failover  time from a kill or a freeze until the replacement has started"
 	@echo "make bench-scale     teams of 6 to 64 processes: launch, cost at rest, replacement"
+	@echo "make bench-security  what signing costs, and takeovers in a flood of 20,000 messages a second"
 	@echo "make bench-resume    50 rounds of killing the whole team and resuming it"
 	@echo "make bench-membership false deaths, detection and agreement on bad networks"
 	@echo "make bench-estimate  how many runs mrbt estimate makes in a minute"
@@ -82,6 +83,9 @@ bench: $(READY)
 
 bench-scale: $(READY)
 	$(BIN)/python -m benchmarks.scale
+
+bench-security: $(READY)
+	$(BIN)/python -m benchmarks.security
 
 bench-resume: $(READY)
 	$(BIN)/python -m benchmarks.resume

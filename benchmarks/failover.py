@@ -18,8 +18,8 @@ import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -55,15 +55,18 @@ def team(mission: Path, *options: str) -> Iterator[Run]:
             run.stop()
 
 
-def failover_s(number: signal.Signals, transport: str) -> float:
-    """Seconds from the signal to the replacement's start.
+def failover_s(
+    number: signal.Signals,
+    transport: str,
+    meanwhile: Callable[[Run], AbstractContextManager[object]] = nullcontext,
+) -> float:
+    """Seconds from the signal to the replacement's start, and what goes on `meanwhile`.
 
     The victim is the robot that replaces the hardware of part 2; both B robots are free then
     and can do it.
     """
-    with team(
-        REPAIR, "--speed", "4", "--detection", str(DETECTION_S), "--transport", transport
-    ) as run:
+    options = ("--speed", "4", "--detection", str(DETECTION_S), "--transport", transport)
+    with team(REPAIR, *options) as run, meanwhile(run):
         begun = run.wait_for("replace_hw", "start", args=["2"])
         pid = run.processes()[begun["robot"]].pid
         # In the middle of the action, so that the fault is not mixed up with the start.

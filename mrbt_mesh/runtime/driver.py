@@ -107,7 +107,9 @@ class Driver:
         self._stopped = anyio.Event()
         inbox = Inbox(asyncio.get_running_loop(), lambda: self._drain(inbox, gate))
         config = self._setup.config
-        gate = FloodGate(config.keys, config.run, inbox.put) if config.keys is not None else None
+        gate: FloodGate | None = None
+        if config.keys is not None:
+            gate = FloodGate(config.keys, config.run, inbox.put, config.life)
         deliver = gate.deliver if gate is not None else inbox.put
         self._transport = ZenohTransport(self._setup.transport, deliver)
         await anyio.to_thread.run_sync(self._transport.open)

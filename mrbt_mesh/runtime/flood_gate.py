@@ -1,17 +1,28 @@
 """What stops a flood: messages that nobody of the team has sealed go no further than here.
 
-It stands before the inbox, on Zenoh's threads, and costs some microseconds for each message, so
-that a robot has time left for its own. Tags are checked here. Signatures take a hundred times as
-long: so many a second are let through for each source, and the agent checks them; the same goes
-for commands, which only it can check. Whatever passes is opened by the agent, with all its rules.
+It stands before the inbox, on Zenoh's threads, so that a robot has time left for its own. Tags are
+checked here. Signatures take a hundred times as long: so many a second are let through for each
+source, and the agent checks them; the same goes for liveliness tokens, which prove nothing.
+Whatever passes is opened by the agent, with all its rules.
+
+What is beyond that is not only dropped: the thread that brought it waits a little. Zenoh reads each
+link on a thread of its own, so this slows down the link over which the flood comes, and no other;
+the sender's side of it fills up and drops the rest before it costs anybody here anything.
 """
 
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 
-from mrbt_mesh.core.agent.inputs import Input, InputRefused, MessageReceived, QueryReceived
+from mrbt_mesh.core.agent.inputs import (
+    Input,
+    InputRefused,
+    MessageReceived,
+    QueryReceived,
+    TokenChanged,
+)
 from mrbt_mesh.core.membership.envelope import ForgedError, HeardMessages, has_tag, parse_envelope
 from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.core.membership.wire import MessageKind
@@ -22,8 +33,12 @@ CHECKS_PER_S = 100
 AT_ONCE = 200
 MAX_SOURCES = 2_000
 NO_SOURCE = "a query"
+# How long a thread waits that has brought too much, and how many may wait at once: fewer than Zenoh
+# has (`ZENOH_RUNTIME` in `zenoh_transport`), or nobody would read the links of the others.
+HOLD_S = 0.02
+MAX_HELD = 12
 
-Deliver = Callable[[Input, str | None], None]
+Deliver = Callable[[Input, str | None], bool]
 
 
 class TokenBucket:
@@ -46,36 +61,56 @@ class TokenBucket:
 class FloodGate:
     """Hands on to `deliver` what may be authentic, and counts the rest by source and reason.
 
-    Its methods may be called from any thread.
+    Its methods may be called from any thread. `life`: this member's own, as commands name it.
+    `hold` makes a thread wait for so many seconds.
     """
 
     def __init__(
-        self, keys: Keys, run: str, deliver: Deliver, clock: Callable[[], int] = boottime_us
+        self,
+        keys: Keys,
+        run: str,
+        deliver: Deliver,
+        life: int = 0,
+        clock: Callable[[], int] = boottime_us,
+        hold: Callable[[float], None] = time.sleep,
     ) -> None:
         self._keys = keys
         self._run = run
         self._memory = HeardMessages()
         self._deliver = deliver
+        self._life = life
         self._clock = clock
+        self._hold = hold
+        self._may_wait = threading.Semaphore(MAX_HELD)
         self._lock = threading.Lock()
         self._buckets: dict[str, TokenBucket] = {}
         self._refused: dict[tuple[str, str], int] = {}
 
-    def deliver(self, event: Input, slot: str | None) -> None:
-        """Hand on an input, or count it. For `slot` see `Inbox.put`."""
+    def deliver(self, event: Input, slot: str | None) -> bool:
+        """Hand on an input, or count it. For `slot` see `Inbox.put`.
+
+        Returns whether it is shown to come from the member that it names.
+        """
         match event:
             case MessageReceived(_, source, data):
                 # What is not checked yet must not take the place of anything.
                 if self._is_news_of(source, data):
-                    self._deliver(event, slot)
-                elif self._is_in_budget(source):
+                    return self._deliver(event, slot)
+                if self._is_in_budget(source):
                     self._deliver(event, None)
             case QueryReceived(_, kind, data):
-                is_checked = kind is not MessageKind.COMMAND and self._has_tag(data)
-                if is_checked or self._is_in_budget(NO_SOURCE):
+                life = self._life if kind is MessageKind.COMMAND else None
+                if self._has_tag(data, life) or self._is_in_budget(NO_SOURCE):
+                    self._deliver(event, slot)
+            case TokenChanged(robot):
+                if self._is_in_budget(f"{robot}'s token"):
+                    self._deliver(event, slot)
+            case InputRefused(source):
+                if self._is_in_budget(source):
                     self._deliver(event, slot)
             case _:
                 self._deliver(event, slot)
+        return False
 
     def take_refused(self) -> list[InputRefused]:
         """What has been refused since the last call."""
@@ -98,10 +133,10 @@ class FloodGate:
         with self._lock:
             return self._memory.is_news(envelope)
 
-    def _has_tag(self, data: bytes) -> bool:
-        """Whether a tag shows that a member has sealed this."""
+    def _has_tag(self, data: bytes, life: int | None) -> bool:
+        """Whether a tag shows that a member has sealed this; `life`: see `has_tag`."""
         try:
-            return has_tag(self._keys, parse_envelope(data))
+            return has_tag(self._keys, parse_envelope(data), life)
         except ForgedError:
             return False
 
@@ -115,4 +150,9 @@ class FloodGate:
                 return True
             key = (source, "too much to check")
             self._refused[key] = self._refused.get(key, 0) + 1
+        if self._may_wait.acquire(blocking=False):
+            try:
+                self._hold(HOLD_S)
+            finally:
+                self._may_wait.release()
         return False

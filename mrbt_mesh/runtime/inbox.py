@@ -7,6 +7,7 @@ bound while the loop is busy, so messages wait here, and at most one wake-up is 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
@@ -34,8 +35,11 @@ class Inbox:
         self._pending = False
         self.dropped = 0
 
-    def put(self, event: Input, key: str | None = None) -> None:
-        """Add an input; may be called from any thread, never blocks for long, never raises."""
+    def put(self, event: Input, key: str | None = None) -> bool:
+        """Add an input; may be called from any thread, never blocks for long, never raises.
+
+        Returns True: nothing here tells what cannot be believed.
+        """
         with self._lock:
             self._number += 1
             slot: Any = self._number if key is None else key
@@ -45,12 +49,12 @@ class Inbox:
                 self._waiting.popitem(last=False)
                 self.dropped += 1
             if self._pending:
-                return
+                return True
             self._pending = True
-        try:
+        # A loop that is closed: the process is about to end.
+        with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._wake)
-        except RuntimeError:
-            return  # the loop is closed: the process is about to end
+        return True
 
     def take(self) -> list[Input]:
         """All inputs that wait, oldest first; call it from the loop."""

@@ -107,6 +107,8 @@ def make_driver(start: RobotStart, locate: Locate) -> Driver:
             raise InputError(f"--expect {','.join(expected)}: {robot!r} is no robot's id")
     address = locate(mission)
     keys, manifest = keys_of(address.keys, start.robot)
+    if keys is None:
+        robot_logger(start.robot).warning("not_secure", reason="messages are not signed")
     journal = open_journal(start.run_dir, mission, address.run, start.robot)
     solver = solver_for(mission, start.solver)
     is_large = len(mission.robots) >= LARGE_ROBOTS or len(mission.tree.nodes) >= LARGE_NODES

@@ -10,6 +10,9 @@ START_S_PER_ROBOT = 0.5
 # Environment variables that stand for the options of the same names.
 MISSION_VARIABLE, TEAM_VARIABLE, RUN_VARIABLE = "MRBT_MISSION", "MRBT_TEAM", "MRBT_RUN"
 ROUTER_VARIABLE = "MRBT_ROUTER"
+KEYS_VARIABLE = "MRBT_KEYS"
+# How warnings begin that are for people, on stderr.
+WARNING = "mrbt: warning:"
 
 WIRED, WIRELESS = "wired", "wireless"
 # Transport profile -> protocols of its endpoints; docs/transport.md says when to use which.

@@ -34,7 +34,7 @@ from mrbt_mesh.runtime.launcher import (
 from mrbt_mesh.runtime.robot_forks import CAN_FORK, ForkedRobot, RobotForks
 from mrbt_mesh.runtime.run_dir import Place, RunDir, RunInfo
 from mrbt_mesh.runtime.session_config import TransportConfig
-from mrbt_mesh.runtime.settings import ENCRYPTED, WIRED, WIRELESS, default_protocol
+from mrbt_mesh.runtime.settings import ENCRYPTED, WARNING, WIRED, WIRELESS, default_protocol
 from mrbt_mesh.runtime.solver_loader import may_need_arrays
 from mrbt_mesh.runtime.team_address import AddressError, TeamAddress, timing_of
 from mrbt_mesh.runtime.watcher import Watcher
@@ -274,7 +274,8 @@ class Team:
             if status in (None, 0, REFUSED, -signal.SIGTERM, -signal.SIGKILL):
                 continue
             with contextlib.suppress(OSError):
-                words = self.run_dir.output_path(robot).read_text().strip().splitlines()
+                said = self.run_dir.output_path(robot).read_text().strip().splitlines()
+                words = [line for line in said if not line.startswith(WARNING)]
                 if words or status != FAILED:
                     last = words[-1] if words else "no word"
                     found.append(f"{robot} ended with status {status}: {last}")

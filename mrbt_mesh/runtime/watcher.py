@@ -8,6 +8,7 @@ import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from functools import partial
+from typing import TYPE_CHECKING
 
 import anyio
 
@@ -28,12 +29,18 @@ from mrbt_mesh.core.membership.wire import MessageKind, WireError, decode, encod
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.runtime.engine_choice import chosen_engine
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.flood_gate import Deliver, FloodGate
 from mrbt_mesh.runtime.inbox import Inbox
 from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
 
+if TYPE_CHECKING:
+    from mrbt_mesh.runtime.manifest_watch import ManifestWatch
+
 CLOSE_TIMEOUT_S = 0.5
 COMMAND_TIMEOUT_S = 10.0
+# How often it is looked whether the manifest has changed.
+MANIFEST_US = SECOND_US // 4
 
 
 class Watcher:
@@ -42,19 +49,23 @@ class Watcher:
     def __init__(self, address: TeamAddress) -> None:
         self.address = address
         self.timing = address.timing
-        self._guard = _guard_of(address)
+        self._guard, self._manifest = _keys_of(address)
         keys = self._guard.keys if self._guard is not None else None
         self.observer = Observer(
             address.mission, address.run, address.timing, default_solver, chosen_engine(), keys
         )
         self.changed = anyio.Event()
         self._asked: set[tuple[str, Incarnation]] = set()
+        self._next_look_us = 0
         self._transport: ZenohTransport
 
     async def open(self) -> None:
         """Open the session; raises TransportError."""
         inbox = Inbox(asyncio.get_running_loop(), lambda: self._drain(inbox))
-        self._transport = ZenohTransport(self.address.transport, inbox.put)
+        deliver: Deliver = inbox.put
+        if self._guard is not None:
+            deliver = FloodGate(self._guard.keys, self.address.run, inbox.put).deliver
+        self._transport = ZenohTransport(self.address.transport, deliver)
         await anyio.to_thread.run_sync(self._transport.open)
         self._transport.declare_token(Incarnation(0, secrets.token_hex(4)))
 
@@ -65,6 +76,7 @@ class Watcher:
     def refresh(self) -> None:
         """Bring the observer up to date, and ask for facts that it lacks."""
         now_us = boottime_us()
+        self._look_at_manifest(now_us)
         replica = self.observer.replica
         self.observer.update(now_us)
         peers = self.observer.membership.peers
@@ -77,6 +89,20 @@ class Watcher:
             timeout_s = self.timing.ask_timeout_us / 1e6
             pull = self._sealed(replica.write_pull(), robot)
             self._transport.ask(robot, MessageKind.PULL, pull, timeout_s)
+
+    def _look_at_manifest(self, now_us: int) -> None:
+        """Take over which members there are now."""
+        manifest = self._manifest
+        if manifest is None or now_us < self._next_look_us:
+            return
+        self._next_look_us = now_us + MANIFEST_US
+        if not manifest.look():
+            return
+        if manifest.problem:
+            self.observer.record.say(now_us, f"the new manifest is refused: {manifest.problem}")
+        elif manifest.is_revoked:
+            text = "the key of whoever watches has been revoked or replaced: start again"
+            self.observer.record.say(now_us, text)
 
     async def wait_for_change(self, timeout_s: float) -> None:
         """Wait for news, at most `timeout_s`, and refresh."""
@@ -131,51 +157,58 @@ class Watcher:
             take(inner, now_us)
 
     async def command(self, robot: str, command: str, argument: str = "") -> tuple[bool, str]:
-        """Send an operator's command to one robot: (whether it was done, what it answered)."""
+        """Send an operator's command to one robot: (whether it was done, what it answered).
+
+        Others may answer as well: what the robot has signed counts first.
+        """
         header = self.observer.replica.header
         data = encode(header, MessageKind.COMMAND, command_body(command, argument))
         if self._guard is not None:
             data = self._guard.seal_command(data, robot)
-        answers: anyio.Event = anyio.Event()
-        found: list[bytes | None] = []
-        loop = asyncio.get_running_loop()
+        loop, answers = asyncio.get_running_loop(), asyncio.Queue[bytes | None]()
 
         def deliver(event: Input, _: str | None) -> None:
             if isinstance(event, AnswerReceived):
-                found.append(event.data)
-                loop.call_soon_threadsafe(answers.set)
+                loop.call_soon_threadsafe(answers.put_nowait, event.data)
 
         self._transport.ask(robot, MessageKind.COMMAND, data, COMMAND_TIMEOUT_S, deliver)
-        await answers.wait()
-        if found[0] is None:
-            return False, f"{robot} does not answer"
-        answer, is_authentic = found[0], True
-        try:
-            if self._guard is not None:
-                answer, is_authentic = self._opened_answer(answer, robot)
-            _, body = decode(answer, header, MessageKind.ANSWER)
-            good, text = body
-        except (WireError, ValueError, TypeError) as error:
-            return False, f"{robot} answered something strange: {error}"
-        return bool(good) and is_authentic, str(text)
+        doubtful = f"{robot} does not answer"
+        while (answer := await answers.get()) is not None:
+            try:
+                inner, is_authentic = self._opened_answer(answer, robot)
+                _, body = decode(inner, header, MessageKind.ANSWER)
+                good, text = body
+            except (WireError, ValueError, TypeError) as error:
+                doubtful = f"{robot} answered something strange: {error}"
+                continue
+            if is_authentic:
+                return bool(good), str(text)
+            doubtful = str(text)
+        return False, doubtful
 
     def _opened_answer(self, answer: bytes, robot: str) -> tuple[bytes, bool]:
         """(answer, whether it is authentic): who does not know our key answers without one."""
-        assert self._guard is not None
+        if self._guard is None:
+            return answer, True
         try:
             return self._guard.open(answer, MessageKind.ANSWER, robot)[1], True
         except ForgedError:
             return answer, False
 
 
-def _guard_of(address: TeamAddress) -> Guard | None:
-    """What opens the messages of a team with keys; raises KeysError."""
+def _keys_of(address: TeamAddress) -> tuple[Guard | None, ManifestWatch | None]:
+    """What opens the messages of a team with keys, and keeps its members up to date.
+
+    Raises KeysError.
+    """
     if address.keys is None:
-        return None
+        return None, None
     from mrbt_mesh.runtime.key_folder import KeyFolder
+    from mrbt_mesh.runtime.manifest_watch import ManifestWatch
 
     folder = KeyFolder(address.keys)
-    return Guard(folder.keys_of(folder.reader()), address.run, time.time_ns() // 1_000)
+    keys = folder.keys_of(folder.reader())
+    return Guard(keys, address.run, time.time_ns() // 1_000), ManifestWatch(folder, keys)
 
 
 @asynccontextmanager

@@ -37,6 +37,7 @@ from mrbt_mesh.core.agent.effects import AskRouter
 from mrbt_mesh.core.agent.inputs import (
     AnswerReceived,
     Input,
+    InputRefused,
     MessageReceived,
     QueryReceived,
     RouterAnswered,
@@ -46,6 +47,7 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES, MAX_NONCE, MessageKind
 from mrbt_mesh.core.mission.names import is_robot_id
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.flood_gate import NO_SOURCE, Deliver
 from mrbt_mesh.runtime.router_asks import RouterAsks
 from mrbt_mesh.runtime.session_config import (
     TransportConfig,
@@ -53,6 +55,7 @@ from mrbt_mesh.runtime.session_config import (
     open_session,
     session_config,
 )
+from mrbt_mesh.runtime.token_holders import Holder, TokenHolders
 
 REOPEN_CLOSE_TIMEOUT_S = 1.0
 # So long a robot waits for the first router to answer, and whoever only watches.
@@ -60,19 +63,18 @@ ROUTER_WAIT_S, OBSERVER_WAIT_S, ROUTER_RETRY_S = 30.0, 3.0, 0.25
 # So long a router may take to say which links it has, in so many bytes.
 ROUTER_ANSWER_S = 0.5
 MAX_ROUTER_ANSWER_BYTES = 1 << 20
-MAX_TOKENS = 10_000
 OBSERVER, NO_ROUTER = "observer", "direct"
+# Whose message it is that comes under no robot's name; what is said of one that is not read.
+NOBODY, TOO_LARGE = "a stranger", f"more than {MAX_MESSAGE_BYTES} bytes"
 
 
 class ZenohTransport:
     """One session: publishes, asks and answers, and turns what arrives into agent inputs.
 
-    `deliver(input, key)` is called on Zenoh's threads; see `Inbox.put`.
+    `deliver(input, key)` is called on Zenoh's threads; see `Inbox.put` and `FloodGate.deliver`.
     """
 
-    def __init__(
-        self, config: TransportConfig, deliver: Callable[[Input, str | None], None]
-    ) -> None:
+    def __init__(self, config: TransportConfig, deliver: Deliver) -> None:
         self._config = config
         self._deliver = deliver
         self._prefix = f"mrbt/{config.team}"
@@ -83,10 +85,9 @@ class ZenohTransport:
         self._queries: dict[int, zenoh.Query] = {}
         self._query_number = 0
         self._lock = threading.Lock()
-        # Session and router that the newest token of each incarnation names.
-        self._tokens: dict[tuple[str, Incarnation], tuple[str, str]] = {}
         self._asks = RouterAsks(self.ask_routers)
         self._heard_us: dict[str, int] = {}
+        self._holders = TokenHolders()
 
     # -- life of the session --------------------------------------------------------------
 
@@ -100,6 +101,8 @@ class ZenohTransport:
             session.declare_subscriber(
                 f"{self._prefix}/{key}", self._callback(self._on_sample, kind)
             )
+        with self._lock:
+            self._holders.clear()
         session.liveliness().declare_subscriber(
             f"{self._prefix}/alive/**", self._callback(self._on_token, None), history=True
         )
@@ -170,8 +173,8 @@ class ZenohTransport:
             zids = {str(zid) for zid in session.info.peers_zid()}
         except zenoh.ZError:
             return frozenset()  # closed in another thread just now
-        tokens = self._tokens.copy()
-        return frozenset(robot for (robot, _), (zid, _) in tokens.items() if zid in zids)
+        with self._lock:
+            return self._holders.robots_of(zids)
 
     # -- sending --------------------------------------------------------------------------
 
@@ -202,10 +205,13 @@ class ZenohTransport:
         kind: MessageKind,
         data: bytes,
         timeout_s: float,
-        deliver: Callable[[Input, str | None], None] | None = None,
+        deliver: Callable[[Input, str | None], object] | None = None,
     ) -> None:
-        """Ask one robot; the pages of its answer, or None if there is none, come to `deliver`."""
-        give = deliver or self._deliver
+        """Ask one robot; the pages of its answer, or None if there is none, come to `deliver`.
+
+        One that is given here gets None in any case, as the end of all answers.
+        """
+        give: Callable[[Input, str | None], object] = deliver or self._deliver
         session = self._session
         if session is None:
             give(AnswerReceived(peer, None), None)
@@ -218,7 +224,7 @@ class ZenohTransport:
                 give(AnswerReceived(peer, reply.ok.payload.to_bytes()), None)
 
         def on_end() -> None:
-            if not answered.is_set():
+            if deliver is not None or not answered.is_set():
                 give(AnswerReceived(peer, None), None)
 
         try:
@@ -227,7 +233,8 @@ class ZenohTransport:
                 Callback(on_reply, on_end, indirect=False),
                 payload=data,
                 timeout=timeout_s,
-                target=zenoh.QueryTarget.BEST_MATCHING,
+                # Or Zenoh would ask only whoever says that he knows all, who may be anybody.
+                target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 congestion_control=zenoh.CongestionControl.DROP,
                 express=True,
@@ -258,8 +265,8 @@ class ZenohTransport:
 
         def found() -> Iterator[tuple[str, Incarnation, bool | None]]:
             for ask in asked:
-                zid, _ = self._tokens.get((ask.robot, ask.incarnation), ("", ""))
-                is_linked = any(zid in sessions for sessions in links.values())
+                session_id = self._holders.last_session(ask.robot, ask.incarnation)
+                is_linked = any(session_id in sessions for sessions in links.values())
                 known = is_linked or ask.router in links
                 yield ask.robot, ask.incarnation, is_linked if known else None
 
@@ -320,12 +327,16 @@ class ZenohTransport:
 
     def _on_sample(self, sample: zenoh.Sample, kind: MessageKind) -> None:
         source = str(sample.key_expr).rpartition("/")[2]
-        if is_robot_id(source) and len(sample.payload) <= MAX_MESSAGE_BYTES:
-            key = None
-            if kind is MessageKind.HEARTBEAT:
-                key = f"beat/{source}"
+        if not is_robot_id(source):
+            self._deliver(InputRefused(NOBODY, "published under no robot's name", 1), None)
+        elif len(sample.payload) > MAX_MESSAGE_BYTES:
+            self._deliver(InputRefused(source, TOO_LARGE, 1), None)
+        else:
+            is_beat = kind is MessageKind.HEARTBEAT
+            key = f"beat/{source}" if is_beat else None
+            event = MessageReceived(kind, source, sample.payload.to_bytes())
+            if self._deliver(event, key) and is_beat:
                 self._heard_us[source] = boottime_us()
-            self._deliver(MessageReceived(kind, source, sample.payload.to_bytes()), key)
 
     def _on_token(self, sample: zenoh.Sample, _: None) -> None:
         parts = str(sample.key_expr).removeprefix(f"{self._prefix}/alive/").split("/")
@@ -335,18 +346,18 @@ class ZenohTransport:
         if not counter.isdecimal() or len(counter) > 15 or len(nonce) > MAX_NONCE:
             return
         incarnation, router = Incarnation(int(counter), nonce), "" if named == NO_ROUTER else named
-        held = sample.kind == zenoh.SampleKind.PUT
-        if held:
-            self._tokens[robot, incarnation] = zid, router
-            # A stranger may show tokens of ever new incarnations.
-            while len(self._tokens) > MAX_TOKENS:
-                del self._tokens[next(iter(self._tokens))]
-        elif self._tokens.get((robot, incarnation)) != (zid, router):
-            return  # it has shown another one since
-        self._deliver(TokenChanged(robot, incarnation, held, router), None)
+        holder = Holder(zid, router)
+        with self._lock:
+            held = sample.kind == zenoh.SampleKind.PUT
+            news = self._holders.change(robot, incarnation, holder, held)
+        if news is not None:
+            self._deliver(TokenChanged(robot, incarnation, news, router), None)
 
     def _on_query(self, query: zenoh.Query, kind: MessageKind) -> None:
         payload = query.payload
+        if payload is not None and len(payload) > MAX_MESSAGE_BYTES:
+            self._deliver(InputRefused(NO_SOURCE, TOO_LARGE, 1), None)
+            return
         with self._lock:
             self._query_number += 1
             number = self._query_number

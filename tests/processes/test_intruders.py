@@ -3,97 +3,85 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections import Counter
+from pathlib import Path
+from typing import Any
 
 import pytest
 
+from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES
 from mrbt_mesh.drills.physical import spans
+from mrbt_mesh.runtime.launcher import free_endpoints
+from mrbt_mesh.runtime.settings import WIRED
+from tests.support.intruder_process import intruder
 from tests.support.paper_run import check_paper, go_on_as_in_the_paper, hold_for_the_paper
 from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
 
-# Runs in a process of its own, like the stranger of test_hostile_network. It hears everything, and
-# says it again in the way that its first argument names, until its input ends.
-INTRUDER = """
-import json, os, random, sys, threading, time, zenoh
-how, team, endpoints = sys.argv[1], sys.argv[2], sys.argv[3:]
-config = zenoh.Config()
-config.insert_json5("mode", '"peer"')
-config.insert_json5("connect/endpoints", json.dumps(endpoints))
-config.insert_json5("scouting/multicast/enabled", "false")
-config.insert_json5("scouting/gossip/enabled", "false")
-session = zenoh.open(config)
-heard, lock = [], threading.Lock()
-def hear(sample):
-    with lock:
-        heard.append((str(sample.key_expr), sample.payload.to_bytes()))
-        del heard[:-2000]
-kept = session.declare_subscriber(f"mrbt/{team}/**", zenoh.handlers.Callback(hear, indirect=False))
-enough = threading.Event()
-threading.Thread(target=lambda: (sys.stdin.read(), enough.set()), daemon=True).start()
-dice, sent = random.Random(1), 0
-def changed(data):
-    data = bytearray(data)
-    for _ in range(dice.randint(1, 4)):
-        data[dice.randrange(len(data))] ^= dice.randint(1, 255)
-    return bytes(data)
-start = time.monotonic()
-while not enough.wait(0.005):
-    with lock:
-        known = list(heard)
-    if not known:
-        continue
-    count = 25 if how != "flood" else max(0, int((time.monotonic() - start) * 20000) - sent)
-    for _ in range(min(count, 2000)):
-        key, data = dice.choice(known)
-        session.put(key, data if how == "again" else changed(data))
-        sent += 1
-if how == "order":
-    for robot in ("A1", "C2"):
-        list(session.get(f"mrbt/{team}/command/{robot}", payload=known[0][1], timeout=2.0))
-sys.stdout.write(str(sent))
-sys.stdout.flush()
-os._exit(0)
-"""
+# Reasons that `mrbt status` shows of what an intruder does (`raw_intruder`).
+WRONG = {"signature is wrong"}
+ATTACKS = {
+    "again": {"said before"},
+    "changed": WRONG,
+    "incarnation": WRONG,
+    "death": WRONG,
+    "grant": WRONG,
+    "outcome": WRONG,
+    "condition": WRONG,
+    "insider": WRONG
+    | {
+        "sent by B1 under the name of A1",
+        "B1 published entries of another author",
+        "sender A1 published under the key of B1",
+    },
+    "commands": WRONG
+    | {
+        "not signed",
+        "screen is known as observer and may not say this",
+        "B1 is known as robot and may not say this",
+    },
+    "large": {f"more than {MAX_MESSAGE_BYTES} bytes", "published under no robot's name"},
+}
 
 
-@contextmanager
-def intruder(team: Team, how: str) -> Iterator[subprocess.Popen[str]]:
+def wanted_of(team: Team, *how: str, **more: Any) -> dict[str, Any]:
+    """What an intruder must know who has all keys of a team that is at work."""
     info = json.loads((team.run_dir / "run.json").read_text())
-    process = subprocess.Popen(
-        [sys.executable, "-c", INTRUDER, how, info["team"], *info["endpoints"].values()],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
+    started = team.events()[0]
+    return {
+        "how": how,
+        "team": info["team"],
+        "endpoints": list(info["endpoints"].values()),
+        "keys": str(team.run_dir / "keys"),
+        "activation": started["activation"],
+        "local_task": started["local_task"],
+        **more,
+    }
 
 
-def refusals(team: Team) -> set[str]:
-    """The reasons that `mrbt status` shows, of all robots."""
-    rows = team.status()["refused"].values()
-    return {text.partition(": ")[2] for counts in rows for text in counts}
+def refusals(team: Team, *where: str) -> dict[str, int]:
+    """How often each reason is given in `mrbt status`, by all robots together."""
+    found: Counter[str] = Counter()
+    for counts in json.loads(team.mrbt("status", "--json", *where))["refused"].values():
+        for text, count in counts.items():
+            found[text.partition(": ")[2]] += count
+    return found
 
 
-@pytest.mark.parametrize(
-    ("how", "reason"), [("changed", "signature is wrong"), ("again", "said before")]
-)
-def test_a_repair_succeeds_among_messages_that_were_heard_and_come_again(
-    team: Team, how: str, reason: str
-) -> None:
+def check_repair(team: Team, *how: str, rate: int = 0) -> None:
+    """A repair as in the paper in the midst of all this, which `mrbt status` shows."""
     hold_for_the_paper(team)
     team.up()
     team.wait_for_events(2, "use_screwdriver")
-    with intruder(team, how) as process:
-        team.wait_until(lambda: reason in refusals(team), "status shows what was refused")
+    keys = str(team.run_dir / "keys")
+    team.mrbt("keys", "add", "screen", "--role", "observer", "--keys", keys)
+    reasons = set().union(*(ATTACKS[each] for each in how))
+    with intruder(**wanted_of(team, *how, rate=rate)) as process:
+        team.wait_until(
+            lambda: process.poll() is not None or reasons <= refusals(team).keys(),
+            f"status shows {reasons}",
+        )
         go_on_as_in_the_paper(team)
         code, summary = team.end()
         told, _ = process.communicate()
@@ -101,6 +89,21 @@ def test_a_repair_succeeds_among_messages_that_were_heard_and_come_again(
     assert int(told) > 0
     assert summary["faults"] == summary["takeovers"] == []
     check_paper(spans(team.events()))
+
+
+def test_a_repair_succeeds_among_all_kinds_of_forgeries(team: Team) -> None:
+    check_repair(team, *ATTACKS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ATTACKS)
+def test_a_repair_succeeds_among_one_kind_of_forgery(team: Team, how: str) -> None:
+    check_repair(team, how)
+
+
+@pytest.mark.slow
+def test_a_repair_succeeds_in_a_flood(team: Team) -> None:
+    check_repair(team, "changed", rate=20_000)
 
 
 def test_an_order_without_the_operators_key_is_refused_and_told_so(team: Team) -> None:
@@ -128,3 +131,84 @@ def test_an_order_without_the_operators_key_is_refused_and_told_so(team: Team) -
     assert "abort is the team's order" in team.mrbt("abort")
     code, _ = team.end()
     assert code == 1, team.logs()
+
+
+class Explorers:
+    """Both robots of a mission, started by hand with keys of their own."""
+
+    def __init__(
+        self, team: Team, name: str, run: str, keys: Path, at: list[str], others: list[str]
+    ) -> None:
+        self.team = team
+        self.folder = team.folder / name
+        first, second = self.endpoints = at
+        self.options = ["--team", "same", "--run", run, "--keys", str(keys)]
+        dials = [word for other in others for word in ("--connect", other)]
+        more = [*self.options, "--speed", "10", "--exit-when-done", *dials]
+        listen = {"R1": ["--listen", first], "R2": ["--listen", second, "--connect", first]}
+        self.processes = [
+            team.agent(EXPLORE, robot, "--run-dir", str(self.folder / robot), *words, *more)
+            for robot, words in listen.items()
+        ]
+
+    @property
+    def where(self) -> list[str]:
+        """The options by which commands find them."""
+        dials = [word for endpoint in self.endpoints for word in ("--connect", endpoint)]
+        return ["--mission", str(EXPLORE), *self.options, *dials]
+
+    def told(self, event: str) -> list[str]:
+        """Robots whose logs have this event."""
+        logs = {path.stem: path for path in self.folder.glob("*/*.log")}
+        return [robot for robot, path in sorted(logs.items()) if f'"{event}"' in path.read_text()]
+
+    def work(self) -> Explorers:
+        """Wait until both are at work."""
+        both = ["R1", "R2"]
+        self.team.wait_until(lambda: self.told("local_task_started") == both, "both work")
+        return self
+
+    def end(self) -> list[int]:
+        """Wait for both; returns their exit statuses. Nobody was held for dead."""
+        found = [process.wait() for process in self.processes]
+        assert self.told("robot_dead") == []
+        return found
+
+
+@pytest.mark.slow
+def test_messages_of_another_run_are_refused(team: Team) -> None:
+    keys = team.folder / "keys"
+    team.mrbt("keys", "init", str(keys), "--robots", "R1,R2")
+    endpoints = free_endpoints(2, WIRED)
+
+    def run_until_told(run: str, reason: str) -> list[int]:
+        team.hold("explore")
+        robots = Explorers(team, run, run, keys, endpoints, []).work()
+        team.wait_until(lambda: reason in refusals(team, *robots.where), f"status shows {reason}")
+        team.release()
+        return robots.end()
+
+    with intruder(how=["again"], team="same", endpoints=endpoints):
+        assert run_until_told("first", "said before") == [0, 0]
+        assert run_until_told("second", "run 'first' (ours is 'second')") == [0, 0]
+
+
+@pytest.mark.slow
+def test_two_teams_of_one_name_on_one_network_do_not_hear_each_other(team: Team) -> None:
+    """Same team, run, mission and robots, and links between all of them; only keys differ."""
+    team.hold("explore")
+    found: list[Explorers] = []
+    for name in ("ours", "theirs"):
+        keys = team.folder / f"{name}-keys"
+        team.mrbt("keys", "init", str(keys), "--robots", "R1,R2")
+        others = [endpoint for each in found for endpoint in each.endpoints]
+        found.append(Explorers(team, name, "same", keys, free_endpoints(2, WIRED), others))
+    ours, theirs = found
+    for each in (ours.work(), theirs.work()):
+        team.wait_until(
+            lambda where=each.where: refusals(team, *where).keys() >= WRONG, "status shows it"
+        )
+    assert "abort is the team's order" in team.mrbt("abort", *theirs.where)
+    assert theirs.end() == [1, 1]
+    team.release()
+    assert ours.end() == [0, 0]

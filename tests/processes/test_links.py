@@ -176,6 +176,7 @@ def test_robots_on_one_network_need_only_mission_team_and_id(
 ) -> None:
     """As on several machines: found by multicast, no launcher, no run directory, no endpoint."""
     options = ["--mission", str(EXPLORE), "--team", "found", "--speed", "10", "--exit-when-done"]
+    options.append("--insecure")
     team.hold("explore")
     if profile == "wireless":
         KeyFolder.create(tmp_path / "keys", dict.fromkeys(["R1", "R2"], Role.ROBOT))

@@ -2,30 +2,45 @@
 
 from __future__ import annotations
 
-from mrbt_mesh.core.agent.inputs import Input, InputRefused, MessageReceived, QueryReceived
+import threading
+
+from mrbt_mesh.core.agent.inputs import (
+    Input,
+    InputRefused,
+    MessageReceived,
+    QueryReceived,
+    TokenChanged,
+)
+from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.envelope import MAX_TAGS, Guard
 from mrbt_mesh.core.membership.wire import MessageKind
-from mrbt_mesh.runtime.flood_gate import AT_ONCE, CHECKS_PER_S, FloodGate
+from mrbt_mesh.runtime.flood_gate import AT_ONCE, CHECKS_PER_S, HOLD_S, MAX_HELD, FloodGate
 from tests.support.keys import keys_of
 
 KEYS = keys_of("A", "B")
 LARGE = keys_of("A", "B", *(f"R{number}" for number in range(MAX_TAGS)))
 BEAT = MessageKind.HEARTBEAT
-TOO_MUCH = "too much to check"
+TOO_MUCH, LIFE = "too much to check", 7
 
 
 class Desk:
-    """A gate with a clock of its own, and what came through."""
+    """A gate with a clock of its own, what came through, and how long threads had to wait."""
 
     def __init__(self) -> None:
         self.now_us = 0
         self.got: list[tuple[Input, str | None]] = []
+        self.held_s: list[float] = []
         self.gate = FloodGate(
-            KEYS["B"], "run", lambda *each: self.got.append(each), lambda: self.now_us
+            KEYS["B"],
+            "run",
+            lambda *each: self.got.append(each) is None,
+            LIFE,
+            lambda: self.now_us,
+            self.held_s.append,
         )
 
-    def hear(self, source: str, data: bytes) -> None:
-        self.gate.deliver(MessageReceived(BEAT, source, data), f"beat/{source}")
+    def hear(self, source: str, data: bytes) -> bool:
+        return self.gate.deliver(MessageReceived(BEAT, source, data), f"beat/{source}")
 
 
 def test_what_is_sealed_passes_in_the_midst_of_a_flood_under_the_same_name() -> None:
@@ -53,6 +68,15 @@ def test_what_comes_again_takes_no_newer_message_s_place() -> None:
     assert [slot for _, slot in desk.got][20:] == [None, None]
 
 
+def test_only_what_is_new_and_has_a_good_tag_is_shown_to_come_from_its_sender() -> None:
+    desk, message = Desk(), Guard(KEYS["A"], "run", 1).seal(b"x")
+    assert desk.hear("A", message)
+    assert not desk.hear("A", message)
+    assert not desk.hear("B", message)
+    assert not desk.hear("A", b"noise")
+    assert not desk.hear("A", Guard(LARGE["A"], "run", 1).seal(b"signed for many"))
+
+
 def test_what_is_not_checked_yet_takes_no_message_s_place() -> None:
     desk = Desk()
     desk.hear("A", Guard(LARGE["A"], "run", 1).seal(b"signed for many"))
@@ -73,13 +97,70 @@ def test_each_source_has_a_budget_that_fills_up_again() -> None:
     assert refused == {"A": 10 + AT_ONCE - CHECKS_PER_S, "Z": 10}
 
 
-def test_questions_of_members_pass_and_commands_have_a_budget() -> None:
+def test_questions_and_orders_of_members_pass_in_the_midst_of_a_flood_of_others() -> None:
     desk, asker = Desk(), Guard(KEYS["A"], "run", 1)
-    pull = asker.seal(b"x", ("B",))
+    operator, receiver = Guard(KEYS["op"], "run", 1), Guard(KEYS["B"], "run", LIFE)
+    operator.open(receiver.seal(b"x"), BEAT, "B")
+    pull, order = asker.seal(b"x", ("B",)), operator.seal_command(b"x", "B")
+    late = Guard(KEYS["op"], "run", 1).seal_command(b"x", "B")  # for an earlier life
     for _ in range(AT_ONCE + 5):
-        desk.gate.deliver(QueryReceived(1, MessageKind.PULL, pull), None)
         desk.gate.deliver(QueryReceived(1, MessageKind.COMMAND, b"noise"), None)
-    kinds = [event.kind for event, _ in desk.got]  # type: ignore[union-attr]
-    assert kinds.count(MessageKind.PULL) == AT_ONCE + 5
-    assert kinds.count(MessageKind.COMMAND) == AT_ONCE
-    assert desk.gate.take_refused() == [InputRefused("a query", TOO_MUCH, 5)]
+    for kind, data in (
+        (MessageKind.PULL, pull),
+        (MessageKind.COMMAND, order),
+        (MessageKind.COMMAND, late),
+    ):
+        desk.gate.deliver(QueryReceived(2, kind, data), None)
+    passed = [event.data for event, _ in desk.got[AT_ONCE:]]  # type: ignore[union-attr]
+    assert passed == [pull, order]
+    assert desk.gate.take_refused() == [InputRefused("a query", TOO_MUCH, 6)]
+    assert receiver.open(order, MessageKind.COMMAND) == ("op", b"x")
+
+
+def test_a_thread_that_brings_too_much_waits_and_no_other() -> None:
+    desk, sender = Desk(), Guard(KEYS["A"], "run", 1)
+    for _ in range(AT_ONCE):
+        desk.hear("A", b"noise")
+    desk.hear("A", sender.seal(b"x"))
+    assert desk.held_s == []
+    desk.hear("A", b"noise")
+    desk.hear("A", sender.seal(b"x"))
+    desk.hear("B", b"noise")
+    assert desk.held_s == [HOLD_S]
+
+
+def test_some_threads_never_wait() -> None:
+    waiting, go_on = threading.Semaphore(0), threading.Event()
+
+    def hold(_: float) -> None:
+        waiting.release()
+        go_on.wait()
+
+    gate = FloodGate(KEYS["B"], "run", lambda *_: True, LIFE, lambda: 0, hold)
+
+    def flood() -> None:
+        gate.deliver(MessageReceived(BEAT, "A", b"noise"), None)
+
+    for _ in range(AT_ONCE):
+        flood()
+    threads = [threading.Thread(target=flood) for _ in range(MAX_HELD)]
+    for thread in threads:
+        thread.start()
+    for _ in threads:
+        waiting.acquire()
+    flood()  # comes back
+    go_on.set()
+    for thread in threads:
+        thread.join()
+    assert gate.take_refused() == [InputRefused("A", TOO_MUCH, MAX_HELD + 1)]
+
+
+def test_tokens_and_what_is_refused_unread_have_budgets_of_their_own() -> None:
+    desk = Desk()
+    for number in range(AT_ONCE + 3):
+        desk.gate.deliver(TokenChanged("A", Incarnation(number, "n"), True), None)
+        desk.gate.deliver(InputRefused("A", "more than 1 bytes", 1), None)
+    desk.gate.deliver(TokenChanged("B", Incarnation(1, "n"), True), None)
+    assert len(desk.got) == 2 * AT_ONCE + 1
+    refused = {each.source: each.count for each in desk.gate.take_refused()}
+    assert refused == {"A": 3, "A's token": 3}

@@ -73,7 +73,7 @@ def test_a_robot_has_a_session_and_a_name_of_its_own_and_outlives_its_parent(
 ) -> None:
     program = tmp_path / "robot.py"
     program.write_text(BLOCKED)
-    words = ["agent", "--mission", str(mission_file("explore")), "--robot", "R1"]
+    words = ["agent", "--mission", str(mission_file("explore")), "--robot", "R1", "--insecure"]
     runs = tmp_path / "runs"
     os.mkfifo(runs)
     server = forks(RUNS=str(runs))
@@ -109,7 +109,7 @@ def test_a_killed_robot_has_its_signal_as_status(
 ) -> None:
     program = tmp_path / "robot.py"
     program.write_text(BLOCKED)
-    words = ["agent", "--mission", str(mission_file("explore")), "--robot", "R1"]
+    words = ["agent", "--mission", str(mission_file("explore")), "--robot", "R1", "--insecure"]
     (robot,) = forks(RUNS=os.devnull).start({"R1": [*words, "--program", str(program)]}).values()
     os.kill(robot.pid, signal.SIGKILL)
     wait_for_exit(robot.pid)

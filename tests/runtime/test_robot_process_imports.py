@@ -40,7 +40,7 @@ def test_a_robot_of_a_small_mission_loads_nothing_heavy(name: str, tmp_path: Pat
     robot = next(iter(mission.robots))
     command = [sys.executable, "-c", ROBOT, "agent", "--mission", str(compiled), "--robot", robot]
     command += ["--listen", "tcp/127.0.0.1:0", "--expect", robot, "--speed", "1000"]
-    command += ["--run-dir", str(tmp_path), "--exit-when-done"]
+    command += ["--run-dir", str(tmp_path), "--exit-when-done", "--insecure"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
     code, loaded = json.loads(done.stdout)
     assert code == 0, done.stderr

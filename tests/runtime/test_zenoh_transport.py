@@ -11,8 +11,15 @@ import pytest
 import zenoh
 
 from mrbt_mesh.core.agent.effects import AskRouter
-from mrbt_mesh.core.agent.inputs import Input, RouterAnswered, TokenChanged
+from mrbt_mesh.core.agent.inputs import (
+    Input,
+    InputRefused,
+    MessageReceived,
+    RouterAnswered,
+    TokenChanged,
+)
 from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES, MessageKind
 from mrbt_mesh.runtime import zenoh_transport
 from mrbt_mesh.runtime.session_config import TransportConfig
 from mrbt_mesh.runtime.zenoh_transport import ZenohTransport, linked_sessions
@@ -59,8 +66,12 @@ class Heard:
         self.inputs: list[Input] = []
         self.transport = ZenohTransport(
             TransportConfig("team", "B1", routers=("tcp/127.0.0.1:1",)),
-            lambda event, _: self.inputs.append(event),
+            self.deliver,
         )
+
+    def deliver(self, event: Input, _: str | None) -> bool:
+        self.inputs.append(event)
+        return True
 
     def token(self, kind: zenoh.SampleKind, rest: str) -> None:
         sample = SimpleNamespace(key_expr=f"mrbt/team/alive/{rest}", kind=kind)
@@ -150,3 +161,34 @@ def test_a_closed_session_asks_nobody() -> None:
 def test_an_answer_lists_sessions_by_router() -> None:
     assert linked_sessions(answer("r1", "aa", "bb")) == {"r1": frozenset({"aa", "bb"})}
     assert linked_sessions(b"\xff") == {}
+
+
+def heard(key: str, data: bytes, is_believed: bool = True) -> tuple[ZenohTransport, Input]:
+    """A transport to which this has come, and what it made of it."""
+    got: list[Input] = []
+
+    def deliver(event: Input, _: str | None) -> bool:
+        got.append(event)
+        return is_believed
+
+    payload = type("Payload", (bytes,), {"to_bytes": lambda self: bytes(self)})(data)
+    transport = ZenohTransport(TransportConfig("team", "A1"), deliver)
+    sample: Any = SimpleNamespace(key_expr=key, payload=payload)
+    transport._on_sample(sample, MessageKind.HEARTBEAT)
+    (event,) = got
+    return transport, event
+
+
+def test_a_link_is_heard_when_its_robot_is_and_not_when_a_stranger_says_so() -> None:
+    for is_believed in (True, False):
+        transport, event = heard("mrbt/team/beat/B1", b"x", is_believed)
+        assert event == MessageReceived(MessageKind.HEARTBEAT, "B1", b"x")
+        assert (transport.heard_us("B1") is not None) is is_believed
+
+
+def test_what_is_too_large_or_comes_under_no_robots_name_is_refused_unread() -> None:
+    _, event = heard("mrbt/team/beat/B1", bytes(MAX_MESSAGE_BYTES + 1))
+    assert event == InputRefused("B1", f"more than {MAX_MESSAGE_BYTES} bytes", 1)
+    transport, event = heard("mrbt/team/beat/not%a%robot", b"x")
+    assert event == InputRefused("a stranger", "published under no robot's name", 1)
+    assert transport.heard_us("not%a%robot") is None

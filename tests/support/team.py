@@ -85,8 +85,10 @@ class Team:
             )
 
     def agent(self, mission: Path, robot: str, *options: str) -> subprocess.Popen[str]:
-        """Start one agent by hand, without a launcher."""
-        return self.start("agent", "--mission", str(mission), "--robot", robot, *options)
+        """Start one agent by hand, without a launcher; without --keys, `--insecure`."""
+        secure = () if "--keys" in options else ("--insecure",)
+        words = ("agent", "--mission", str(mission), "--robot", robot, *secure, *options)
+        return self.start(*words)
 
     def start(self, *arguments: str) -> subprocess.Popen[str]:
         """Start `mrbt ...` in the background."""

@@ -9,6 +9,7 @@ from typing import Annotated
 from mrbt_mesh.cli.framework.declare import Given, option
 from mrbt_mesh.cli.options import ProgramOption, SolverOption, SpeedOption
 from mrbt_mesh.cli.team.network_options import TeamNetworkOptions, warn_insecure
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S, MISSION_VARIABLE
 
 
@@ -36,7 +37,7 @@ class RobotOptions:
         option("Leave once nobody holds a lock (flock) on it, as a launcher does.", "FILE"),
     ] = None
     insecure: Annotated[
-        bool, option("Without --keys, and without a warning that nothing is signed.")
+        bool, option("Without --keys: whoever reaches the robot's port may say anything.")
     ] = False
 
 
@@ -72,9 +73,9 @@ def agent(
 
     Example, two robots on two machines that find each other by multicast:
 
-    mrbt agent --mission examples/explore/mission.yaml --robot R1
+    mrbt agent --mission examples/explore/mission.yaml --keys keys --robot R1
 
-    mrbt agent --mission examples/explore/mission.yaml --robot R2
+    mrbt agent --mission examples/explore/mission.yaml --keys keys --robot R2
     """
     from functools import partial
 
@@ -82,8 +83,13 @@ def agent(
 
     if robot.insecure:
         given.refuse(["--keys"], "with --insecure nothing is signed")
-    elif network.keys is None:
         warn_insecure()
+    elif network.keys is None:
+        raise InputError(
+            "without keys nobody knows who says what: give --keys DIR, once made with "
+            f"`mrbt keys init DIR --robots {robot.robot},...` and copied to every robot, "
+            "or --insecure to believe whoever reaches this robot's port"
+        )
     wanted = RobotStart(
         robot.mission,
         robot.robot,

@@ -11,9 +11,11 @@ from mrbt_mesh.cli.framework.declare import option
 from mrbt_mesh.runtime.settings import (
     DEFAULT_BEAT_S,
     DEFAULT_DETECTION_S,
+    KEYS_VARIABLE,
     ROUTER_VARIABLE,
     RUN_VARIABLE,
     TEAM_VARIABLE,
+    WARNING,
 )
 
 if TYPE_CHECKING:
@@ -29,7 +31,7 @@ def warn_insecure() -> None:
     import click
 
     text = "not secure: messages are not signed, and whoever reaches a robot's port is believed"
-    click.echo(f"mrbt: warning: {text}", err=True)
+    click.echo(f"{WARNING} {text}", err=True)
 
 
 def endpoints_of(listed: str | None) -> tuple[str, ...]:
@@ -75,7 +77,7 @@ class TeamNetworkOptions:
     ] = "wired"
     keys: Annotated[
         Path | None,
-        _option("Folder of keys, made by `mrbt keys`. Default: nothing is signed.", "DIR"),
+        _option("Folder of keys, made by `mrbt keys`.", "DIR", variable=KEYS_VARIABLE),
     ] = None
     beat: Annotated[float, _option("Heartbeat period.", "SECONDS", above=0, most=3600)] = (
         DEFAULT_BEAT_S

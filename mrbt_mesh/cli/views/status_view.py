@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,6 +14,9 @@ from mrbt_mesh.cli.views.live_view import STATE_STYLES
 from mrbt_mesh.cli.views.plan_view import render_bounds
 from mrbt_mesh.cli.views.summary_view import capability_changes
 from mrbt_mesh.core.membership.peer import State
+
+# So many reasons of refusals are named for each robot; `--json` has all.
+MOST_REASONS = 5
 
 
 def render_status(data: Mapping[str, Any]) -> RenderableType:
@@ -33,11 +37,17 @@ def render_status(data: Mapping[str, Any]) -> RenderableType:
 
 
 def _refused(counts: Mapping[str, Mapping[str, int]]) -> list[Text]:
-    """A line for each robot that has refused anything, with what it refused most."""
+    """A line for each robot that has refused anything, with how often for which reason."""
     lines = []
     for robot, rows in counts.items():
-        total, first = sum(rows.values()), next(iter(rows))
-        lines.append(Text(f"{robot} has refused {total} messages, most of them {first}", "yellow"))
+        by_reason: Counter[str] = Counter()
+        for text, count in rows.items():
+            by_reason[text.partition(": ")[2]] += count
+        shown = [f"{reason} ({count})" for reason, count in by_reason.most_common(MOST_REASONS)]
+        if len(by_reason) > MOST_REASONS:
+            shown.append(f"{len(by_reason) - MOST_REASONS} other reasons")
+        total = f"{robot} has refused {sum(by_reason.values())} messages: "
+        lines.append(Text(total + "; ".join(shown), "yellow"))
     return lines
 
 

@@ -22,6 +22,7 @@ from mrbt_mesh.core.membership.wire import Header, MessageKind
 from mrbt_mesh.core.mission.mission import Mission
 
 MAX_REASONS = 1_000
+OTHERS = "others: too many to tell apart"
 
 
 # Attributes: what the parts of an agent have in common; each is an object with rules of its own.
@@ -111,7 +112,7 @@ class Context:
         """Count more of a kind that is worth one line in the log; whether they are the first."""
         key = f"{source}: {reason}"
         if key not in self.refused and len(self.refused) >= MAX_REASONS:
-            return False
+            key = OTHERS
         self.refused[key] = self.refused.get(key, 0) + count
         return self.refused[key] == count
 

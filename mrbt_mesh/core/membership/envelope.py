@@ -78,19 +78,20 @@ class Envelope(NamedTuple):
         return hashlib.blake2b(head + self.data, digest_size=32).digest()
 
 
-def has_tag(keys: Keys, envelope: Envelope) -> bool:
-    """Whether the sender has put a tag for this member on it, which no command has."""
+def has_tag(keys: Keys, envelope: Envelope, life: int | None = None) -> bool:
+    """Whether the sender has put a tag for this member on it; `life`: a command's, for this one."""
     tag = envelope.proof.get(keys.name) if isinstance(envelope.proof, dict) else None
     if not isinstance(tag, bytes):
         return False
-    expected = keys.tag(envelope.sender, envelope.content)
+    content = envelope.content if life is None else _bound(envelope.content, life)
+    expected = keys.tag(envelope.sender, content)
     return expected is not None and hmac.compare_digest(tag, expected)
 
 
 def parse_envelope(data: bytes) -> Envelope:
     """Take an envelope apart; raises ForgedError for anything else, nothing else."""
     if len(data) > MAX_MESSAGE_BYTES:
-        raise ForgedError(f"message of {len(data)} bytes, at most {MAX_MESSAGE_BYTES} are read")
+        raise ForgedError(f"more than {MAX_MESSAGE_BYTES} bytes")
     if not data.startswith(_START):
         raise ForgedError("not signed")
     try:

@@ -32,9 +32,9 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[Started]:
 
 
 def test_a_robot_on_the_network(started: list[Started]) -> None:
-    code, output, problems = mrbt("agent", "--mission", EXPLORE, "--robot", "R1")
+    code, output, problems = mrbt("agent", "--mission", EXPLORE, "--robot", "R1", "--insecure")
     assert (code, output) == (0, "")
-    assert "not secure" in problems
+    assert problems.startswith("mrbt: warning: not secure")
     ((start, address),) = started
     assert address.keys is None
     assert start == RobotStart(Path(EXPLORE), "R1")
@@ -74,16 +74,21 @@ def test_every_option_arrives(started: list[Started], tmp_path: Path) -> None:
     assert (address.timing.heartbeat_us, address.timing.detection_us) == (100_000, 400_000)
 
 
-def test_without_keys_on_purpose_there_is_no_warning(started: list[Started]) -> None:
-    assert mrbt("agent", "--mission", EXPLORE, "--robot", "R1", "--insecure") == (0, "", "")
-    words = ("--insecure", "--keys", "keys")
-    code, _, problems = mrbt("agent", "--mission", EXPLORE, "--robot", "R1", *words)
+def test_a_robot_has_keys_or_is_told_that_it_needs_none(started: list[Started]) -> None:
+    words = ("agent", "--mission", EXPLORE, "--robot", "R1")
+    code, _, problems = mrbt(*words)
+    assert code == 2
+    assert "`mrbt keys init DIR --robots R1,...`" in problems
+    assert "or --insecure" in problems
+    code, _, problems = mrbt(*words, "--insecure", "--keys", "keys")
     assert (code, "--keys: with --insecure nothing is signed" in problems) == (2, True)
-    assert len(started) == 1
+    assert started == []
+    assert mrbt(*words, MRBT_KEYS="keys") == (0, "", "")
+    assert [address.keys for _, address in started] == [Path("keys")]
 
 
 def test_variables_stand_for_options_and_options_win(started: list[Started]) -> None:
-    variables = {"MRBT_MISSION": EXPLORE, "MRBT_TEAM": "t", "MRBT_RUN": "r"}
+    variables = {"MRBT_MISSION": EXPLORE, "MRBT_TEAM": "t", "MRBT_RUN": "r", "MRBT_KEYS": "k"}
     assert mrbt("agent", "--robot", "R1", "--team", "other", **variables)[0] == 0
     ((start, address),) = started
     assert (start.mission, address.transport.team, address.run) == (Path(EXPLORE), "other", "r")

@@ -145,6 +145,21 @@ def test_the_status_shows_the_bounds_of_what_is_requested() -> None:
     assert table.splitlines()[1].split() == ["move_frame", "remove_cover", "2", "2", "nobody"]
 
 
+def test_the_status_shows_how_often_and_why_messages_are_refused() -> None:
+    address = SimpleNamespace(run_dir=None, keys=None)
+    watcher = SimpleNamespace(observer=run(2.0).observer, address=address)
+    data = status_data(cast("Any", watcher))
+    assert "has refused" not in drawn(render_status(data))
+    few = {"B1: not signed": 3, "B2: said before": 4, "C1: not signed": 2}
+    many = {f"B1: reason {number}": 9 - number for number in range(7)}
+    text = drawn(render_status(data | {"refused": {"A1": few, "A2": many}}))
+    assert line_of(text, "A1 has") == ("A1 has refused 9 messages: not signed (5); said before (4)")
+    text = " ".join(text.split())
+    assert "A2 has refused 42 messages: reason 0 (9);" in text
+    assert "reason 4 (5); 2 other reasons" in text
+    assert "not secure: nothing is signed" in text
+
+
 def test_a_team_that_stands_by_shows_its_rounds() -> None:
     path = REPAIR.with_name("standing_by.yaml")
     calm, at_work, again = (run(until_s, path=path) for until_s in (3.0, 12.0, 33.0))

@@ -1,0 +1,164 @@
+"""What it costs that every message is proved, and what a flood does to a team.
+
+    python -m benchmarks.security [--messages 5000] [--kills 10] [--rate 20000] [--json FILE]
+
+messages  sealing a heartbeat, checking it at the gate and opening it: median and p99 of each
+at rest   a team of six: how much of what a robot uses goes into that
+flood     the time from a SIGKILL until the replacement has started, calm and while a stranger
+          sends so many changed messages a second, each to every robot
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from benchmarks.failover import at_rest, failover_s, spread
+from benchmarks.run import ROOT, Run, machine, say
+from mrbt_mesh.core.agent.inputs import Input, MessageReceived
+from mrbt_mesh.core.membership.envelope import MAX_TAGS, Guard
+from mrbt_mesh.core.membership.keys import Role
+from mrbt_mesh.core.membership.wire import MessageKind
+from mrbt_mesh.runtime.flood_gate import FloodGate
+from mrbt_mesh.runtime.manifest import Manifest
+from mrbt_mesh.runtime.member_keys import MemberKeys, public_member, signing_key
+from mrbt_mesh.runtime.settings import DEFAULT_BEAT_S, WIRED
+
+BEAT_BYTES, ROBOTS, RUN = 350, 6, "run"
+WARM_UP = 200
+
+
+def team_keys(robots: int) -> list[MemberKeys]:
+    """Keys of so many robots and an operator, the robots' first."""
+    authority = signing_key(os.urandom(32))
+    names = [*(f"R{number:03}" for number in range(robots)), "operator"]
+    secrets = {name: os.urandom(32) for name in names}
+    roles = {name: Role.OPERATOR if name == "operator" else Role.ROBOT for name in names}
+    members = {name: public_member(secrets[name], roles[name]) for name in names}
+    public = authority.public_key().public_bytes_raw()
+    manifest = Manifest(1, public, members).signed(authority)
+    return [MemberKeys(name, secrets[name], manifest) for name in names]
+
+
+def quantiles_us(step: Callable[[int], object], count: int) -> dict[str, float]:
+    """Median and 99th percentile of one step, in us of the processor's time."""
+    for number in range(WARM_UP):
+        step(number)
+    times_us = []
+    for number in range(WARM_UP, WARM_UP + count):
+        started_ns = time.thread_time_ns()
+        step(number)
+        times_us.append((time.thread_time_ns() - started_ns) / 1e3)
+    cuts = statistics.quantiles(times_us, n=100)
+    return {"median_us": round(cuts[49], 1), "p99_us": round(cuts[98], 1)}
+
+
+def message_costs(robots: int, count: int) -> dict[str, dict[str, float]]:
+    """What one message of a team of so many robots costs."""
+    mine, theirs, *_ = team_keys(robots)
+    sender, receiver = Guard(mine, RUN, 1), Guard(theirs, RUN, 1)
+    total = WARM_UP + count
+    inner = [os.urandom(BEAT_BYTES) for _ in range(total)]
+    sealed: list[bytes] = []
+    kept: list[Input] = []
+
+    def keep(event: Input, _: str | None) -> bool:
+        kept.append(event)
+        return True
+
+    gate = FloodGate(theirs, RUN, keep)
+    beat = MessageKind.HEARTBEAT
+
+    def check(number: int) -> None:
+        gate.deliver(MessageReceived(beat, mine.name, sealed[number]), "slot")
+
+    costs = {"seal": quantiles_us(lambda number: sealed.append(sender.seal(inner[number])), count)}
+    if robots <= MAX_TAGS:
+        costs["gate"] = quantiles_us(check, count)
+    costs["open"] = quantiles_us(lambda n: receiver.open(sealed[n], beat, mine.name), count)
+    return costs
+
+
+def rest_share(costs: dict[str, dict[str, float]]) -> dict[str, float]:
+    """What a robot of a small team uses at rest, and how much of it proves messages."""
+    used = at_rest(ROBOTS, WIRED)["cpu_percent"]
+    beats_per_s = 1 / DEFAULT_BEAT_S
+    received_us = costs["gate"]["median_us"] + costs["open"]["median_us"]
+    spent_us = beats_per_s * (costs["seal"]["median_us"] + (ROBOTS - 1) * received_us)
+    percent = spent_us / 1e4
+    return {
+        "robot_cpu_percent": used,
+        "proofs_cpu_percent": round(percent, 3),
+        "share_percent": round(100 * percent / used, 1),
+    }
+
+
+@contextmanager
+def flood(run: Run, rate: int, rates: list[int]) -> Iterator[None]:
+    """A stranger floods the team."""
+    run.wait_for("use_screwdriver", "start")
+    info = json.loads((run.folder / "run.json").read_text())
+    words = [str(rate), info["team"], *info["endpoints"].values()]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "benchmarks.flooder", *words],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+    )
+    try:
+        assert process.stdout is not None
+        process.stdout.readline()
+        yield
+        told, _ = process.communicate(timeout=30)
+        rates.append(int(told))
+    finally:
+        process.kill()
+        process.wait()
+
+
+def takeovers(kills: int, rate: int) -> dict[str, Any]:
+    """Takeovers in turn, calm and in a flood."""
+    calm_s, flood_s, rates = [], [], list[int]()
+    for number in range(kills):
+        calm_s.append(failover_s(signal.SIGKILL, WIRED))
+        flood_s.append(failover_s(signal.SIGKILL, WIRED, lambda run: flood(run, rate, rates)))
+        say(f"kill {number + 1}/{kills}: {1e3 * calm_s[-1]:.0f} ms, {1e3 * flood_s[-1]:.0f} ms")
+    ratio = statistics.median(flood_s) / statistics.median(calm_s)
+    found = {"calm": spread(calm_s), "flood": spread(flood_s), "times_slower": round(ratio, 2)}
+    return {**found, "sent_per_s": round(statistics.median(rates))}
+
+
+def main() -> None:
+    """Run the benchmark."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("--messages", type=int, default=5_000)
+    parser.add_argument("--kills", type=int, default=10, help="0: no flood")
+    parser.add_argument("--rate", type=int, default=20_000, help="messages a second")
+    parser.add_argument("--json", type=Path, help="also write the result here")
+    options = parser.parse_args()
+    result: dict[str, Any] = {"machine": machine(), "load_before": os.getloadavg()[0]}
+    result["tags"] = message_costs(ROBOTS, options.messages)
+    result["signatures"] = message_costs(2 * MAX_TAGS, options.messages)
+    say("at rest ...")
+    result["at_rest"] = rest_share(result["tags"])
+    if options.kills:
+        result["flood"] = takeovers(options.kills, options.rate)
+    text = json.dumps(result, indent=2)
+    sys.stdout.write(text + "\n")
+    if options.json:
+        options.json.write_text(text + "\n")
+
+
+if __name__ == "__main__":
+    main()
