@@ -45,6 +45,7 @@ class TokenHolders:
             if holder in holders or is_full:
                 return None
             self._holders.setdefault(life, {})[holder] = None
+            self._note_last(life, holder)
             return True
         if holder not in holders:
             return None
@@ -52,13 +53,16 @@ class TokenHolders:
         if holders:
             return None
         del self._holders[life]
+        self._note_last(life, holder)
+        return False
+
+    def _note_last(self, life: tuple[str, Incarnation], holder: Holder) -> None:
         self._last_session[life] = holder.session
         if len(self._last_session) > MAX_LIVES:
             del self._last_session[next(iter(self._last_session))]
-        return False
 
     def last_session(self, robot: str, incarnation: Incarnation) -> str:
-        """The session that held the token of this life longest; empty if it was never gone."""
+        """The session that showed the token of this life last, or held it to the end; or empty."""
         return self._last_session.get((robot, incarnation), "")
 
     def robots_of(self, sessions: set[str]) -> frozenset[str]:

@@ -47,7 +47,7 @@ def test_a_robot_that_has_found_another_router_shows_that_before_its_first_token
     assert holders.change("A", LIFE, by("a", "r2"), True) is True
     assert holders.change("A", LIFE, by("a", "r1"), False) is None
     assert holders.robots_of({"a", "b"}) == {"A"}
-    assert holders.last_session("A", LIFE) == ""
+    assert holders.last_session("B", LIFE) == ""
     assert holders.change("A", LIFE, by("a", "r2"), False) is False
     assert holders.robots_of({"a", "b"}) == frozenset()
     assert holders.last_session("A", LIFE) == "a"

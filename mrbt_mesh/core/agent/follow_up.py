@@ -32,6 +32,7 @@ PLAN_SPACING_US = 200
 _MAY_CHANGE_NOTHING = (MessageReceived, ProgressReported, TimerFired)
 
 
+# Attributes: the parts of the agent that are brought up to date, and what the last step went by.
 class FollowUp:
     """Does what is due.
 
