@@ -69,6 +69,11 @@ class Timing:
         return max(self.detection_us, periods * self.heartbeat_us)
 
     @property
+    def overdue_us(self) -> int:
+        """News of a robot is overdue once it has been silent for longer."""
+        return self.heartbeat_us * 5 // 4
+
+    @property
     def max_silence_us(self) -> int:
         """The longest silence that a robot survives."""
         return 3 * self.detection_us

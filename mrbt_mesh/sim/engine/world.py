@@ -16,7 +16,6 @@ from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import OrderKind
 from mrbt_mesh.core.facts.store import Incarnation
-from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import Mission, MissionEnd
 from mrbt_mesh.core.observer.observer import Observer
@@ -43,6 +42,7 @@ class World:
 
     def __init__(self, setup: Setup, inspect: Inspect) -> None:
         self.setup = setup
+        self.timing = setup.timing
         self.clock = VirtualClock()
         self.network = Network(setup.network, setup.seed)
         self.bus = MessageBus(self.clock, self.network, self._token_changed)
@@ -82,10 +82,6 @@ class World:
     @property
     def mission(self) -> Mission:
         return self.setup.mission
-
-    @property
-    def timing(self) -> Timing:
-        return self.setup.timing
 
     @property
     def plan_delay_us(self) -> int:
