@@ -193,7 +193,8 @@ class Story:
     def _see(self) -> None:
         """Robots end their work and say what they have seen, all at the same time."""
         team, found = self.team, self.found
-        working, cells = team.at_work()[:-1], FACTS_PER_ROBOT * found.robots
+        working = team.at_work()[:-1] or team.at_work()
+        cells = FACTS_PER_ROBOT * found.robots
         for number, robot in enumerate(working):
             seen = range(number, cells, len(working))
             team.end_action(robot, tuple((f"seen(c{cell:05})", True) for cell in seen))
