@@ -68,8 +68,9 @@ class Heartbeats:
         self._told_until_us = now_us
         self._told_news = 0
         self._news_from_us = now_us
-        # Who was told that the section agrees on which plan; and who still goes by one that is no
-        # more agreed on.
+        # What is told of plans, and to which speakers. Who was told that the section agrees on
+        # which plan; and who still goes by one that is no more agreed on.
+        self._tells: tuple[bytes, bool, tuple[str, ...]] | None = None
         self._told: set[str] = set()
         self._told_plan: Plan | None = None
         self._misled: set[str] = set()
@@ -143,7 +144,9 @@ class Heartbeats:
             # At most once per period: a team that has trouble must not make more of it.
             self._told_news, self._news_from_us = urgent.news, now_us + timing.heartbeat_us
             is_to_all = True
-        if last is None or (last.digest, last.is_agreed) != (urgent.digest, urgent.is_agreed):
+        tells = urgent.digest, urgent.is_agreed, self._sections.speakers()
+        if tells != self._tells:
+            self._tells = tells
             self._told_until_us = now_us + repeats_us
             self._misled = self._still_waiting()
             self._told = set()
