@@ -191,8 +191,10 @@ class Membership:
         """What a robot suspects now, in place of what it suspected before."""
         for suspicion in suspicions:
             peer = self.peers.get(suspicion.robot)
-            if suspicion.robot == self.me and suspicion.is_dead:
-                self._was_accused()
+            if suspicion.robot == self.me:
+                self.neighbourhood.answer(robot)  # it may see another ring than this one
+                if suspicion.is_dead:
+                    self._was_accused()
             if peer is not None and suspicion.incarnation == peer.incarnation:
                 self.suspicion_changes += set_member(
                     peer.token_lost_by, robot, suspicion.is_token_lost
