@@ -21,7 +21,7 @@ help:
 	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
 	@echo "make bench           the planner against what one would use instead: docs/performance.md"
 	@echo "make bench-failover  time from a kill or a freeze until the replacement has started"
-	@echo "make bench-scale     teams of 6 to 64 processes: launch, cost at rest, replacement"
+	@echo "make bench-scale     teams of 6 to 64 processes and 8 to 1,000 simulated robots: docs/scale.md"
 	@echo "make bench-security  what signing costs, and takeovers in a flood of 20,000 messages a second"
 	@echo "make bench-resume    50 rounds of killing the whole team and resuming it"
 	@echo "make bench-membership false deaths, detection and agreement on bad networks"
@@ -82,7 +82,7 @@ bench: $(READY)
 	$(BIN)/python -m benchmarks --json bench.json --plot bench-plots
 
 bench-scale: $(READY)
-	$(BIN)/python -m benchmarks.scale
+	$(BIN)/python -m benchmarks.scale --json scale.json
 
 bench-security: $(READY)
 	$(BIN)/python -m benchmarks.security

@@ -1,6 +1,6 @@
 """Who is thought dead, how soon, and how fast a team agrees, on networks from good to hopeless.
 
-    python -m benchmarks.membership [--full | --long] [--jobs 2] [--json FILE] [--write-docs]
+    python -m benchmarks.membership [--full] [--jobs 2] [--json FILE] [--write-docs]
 
 Virtual time; the robots are the real agents with the default knobs. Beside them stands a plain
 detector that sees the same beats: dead after the detection time without a beat of the robot
@@ -19,7 +19,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
-from benchmarks.membership.jobs import Job, jobs, long_jobs
+from benchmarks.membership.jobs import Job, jobs
 from benchmarks.membership.networks import Net
 from benchmarks.membership.results import markdown, summary
 from benchmarks.report import bar_of_jobs, write_docs
@@ -49,13 +49,12 @@ def main() -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--full", action="store_true", help="more and longer runs: hours")
-    parser.add_argument("--long", action="store_true", help="32 and 64 robots for 600 s: 30 min")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes (all cores)")
     parser.add_argument("--json", type=Path, help="also write the result here")
     parser.add_argument("--write-docs", action="store_true", help="update docs/membership.md")
     options = parser.parse_args()
     started = time.monotonic()
-    todo = list(long_jobs() if options.long else jobs(options.full))
+    todo = list(jobs(options.full))
     tables = summary(run_all(todo, options.jobs))
     text = markdown(tables)
     sys.stdout.write(text + "\n")

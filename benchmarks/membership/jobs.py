@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from benchmarks.membership.agreement import agreement, traffic
-from benchmarks.membership.networks import BAD, BROKEN, GRADED, Net
+from benchmarks.membership.networks import BAD, BROKEN, GRADED, ROUGH, Net
 from benchmarks.membership.verdicts import verdicts
 
 
@@ -29,8 +29,10 @@ def jobs(full: bool) -> Iterator[Job]:
     """Long ones first. Sizes: (robots, networks, seconds at rest, runs, victims)."""
     some = [Net(), Net(30), BAD, *(net for net in BROKEN if net.loss_percent)]
     sizes: list[tuple[int, Iterable[Net], int, int, int]] = [
-        (64, (BAD,), 600 if full else 10, 1, 4 if full else 1),
-        (32, GRADED + BROKEN if full else some, 600 if full else 12, 2 if full else 1, 4),
+        (128, (BAD,), 600, 5 if full else 1, 4),
+        (64, (BAD, ROUGH), 600, 5 if full else 1, 4),
+        (32, GRADED + BROKEN if full else [*some, ROUGH], 600, 5 if full else 1, 4),
+        (16, (BAD,), 600, 20 if full else 1, 4),
         (6, GRADED + BROKEN, 600, 20 if full else 1, 2),
         (6, GRADED + BROKEN, 20, 50 if full else 12, 2),
         (3, GRADED + BROKEN, 600, 100 if full else 3, 1),
@@ -54,11 +56,3 @@ def jobs(full: bool) -> Iterator[Job]:
         for net in nets:
             for seed in range(runs):
                 yield Job("verdicts", robots, net, (rest_s, victims, 1_000 * rest_s + seed))
-
-
-def long_jobs() -> Iterator[Job]:
-    """Ten minutes of large teams on a bad network, with a broken link and a one-way link in it."""
-    rough = Net(30, 200, "0>1 2-3")
-    yield Job("verdicts", 64, rough, (600, 4, 3))
-    yield Job("verdicts", 32, BAD, (600, 4, 1))
-    yield Job("verdicts", 32, rough, (600, 0, 2))

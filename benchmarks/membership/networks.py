@@ -77,10 +77,11 @@ class Net:
             parts.append(f"{self.jitter_ms} ms jitter")
         if self.links:
             broken = "broken link" if "-" in self.links else "one-way link"
-            parts.append(broken + "s" * (len(self.links.split()) > 1))
+            parts.append(broken if len(self.links.split()) == 1 else "one link, another one way")
         return ", ".join(parts)
 
 
 GRADED = [Net(loss, jitter) for jitter in (0, 200) for loss in (0, 10, 20, 30, 40, 50)]
 BROKEN = [Net(*rough, links) for links in ("0>1", "0-1") for rough in ((0, 0), (30, 200))]
 BAD = Net(30, 200)
+ROUGH = Net(30, 200, "0>1 2-3")

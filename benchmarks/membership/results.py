@@ -6,7 +6,7 @@ import statistics
 from typing import Any
 
 from benchmarks.membership.agreement import Drill
-from benchmarks.membership.networks import BROKEN, GRADED, SECOND_US, Net
+from benchmarks.membership.networks import BROKEN, GRADED, ROUGH, SECOND_US, Net
 from benchmarks.membership.verdicts import Verdicts
 from benchmarks.report import grid
 
@@ -26,7 +26,7 @@ def spread_s(times_us: list[int]) -> dict[str, float]:
 def summary(found: dict[tuple[str, int, Net], list[Any]]) -> dict[str, list[dict[str, Any]]]:
     """Everything as plain data."""
     tables: dict[str, list[dict[str, Any]]] = {"verdicts": [], "agreement": [], "traffic": []}
-    order = {net: index for index, net in enumerate([*GRADED, *BROKEN])}
+    order = {net: index for index, net in enumerate([*GRADED, *BROKEN, ROUGH])}
     for kind, robots, net in sorted(found, key=lambda key: (key[0], key[1], order[key[2]])):
         results = found[kind, robots, net]
         row: dict[str, Any] = {"robots": robots, "network": str(net)}

@@ -6,7 +6,10 @@ measures lets time pass, and between two moments ends actions, freezes robots, c
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 
 from mrbt_mesh.core.agent.effects import (
     Ask,
@@ -17,8 +20,15 @@ from mrbt_mesh.core.agent.effects import (
     RequestBid,
     StartAction,
 )
-from mrbt_mesh.core.agent.inputs import ActionFinished, ActionStopped, Input, MessageReceived
+from mrbt_mesh.core.agent.inputs import (
+    ActionFinished,
+    ActionStopped,
+    Input,
+    MessageReceived,
+    NewsReceived,
+)
 from mrbt_mesh.core.agent.view import AgentView
+from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import Mission
@@ -28,6 +38,7 @@ from mrbt_mesh.sim.engine.inspection import Inspection
 from mrbt_mesh.sim.engine.network import Network, NetworkKnobs
 from mrbt_mesh.sim.engine.process import SimProcess
 from mrbt_mesh.sim.engine.setup import AgentOptions, Setup
+from mrbt_mesh.sim.engine.sharing import HandedOver, shared_engine
 from mrbt_mesh.sim.engine.world import World
 
 START_SPREAD_US = 200_000
@@ -39,17 +50,31 @@ class SteppedTeam:
 
     `on_beat(source, target, now_us)` sees every beat before it is taken in, `on_step(agent,
     now_us)` every agent after it has taken in something. `sent` and `sent_bytes` count copies: a
-    beat to five peers counts five times.
+    beat to five peers counts five times. `received` counts what came to each robot.
+
+    With `round_us` robots come round only that often, and take in what has come together, as busy
+    processes do. `is_shared`: robots hand beats over as they are and make each plan once; for
+    large teams.
     """
 
     def __init__(
-        self, mission: Mission, network: NetworkKnobs, seed: int, timing: Timing | None = None
+        self,
+        mission: Mission,
+        network: NetworkKnobs,
+        seed: int,
+        timing: Timing | None = None,
+        round_us: int = 0,
+        is_shared: bool = False,
     ) -> None:
         self.mission = mission
         self.sent = 0
         self.sent_bytes = 0
+        self.received: Counter[str] = Counter()
         self.on_beat: Callable[[str, str, int], None] | None = None
         self.on_step: Callable[[AgentView, int], None] | None = None
+        self._round_us = round_us
+        options = AgentOptions(timing=timing or Timing(), exit_when_done=False)
+        self._plain_engine = options.engine
         setup = Setup(
             mission=mission,
             program=RobotProgram(),
@@ -57,10 +82,13 @@ class SteppedTeam:
             robots=tuple(sorted(mission.robots)),
             timeout_us=NEVER_US,
             network=network,
-            agents=AgentOptions(timing=timing or Timing(), exit_when_done=False),
+            agents=options,
             start_spread_us=START_SPREAD_US,
         )
-        self._world = World(setup, lambda world: _Watch(self))
+        if is_shared:
+            engine = shared_engine(setup.header, options.engine)
+            setup = replace(setup, agents=replace(options, engine=engine))
+        self._world = _UnobservedWorld(setup, lambda world: _Watch(self))
         self._programs: dict[str, _HeldActions] = {}
 
     @property
@@ -133,13 +161,21 @@ class SteppedTeam:
     def _start(self, process: SimProcess, _: RobotIdentity) -> None:
         program = self._programs[process.robot] = _HeldActions(process)
         process.boot(program)
+        if self._round_us:
+            # All of them in step, so that they mostly know the same.
+            clock = self._world.clock
+            at_us = -(-clock.now_us // self._round_us) * self._round_us
+            clock.at(at_us, partial(process.slow, self._round_us))
 
-    def count(self, effect: Effect) -> None:
+    def count(self, process: SimProcess, effect: Effect) -> None:
         """What an agent has sent."""
         match effect:
             case Publish(_, data, to):
                 copies = len(self._world.robots.processes) - 1 if to is None else len(to)
                 self.sent += copies
+                if isinstance(data, HandedOver) and process.agent is not None:
+                    header = process.agent.view.header
+                    data = self._plain_engine.write_heartbeat(data.beat, header)
                 self.sent_bytes += copies * len(data)
             case Ask(_, data):
                 self.sent += 1
@@ -171,6 +207,16 @@ class _HeldActions:
         self.action = None
 
 
+class _UnobservedWorld(World):
+    """Without the observer, which in a large team has as much to do as the robots."""
+
+    def published(self, process: SimProcess, effect: Publish) -> None:
+        self.bus.publish(process.robot, effect)
+
+    def _token_changed(self, robot: str, incarnation: Incarnation, held: bool) -> None:
+        pass
+
+
 class _Watch(Inspection):
     """Counts what is sent, and tells the driver of steps and beats."""
 
@@ -181,12 +227,14 @@ class _Watch(Inspection):
 
     def handling(self, process: SimProcess, event: Input) -> None:
         team = self._team
-        match event:
-            case MessageReceived(MessageKind.HEARTBEAT, source, _) if team.on_beat is not None:
-                team.on_beat(source, process.robot, team.now_us)
+        for each in event.news if isinstance(event, NewsReceived) else (event,):
+            if isinstance(each, MessageReceived):
+                team.received[process.robot] += 1
+                if each.kind is MessageKind.HEARTBEAT and team.on_beat is not None:
+                    team.on_beat(each.source, process.robot, team.now_us)
 
     def handled(self, process: SimProcess, event: Input, effects: Sequence[Effect]) -> None:
         for effect in effects:
-            self._team.count(effect)
+            self._team.count(process, effect)
         if self._team.on_step is not None and process.agent is not None:
             self._team.on_step(process.agent.view, self._team.now_us)

@@ -36,6 +36,8 @@ class Watch:
     def __init__(self, team: SteppedTeam) -> None:
         self.team = team
         self.found = Verdicts()
+        self._timing = TIMING.of_team(len(team.mission.robots))
+        self._seen: dict[str, int] = {}
         self._dead: set[Link] = set()
         self._beat_us: dict[Link, int] = {}
         self._frozen_us: dict[str, int] = {}
@@ -43,6 +45,10 @@ class Watch:
         team.on_beat = self._beat
 
     def _step(self, agent: AgentView, now_us: int) -> None:
+        _, changes = agent.version
+        if self._seen.get(agent.robot) == changes:
+            return
+        self._seen[agent.robot] = changes
         for robot, peer in agent.peers.items():
             pair = (robot, agent.robot)
             if peer.state is not State.DEAD:
@@ -55,8 +61,10 @@ class Watch:
                     self.found.false += 1
 
     def _beat(self, source: str, target: str, now_us: int) -> None:
+        if not self.team.agent(target).judges(source):
+            return
         silent_us = now_us - self._beat_us.get((source, target), now_us)
-        self.found.plain_false += silent_us >= TIMING.detection_us
+        self.found.plain_false += silent_us >= self._timing.detection_us
         self._beat_us[source, target] = now_us
 
     def freeze(self, robot: str) -> None:
@@ -67,7 +75,7 @@ class Watch:
         """The plain detector's times follow from the last beat that each robot received."""
         silent = set(self.team.network.blocked)
         for (source, target), last_us in self._beat_us.items():
-            due_us = last_us + TIMING.detection_us
+            due_us = last_us + self._timing.detection_us
             if (source, target) in silent:
                 self.found.plain_false += source not in self._frozen_us  # and for ever
             elif source in self._frozen_us and target not in self._frozen_us:
@@ -78,9 +86,9 @@ class Watch:
 
 def verdicts(robots: int, net: Net, rest_s: int, victims: int, seed: int) -> Verdicts:
     """A team at rest for a while; then some robots freeze, one after the other."""
-    team = SteppedTeam(mission(robots, 1), net.knobs(), seed)
+    team = SteppedTeam(mission(robots, 1), net.knobs(), seed, is_shared=True)
     watch = Watch(team)
-    choose = random.Random(f"victims/{seed}")
+    choose, timing = random.Random(f"victims/{seed}"), TIMING.of_team(robots)
     team.launch_all()
     team.run_until(min(WARM_UP_US, rest_s * SECOND_US))
     team.network.block(net.blocked())
@@ -89,7 +97,7 @@ def verdicts(robots: int, net: Net, rest_s: int, victims: int, seed: int) -> Ver
     # Of three robots, the third that the ends of a broken link have to ask must stay.
     candidates = range(1) if net.links and robots == 3 else range(robots)
     for victim in choose.sample(candidates, victims):
-        team.run_until(team.now_us + choose.randrange(TIMING.heartbeat_us))
+        team.run_until(team.now_us + choose.randrange(timing.heartbeat_us))
         watch.freeze(name(victim))
-        team.run_until(team.now_us + TIMING.max_detection_us + SECOND_US)
+        team.run_until(team.now_us + timing.max_detection_us + SECOND_US)
     return watch.close()

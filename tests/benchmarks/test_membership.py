@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.membership.agreement import Drill, agreement, traffic
-from benchmarks.membership.jobs import Job, jobs, long_jobs
+from benchmarks.membership.jobs import Job, jobs
 from benchmarks.membership.networks import BAD, SECOND_US, TIMING, Net, name
 from benchmarks.membership.results import markdown, summary
 from benchmarks.membership.verdicts import verdicts
@@ -44,7 +44,7 @@ def test_an_event_costs_messages() -> None:
 
 
 def test_all_that_is_run_has_its_place_in_the_tables() -> None:
-    todo = [*jobs(full=True), *long_jobs()]
+    todo = [*jobs(full=True)]
     assert {job.kind for job in todo} == {"verdicts", "agreement", "traffic"}
     chosen = [
         Job("verdicts", 2, Net(), (12, 1, 1)),

@@ -1,4 +1,4 @@
-"""The benchmark of teams on one machine: its mission, and what it makes of what it sees."""
+"""The benchmark of teams by their size: its missions, and what it makes of what it sees."""
 
 from __future__ import annotations
 
@@ -10,9 +10,12 @@ from typing import cast
 import pytest
 from rich.console import Console
 
-from benchmarks import scale
+from benchmarks.report import marks
 from benchmarks.run import Run
+from benchmarks.scale import processes, results, simulated
+from benchmarks.scale.__main__ import sizes_of
 from mrbt_mesh.formats.mission_file import load_mission, mission_warnings
+from tests.support.paths import ROOT
 
 
 def seen(*starts: tuple[str, str]) -> Run:
@@ -25,7 +28,7 @@ def seen(*starts: tuple[str, str]) -> Run:
 @pytest.mark.parametrize("robots", [2, 6, 64])
 def test_half_of_a_patrol_is_free(robots: int, tmp_path: Path) -> None:
     file = tmp_path / "mission.yaml"
-    file.write_text(scale.patrol(robots))
+    file.write_text(processes.patrol(robots))
     mission = load_mission(file)
     assert len(mission.robots) == robots
     assert len([*mission.tree.actions()]) == robots // 2
@@ -34,15 +37,15 @@ def test_half_of_a_patrol_is_free(robots: int, tmp_path: Path) -> None:
 
 def test_who_works_where() -> None:
     run = seen(("R1", "a1"), ("R2", "a2"), ("R3", "a1"))
-    assert scale.workers(run) == {"a1": "R3", "a2": "R2"}
+    assert processes.workers(run) == {"a1": "R3", "a2": "R2"}
 
 
 def test_what_did_not_come_in_time_is_told() -> None:
-    late = scale.Size(64)
-    slow = scale.Size(24, 7.25, 44.0, 52.0, 21.0, [80.0, None, 90.0])
+    late = processes.Size(64)
+    slow = processes.Size(24, 7.25, 44.0, 52.0, 21.0, [80.0, None, 90.0])
     console = Console(width=120, record=True, file=None)
     with console.capture() as captured:
-        console.print(scale.table([slow, late]))
+        console.print(processes.table([slow, late]))
     lines = captured.get().splitlines()
     assert lines[2].split() == ["24", "7.2", "44.0", "52.0", "21.0", "85", ">", "60", "s"]
     assert lines[3].split() == ["64", "not", "in", "time"]
@@ -50,5 +53,50 @@ def test_what_did_not_come_in_time_is_told() -> None:
 
 def test_a_team_of_one_is_refused() -> None:
     with pytest.raises(argparse.ArgumentTypeError, match="at least 2"):
-        scale.sizes_of("6,1")
-    assert scale.sizes_of("6,12") == [6, 12]
+        sizes_of("6,1")
+    assert sizes_of("6,12") == [6, 12]
+
+
+def test_the_table_of_processes_has_a_row_for_each_team() -> None:
+    slow = processes.Size(24, 7.25, 44.0, 52.0, 21.0, [80.0, None, 90.0])
+    lines = results.of_processes([slow, processes.Size(64)]).splitlines()
+    assert lines[2] == "| 24 | 7.2 | 44.0 | 52.0 | 21.0 | 85 | not in time |"
+    assert lines[3].startswith("| 64 | not in time |")
+
+
+@pytest.fixture(scope="module")
+def team() -> simulated.Size:
+    """A simulated team in which not everybody is everybody's neighbour."""
+    return simulated.measure(12, 1)
+
+
+def test_a_simulated_team_gets_over_all_that_befalls_it(team: simulated.Size) -> None:
+    times_s = [team.launch_s, team.facts_s, team.late_s, team.cut_s, team.healed_s]
+    assert all(each is not None for each in times_s)
+    assert team.facts > simulated.FACTS_PER_ROBOT * team.robots
+    assert {kind for kind, event in team.events.items() if event.replaced_s} == {
+        "new plan",
+        "kill",
+        "freeze",
+    }
+    for event in team.events.values():
+        assert all(after_s < 3 for after_s in event.replaced_s)
+        assert 0 < event.most[0] < 200
+        assert event.mean[0] <= event.most[0]
+
+
+def test_what_is_simulated_is_in_the_tables_and_plots(team: simulated.Size) -> None:
+    late = simulated.Size(1_000, events={"kill": simulated.Event([9.0], [1.0], [1.0], [60.0])})
+    text = results.of_simulated([team, late])
+    assert len([line for line in text.splitlines() if line.startswith("| 12 |")]) == 3
+    assert len([line for line in text.splitlines() if line.startswith("| 1000 |")]) == 2
+    assert "| not in time / not in time |" in text
+    charts = {chart.name: chart for chart in results.charts([team, late])}
+    assert charts.keys() == {"rest", "event", "replacement"}
+    assert [n for n, _ in charts["event"].curves["kill"]] == [12, 1_000]
+
+
+@pytest.mark.parametrize("name", ["processes", "simulated"])
+def test_the_page_has_a_place_for_what_is_measured(name: str) -> None:
+    text = (ROOT / "docs" / "scale.md").read_text()
+    assert [text.count(mark) for mark in marks(name)] == [1, 1]

@@ -18,7 +18,7 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.joining import Joining
 from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.membership.replica import Replica, Then
-from mrbt_mesh.core.membership.wire import Header, MessageKind
+from mrbt_mesh.core.membership.wire import DIGEST_BYTES, Header, MessageKind
 from mrbt_mesh.core.mission.mission import Mission
 
 MAX_REASONS = 1_000
@@ -88,9 +88,12 @@ class Context:
 
     def ask(self, peers: Iterable[str], now_us: int) -> None:
         """Ask these peers for the facts that this robot lacks."""
+        alive = bytes(DIGEST_BYTES)
+        if self.joining is None:
+            alive = self.membership.alive_digest(self.replica.incarnation)
         for peer in peers:
             self.replica.anti_entropy.mark_asked(peer, now_us)
-            self._effects.append(Ask(peer, self.replica.write_pull()))
+            self._effects.append(Ask(peer, self.replica.write_pull(alive)))
 
     def emit(self, *effects: Effect) -> None:
         """Have effects carried out, after those before."""

@@ -2,7 +2,8 @@
 
 A small team is told everything. In a larger one beats go to neighbours (`neighbourhood`), and to
 everybody what concerns everybody: a robot joins or leaves, has been declared dead or is back, seeks
-a lease. Who is about to begin something is told what the others have planned.
+a lease. Who waits for agreement, to begin something or to say that it has failed, is told what the
+others have planned: by the speakers of their sections (`sections`), to whom the others tell it.
 """
 
 from __future__ import annotations
@@ -17,12 +18,17 @@ from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Phase
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
+from mrbt_mesh.core.membership.neighbourhood import Neighbourhood
+from mrbt_mesh.core.membership.sections import Sections
 from mrbt_mesh.core.membership.wire import Heartbeat, MessageKind, SelfReport, Suspicion
 from mrbt_mesh.core.planning.plan import Plan
 
 
 class Urgent(NamedTuple):
-    """What the others must hear at once when it changes."""
+    """What the others must hear at once when it changes.
+
+    `is_agreed`: this robot speaks for its section, all of which report its plan.
+    """
 
     digest: bytes
     result: Status
@@ -32,6 +38,7 @@ class Urgent(NamedTuple):
     sought: tuple[str, str] | None
     granted: tuple[tuple[str, str], ...]
     news: int
+    is_agreed: bool
 
 
 class Heartbeats:
@@ -50,13 +57,24 @@ class Heartbeats:
         self._planner = planner
         self._executor = executor
         self._last: Urgent | None = None
-        # Until when beats repeat what everybody is to hear, and what some are.
-        self._to_all_until_us = now_us
+        membership = context.membership
+        self._sections = Sections(
+            context.me, context.mission.robots, membership.peers, context.config.timing.reach
+        )
+        # What was found of the section, and what that was found from.
+        self._is_agreed = False
+        self._agreed_from: tuple[bytes, int, int] | None = None
+        # Until when beats repeat what is told of plans.
         self._told_until_us = now_us
         self._told_news = 0
         self._news_from_us = now_us
-        self._told: tuple[str, ...] = ()
+        # What is told of plans, and to which speakers. Who was told that the section agrees on
+        # which plan; and who still goes by one that is no more agreed on.
+        self._tells: tuple[bytes, bool, tuple[str, ...]] | None = None
+        self._told: set[str] = set()
         self._told_plan: Plan | None = None
+        self._misled: set[str] = set()
+        self._relays_section = False
 
     def send_if_due(self, now_us: int) -> None:
         """Beat if it is time, or if there is something that others must hear at once."""
@@ -65,8 +83,10 @@ class Heartbeats:
             self._send(urgent, now_us)
 
     def send_if_regular(self, now_us: int) -> None:
-        """Beat if it is time; nothing has changed that others must hear at once."""
-        if now_us >= self._schedule.next_due_us:
+        """Beat if it is time; of what others must hear at once only reports may have changed."""
+        if now_us >= self._schedule.next_due_us or (
+            self._last is not None and self._agrees(self._last.digest) != self._last.is_agreed
+        ):
             self._send(self._urgent(), now_us)
 
     def send(self, now_us: int) -> None:
@@ -97,7 +117,22 @@ class Heartbeats:
             leases.holder.requested,
             granted,
             context.membership.news_changes,
+            self._agrees(digest),
         )
+
+    def _agrees(self, digest: bytes) -> bool:
+        """Whether this robot speaks for its section, and all of that report this plan."""
+        membership = self._context.membership
+        found_from = digest, membership.report_changes, membership.alive_changes
+        if found_from != self._agreed_from:
+            self._agreed_from = found_from
+            self._is_agreed = (
+                bool(digest)
+                and not membership.neighbourhood.is_complete
+                and self._context.me in self._sections.speakers()
+                and self._sections.all_report(digest)
+            )
+        return self._is_agreed
 
     def _audience(self, urgent: Urgent, number: int, now_us: int) -> tuple[str, ...] | None:
         """Who hears this beat; None: everybody."""
@@ -105,27 +140,46 @@ class Heartbeats:
         self._last = urgent
         repeats_us = timing.repeat_offsets_us()[-1]
         is_to_all = last is None or _for_all(last) != _for_all(urgent)
-        if is_to_all:
-            self._to_all_until_us = now_us + repeats_us
-        elif urgent == last:  # it is a repetition
-            is_to_all = now_us <= self._to_all_until_us
-        around, plan = context.membership.neighbourhood, self._planner.plan
-        if urgent.digest and (last is None or last.digest != urgent.digest):
-            # Who was to begin by the plan before, and has not, is told that it is no more.
-            before = self._told_plan
-            waiting = starters(before, context.facts) if before is not None else ()
-            begins = starters(plan, context.facts) if plan and not around.is_complete else ()
-            self._told, self._told_until_us = (*waiting, *begins), now_us + repeats_us
-            self._told_plan = plan if begins else None
-        awaits_all = plan is not None and (plan.pending_verdicts or plan.pending_losses)
         if urgent.news != self._told_news and now_us >= self._news_from_us:
             # At most once per period: a team that has trouble must not make more of it.
             self._told_news, self._news_from_us = urgent.news, now_us + timing.heartbeat_us
             is_to_all = True
-        others = self._told if now_us <= self._told_until_us else ()
-        seeking = [grant.member for grant in self._executor.leases.grantor.grants()]
-        heard_by = around.audience(number, context.mission.robots, (*others, *seeking))
-        return None if is_to_all or urgent.sought is not None or awaits_all else heard_by
+        tells = urgent.digest, urgent.is_agreed, self._sections.speakers()
+        if tells != self._tells:
+            self._tells = tells
+            self._told_until_us = now_us + repeats_us
+            self._misled = self._still_waiting()
+            self._told = set()
+        others = self._who_hears_of_plans(urgent, now_us)
+        others.update(grant.member for grant in self._executor.leases.grantor.grants())
+        heard_by = context.membership.neighbourhood.audience(number, context.mission.robots, others)
+        return None if is_to_all or urgent.sought is not None else heard_by
+
+    def _still_waiting(self) -> set[str]:
+        """Of those that were told of an agreement the ones that have not begun by it."""
+        context, plan = self._context, self._told_plan
+        if plan is None or not self._told:
+            return set()
+        return self._told & who_waits(plan, context.facts, context.membership.neighbourhood)
+
+    def _who_hears_of_plans(self, urgent: Urgent, now_us: int) -> set[str]:
+        """The speakers hear of this robot's plan; of a section's agreement, who waits for it.
+
+        Who was told of an agreement is told when it is no more.
+        """
+        plan, around = self._planner.plan, self._context.membership.neighbourhood
+        self._relays_section = False
+        if plan is None or around.is_complete:
+            return set()
+        is_new = now_us <= self._told_until_us
+        told = set(self._misled) if is_new else set()
+        if urgent.is_agreed:
+            waiting = who_waits(plan, self._context.facts, around)
+            told |= waiting if is_new else waiting - self._told
+            self._told |= waiting
+            self._told_plan = plan
+        self._relays_section = bool(told)
+        return told.union(self._sections.speakers()) if is_new else told
 
     def _send(self, urgent: Urgent, now_us: int) -> None:
         context, plan, executor = self._context, self._planner.plan, self._executor
@@ -138,6 +192,9 @@ class Heartbeats:
         digest, result = (plan.digest, plan.result) if plan else (bytes(8), Status.RUNNING)
         is_joined, membership = urgent.is_joined, context.membership
         to = self._audience(urgent, number, now_us)
+        relays = membership.relays()
+        if self._relays_section:
+            relays = dict(sorted((relays | self._sections.relays()).items()))
         beat = Heartbeat(
             SelfReport(context.replica.incarnation, number, digest, is_joined, int(result)),
             context.is_leaving,
@@ -145,7 +202,7 @@ class Heartbeats:
             tuple([int(status) for status in executor.tree.statuses]),
             context.work.progress,
             urgent.accusations,
-            membership.relays(),
+            relays,
             executor.leases.holder.requested,
             executor.leases.grantor.grants(),
             membership.alive_digest(context.replica.incarnation),
@@ -159,12 +216,17 @@ def _for_all(urgent: Urgent) -> tuple[object, ...]:
     return urgent.is_joined, urgent.is_leaving, urgent.sought
 
 
-def starters(plan: Plan, facts: TeamFacts) -> tuple[str, ...]:
-    """The robots that a plan has begin something: they wait for the others to plan the same."""
-    found = []
+def who_waits(plan: Plan, facts: TeamFacts, around: Neighbourhood) -> set[str]:
+    """The robots that wait until all plan the same: those that the plan has begin something, and
+    some that say so when it has failed something for long enough.
+    """
+    found = set()
     for robot, line in plan.lines.items():
         claim = facts.valid_claim(robot)
         runs = claim is not None and claim.phase is Phase.RUNNING
         if claim is None or not runs or claim.activation != line.activation:
-            found.append(robot)
-    return tuple(sorted(found))
+            found.add(robot)
+    verdicts = [verdict.verdict_name for verdict in plan.pending_verdicts]
+    for name in (*verdicts, *(loss.fact[0] for loss in plan.pending_losses)):
+        found.update(around.monitors(name))
+    return found

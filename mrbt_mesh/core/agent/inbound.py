@@ -160,7 +160,7 @@ class Inbound:
         header = context.replica.header
         try:
             if kind is MessageKind.PULL:
-                pages = context.replica.answer_pull(data, self._view())
+                pages = context.replica.answer_pull(data, self._view)
             else:
                 _, body = decode(data, header, MessageKind.COMMAND)
                 good, text = self._commands.carry_out(body, now_us)
@@ -171,12 +171,16 @@ class Inbound:
             context.emit(Reply(query, (answer,)))
             self._refuse("a query", error)
 
-    def _view(self) -> dict[str, SelfReport]:
-        """Whom this robot holds for alive, for one that asks; nothing while it joins."""
+    def _view(self, alive_digest: bytes) -> dict[str, SelfReport]:
+        """Whom this robot holds for alive, for one that asks and holds others for alive; nothing
+        while it joins.
+        """
         context = self._context
-        if context.joining is not None:
+        incarnation = context.replica.incarnation
+        same = context.membership.alive_digest(incarnation) == alive_digest
+        if context.joining is not None or same:
             return {}
-        mine = SelfReport(context.replica.incarnation, 0, bytes(DIGEST_BYTES), True, 0)
+        mine = SelfReport(incarnation, 0, bytes(DIGEST_BYTES), True, 0)
         return context.membership.view(mine)
 
     def _answer(self, peer: str, data: bytes | None, now_us: int) -> None:
@@ -193,7 +197,7 @@ class Inbound:
         if received.view and not context.membership.neighbourhood.is_complete:
             context.membership.compare_view(peer, received.view, now_us)
         if not received.has_more:
-            context.replica.anti_entropy.mark_answered(peer)
+            context.replica.anti_entropy.mark_answered(peer, now_us)
             if context.joining is not None:
                 context.joining.mark_answered(peer)
 

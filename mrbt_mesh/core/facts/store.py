@@ -112,17 +112,18 @@ class FactMap:
     """All entries, with a digest per author that is kept up to date entry by entry."""
 
     def __init__(self) -> None:
-        self._entries: dict[tuple[str, str], Entry] = {}
+        self._by_author: dict[str, dict[str, Entry]] = {}
         self._digests: dict[str, int] = {}
+        self._total = 0
         self._digest: bytes | None = None
         self._listeners: list[Listener] = []
 
     def __len__(self) -> int:
-        return len(self._entries)
+        return sum(map(len, self._by_author.values()))
 
     def __iter__(self) -> Iterator[Entry]:
         """Entries sorted by author and name."""
-        return (self._entries[key] for key in sorted(self._entries))
+        return (entry for author in sorted(self._by_author) for entry in self.of_author(author))
 
     def subscribe(self, listener: Listener) -> None:
         """Have `listener` called with all that a batch has changed, after it has."""
@@ -130,18 +131,19 @@ class FactMap:
 
     def get(self, author: str, name: str) -> Entry | None:
         """The entry of this author with this name."""
-        return self._entries.get((author, name))
+        entries = self._by_author.get(author)
+        return entries.get(name) if entries is not None else None
 
     def merge(self, entries: Iterable[Entry]) -> list[Entry]:
         """Join entries in; returns those that changed the map."""
         changes: list[tuple[Entry | None, Entry]] = []
         for entry in entries:
-            key = (entry.author, entry.name)
-            old = self._entries.get(key)
+            own = self._by_author.setdefault(entry.author, {})
+            old = own.get(entry.name)
             new = join(old, entry)
             if old is not None and (new.version, new.packed) == (old.version, old.packed):
                 continue
-            self._entries[key] = new
+            own[entry.name] = new
             self._add_to_digest(new.author, new.hash - (old.hash if old else 0))
             changes.append((old, new))
         if changes:
@@ -150,8 +152,11 @@ class FactMap:
 
     def drop(self, author: str, name: str) -> None:
         """Forget an entry that no evaluation can reach any more."""
-        entry = self._entries.pop((author, name), None)
+        own = self._by_author.get(author, {})
+        entry = own.pop(name, None)
         if entry is not None:
+            if not own:
+                del self._by_author[author]
             self._add_to_digest(author, -entry.hash)
             self._notify([(entry, None)])
 
@@ -161,6 +166,7 @@ class FactMap:
 
     def _add_to_digest(self, author: str, change: int) -> None:
         self._digest = None
+        self._total = (self._total + change) % _DIGEST_MODULUS
         total = (self._digests.get(author, 0) + change) % _DIGEST_MODULUS
         if total:
             self._digests[author] = total
@@ -172,12 +178,13 @@ class FactMap:
         return {a: self._digests[a].to_bytes(16, "big") for a in sorted(self._digests)}
 
     def digest(self) -> bytes:
-        """An 8-byte digest of the whole map."""
+        """An 8-byte digest of the whole map: of the sum of the hashes of all entries."""
         if self._digest is None:
-            parts = [a.encode() + b"\0" + digest for a, digest in self.author_digests().items()]
-            self._digest = hashlib.blake2b(b"".join(parts), digest_size=8).digest()
+            total = self._total.to_bytes(16, "big")
+            self._digest = hashlib.blake2b(total, digest_size=8).digest()
         return self._digest
 
     def of_author(self, author: str) -> list[Entry]:
         """The author's entries, sorted by name."""
-        return [self._entries[key] for key in sorted(self._entries) if key[0] == author]
+        entries = self._by_author.get(author, {})
+        return [entries[name] for name in sorted(entries)]

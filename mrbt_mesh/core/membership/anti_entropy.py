@@ -25,11 +25,12 @@ PAST_DIGESTS = 64
 
 @dataclass(slots=True)
 class _Difference:
-    """A peer whose facts differ: since when, and when it was asked last.
+    """A peer whose facts differ: since when, when it said so last, and when it was asked last.
 
     `is_behind`: it tells a digest that this replica had before, so it is the one to ask.
     """
 
+    heard_us: int
     since_us: int | None = None
     asked_us: int | None = None
     is_behind: bool = False
@@ -64,7 +65,8 @@ class AntiEntropy:
             return
         difference = self._differences.get(peer)
         if difference is None:
-            difference = self._differences[peer] = _Difference()
+            difference = self._differences[peer] = _Difference(now_us)
+        difference.heard_us = now_us
         before = (difference.since_us, difference.is_behind)
         difference.is_behind = digest in self._past_digests
         if difference.since_us is None:
@@ -112,12 +114,20 @@ class AntiEntropy:
 
     def mark_asked(self, peer: str, now_us: int) -> None:
         """A pull goes out to this peer."""
-        self._differences.setdefault(peer, _Difference()).asked_us = now_us
+        self._differences.setdefault(peer, _Difference(now_us)).asked_us = now_us
         self.next_ask_us = self._not_before_us
 
-    def mark_answered(self, peer: str) -> None:
-        """The last page of this peer's answer has arrived."""
+    def mark_answered(self, peer: str, now_us: int) -> None:
+        """The last page of this peer's answer has arrived.
+
+        What others said before their last heartbeats were due is outdated: this may have been it.
+        They say so again, to some robot at least, if it was not.
+        """
         self.forget(peer)
+        before_us = now_us - self._timing.overdue_us
+        for other, difference in list(self._differences.items()):
+            if difference.heard_us < before_us and not self.is_asking(other, now_us):
+                self.forget(other)
 
     def mark_unanswered(self, peer: str, now_us: int) -> None:
         """The peer could not be asked: try again soon, it may be only just connecting."""

@@ -36,7 +36,7 @@ class ArrivalHistory:
     def add_interval(self, interval_us: int, timing: Timing) -> None:
         """News came `interval_us` after the news before."""
         self.observed_us += interval_us
-        overdue_us = interval_us - timing.heartbeat_us * 5 // 4
+        overdue_us = interval_us - timing.overdue_us
         if overdue_us > 0:
             self.overdue_us += overdue_us
         if self.observed_us > MEMORY_PERIODS * timing.heartbeat_us:

@@ -63,8 +63,9 @@ class Joining:
             return []
         return [
             robot
-            for robot in sorted(self._heard - self._answered)
-            if (peer := peers.get(robot)) is not None
+            for robot, peer in sorted(peers.items())
+            if robot in self._heard
+            and robot not in self._answered
             and peer.state.is_live
             and not (has_caught_up and _tells(peer, digest))
         ]

@@ -13,19 +13,19 @@ Source: SWIM (Das, Gupta, Motivala 2002); relays on heartbeats are its indirect 
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Mapping
 from itertools import chain
 from typing import Any
 
 from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.alive_set import AliveSet
 from mrbt_mesh.core.membership.arrival_history import ArrivalHistory
 from mrbt_mesh.core.membership.failure_detector import PROBE_SHARE, FailureDetector, is_silent
 from mrbt_mesh.core.membership.local_health import LocalHealth
 from mrbt_mesh.core.membership.neighbourhood import Neighbourhood
 from mrbt_mesh.core.membership.peer import Peer, State, set_member
 from mrbt_mesh.core.membership.timing import Timing
-from mrbt_mesh.core.membership.wire import DIGEST_BYTES, Heartbeat, SelfReport, Suspicion
+from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport, Suspicion
 
 # Of a large team a heartbeat names so many suspicions at most.
 MAX_SUSPICIONS = 32
@@ -57,8 +57,8 @@ class Membership:
         self.next_detection_us = 0
         self._detector = FailureDetector(timing)
         self._detected_at_changes = -1
-        # Robots whose last heartbeat named suspicions, and the peers that this robot suspects.
-        self._suspecting: set[str] = set()
+        # Whom the last heartbeats of robots suspected, and the peers that this robot suspects.
+        self._suspected_by: dict[str, set[str]] = {}
         self._suspected: dict[str, Peer] = {}
         # Until when this robot tells of those that it has declared dead, where not all do.
         self._told_dead_until_us: dict[str, int] = {}
@@ -67,12 +67,12 @@ class Membership:
         # Robots whose token is gone here, and live ones that others declare dead.
         self._token_lost: set[str] = set()
         self._accused: set[str] = set()
-        self._digest: tuple[int, Incarnation, bytes] = (-1, Incarnation(0, ""), b"")
+        self._alive = AliveSet()
 
     @property
     def neighbourhood(self) -> Neighbourhood:
         """Whom this robot judges and sends its heartbeats to, by what it knows now."""
-        self._neighbourhood.follow(self.alive_changes, self._now_us)
+        self._neighbourhood.follow(self._now_us)
         return self._neighbourhood
 
     # -- what comes in ------------------------------------------------------------------------
@@ -91,6 +91,8 @@ class Membership:
         before = self.peers.get(robot)
         is_new = before is None or before.incarnation != heartbeat.report.incarnation
         if not self._take_report(robot, heartbeat.report, now_us, heartbeat):
+            if not heartbeat.report.incarnation.counter:
+                self.neighbourhood.answer(robot)  # it starts again, and has yet to hear of that
             return False
         if is_new or self.me in heartbeat.relays:
             self.neighbourhood.answer(robot)
@@ -105,7 +107,7 @@ class Membership:
                 report.number > known.report.number or report.incarnation != known.incarnation
             ):
                 self._take_report(name, report, now_us, None)
-        if heartbeat.suspicions or robot in self._suspecting:
+        if heartbeat.suspicions or robot in self._suspected_by:
             self._take_suspicions(robot, heartbeat.suspicions)
         return True
 
@@ -134,7 +136,7 @@ class Membership:
         if report.plan_digest != before.plan_digest or report.result != before.result:
             self.report_changes += 1
         if report.has_joined != before.has_joined:
-            self.alive_changes += 1
+            self._note_change(robot, peer)
         if heartbeat is not None:
             self._take_own_heartbeat(robot, peer, heartbeat)
         elif is_proof and (
@@ -165,12 +167,12 @@ class Membership:
         """A robot's new life is heard over the same network as the one before."""
         arrivals = before.arrivals if before else ArrivalHistory.of_new_robot(self.timing)
         limit_us = self._detector.silence_limit_us(arrivals.overdue_permille)
-        self.alive_changes += 1
         self._suspected.pop(robot, None)
         self._token_lost.discard(robot)
         probe_after_us = limit_us // PROBE_SHARE
         peer = Peer(report.incarnation, report, now_us, arrivals, limit_us, probe_after_us)
         self.peers[robot] = peer
+        self._note_change(robot, peer)
         return peer
 
     def _take_news(self, peer: Peer, now_us: int) -> None:
@@ -189,8 +191,10 @@ class Membership:
         """What a robot suspects now, in place of what it suspected before."""
         for suspicion in suspicions:
             peer = self.peers.get(suspicion.robot)
-            if suspicion.robot == self.me and suspicion.is_dead:
-                self._was_accused()
+            if suspicion.robot == self.me:
+                self.neighbourhood.answer(robot)  # it may see another ring than this one
+                if suspicion.is_dead:
+                    self._was_accused()
             if peer is not None and suspicion.incarnation == peer.incarnation:
                 self.suspicion_changes += set_member(
                     peer.token_lost_by, robot, suspicion.is_token_lost
@@ -198,14 +202,14 @@ class Membership:
                 if suspicion.is_dead and not self.neighbourhood.is_complete:
                     self._accused.add(suspicion.robot)
         suspected = {suspicion.robot for suspicion in suspicions}
-        for name, peer in self.peers.items():
-            if name not in suspected and (
-                robot in peer.token_lost_by or robot in peer.declared_dead_by
-            ):
+        for name in self._suspected_by.pop(robot, set()) - suspected:
+            peer = self.peers.get(name)
+            if peer is not None and (robot in peer.token_lost_by or robot in peer.declared_dead_by):
                 peer.token_lost_by.discard(robot)
                 peer.declared_dead_by.discard(robot)
                 self.suspicion_changes += 1
-        set_member(self._suspecting, robot, bool(suspected))
+        if suspected:
+            self._suspected_by[robot] = suspected
 
     def _was_accused(self) -> None:
         """Somebody holds this robot for dead: it tells everybody; it may itself be slow.
@@ -307,22 +311,24 @@ class Membership:
             self._suspected[robot] = peer
         else:
             self._suspected.pop(robot, None)
+        self._note_change(robot, peer)
+
+    def _note_change(self, robot: str, peer: Peer) -> None:
+        """Who is alive may have changed by what is known of a robot."""
         self.alive_changes += 1
+        self._alive.note(robot, peer)
+        self._neighbourhood.note_change(robot)
 
     # -- what is known ------------------------------------------------------------------------
 
     def alive_set(self) -> dict[str, Incarnation]:
         """Joined robots that are not dead or gone, suspects included: the plan's alive set."""
-        return {
-            robot: peer.incarnation
-            for robot, peer in sorted(self.peers.items())
-            if peer.report.has_joined and peer.state.is_live
-        }
+        return dict(sorted(self._alive.joined.items()))
 
     @property
     def live_peer_count(self) -> int:
         """How many others there are, neither dead nor gone."""
-        return sum(peer.state.is_live for peer in self.peers.values())
+        return len(self._alive.live)
 
     def states(self) -> Mapping[str, State]:
         """Robot -> state, sorted by id."""
@@ -342,7 +348,7 @@ class Membership:
     @property
     def is_anybody_joining(self) -> bool:
         """Whether a robot in good standing has yet to join."""
-        return any(p.state.is_alive and not p.report.has_joined for p in self.peers.values())
+        return bool(self._alive.newcomers)
 
     def all_report_result(self, result: int) -> bool:
         """Whether every robot of the alive set that this one judges reports this mission status.
@@ -358,13 +364,7 @@ class Membership:
 
     def alive_digest(self, mine: Incarnation) -> bytes:
         """Over the alive set and this robot's incarnation: equal where they are."""
-        changes, of, digest = self._digest
-        if changes != self.alive_changes or of != mine:
-            alive = sorted((self.alive_set() | {self.me: mine}).items())
-            text = "".join(f"{robot} {incarnation}\n" for robot, incarnation in alive)
-            digest = hashlib.blake2b(text.encode(), digest_size=DIGEST_BYTES).digest()
-            self._digest = self.alive_changes, mine, digest
-        return digest
+        return self._alive.digest(self.me, mine)
 
     # -- where others hold other robots for alive ---------------------------------------------
 

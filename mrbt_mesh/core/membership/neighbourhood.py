@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from mrbt_mesh.core.membership.peer import Peer, State
+from mrbt_mesh.core.membership.peer import Peer, State, set_member
 from mrbt_mesh.core.membership.ring import Ring
 from mrbt_mesh.core.membership.timing import Timing
 
@@ -35,36 +35,47 @@ class Neighbourhood:
         self._peers = peers
         self._reach = reach
         self._ring = Ring([me], reach)
-        self._version = -1
+        # Of whom something has changed since it was looked at, and whether anything else has.
+        self._changed: set[str] = set()
+        self._is_stale = True
+        self._suspects: set[str] = set()
+        self._in_turn: list[str] | None = None
         self._checked_until_us: dict[str, int] = {}
         self._to_answer: set[str] = set()
 
-    def follow(self, version: int, now_us: int) -> None:
-        """Be up to date with who is in good standing: `version` grows with each change of that.
+    def note_change(self, robot: str) -> None:
+        """A robot is new, or in another state than before."""
+        self._changed.add(robot)
+
+    def follow(self, now_us: int) -> None:
+        """Be up to date with who is in good standing.
 
         A robot that is judged from now on has not been silent before.
         """
-        if version == self._version:
+        if not (self._changed or self._is_stale):
             return
-        self._version = version
-        peers = self._peers
-        good = [robot for robot, peer in peers.items() if peer.state.is_alive]
-        self._ring = ring = Ring([self.me, *good], self._reach)
-        mine = frozenset(ring.neighbours(self.me))
-        self.judged = {}
-        for robot, peer in peers.items():
-            if not peer.state.is_live:
-                peer.is_judged = False
-                continue
-            is_judged = robot in mine or robot in self._checked_until_us
-            if not is_judged and not peer.state.is_alive:
-                is_judged = self.me in ring.neighbours(robot)
-            if is_judged:
-                self.judged[robot] = peer
-                if not peer.is_judged and not ring.is_complete:
-                    peer.last_heard_us = max(peer.last_heard_us, now_us)
-            peer.is_judged = is_judged
-            peer.is_probed = peer.is_probed and is_judged
+        peers, ring, me = self._peers, self._ring, self.me
+        for robot in self._changed:
+            state = peers[robot].state
+            ring.put(robot, state.is_alive)
+            set_member(self._suspects, robot, state is State.SUSPECT)
+            self._in_turn = None
+            # A change far away makes no difference to this robot.
+            self._is_stale |= robot in self.judged or ring.are_near(robot, me)
+        self._changed.clear()
+        if not self._is_stale:
+            return
+        self._is_stale = False
+        checked = (r for r in self._checked_until_us if r in peers and peers[r].state.is_live)
+        suspects = (robot for robot in self._suspects if ring.are_near(robot, me))
+        mine = {*ring.neighbours(me), *checked, *suspects}
+        for robot in self.judged.keys() - mine:
+            peers[robot].is_judged = peers[robot].is_probed = False
+        self.judged = {robot: peers[robot] for robot in sorted(mine)}
+        for peer in self.judged.values():
+            if not peer.is_judged and not ring.is_complete:
+                peer.last_heard_us = max(peer.last_heard_us, now_us)
+            peer.is_judged = True
 
     @property
     def is_complete(self) -> bool:
@@ -78,7 +89,7 @@ class Neighbourhood:
 
     def judges(self, robot: str) -> bool:
         """Whether it judges a robot, or would if that were alive."""
-        return robot in self.judged or self.me in self._ring.neighbours(robot)
+        return robot in self.judged or self._ring.are_near(robot, self.me)
 
     def monitors(self, robot: str) -> tuple[str, ...]:
         """The robots in good standing that judge a robot."""
@@ -91,13 +102,13 @@ class Neighbourhood:
         if robot in self._checked_until_us or len(self._checked_until_us) >= MAX_CHECKED:
             return False
         self._checked_until_us[robot] = now_us + self._timing.max_detection_us
-        self._version = -1
+        self._is_stale = True
         return True
 
     def heard(self, robot: str) -> None:
         """A heartbeat of the robot itself has come."""
         if self._checked_until_us.pop(robot, None) is not None:
-            self._version = -1
+            self._is_stale = True
 
     @property
     def checks_end_us(self) -> list[int]:
@@ -126,12 +137,18 @@ class Neighbourhood:
         answered, self._to_answer = self._to_answer, set()
         if self.is_complete:
             return None
-        left = {robot for robot, peer in self._peers.items() if peer.state is State.LEFT}
         wanted = {*self.robots, *self.judged, *self._checked_until_us, *answered, *others}
         for robot, peer in self.judged.items():
             if peer.is_probed:
                 wanted.update(self.monitors(robot))
-        in_turn = sorted({*self._peers, *mission} - left - {self.me})
-        if in_turn:
-            wanted.add(in_turn[number % len(in_turn)])
-        return tuple(sorted(wanted - left - {self.me}))
+        if self._in_turn is None:
+            left = {robot for robot, peer in self._peers.items() if peer.state is State.LEFT}
+            self._in_turn = sorted({*self._peers, *mission} - left - {self.me})
+        if self._in_turn:
+            wanted.add(self._in_turn[number % len(self._in_turn)])
+        return tuple(sorted(robot for robot in wanted if not self._has_left(robot)))
+
+    def _has_left(self, robot: str) -> bool:
+        """Whether a robot is gone on purpose, or is this one."""
+        peer = self._peers.get(robot)
+        return robot == self.me or (peer is not None and peer.state is State.LEFT)

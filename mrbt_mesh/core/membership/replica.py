@@ -14,6 +14,7 @@ from mrbt_mesh.core.membership.authorship import NOT_AUTHENTIC, Authorship
 from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import (
+    DIGEST_BYTES,
     Header,
     MessageKind,
     ReadBatch,
@@ -24,8 +25,8 @@ from mrbt_mesh.core.membership.wire import (
     pack_entries,
     pack_reports,
     parse_entries,
+    parse_pull,
     parse_reports,
-    parse_summary,
     read_batch,
 )
 
@@ -188,20 +189,21 @@ class Replica:
         own = self.facts.map.digest() if mine is None else mine
         self.anti_entropy.compare(peer, digest, own, now_us)
 
-    def write_pull(self) -> bytes:
-        """The question for what others have and this replica lacks."""
-        return encode(self.header, MessageKind.PULL, self.facts.map.author_digests())
+    def write_pull(self, alive: bytes = bytes(DIGEST_BYTES)) -> bytes:
+        """The question for what others have and this replica lacks; `alive`: of its alive set."""
+        return encode(self.header, MessageKind.PULL, [self.facts.map.author_digests(), alive])
 
     def answer_pull(
-        self, data: bytes, view: Mapping[str, SelfReport] | None = None
+        self, data: bytes, view: Callable[[bytes], Mapping[str, SelfReport]] | None = None
     ) -> tuple[bytes, ...]:
         """The answer to a pull: all entries of every author where the asker differs.
 
         In pages that stay far below what a receiver reads; a batch is never torn apart. `view`,
-        the robots that are held for alive here, goes with the last one. Raises WireError.
+        of the digest of the asker's alive set: the robots that are held for alive here, if that is
+        others; it goes with the last one. Raises WireError.
         """
         _, body = decode(data, self.header, MessageKind.PULL)
-        theirs = parse_summary(body)
+        theirs, alive = parse_pull(body)
         differing = [
             author
             for author, digest in self.facts.map.author_digests().items()
@@ -216,7 +218,7 @@ class Replica:
                 size = 0
             pages[-1].extend(batch)
             size += batch_bytes
-        last, reports = len(pages) - 1, pack_reports(view or {})
+        last, reports = len(pages) - 1, pack_reports(view(alive) if view is not None else {})
         return tuple(
             encode(
                 self.header,

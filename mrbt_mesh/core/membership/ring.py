@@ -28,23 +28,43 @@ class Ring:
     """The ring of some robots. `reach`: how far neighbours are apart at most, on either side."""
 
     def __init__(self, robots: Iterable[str], reach: int) -> None:
-        self._order = sorted(robots, key=lambda robot: (place(robot), robot))
-        self._keys = [(place(robot), robot) for robot in self._order]
+        self._keys = sorted((place(robot), robot) for robot in robots)
         self._reach = reach
+
+    def put(self, robot: str, is_in: bool) -> None:
+        """Let a robot have its place in the ring, or none."""
+        key = (place(robot), robot)
+        at = bisect_left(self._keys, key)
+        was_in = at < len(self._keys) and self._keys[at] == key
+        if is_in and not was_in:
+            self._keys.insert(at, key)
+        elif was_in and not is_in:
+            del self._keys[at]
 
     @property
     def is_complete(self) -> bool:
         """Whether everybody is everybody's neighbour."""
-        return len(self._order) <= 2 * self._reach + 1
+        return len(self._keys) <= 2 * self._reach + 1
+
+    def are_near(self, robot: str, other: str) -> bool:
+        """Whether `other`, which is in the ring, is among the neighbours of a robot."""
+        keys, key = self._keys, (place(robot), robot)
+        at = bisect_left(keys, key)
+        is_in = at < len(keys) and keys[at] == key
+        if robot == other or len(keys) - is_in <= 2 * self._reach:
+            return robot != other
+        steps = (bisect_left(keys, (place(other), other)) - at) % len(keys)
+        reach = self._reach if is_in else self._reach - 1
+        return steps <= reach or steps >= len(keys) - self._reach
 
     def neighbours(self, robot: str) -> tuple[str, ...]:
         """Those of a robot, sorted by id; of one that is not in the ring, those it would have."""
-        order, reach = self._order, self._reach
-        at = bisect_left(self._keys, (place(robot), robot))
-        is_in = at < len(order) and order[at] == robot
-        others = len(order) - is_in
+        keys, reach = self._keys, self._reach
+        at = bisect_left(keys, (place(robot), robot))
+        is_in = at < len(keys) and keys[at][1] == robot
+        others = len(keys) - is_in
         if others <= 2 * reach:
-            return tuple(sorted(each for each in order if each != robot))
+            return tuple(sorted(each for _, each in keys if each != robot))
         after = at + 1 if is_in else at
         near = [*range(at - reach, at), *range(after, after + reach)]
-        return tuple(sorted(order[index % len(order)] for index in near))
+        return tuple(sorted(keys[index % len(keys)][1] for index in near))

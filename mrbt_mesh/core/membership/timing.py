@@ -8,17 +8,18 @@ from functools import lru_cache
 SECOND_US = 1_000_000
 NEVER_US = 1 << 62
 
-# A robot is dead once the odds of so much silence, by what was measured, are below 1 in 2**20.
+# A robot is dead once the odds of so much silence, by what was measured, are below 1 in 2**20; in
+# a team in which not all are neighbours, where more of them judge one another, the less.
 ODDS_BITS = 20
 # While a robot is probed, nobody receives more than about this many heartbeats per period.
 MAX_RECEIVED = 32
 
 
 @lru_cache(maxsize=4_096)
-def _unlikely_periods(overdue_permille: int, most: int) -> int:
+def _unlikely_periods(overdue_permille: int, odds_bits: int, most: int) -> int:
     """So many silent heartbeat periods in a row are no chance any more; at most `most`."""
     odds, periods = 1 << 40, 0
-    while odds > 1 << (40 - ODDS_BITS) and periods < most:
+    while odds > 1 << (40 - odds_bits) and periods < most:
         odds = odds * overdue_permille // 1_000
         periods += 1
     return periods
@@ -32,12 +33,14 @@ class Timing:
     is replaced within that time plus one message delay. A killed one, whose liveliness token the
     system takes down, is replaced within two message delays, if another robot lost the token too.
     `reach`: how far a robot's neighbours are from it in the ring of its team, on either side.
+    `odds_bits`: a silence is no chance any more if its odds are below 1 in two to the power of it.
     Raises ValueError if a detection time has less than 3 heartbeats.
     """
 
     heartbeat_us: int = 200_000
     detection_us: int = 1_000_000
     reach: int = 3
+    odds_bits: int = ODDS_BITS
 
     def __post_init__(self) -> None:
         if self.heartbeat_us < 1_000 or 3 * self.heartbeat_us > self.detection_us:
@@ -48,25 +51,34 @@ class Timing:
 
         Where not all are neighbours heartbeats are half as frequent and the detection time is half
         as long again, so that a robot that has six neighbours has no more to do than one in a team
-        of six. Beyond that nothing depends on the size of the team.
+        of six. Beyond that only the odds depend on the size of the team: twice as many robots are
+        twice as often taken for dead by chance.
         """
-        if robots <= 2 * self.reach + 1:
+        small = 2 * self.reach + 1
+        if robots <= small:
             return self
         detection_us = self.detection_us * 3 // 2
         return replace(
             self,
             heartbeat_us=min(2 * self.heartbeat_us, detection_us // 3),
             detection_us=detection_us,
+            odds_bits=self.odds_bits + ((robots - 1) // small).bit_length(),
         )
 
     def silence_limit_us(self, overdue_permille: int) -> int:
         """Silence after which a robot is dead of which, so far, news was overdue for that share of
-        the time: so many heartbeat periods that chance explains it with odds below 2**-20.
+        the time: so many heartbeat periods that chance explains it with odds below 2**-odds_bits.
 
         At least the detection time, at most `max_silence_us`.
         """
-        periods = _unlikely_periods(overdue_permille, self.max_silence_us // self.heartbeat_us)
+        most = self.max_silence_us // self.heartbeat_us
+        periods = _unlikely_periods(overdue_permille, self.odds_bits, most)
         return max(self.detection_us, periods * self.heartbeat_us)
+
+    @property
+    def overdue_us(self) -> int:
+        """News of a robot is overdue once it has been silent for longer."""
+        return self.heartbeat_us * 5 // 4
 
     @property
     def max_silence_us(self) -> int:

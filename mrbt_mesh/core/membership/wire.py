@@ -1,7 +1,7 @@
 """Messages on the wire: what they are, how they become bytes, and what is refused.
 
 A message is one msgpack list: schema version, kind, the mission's digest and name, run, sender,
-body. `decode` checks all but the body; `parse_heartbeat`, `parse_entries` and `parse_summary` check
+body. `decode` checks all but the body; `parse_heartbeat`, `parse_entries` and `parse_pull` check
 bodies. Whatever arrives is taken apart here or refused with a WireError; nothing else escapes.
 """
 
@@ -25,7 +25,7 @@ from mrbt_mesh.core.facts.store import (
 )
 from mrbt_mesh.core.mission.names import is_robot_id
 
-SCHEMA = 3
+SCHEMA = 4
 MAX_MESSAGE_BYTES = 4 << 20
 MAX_ITEMS = 100_000
 MAX_NONCE = 32
@@ -359,11 +359,15 @@ def _proof(value: Any) -> BatchProof | None:
     return BatchProof(hashes, signature)
 
 
-def parse_summary(body: Any) -> Mapping[str, bytes]:
-    """A pull's version summary: author -> 16-byte digest; raises WireError."""
-    if not isinstance(body, dict):
+def parse_pull(body: Any) -> tuple[Mapping[str, bytes], bytes]:
+    """A pull's version summary, author -> 16-byte digest, and the digest of the asker's alive set.
+
+    Raises WireError.
+    """
+    if not isinstance(body, list) or len(body) != 2 or not isinstance(body[0], dict):
         raise WireError("version summary is malformed")
-    return {_robot(author): _digest(digest, 16) for author, digest in body.items()}
+    summary = {_robot(author): _digest(digest, 16) for author, digest in body[0].items()}
+    return summary, _digest(body[1])
 
 
 # How an agent writes and reads its messages; several agents in one process may share the work.

@@ -84,7 +84,7 @@ class Observer:
             received = self.replica.receive_state(data, now_us)
             self._facts_changed(received.changed, now_us)
             if not received.has_more:
-                self.replica.anti_entropy.mark_answered(source)
+                self.replica.anti_entropy.mark_answered(source, now_us)
         except WireError as error:
             self._refuse(source, error, now_us)
 

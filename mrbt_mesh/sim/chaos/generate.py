@@ -101,6 +101,10 @@ class _Generator:
         # Coalitions and grants are in one mission of three, not to hide the rest.
         self.special = self.chance(0.35)
         count = self.pick.randint(9, 16) if self.chance(0.02) else self.pick.randint(2, 8)
+        # Likewise drawn apart: some more teams in which not all are neighbours.
+        crowd = random.Random(f"{self.seed}/crowd")
+        if crowd.random() < 0.06:
+            count = crowd.randint(9, 16)
         self.robots = [f"R{i}" for i in range(1, count + 1)]
         self.types = {f"T{i}": self.capabilities() for i in range(self.pick.randint(1, 3))}
         self.type_of = {robot: self.pick.choice(sorted(self.types)) for robot in self.robots}

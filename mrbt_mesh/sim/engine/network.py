@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -94,7 +94,7 @@ class Network:
         # all alike only who sent to whom.
         self._last_us: dict[Link, int] = {}
         self._latest_us = 0
-        self._sent_at_all: dict[str, tuple[int, list[str]]] = {}
+        self._sent_at_all: dict[str, tuple[int, Sequence[str]]] = {}
 
     def block(self, links: Iterable[Link]) -> None:
         """Let nothing pass in these directions."""
@@ -175,10 +175,10 @@ class Network:
         return self._in_order_us(link, arrival_us)
 
     def _in_order_us(self, link: Link, arrival_us: int) -> int:
-        for source, (sent_us, targets) in self._sent_at_all.items():
-            self._last_us |= dict.fromkeys([(source, target) for target in targets], sent_us)
-        self._sent_at_all.clear()
         last_us = self._last_us.get(link, 0)
+        sent_us, targets = self._sent_at_all.get(link[0], (0, ()))
+        if arrival_us < sent_us and link[1] in targets:
+            last_us = max(last_us, sent_us)
         if arrival_us < last_us:
             return last_us
         self._last_us[link] = arrival_us

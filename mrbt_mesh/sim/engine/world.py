@@ -16,7 +16,6 @@ from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import OrderKind
 from mrbt_mesh.core.facts.store import Incarnation
-from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import Mission, MissionEnd
 from mrbt_mesh.core.observer.observer import Observer
@@ -44,6 +43,7 @@ class World:
 
     def __init__(self, setup: Setup, inspect: Inspect) -> None:
         self.setup = setup
+        self.timing = setup.timing
         self.clock = VirtualClock()
         self.network = Network(setup.network, setup.seed)
         routers = Routers(setup.network.routers, setup.seed)
@@ -84,10 +84,6 @@ class World:
     @property
     def mission(self) -> Mission:
         return self.setup.mission
-
-    @property
-    def timing(self) -> Timing:
-        return self.setup.timing
 
     @property
     def plan_delay_us(self) -> int:

@@ -86,3 +86,14 @@ def test_while_a_robot_is_probed_all_beat_faster_but_nobody_is_swamped() -> None
         assert robots * BEAT_US // pace_us <= max(robots, 36)
     assert TIMING.fast_heartbeat_us(6) == BEAT_US // 4
     assert TIMING.fast_heartbeat_us(64) == BEAT_US
+
+
+def test_in_a_larger_team_nobody_is_sooner_taken_for_dead_by_chance() -> None:
+    """Six neighbours judge each robot; of seven robots every pair."""
+    for robots in range(8, 1_001):
+        timing = Timing().of_team(robots)
+        assert 6 * robots * 2**ODDS_BITS <= 6 * 7 * 2**timing.odds_bits
+        assert timing.detection_us == Timing().detection_us * 3 // 2
+        # On a good network, once it was heard for 64 periods.
+        overdue_permille = -(-1_000 // (64 + 4))
+        assert timing.silence_limit_us(overdue_permille) * 2 <= timing.detection_us * 3

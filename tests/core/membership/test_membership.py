@@ -391,3 +391,15 @@ def test_what_follows_from_beat_and_detection_time() -> None:
     assert (TIMING.silence_limit_us(0), TIMING.grace_us) == (1_000 * MS, 300 * MS)
     assert TIMING.fence_us == min(TIMING.silence_limit_us(silence) for silence in range(1_001))
     assert all(0 < offset < TIMING.heartbeat_us for offset in TIMING.repeat_offsets_us())
+
+
+def test_who_suspects_this_robot_hears_from_it_although_it_is_no_neighbour() -> None:
+    """Two robots may see different rings, and only one of them the other as its neighbour."""
+    names = [f"R{number}" for number in range(16)]
+    view = View(*names)
+    around = view.members.neighbourhood
+    around.audience(1, (), ())
+    suspecting = next(robot for robot in names if robot not in around.robots)
+    for number in range(20):
+        view.hear(suspecting, probes=["M"])
+        assert suspecting in (around.audience(number, (), ()) or ())

@@ -98,6 +98,21 @@ def test_who_begins_together_is_planned_for_together(monkeypatch: pytest.MonkeyP
     assert plans / robots < robots // 2, "fewer than there are robots that have begun something"
 
 
+def test_who_starts_again_hears_the_team_before_it_joins() -> None:
+    """Its first heartbeats look older than its earlier life, of which it does not know."""
+    robots = 16
+    team = started(robots, GOOD)
+    for robot in team.at_work()[:4]:
+        team.kill(robot)
+        team.run_until(team.now_us + SECOND_US)
+        team.launch(robot)
+        team.run_until(team.now_us + SECOND_US)
+        agent = team.agent(robot)
+        assert not agent.is_joining
+        assert alive(team) == {robots: robots}
+        assert len({each.facts.map.digest() for each in team.living()}) == 1
+
+
 def test_neighbours_that_die_together_are_all_found() -> None:
     robots = 20
     team = started(robots, NO_TOKENS)

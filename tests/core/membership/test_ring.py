@@ -35,6 +35,28 @@ def test_neighbours_are_so_both_ways_and_all_are_in_a_small_team(
     assert ring.is_complete == all(len(ring.neighbours(r)) == len(robots) - 1 for r in robots)
 
 
+@given(st.sets(names, min_size=1, max_size=40), st.integers(1, 4), names)
+def test_who_is_near_is_a_neighbour(robots: set[str], reach: int, newcomer: str) -> None:
+    ring = Ring(robots, reach)
+    for robot in {*robots, newcomer}:
+        near = {other for other in robots if ring.are_near(robot, other)}
+        assert near == set(ring.neighbours(robot))
+
+
+@given(st.lists(st.tuples(names, st.booleans())), st.integers(1, 4))
+def test_a_ring_that_robots_come_to_and_leave_is_that_of_those_in_it(
+    steps: list[tuple[str, bool]], reach: int
+) -> None:
+    ring, robots = Ring([], reach), set()
+    for robot, is_in in steps:
+        ring.put(robot, is_in)
+        robots = robots | {robot} if is_in else robots - {robot}
+        fresh = Ring(robots, reach)
+        for each in {name for name, _ in steps}:
+            assert ring.neighbours(each) == fresh.neighbours(each)
+        assert ring.is_complete == fresh.is_complete
+
+
 def test_those_that_are_alike_are_seldom_neighbours() -> None:
     robots = [f"{kind}{number}" for kind in "AB" for number in range(100)]
     ring = Ring(robots, 3)

@@ -29,7 +29,7 @@ from mrbt_mesh.core.membership.wire import (
     pack_heartbeat,
     parse_entries,
     parse_heartbeat,
-    parse_summary,
+    parse_pull,
 )
 from tests.support.plain_data import mutations, plain
 
@@ -134,9 +134,9 @@ def test_what_is_written_is_what_was_parsed(name: str, value: Any) -> None:
 
 
 @given(st.dictionaries(robots, st.binary(min_size=16, max_size=16), max_size=5))
-def test_a_version_summary_survives_the_wire(summary: dict[str, bytes]) -> None:
-    data = encode(SOMEONE, MessageKind.PULL, summary)
-    assert parse_summary(decode(data, MINE, MessageKind.PULL)[1]) == summary
+def test_a_question_survives_the_wire(summary: dict[str, bytes]) -> None:
+    data = encode(SOMEONE, MessageKind.PULL, [summary, bytes(range(8))])
+    assert parse_pull(decode(data, MINE, MessageKind.PULL)[1]) == (summary, bytes(range(8)))
 
 
 # -- whatever arrives is decoded or refused ---------------------------------------------------
@@ -149,7 +149,7 @@ def read_everything(data: bytes, kind: MessageKind) -> None:
         if kind is MessageKind.HEARTBEAT:
             parse_heartbeat(body)
         elif kind is MessageKind.PULL:
-            parse_summary(body)
+            parse_pull(body)
         else:
             parse_entries(body)
     except WireError as error:

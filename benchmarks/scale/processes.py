@@ -1,7 +1,4 @@
-"""What robots on one machine cost, and how fast they are, by their number; on real processes.
-
-    python -m benchmarks.scale [--sizes 6,12,24,48,64] [--kills 5] [--json FILE]
-                               [--beat 0.2] [--detection 1]
+"""Teams of real processes on one machine: what they cost, and how fast they are.
 
 A patrol of N robots over N/2 areas that never ends, so that half of the team is at work and half
 is free. For each size a team is started, left alone, and loses some robots one after the other:
@@ -15,23 +12,18 @@ Memory: resident, and the robot's share of it (pages that several processes have
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import signal
 import statistics
 import tempfile
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import psutil
-from rich.console import Console
 from rich.table import Table
 
-from benchmarks.run import ROOT, Run, machine, say
-from mrbt_mesh.runtime.settings import DEFAULT_BEAT_S, DEFAULT_DETECTION_S
+from benchmarks.run import ROOT, Run, say
 
 SIZES = (6, 12, 24, 48, 64)
 LAUNCH_TIMEOUT_S, KILL_TIMEOUT_S = 240.0, 60.0
@@ -159,35 +151,3 @@ def table(sizes: list[Size]) -> Table:
         cells = ["" if cost is None else f"{cost:.1f}" for cost in costs]
         shown.add_row(str(size.robots), launched, *cells, *kills)
     return shown
-
-
-def sizes_of(text: str) -> list[int]:
-    """The sizes of an option; raises ArgumentTypeError."""
-    sizes = [int(size) for size in text.split(",")]
-    if min(sizes) < 2:
-        raise argparse.ArgumentTypeError("a team has at least 2 robots")
-    return sizes
-
-
-def main() -> None:
-    """Run the benchmark."""
-    assert __doc__ is not None
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("--sizes", type=sizes_of, default=list(SIZES), metavar="N,N,...")
-    parser.add_argument("--kills", type=int, default=5, help="robots killed per team (5)")
-    parser.add_argument("--beat", default=str(DEFAULT_BEAT_S), help="as of `mrbt up`")
-    parser.add_argument("--detection", default=str(DEFAULT_DETECTION_S), help="as of `mrbt up`")
-    parser.add_argument("--json", type=Path, help="also write the result here")
-    options = parser.parse_args()
-    knobs = ("--beat", options.beat, "--detection", options.detection)
-    result: dict[str, Any] = {"machine": machine(), "load_before": os.getloadavg()[0]}
-    sizes = [measure(size, min(options.kills, size // 2), *knobs) for size in options.sizes]
-    Console(width=max(Console().width, 120)).print(table(sizes))
-    result |= {"beat_s": float(options.beat), "detection_s": float(options.detection)}
-    result["sizes"] = [asdict(size) for size in sizes]
-    if options.json is not None:
-        options.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()
