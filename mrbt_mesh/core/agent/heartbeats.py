@@ -41,6 +41,7 @@ class Urgent(NamedTuple):
     is_agreed: bool
 
 
+# Attributes: the parts of the agent that a beat tells of, and whom it has told of which plan.
 class Heartbeats:
     """Puts this robot's beats together."""
 
