@@ -104,10 +104,10 @@ def test_a_team_killed_as_a_whole_goes_on_and_a_new_name_starts_afresh(compose: 
 @pytest.mark.slow
 def test_a_team_on_two_networks_goes_on_when_the_router_in_use_is_killed(compose: Compose) -> None:
     compose.hold("replace_hw")
-    compose("up", "-d", ROUTED_OBSERVER)
+    compose("--profile", "router", "up", "-d", ROUTED_OBSERVER)
     lines = compose.observer(ROUTED_OBSERVER)
     lines.until(r"replace_hw\(\d\) for")
-    compose("kill", "router1")
+    compose("--profile", "router", "kill", "router1")
     compose.hold()
     lines.until("mission: success")
     assert not [line for line in lines.seen if "is dead" in line]
