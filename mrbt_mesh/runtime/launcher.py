@@ -23,7 +23,13 @@ import psutil
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.launcher_lock import is_launched
 from mrbt_mesh.runtime.run_dir import RunDir, RunDirError, RunInfo
-from mrbt_mesh.runtime.settings import PROTOCOLS, WIRED, WIRELESS
+from mrbt_mesh.runtime.settings import (
+    DEFAULT_GATHER_S,
+    PROTOCOLS,
+    START_S_PER_ROBOT,
+    WIRED,
+    WIRELESS,
+)
 from mrbt_mesh.runtime.zenoh_transport import TransportConfig
 
 HOST = "127.0.0.1"
@@ -116,7 +122,8 @@ def agent_arguments(
     command += ["--team", info.team, "--run", info.run, "--run-dir", str(run_dir.path)]
     command += ["--beat", str(info.beat_s), "--detection", str(info.detection_s)]
     command += ["--speed", str(info.speed), "--expect", ",".join(info.robots)]
-    command += ["--listen", info.endpoints[robot], "--exit-when-done"]
+    gather_s = max(DEFAULT_GATHER_S, START_S_PER_ROBOT * len(info.robots))
+    command += ["--gather", f"{gather_s:g}", "--listen", info.endpoints[robot], "--exit-when-done"]
     command += ["--insecure"] if info.insecure else ["--keys", str(run_dir.keys_path)]
     command += ["--transport", info.transport]
     if info.transport == WIRELESS:

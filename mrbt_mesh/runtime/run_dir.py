@@ -192,6 +192,12 @@ class RunDir:
         with contextlib.suppress(OSError):
             os.utime(self.path / f"{robot}.process")
 
+    def alive_mark_ns(self, robot: str) -> int:
+        """When the robot began, or was marked alive last, in Unix time; 0 if it has not begun."""
+        with contextlib.suppress(OSError):
+            return (self.path / f"{robot}.process").stat().st_mtime_ns
+        return 0
+
     def process(self, robot: str) -> psutil.Process | None:
         """The robot's process if it runs; a recycled pid is not mistaken for it."""
         try:

@@ -5,6 +5,8 @@ from __future__ import annotations
 DEFAULT_BEAT_S, DEFAULT_DETECTION_S = 0.2, 1.0
 # A robot that is the first of its team to be there waits so long for the others to start.
 DEFAULT_GATHER_S = 10.0
+# Of the robots of a large team each takes so long to start, on a machine that has them all.
+START_S_PER_ROBOT = 0.5
 # Environment variables that stand for the options of the same names.
 MISSION_VARIABLE, TEAM_VARIABLE, RUN_VARIABLE = "MRBT_MISSION", "MRBT_TEAM", "MRBT_RUN"
 

@@ -39,6 +39,9 @@ from mrbt_mesh.runtime.team_address import TeamAddress, timing_of
 from mrbt_mesh.runtime.watcher import Watcher
 
 END_TIMEOUT_S = 3.0
+# So many robots are started at once, and so long waited for them before the next ones.
+AT_ONCE = 8
+UP_TIMEOUT_S, UP_LOOK_S = 5.0, 0.02
 # Exit statuses of a robot: its mission has failed, it refuses its input.
 FAILED, REFUSED = 1, 2
 
@@ -165,7 +168,30 @@ class Team:
             ensure_keys(self.run_dir, self.info, robot)
         arguments = {r: agent_arguments(self.run_dir, self.info, r) for r in self.info.robots}
         self._forks = RobotForks(self.run_dir, self.environment, may_need_arrays(self.mission))
-        self.processes |= await self._fork(arguments)
+        for first in range(0, len(arguments), AT_ONCE):
+            robots, before_ns = list(arguments)[first : first + AT_ONCE], time.time_ns()
+            self.processes |= await self._fork({robot: arguments[robot] for robot in robots})
+            if first + AT_ONCE < len(arguments):
+                await self._until_up(robots, before_ns)
+
+    async def _until_up(self, robots: Sequence[str], before_ns: int) -> None:
+        """Wait until these have opened their sessions: many that start at once starve each other.
+
+        No longer than `UP_TIMEOUT_S`: one that ends, or hangs, holds up nobody.
+        """
+        waiting, begun_ns = set(robots), dict.fromkeys(robots, before_ns)
+        with anyio.move_on_after(UP_TIMEOUT_S):
+            while waiting:
+                await anyio.sleep(UP_LOOK_S)
+                for robot in sorted(waiting):
+                    mark_ns = self.run_dir.alive_mark_ns(robot)
+                    if (
+                        self.processes[robot].returncode is not None
+                        or mark_ns > begun_ns[robot] > before_ns
+                    ):
+                        waiting.discard(robot)
+                    elif mark_ns > before_ns:
+                        begun_ns[robot] = mark_ns  # it has begun; next it marks that it is up
 
     def process(self, robot: str) -> psutil.Process | None:
         """The robot's process, whoever started it, also one that is only just starting."""

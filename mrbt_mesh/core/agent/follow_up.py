@@ -12,7 +12,13 @@ from collections.abc import Sequence
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.executor import Executor
 from mrbt_mesh.core.agent.heartbeats import Heartbeats
-from mrbt_mesh.core.agent.inputs import Input, MessageReceived, ProgressReported, TimerFired
+from mrbt_mesh.core.agent.inputs import (
+    Input,
+    MessageReceived,
+    News,
+    ProgressReported,
+    TimerFired,
+)
 from mrbt_mesh.core.agent.lifecycle import Lifecycle
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.agent.reports import Reports
@@ -20,6 +26,8 @@ from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.timing import NEVER_US
 
+# In a team of which not all are neighbours plans come no closer than so much for each other robot.
+PLAN_SPACING_US = 200
 # What robots and operators ask for always has its answer.
 _MAY_CHANGE_NOTHING = (MessageReceived, ProgressReported, TimerFired)
 
@@ -56,6 +64,9 @@ class FollowUp:
         self._reads_reports = False
         # Until when others that join are waited for, None if nobody does.
         self._joining_until_us: int | None = None
+        # When the last plan was made, and before when none is made, None if one may be.
+        self._planned_us = now_us
+        self._plans_at_us: int | None = None
 
     def inputs(self, events: Sequence[Input], now_us: int) -> None:
         """These have been taken in: do what follows from them."""
@@ -64,7 +75,7 @@ class FollowUp:
             self._ask_who_is_due(now_us)
             self._heartbeats.send_if_due(now_us)
         elif not self._is_clean(events, now_us):
-            self._bring_up_to_date(now_us)
+            self._bring_up_to_date(events, now_us)
             self._note_what_is_done(now_us)
         else:
             if now_us >= self._context.replica.anti_entropy.next_ask_us:
@@ -73,7 +84,7 @@ class FollowUp:
 
     # -- everything ---------------------------------------------------------------------------
 
-    def _bring_up_to_date(self, now_us: int) -> None:
+    def _bring_up_to_date(self, events: Sequence[Input], now_us: int) -> None:
         context, executor = self._context, self._executor
         self._judge(now_us)
         if self._lifecycle.step(now_us):
@@ -83,8 +94,10 @@ class FollowUp:
             self._reports.contradict(now_us)
             # Leases may have to be renewed while a plan is made elsewhere, and they are facts.
             apart = context.config.plans_apart and executor.leases.is_idle
-            awaits_others = self._awaits_joining(now_us)
+            awaits_others = self._awaits_joining(now_us) or self._awaits_news(events, now_us)
             if not awaits_others:
+                if not self._planner.is_current:
+                    self._planned_us = now_us
                 self._planner.update(now_us, apart)
             if self._planner.awaited is None and not awaits_others:
                 self._reports.ask_for_bids()
@@ -114,6 +127,25 @@ class FollowUp:
         elif self._joining_until_us is None:
             self._joining_until_us = now_us + self._context.config.timing.grace_us
         return self._joining_until_us is not None and now_us < self._joining_until_us
+
+    def _awaits_news(self, events: Sequence[Input], now_us: int) -> bool:
+        """Whether a plan would be too early: in a large team, right after another one.
+
+        Where many begin at once each of them changes the plan of all. What the robot itself says
+        is followed up at once: it is a step of the tree.
+        """
+        membership = self._context.membership
+        self._plans_at_us = None
+        if (
+            membership.neighbourhood.is_complete
+            or self._planner.is_current
+            or not all(isinstance(event, News | TimerFired) for event in events)
+        ):
+            return False
+        earliest_us = self._planned_us + PLAN_SPACING_US * len(membership.peers)
+        if now_us < earliest_us:
+            self._plans_at_us = earliest_us
+        return now_us < earliest_us
 
     def _judge(self, now_us: int) -> None:
         context = self._context
@@ -160,6 +192,7 @@ class FollowUp:
             planner.deadlines.next_deadline_us(),
             leases.next_deadline_us(),
             self._joining_until_us,
+            self._plans_at_us,
             joining.deadline_us if joining is not None else None,
             joining.gathers_until_us if joining is not None else None,
             self._executor.grace_ends_us if is_waiting else None,

@@ -33,6 +33,7 @@ from mrbt_mesh.sim.engine.robots import Robots
 from mrbt_mesh.sim.engine.setup import Setup
 
 
+# Attributes: the parts of a world.
 class World:
     """Everything that is there, and what happens when. One instance is one run.
 

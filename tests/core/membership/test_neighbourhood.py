@@ -7,6 +7,7 @@ from collections import Counter
 import pytest
 
 from benchmarks.membership.team import SteppedTeam
+from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.membership.ring import Ring
 from mrbt_mesh.core.membership.timing import SECOND_US, Timing
 from mrbt_mesh.core.mission.mission import Mission
@@ -81,6 +82,20 @@ def test_a_frozen_robot_is_found_in_the_detection_time_and_found_again(robots: i
     team.thaw(victim)
     team.run_until(team.now_us + 2 * timing.detection_us)
     assert alive(team) == {robots: robots}
+
+
+def test_who_begins_together_is_planned_for_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    robots, plans = 24, 0
+    assign = Planner._assign_agents
+
+    def counted(self: Planner) -> bool:
+        nonlocal plans
+        plans += 1
+        return assign(self)
+
+    monkeypatch.setattr(Planner, "_assign_agents", counted)
+    started(robots, GOOD)
+    assert plans / robots < robots // 2, "fewer than there are robots that have begun something"
 
 
 def test_who_starts_again_hears_the_team_before_it_joins() -> None:
