@@ -57,7 +57,7 @@ class Event:
     replaced_s: list[float] = field(default_factory=list)
 
 
-# Attributes: one for each figure that is measured.
+# Attributes: a column each.
 @dataclass
 class Size:
     """What was found of one team; None: not in time. `cpu_s`: what its simulation took."""

@@ -41,7 +41,7 @@ class Urgent(NamedTuple):
     is_agreed: bool
 
 
-# Attributes: the parts of the agent that a beat tells of, and whom it has told of which plan.
+# Attributes: what was told to whom, and until when it is told again.
 class Heartbeats:
     """Puts this robot's beats together."""
 
@@ -146,12 +146,15 @@ class Heartbeats:
             self._told_news, self._news_from_us = urgent.news, now_us + timing.heartbeat_us
             is_to_all = True
         tells = urgent.digest, urgent.is_agreed, self._sections.speakers()
-        if tells != self._tells:
+        speakers = tells[-1]
+        if tells == self._tells:  # it is a repetition, for what was lost: to each of them in turn
+            speakers = speakers[number % len(speakers) :][:1]
+        else:
             self._tells = tells
             self._told_until_us = now_us + repeats_us
             self._misled = self._still_waiting()
             self._told = set()
-        others = self._who_hears_of_plans(urgent, now_us)
+        others = self._who_hears_of_plans(urgent, speakers, now_us)
         others.update(grant.member for grant in self._executor.leases.grantor.grants())
         heard_by = context.membership.neighbourhood.audience(number, context.mission.robots, others)
         return None if is_to_all or urgent.sought is not None else heard_by
@@ -163,7 +166,9 @@ class Heartbeats:
             return set()
         return self._told & who_waits(plan, context.facts, context.membership.neighbourhood)
 
-    def _who_hears_of_plans(self, urgent: Urgent, now_us: int) -> set[str]:
+    def _who_hears_of_plans(
+        self, urgent: Urgent, speakers: tuple[str, ...], now_us: int
+    ) -> set[str]:
         """The speakers hear of this robot's plan; of a section's agreement, who waits for it.
 
         Who was told of an agreement is told when it is no more.
@@ -180,7 +185,7 @@ class Heartbeats:
             self._told |= waiting
             self._told_plan = plan
         self._relays_section = bool(told)
-        return told.union(self._sections.speakers()) if is_new else told
+        return told.union(speakers) if is_new else told
 
     def _send(self, urgent: Urgent, now_us: int) -> None:
         context, plan, executor = self._context, self._planner.plan, self._executor

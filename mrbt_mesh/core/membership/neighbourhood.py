@@ -12,6 +12,7 @@ not everybody anyway:
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterable, Mapping
 
 from mrbt_mesh.core.membership.peer import Peer, State, set_member
@@ -145,7 +146,9 @@ class Neighbourhood:
             left = {robot for robot, peer in self._peers.items() if peer.state is State.LEFT}
             self._in_turn = sorted({*self._peers, *mission} - left - {self.me})
         if self._in_turn:
-            wanted.add(self._in_turn[number % len(self._in_turn)])
+            # Robots that started together begin with different ones, not all with the same.
+            begin = bisect_left(self._in_turn, self.me)
+            wanted.add(self._in_turn[(begin + number) % len(self._in_turn)])
         return tuple(sorted(robot for robot in wanted if not self._has_left(robot)))
 
     def _has_left(self, robot: str) -> bool:

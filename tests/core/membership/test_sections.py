@@ -233,8 +233,8 @@ def speakers_are_silent() -> Iterator[None]:
 def speakers_are_not_told() -> Iterator[None]:
     """Of another plan only neighbours hear."""
 
-    def who_hears(self: Heartbeats, urgent: Urgent, now_us: int) -> set[str]:
-        return original(self, urgent, now_us) - set(self._sections.speakers())
+    def who_hears(self: Heartbeats, urgent: Urgent, _: Any, now_us: int) -> set[str]:
+        return original(self, urgent, (), now_us)
 
     original = Heartbeats._who_hears_of_plans
     with mock.patch.object(Heartbeats, "_who_hears_of_plans", who_hears):
