@@ -109,7 +109,10 @@ class Driver:
         config = self._setup.config
         gate: FloodGate | None = None
         if config.keys is not None:
-            gate = FloodGate(config.keys, config.run, inbox.put, config.life)
+            is_shared = bool(self._setup.transport.routers)
+            gate = FloodGate(
+                config.keys, config.run, inbox.put, config.life, is_link_shared=is_shared
+            )
         deliver = gate.deliver if gate is not None else inbox.put
         self._transport = ZenohTransport(self._setup.transport, deliver)
         await anyio.to_thread.run_sync(self._transport.open)

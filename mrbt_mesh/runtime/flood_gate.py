@@ -35,7 +35,7 @@ MAX_SOURCES = 2_000
 NO_SOURCE = "a query"
 # How long a thread waits that has brought too much, and how many may wait at once: fewer than Zenoh
 # has (`ZENOH_RUNTIME` in `zenoh_transport`), or nobody would read the links of the others.
-HOLD_S = 0.02
+HOLD_S = 0.005
 MAX_HELD = 12
 
 Deliver = Callable[[Input, str | None], bool]
@@ -62,7 +62,8 @@ class FloodGate:
     """Hands on to `deliver` what may be authentic, and counts the rest by source and reason.
 
     Its methods may be called from any thread. `life`: this member's own, as commands name it.
-    `hold` makes a thread wait for so many seconds.
+    `hold` makes a thread wait for so many seconds; never where a flood would come over the same
+    link as the team's own messages (`is_link_shared`).
     """
 
     def __init__(
@@ -73,6 +74,7 @@ class FloodGate:
         life: int = 0,
         clock: Callable[[], int] = boottime_us,
         hold: Callable[[float], None] = time.sleep,
+        is_link_shared: bool = False,
     ) -> None:
         self._keys = keys
         self._run = run
@@ -81,6 +83,7 @@ class FloodGate:
         self._life = life
         self._clock = clock
         self._hold = hold
+        self._is_link_shared = is_link_shared
         self._may_wait = threading.Semaphore(MAX_HELD)
         self._lock = threading.Lock()
         self._buckets: dict[str, TokenBucket] = {}
@@ -150,7 +153,7 @@ class FloodGate:
                 return True
             key = (source, "too much to check")
             self._refused[key] = self._refused.get(key, 0) + 1
-        if self._may_wait.acquire(blocking=False):
+        if not self._is_link_shared and self._may_wait.acquire(blocking=False):
             try:
                 self._hold(HOLD_S)
             finally:

@@ -64,7 +64,9 @@ class Watcher:
         inbox = Inbox(asyncio.get_running_loop(), lambda: self._drain(inbox))
         deliver: Deliver = inbox.put
         if self._guard is not None:
-            deliver = FloodGate(self._guard.keys, self.address.run, inbox.put).deliver
+            is_shared = bool(self.address.transport.routers)
+            keys, run = self._guard.keys, self.address.run
+            deliver = FloodGate(keys, run, inbox.put, is_link_shared=is_shared).deliver
         self._transport = ZenohTransport(self.address.transport, deliver)
         await anyio.to_thread.run_sync(self._transport.open)
         self._transport.declare_token(Incarnation(0, secrets.token_hex(4)))

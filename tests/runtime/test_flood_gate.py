@@ -164,3 +164,14 @@ def test_tokens_and_what_is_refused_unread_have_budgets_of_their_own() -> None:
     assert len(desk.got) == 2 * AT_ONCE + 1
     refused = {each.source: each.count for each in desk.gate.take_refused()}
     assert refused == {"A": 3, "A's token": 3}
+
+
+def test_behind_a_router_nothing_waits_since_all_share_its_link() -> None:
+    held_s: list[float] = []
+    gate = FloodGate(
+        KEYS["B"], "run", lambda *_: True, LIFE, lambda: 0, held_s.append, is_link_shared=True
+    )
+    for _ in range(AT_ONCE + 5):
+        gate.deliver(MessageReceived(BEAT, "A", b"noise"), None)
+    assert gate.take_refused() == [InputRefused("A", TOO_MUCH, 5)]
+    assert held_s == []
