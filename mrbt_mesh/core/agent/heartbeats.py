@@ -68,6 +68,10 @@ class Heartbeats:
         # Until when beats repeat what is told of plans.
         self._told_until_us = now_us
         self._told_news = 0
+        # Only plans have changed last; neighbours have heard no beat since, which would show them
+        # that they lack a fact; until when beats repeat what they are to hear.
+        self._only_plans = self._is_owed = False
+        self._news_until_us = now_us
         self._news_from_us = now_us
         # What is told of plans, and to which speakers. Who was told that the section agrees on
         # which plan; and who still goes by one that is no more agreed on.
@@ -91,8 +95,8 @@ class Heartbeats:
             self._send(self._urgent(), now_us)
 
     def send(self, now_us: int) -> None:
-        """Beat now."""
-        self._send(self._urgent(), now_us)
+        """Beat now, for the last time."""
+        self._send(self._urgent(), now_us, is_last=True)
 
     def hurry_if_probing(self, now_us: int) -> None:
         """Beat faster while this robot asks for news of another one."""
@@ -135,7 +139,31 @@ class Heartbeats:
             )
         return self._is_agreed
 
-    def _audience(self, urgent: Urgent, number: int, now_us: int) -> tuple[str, ...] | None:
+    def _is_aside(self, urgent: Urgent, now_us: int) -> bool:
+        """Whether this beat is only for those who are to hear of plans.
+
+        Of everything else, and whenever it is time, neighbours hear: at once, and again. Of plans
+        they hear the first repetition, when those who go on by them may have gone on.
+        """
+        last, membership = self._last, self._context.membership
+        if last is None or membership.neighbourhood.is_complete:
+            return False
+        if urgent != last:
+            self._is_owed = True
+            same = urgent._replace(digest=last.digest, is_agreed=last.is_agreed)
+            self._only_plans = same == last
+            if not self._only_plans:
+                repeats_us = self._context.config.timing.repeat_offsets_us()[-1]
+                self._news_until_us = now_us + repeats_us
+        elif self._is_owed or now_us <= self._news_until_us:
+            self._is_owed = False
+            return False
+        is_regular = self._schedule.is_regular_due(now_us) or urgent.sought is not None
+        return self._only_plans and not is_regular
+
+    def _audience(
+        self, urgent: Urgent, number: int, now_us: int, is_aside: bool
+    ) -> tuple[str, ...] | None:
         """Who hears this beat; None: everybody."""
         context, last, timing = self._context, self._last, self._context.config.timing
         self._last = urgent
@@ -156,6 +184,8 @@ class Heartbeats:
             self._told = set()
         others = self._who_hears_of_plans(urgent, speakers, now_us)
         others.update(grant.member for grant in self._executor.leases.grantor.grants())
+        if is_aside:
+            return tuple(sorted(others - {context.me}))
         heard_by = context.membership.neighbourhood.audience(number, context.mission.robots, others)
         return None if is_to_all or urgent.sought is not None else heard_by
 
@@ -187,17 +217,18 @@ class Heartbeats:
         self._relays_section = bool(told)
         return told.union(speakers) if is_new else told
 
-    def _send(self, urgent: Urgent, now_us: int) -> None:
+    def _send(self, urgent: Urgent, now_us: int, is_last: bool = False) -> None:
         context, plan, executor = self._context, self._planner.plan, self._executor
         self.hurry_if_probing(now_us)
-        number = self._schedule.mark_sent(urgent, now_us)
+        is_aside = self._is_aside(urgent, now_us) and not is_last
+        number = self._schedule.mark_sent(urgent, now_us, is_aside)
         # A beat renews the leases that this robot holds: it answers itself first.
         granted = executor.leases.heartbeat_sent(number, now_us, executor.may_grant)
         if granted:
             context.write(granted, now_us)
         digest, result = (plan.digest, plan.result) if plan else (bytes(8), Status.RUNNING)
         is_joined, membership = urgent.is_joined, context.membership
-        to = self._audience(urgent, number, now_us)
+        to = self._audience(urgent, number, now_us, is_aside)
         relays = membership.relays()
         if self._relays_section:
             relays = dict(sorted((relays | self._sections.relays()).items()))

@@ -44,8 +44,15 @@ class HeartbeatSchedule:
         """Whether to send now: by the schedule, or because `urgent` has changed."""
         return urgent != self._last_urgent or now_us >= self.next_due_us
 
-    def mark_sent(self, urgent: tuple[Any, ...], now_us: int) -> int:
-        """A heartbeat goes out now; returns its number."""
+    def is_regular_due(self, now_us: int) -> bool:
+        """Whether it is time even if nothing were urgent."""
+        return now_us >= self._regular_us
+
+    def mark_sent(self, urgent: tuple[Any, ...], now_us: int, is_aside: bool = False) -> int:
+        """A heartbeat goes out now; returns its number.
+
+        `is_aside`: not to all who expect one regularly, for whom the next is due as before.
+        """
         if urgent != self._last_urgent:
             self._last_urgent = urgent
             offsets_us = self._timing.repeat_offsets_us()
@@ -53,6 +60,9 @@ class HeartbeatSchedule:
         else:
             self._repeats_us = [due_us for due_us in self._repeats_us if due_us > now_us]
         self._number += 1
+        if is_aside:
+            self._schedule(self._regular_us)
+            return self._number
         is_fast = now_us < self._fast_until_us
         self._schedule(now_us + (self._fast_period_us if is_fast else self._timing.heartbeat_us))
         self.last_sent_us = now_us

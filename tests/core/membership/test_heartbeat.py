@@ -49,3 +49,13 @@ def test_hurry_in_a_large_team_changes_nothing() -> None:
     beats_ms(schedule, "plan", 0, 301)
     schedule.speed_up(64, 310 * MS)
     assert beats_ms(schedule, "plan", 310, 800) == [500, 700]
+
+
+def test_a_heartbeat_for_some_does_not_put_off_the_one_for_all_who_expect_it() -> None:
+    schedule = HeartbeatSchedule(TIMING, 0)
+    schedule.mark_sent(("a",), 0)
+    schedule.mark_sent(("b",), 90 * MS, is_aside=True)
+    assert not schedule.is_regular_due(TIMING.heartbeat_us - 1)
+    assert schedule.is_regular_due(TIMING.heartbeat_us)
+    assert schedule.next_due_us < TIMING.heartbeat_us, "it is repeated"
+    assert schedule.last_sent_us == 0

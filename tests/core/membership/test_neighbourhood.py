@@ -67,7 +67,7 @@ def test_a_killed_robot_is_replaced_after_a_few_messages(robots: int) -> None:
     team.run_until(team.now_us + 50 * MS)
     assert alive(team) == {robots - 1: robots - 1}
     assert len(team.at_work()) == robots // 2
-    assert (team.sent - before) / robots < 100
+    assert (team.sent - before) / robots < 40
 
 
 @pytest.mark.parametrize("robots", [9, 24])

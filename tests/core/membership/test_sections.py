@@ -245,8 +245,8 @@ def speakers_are_not_told() -> Iterator[None]:
 def neighbours_keep_deaths_to_themselves() -> Iterator[None]:
     """What everybody is to hear is told to neighbours alone."""
 
-    def audience(self: Heartbeats, urgent: Urgent, number: int, now_us: int) -> Any:
-        return original(self, urgent._replace(news=self._told_news), number, now_us)
+    def audience(self: Heartbeats, urgent: Urgent, *rest: Any) -> Any:
+        return original(self, urgent._replace(news=self._told_news), *rest)
 
     original = Heartbeats._audience
     with mock.patch.object(Heartbeats, "_audience", audience):
