@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import PurePosixPath
 from typing import Any
 
 import pytest
@@ -9,7 +10,12 @@ from ruamel.yaml import YAML
 
 from mrbt_mesh.cli.app import app
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.runtime.settings import MISSION_VARIABLE, ROUTER_VARIABLE, TEAM_VARIABLE
+from mrbt_mesh.runtime.settings import (
+    KEYS_VARIABLE,
+    MISSION_VARIABLE,
+    ROUTER_VARIABLE,
+    TEAM_VARIABLE,
+)
 from tests.support.paths import ROOT
 
 PROFILE = "router"
@@ -34,7 +40,7 @@ def routers(services: dict[str, Any]) -> dict[str, Any]:
 
 def test_without_the_profile_nothing_of_it_starts(services: dict[str, Any]) -> None:
     always = {name for name, each in services.items() if "profiles" not in each}
-    assert always == {"a1", "a2", "b1", "b2", "c1", "c2", "observer"}
+    assert always == {"a1", "a2", "b1", "b2", "c1", "c2", "keys", "observer"}
 
 
 def test_all_robots_of_the_mission_are_there_once(routed: dict[str, Any]) -> None:
@@ -52,6 +58,8 @@ def test_robots_and_observer_are_clients_of_both_routers(
     assert len(expected) == 2
     for each in routed.values():
         assert each["environment"][ROUTER_VARIABLE].split(",") == expected
+        keys = PurePosixPath(each["environment"][KEYS_VARIABLE])
+        assert each["volumes"] == [f"keys:{keys.parent}"]
 
 
 def test_only_routers_are_on_both_networks_and_one_of_them_dials(
@@ -66,7 +74,9 @@ def test_only_routers_are_on_both_networks_and_one_of_them_dials(
 
 
 def test_the_commands_are_those_that_there_are(services: dict[str, Any]) -> None:
-    for each in services.values():
+    for service, each in services.items():
+        if service == "keys":
+            continue  # a line of a shell's
         _, name, *arguments = each["command"].replace("${MRBT_SPEED:-1}", "1").split()
         command = app.get_command(None, name)  # type: ignore[arg-type]
         assert command is not None, name

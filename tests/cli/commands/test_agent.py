@@ -74,7 +74,9 @@ def test_every_option_arrives(started: list[Started], tmp_path: Path) -> None:
     assert (address.timing.heartbeat_us, address.timing.detection_us) == (100_000, 400_000)
 
 
-def test_a_robot_has_keys_or_is_told_that_it_needs_none(started: list[Started]) -> None:
+def test_a_robot_has_keys_or_is_told_that_it_needs_none(
+    started: list[Started], tmp_path: Path
+) -> None:
     words = ("agent", "--mission", EXPLORE, "--robot", "R1")
     code, _, problems = mrbt(*words)
     assert code == 2
@@ -83,12 +85,17 @@ def test_a_robot_has_keys_or_is_told_that_it_needs_none(started: list[Started]) 
     code, _, problems = mrbt(*words, "--insecure", "--keys", "keys")
     assert (code, "--keys: with --insecure nothing is signed" in problems) == (2, True)
     assert started == []
-    assert mrbt(*words, MRBT_KEYS="keys") == (0, "", "")
-    assert [address.keys for _, address in started] == [Path("keys")]
+    keys = KeyFolder.create(tmp_path / "keys", {"R1": Role.ROBOT}).path
+    assert mrbt(*words, MRBT_KEYS=str(keys)) == (0, "", "")
+    assert [address.keys for _, address in started] == [keys]
 
 
-def test_variables_stand_for_options_and_options_win(started: list[Started]) -> None:
-    variables = {"MRBT_MISSION": EXPLORE, "MRBT_TEAM": "t", "MRBT_RUN": "r", "MRBT_KEYS": "k"}
+def test_variables_stand_for_options_and_options_win(
+    started: list[Started], tmp_path: Path
+) -> None:
+    keys = KeyFolder.create(tmp_path / "keys", {"R1": Role.ROBOT}).path
+    variables = {"MRBT_MISSION": EXPLORE, "MRBT_TEAM": "t", "MRBT_RUN": "r"}
+    variables["MRBT_KEYS"] = str(keys)
     assert mrbt("agent", "--robot", "R1", "--team", "other", **variables)[0] == 0
     ((start, address),) = started
     assert (start.mission, address.transport.team, address.run) == (Path(EXPLORE), "other", "r")

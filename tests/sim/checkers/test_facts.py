@@ -7,6 +7,7 @@ from typing import Any
 from mrbt_mesh.core.agent.effects import Log
 from mrbt_mesh.core.agent.inputs import CapabilityChanged, TimerFired
 from mrbt_mesh.core.facts.records import OUTCOME
+from mrbt_mesh.core.membership.peer import State
 from tests.support.checked_team import SECOND_US, Team, start
 
 
@@ -27,7 +28,8 @@ def test_i2_waits_until_the_network_is_quiet(team: Team) -> None:
 
 
 def test_i2_views_of_the_living_that_stay_different(team: Team) -> None:
-    del team.agents[0].view.peers["B1"]
+    membership = team.agents[0]._context.membership
+    membership._set("B1", membership.peers["B1"], State.DEAD)
     assert "I2" in team.sample()
     assert "alive" in team.checkers.violations[0]
 
