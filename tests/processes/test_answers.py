@@ -8,7 +8,6 @@ import sys
 import pytest
 
 from mrbt_mesh.runtime.launcher import free_endpoints
-from mrbt_mesh.runtime.settings import WIRED
 from tests.support.paths import ROOT
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(120)]
@@ -58,7 +57,7 @@ os._exit(0)
 
 
 def test_a_robot_is_asked_although_a_stranger_says_that_he_knows_all() -> None:
-    (here,) = free_endpoints(1, WIRED)
+    (here,) = free_endpoints(1, "tcp")
     done = subprocess.run(
         [sys.executable, "-c", SESSIONS, here],
         cwd=ROOT,

@@ -12,7 +12,6 @@ import pytest
 from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES
 from mrbt_mesh.drills.physical import spans
 from mrbt_mesh.runtime.launcher import free_endpoints
-from mrbt_mesh.runtime.settings import WIRED
 from tests.support.intruder_process import intruder
 from tests.support.paper_run import check_paper, go_on_as_in_the_paper, hold_for_the_paper
 from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
@@ -179,7 +178,7 @@ class Explorers:
 def test_messages_of_another_run_are_refused(team: Team) -> None:
     keys = team.folder / "keys"
     team.mrbt("keys", "init", str(keys), "--robots", "R1,R2")
-    endpoints = free_endpoints(2, WIRED)
+    endpoints = free_endpoints(2, "tcp")
 
     def run_until_told(run: str, reason: str) -> list[int]:
         team.hold("explore")
@@ -202,7 +201,7 @@ def test_two_teams_of_one_name_on_one_network_do_not_hear_each_other(team: Team)
         keys = team.folder / f"{name}-keys"
         team.mrbt("keys", "init", str(keys), "--robots", "R1,R2")
         others = [endpoint for each in found for endpoint in each.endpoints]
-        found.append(Explorers(team, name, "same", keys, free_endpoints(2, WIRED), others))
+        found.append(Explorers(team, name, "same", keys, free_endpoints(2, "tcp"), others))
     ours, theirs = found
     for each in (ours.work(), theirs.work()):
         team.wait_until(
