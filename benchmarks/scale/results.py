@@ -34,7 +34,8 @@ def of_processes(teams: Sequence[processes.Size]) -> str:
     rows = []
     for team in teams:
         kills = [ms for ms in team.kills_ms if ms is not None]
-        worst = LATE if None in team.kills_ms else f"{max(kills, default=0):.0f}"
+        longest = f"{max(kills):.0f}" if kills else ""
+        worst = LATE if None in team.kills_ms else longest
         median = f"{statistics.median(kills):.0f}" if kills else ""
         costs = (team.cpu_at_rest_percent, team.rss_mb, team.share_mb)
         shown = ["" if cost is None else f"{cost:.1f}" for cost in costs]
