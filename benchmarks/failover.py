@@ -11,11 +11,9 @@ team is left at rest with 6 and with 24 processes, and memory and CPU share are 
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import signal
 import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -23,7 +21,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
-from benchmarks.run import REPAIR, WAIT_S, Run, machine, say
+from benchmarks.run import REPAIR, WAIT_S, Run, machine, say, tell
 
 DETECTION_S = 1.0
 REST_S = 10.0
@@ -159,10 +157,7 @@ def main() -> None:
     for count in (6, 24):
         say(f"{count} processes at rest ...")
         result["at_rest"].append(at_rest(count, options.transport))
-    text = json.dumps(result, indent=2)
-    sys.stdout.write(text + "\n")
-    if options.json:
-        options.json.write_text(text + "\n")
+    tell(result, options.json)
 
 
 if __name__ == "__main__":

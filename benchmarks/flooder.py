@@ -28,7 +28,7 @@ def spoilt(data: bytes, dice: random.Random) -> bytes:
     return bytes(found)
 
 
-def open_session(endpoints: list[str]) -> zenoh.Session:
+def open_peer(endpoints: list[str]) -> zenoh.Session:
     """A session of a peer that dials these."""
     config = zenoh.Config()
     config.insert_json5("mode", '"peer"')
@@ -47,7 +47,7 @@ def tell(line: str) -> None:
 def main() -> None:
     """Flood until the input ends."""
     rate, team, *endpoints = sys.argv[1:]
-    session = open_session(endpoints)
+    session = open_peer(endpoints)
     heard: list[tuple[str, bytes]] = []
 
     def hear(sample: zenoh.Sample) -> None:

@@ -17,10 +17,8 @@ in gap    kills between an action's end and the commit of its outcome: that acti
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import random
-import sys
 import tempfile
 import time
 from dataclasses import asdict, dataclass
@@ -30,7 +28,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.run import REPAIR, Run, machine, say
+from benchmarks.run import REPAIR, Run, machine, say, tell
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.drills.inject import Deeds, Snapshot
 from mrbt_mesh.drills.journals import read
@@ -180,10 +178,7 @@ def main() -> None:
         "rounds": [asdict(done) for done in rounds],
     }
     show(result)
-    text = json.dumps(result, indent=2)
-    sys.stdout.write(text + "\n")
-    if options.json:
-        options.json.write_text(text + "\n")
+    tell(result, options.json)
     if result["totals"]["lost"] or result["totals"]["repeated"]:
         raise SystemExit(1)
 

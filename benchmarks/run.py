@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -104,6 +105,14 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:
             continue
     return found
+
+
+def tell(result: Mapping[str, Any], file: Path | None) -> None:
+    """The figures as JSON on stdout, and in a file if one is named."""
+    text = json.dumps(result, indent=2)
+    sys.stdout.write(text + "\n")
+    if file is not None:
+        file.write_text(text + "\n", encoding="utf-8")
 
 
 def say(text: str) -> None:

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.failover import at_rest, failover_s, spread
-from benchmarks.run import ROOT, Run, machine, say
+from benchmarks.run import ROOT, Run, machine, say, tell
 from mrbt_mesh.core.agent.inputs import Input, MessageReceived
 from mrbt_mesh.core.membership.envelope import MAX_TAGS, Guard
 from mrbt_mesh.core.membership.keys import Role
@@ -154,10 +154,7 @@ def main() -> None:
     result["at_rest"] = rest_share(result["tags"])
     if options.kills:
         result["flood"] = takeovers(options.kills, options.rate)
-    text = json.dumps(result, indent=2)
-    sys.stdout.write(text + "\n")
-    if options.json:
-        options.json.write_text(text + "\n")
+    tell(result, options.json)
 
 
 if __name__ == "__main__":

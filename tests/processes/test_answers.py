@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
 import pytest
 
 from mrbt_mesh.runtime.launcher import free_endpoints
-from tests.support.paths import ROOT
+from tests.support.sessions import said_by
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(120)]
 
-# In a process of its own: a Zenoh session in the tests' process would outlive them. Who answers for
-# everybody says that his answers are complete, so that Zenoh would rather ask him alone.
+# Who answers for everybody says that his answers are complete, so that Zenoh would rather ask him
+# alone.
 SESSIONS = """
 import json, os, sys, threading, zenoh
 from mrbt_mesh.core.agent.inputs import QueryReceived
@@ -58,12 +55,4 @@ os._exit(0)
 
 def test_a_robot_is_asked_although_a_stranger_says_that_he_knows_all() -> None:
     (here,) = free_endpoints(1, "tcp")
-    done = subprocess.run(
-        [sys.executable, "-c", SESSIONS, here],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout == "robot stranger"
+    assert said_by(SESSIONS, here) == "robot stranger"

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
 import pytest
 
 from mrbt_mesh.runtime.launcher import free_endpoints
-from tests.support.paths import ROOT
+from tests.support.sessions import said_by
 from tests.support.team import TEST_TIMEOUT_S
 
 pytestmark = [pytest.mark.processes, pytest.mark.slow, pytest.mark.timeout(TEST_TIMEOUT_S)]
 
-# In a process of its own: Zenoh sessions in the tests' process would outlive them.
 SESSIONS = """
 import os, sys, threading
 from mrbt_mesh.runtime.session_config import TransportConfig, session_config, zenoh
@@ -36,12 +32,4 @@ os._exit(0)
 def test_a_newcomer_dials_whom_it_discovers() -> None:
     """It looks around at once; those that are there already do so only every few seconds."""
     (endpoint,) = free_endpoints(1, "tcp")
-    done = subprocess.run(
-        [sys.executable, "-c", SESSIONS, endpoint],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == [endpoint] * 5
+    assert said_by(SESSIONS, endpoint).split() == [endpoint] * 5

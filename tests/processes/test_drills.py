@@ -75,15 +75,17 @@ def test_what_did_not_hold_is_told_and_the_run_is_kept(team: Team) -> None:
 def test_a_robot_that_ends_by_an_error_is_red_with_its_last_words(team: Team) -> None:
     program = team.folder / "robot.py"
     program.write_text(
-        "import os, sys, anyio\nfrom mrbt_mesh import RobotProgram\n"
-        "robot = RobotProgram()\n\n"
+        "import os, sys, anyio, pathlib\nfrom mrbt_mesh import RobotProgram\n"
+        "robot, ended = RobotProgram(), pathlib.Path(__file__).with_name('ended')\n\n"
         "@robot.local_task('explore')\n"
         "async def explore(task, area):\n"
         "    if task.robot == 'R2':\n"
         "        sys.stderr.write('the battery is empty\\n')\n"
         "        sys.stderr.flush()\n"
+        "        ended.touch()\n"
         "        os._exit(7)\n"
-        "    await anyio.sleep(1)\n"  # or one of the others may do all of it
+        "    while not ended.exists():\n"  # or the others may do all of it without R2
+        "        await anyio.sleep(0.01)\n"
     )
     mission = (ROOT / "examples" / "explore" / "mission.yaml").read_text()
     (team.folder / "mission.yaml").write_text(

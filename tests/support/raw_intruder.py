@@ -25,6 +25,7 @@ from typing import Any
 import msgpack
 import zenoh
 
+from benchmarks.flooder import open_peer
 from mrbt_mesh.core.agent.commands import command_body
 from mrbt_mesh.core.facts.store import BatchProof, Incarnation, Version, make_entry
 from mrbt_mesh.core.membership.authorship import Authorship
@@ -61,7 +62,7 @@ class Intruder:
         self._all: list[tuple[str, bytes]] = []
         self._beats: dict[str, tuple[str, Envelope]] = {}
         self._guards: dict[str, Guard] = {}
-        self._session = _open(wanted["endpoints"])
+        self._session = open_peer(wanted["endpoints"])
         kept = zenoh.handlers.Callback(self._hear, indirect=False)
         self._session.declare_subscriber(f"{self._prefix}/**", kept)
 
@@ -286,15 +287,6 @@ def _header(heard: Envelope, sender: str | None = None) -> Header:
     """That of the message in an envelope."""
     mission, name, run = msgpack.unpackb(heard.data)[2:5]
     return Header(mission, name, run, heard.sender if sender is None else sender)
-
-
-def _open(endpoints: list[str]) -> zenoh.Session:
-    config = zenoh.Config()
-    config.insert_json5("mode", '"peer"')
-    config.insert_json5("connect/endpoints", json.dumps(endpoints))
-    config.insert_json5("scouting/multicast/enabled", "false")
-    config.insert_json5("scouting/gossip/enabled", "false")
-    return zenoh.open(config)
 
 
 if __name__ == "__main__":
