@@ -16,9 +16,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.membership.team import SteppedTeam
-from mrbt_mesh.core.agent import heartbeats
+from mrbt_mesh.core.agent import plan_news
 from mrbt_mesh.core.agent.heartbeats import Heartbeats, Urgent
 from mrbt_mesh.core.agent.inputs import CapabilityChanged
+from mrbt_mesh.core.agent.plan_news import PlanNews
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.arrival_history import ArrivalHistory
 from mrbt_mesh.core.membership.membership import Membership
@@ -225,7 +226,7 @@ def a_section_that_has_spoken_counts() -> Iterator[None]:
 @caught_by(replaced_at_once)
 def speakers_are_silent() -> Iterator[None]:
     """Nobody passes on what a section has planned."""
-    with mock.patch.object(heartbeats, "who_waits", return_value=set()):
+    with mock.patch.object(plan_news, "who_waits", return_value=set()):
         yield
 
 
@@ -233,11 +234,12 @@ def speakers_are_silent() -> Iterator[None]:
 def speakers_are_not_told() -> Iterator[None]:
     """Of another plan only neighbours hear."""
 
-    def who_hears(self: Heartbeats, urgent: Urgent, _: Any, now_us: int) -> set[str]:
-        return original(self, urgent, (), now_us)
+    def hearers(self: PlanNews, *which: Any) -> Any:
+        found, relays = original(self, *which)
+        return found - set(self._sections.speakers()), relays
 
-    original = Heartbeats._who_hears_of_plans
-    with mock.patch.object(Heartbeats, "_who_hears_of_plans", who_hears):
+    original = PlanNews.hearers
+    with mock.patch.object(PlanNews, "hearers", hearers):
         yield
 
 
