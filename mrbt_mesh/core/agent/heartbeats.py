@@ -122,8 +122,8 @@ class Heartbeats:
         elif self._is_owed or now_us <= self._news_until_us:
             self._is_owed = False
             return False
-        is_regular = self._schedule.is_regular_due(now_us) or urgent.sought is not None
-        return self._only_plans and not is_regular
+        is_for_all = urgent.sought is not None or urgent.news != self._told_news
+        return self._only_plans and not is_for_all and not self._schedule.is_regular_due(now_us)
 
     def _audience(
         self, urgent: Urgent, number: int, now_us: int, hearers: set[str], is_aside: bool

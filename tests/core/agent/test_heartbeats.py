@@ -63,3 +63,13 @@ def test_of_a_plan_neighbours_hear_by_the_first_repetition(speaker: Speaker) -> 
     third = speaker.says(TIMING.repeat_offsets_us()[1] - TIMING.repeat_offsets_us()[0])
     assert isinstance(third, tuple)
     assert not speaker.neighbours <= set(third)
+
+
+def test_what_everybody_is_to_hear_is_not_told_to_some_because_a_plan_changes_too(
+    speaker: Speaker,
+) -> None:
+    news = speaker.urgent.news
+    assert speaker.says(100 * MS, news=news + 1) is None
+    # At most once per period: neighbours hear of it now, all others as soon as that is over.
+    assert isinstance(speaker.says(50 * MS, news=news + 2), tuple)
+    assert speaker.says(TIMING.heartbeat_us - 20 * MS, digest=b"another ") is None
