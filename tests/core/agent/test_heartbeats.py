@@ -11,18 +11,17 @@ from mrbt_mesh.core.agent.effects import Publish
 from mrbt_mesh.core.agent.heartbeats import Urgent
 from mrbt_mesh.core.membership.ring import Ring
 from mrbt_mesh.core.membership.timing import SECOND_US, Timing
-from tests.core.membership.test_neighbourhood import GOOD, started
+from tests.support.patrols import MS, started
 
 ROBOTS = 16
 TIMING = Timing().of_team(ROBOTS)
-MS = 1_000
 
 
 class Speaker:
     """One robot of a team at rest, and what it has to say urgently."""
 
     def __init__(self) -> None:
-        team = started(ROBOTS, GOOD)
+        team = started(ROBOTS)
         agent = next(iter(team._world.robots.processes.values())).agent
         assert agent is not None
         self.agent: Agent = agent

@@ -30,9 +30,8 @@ from mrbt_mesh.core.membership.sections import SPEAKERS, Sections
 from mrbt_mesh.core.membership.timing import SECOND_US, Timing
 from mrbt_mesh.core.membership.wire import SelfReport
 from mrbt_mesh.sim.engine.network import LinkKnobs, NetworkKnobs
-from tests.support.build import action, make_mission, parallel, task
+from tests.support.patrols import MS, patrol
 
-MS = 1_000
 DIGEST, OTHER = b"planned.", b"another."
 names = st.text("ABCR0123456789", min_size=1, max_size=6)
 
@@ -94,12 +93,8 @@ ROBOTS = 24
 
 def started(robots: int = ROBOTS, token_delay_us: int | None = 5 * MS) -> SteppedTeam:
     """A team at work: half of it has something to do."""
-    areas = [f"area{number}" for number in range(robots // 2)]
-    able = {f"R{number:03d}": {"watch": 1.0} for number in range(robots)}
-    tree = parallel(len(areas), *map(action, areas))
-    mission = make_mission(tree, able, [task(area, ("watch", 1, 1)) for area in areas])
     network = NetworkKnobs(LinkKnobs(delay_us=MS, jitter_us=0), token_delay_us=token_delay_us)
-    team = SteppedTeam(mission, network, 1, is_shared=True)
+    team = SteppedTeam(patrol(robots), network, 1, is_shared=True)
     team.launch_all()
     team.run_until(8 * SECOND_US)
     assert len(team.at_work()) == robots // 2
