@@ -104,7 +104,7 @@ def _become_robot(request: dict[str, Any]) -> NoReturn:
         main()
     except SystemExit as error:
         code = error.code
-    except BaseException:
+    except BaseException:  # whatever it was, this process must not go on as its parent does
         sys.excepthook(*sys.exc_info())
     sys.stdout.flush()
     sys.stderr.flush()

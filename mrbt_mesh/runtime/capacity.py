@@ -1,8 +1,9 @@
 """How many robots one machine carries, from what one robot at rest was measured to cost.
 
 The figures below were measured on two cores of a shared virtual machine (x86_64, Linux,
-Python 3.11), the time with 12 robots at rest, the memory with 24. What robots' programs do comes on
-top of them; a slower machine carries less.
+Python 3.11), the memory with 24 robots, the time with 12 that all heard one another. In a ring a
+robot at rest takes half of it (docs/scale.md); but so many robots also have to start, which is
+what a machine fails at first. What robots' programs do comes on top; a slower machine carries less.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ def router(
 
     mrbt router --connect tcp/10.0.0.1:7447
 
-    mrbt agent --router tcp/10.0.0.1:7447,tcp/10.0.0.2:7447 --mission mission.yaml --robot A1
+    mrbt agent --keys keys --mission mission.yaml --robot A1 --router tcp/10.0.0.1:7447
     """
     from mrbt_mesh.cli.team.routing import run, save
     from mrbt_mesh.runtime.router import RouterConfig, config_with_keys, default_endpoint
