@@ -30,7 +30,7 @@ from mrbt_mesh.runtime.fencing import boottime_us
 
 # What each source may have checked in a second, and at once after a pause.
 CHECKS_PER_S = 100
-AT_ONCE = 200
+CHECKS_AT_ONCE = 200
 MAX_SOURCES = 2_000
 NO_SOURCE = "a query"
 # How long a thread waits that has brought too much, and how many may wait at once: fewer than Zenoh
@@ -42,16 +42,16 @@ Deliver = Callable[[Input, str | None], bool]
 
 
 class TokenBucket:
-    """Lets `AT_ONCE` through, then `CHECKS_PER_S` in each second. Times are in us."""
+    """Lets `CHECKS_AT_ONCE` through, then `CHECKS_PER_S` in each second. Times are in us."""
 
     def __init__(self, now_us: int) -> None:
-        self._left = float(AT_ONCE)
+        self._left = float(CHECKS_AT_ONCE)
         self._at_us = now_us
 
     def takes(self, now_us: int) -> bool:
         """Whether one more may pass now."""
         gained = max(0, now_us - self._at_us) * CHECKS_PER_S / 1e6
-        self._left, self._at_us = min(AT_ONCE, self._left + gained), now_us
+        self._left, self._at_us = min(CHECKS_AT_ONCE, self._left + gained), now_us
         if self._left < 1:
             return False
         self._left -= 1

@@ -41,7 +41,7 @@ from mrbt_mesh.runtime.watcher import Watcher
 
 END_TIMEOUT_S = 3.0
 # So many robots are started at once, and so long waited for them before the next ones.
-AT_ONCE = 8
+STARTED_AT_ONCE = 8
 UP_TIMEOUT_S, UP_LOOK_S = 5.0, 0.02
 # Exit statuses of a robot: its mission has failed, it refuses its input.
 FAILED, REFUSED = 1, 2
@@ -188,10 +188,10 @@ class Team:
             ensure_keys(self.run_dir, self.info, robot)
         arguments = {r: agent_arguments(self.run_dir, self.info, r) for r in self.info.robots}
         self._forks = RobotForks(self.run_dir, self.environment, may_need_arrays(self.mission))
-        for first in range(0, len(arguments), AT_ONCE):
-            robots, before_ns = list(arguments)[first : first + AT_ONCE], time.time_ns()
+        for first in range(0, len(arguments), STARTED_AT_ONCE):
+            robots, before_ns = list(arguments)[first : first + STARTED_AT_ONCE], time.time_ns()
             self.processes |= await self._fork({robot: arguments[robot] for robot in robots})
-            if first + AT_ONCE < len(arguments):
+            if first + STARTED_AT_ONCE < len(arguments):
                 await self._until_up(robots, before_ns)
 
     async def _until_up(self, robots: Sequence[str], before_ns: int) -> None:

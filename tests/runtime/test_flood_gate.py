@@ -14,7 +14,7 @@ from mrbt_mesh.core.agent.inputs import (
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.envelope import MAX_TAGS, Guard
 from mrbt_mesh.core.membership.wire import MessageKind
-from mrbt_mesh.runtime.flood_gate import AT_ONCE, CHECKS_PER_S, HOLD_S, MAX_HELD, FloodGate
+from mrbt_mesh.runtime.flood_gate import CHECKS_AT_ONCE, CHECKS_PER_S, HOLD_S, MAX_HELD, FloodGate
 from tests.support.keys import keys_of
 
 KEYS = keys_of("A", "B")
@@ -52,8 +52,8 @@ def test_what_is_sealed_passes_in_the_midst_of_a_flood_under_the_same_name() -> 
         desk.hear("A", message)
     passed = [event.data for event, slot in desk.got if slot == "beat/A"]  # type: ignore[union-attr]
     assert passed == mine
-    assert [slot for _, slot in desk.got].count(None) == AT_ONCE
-    assert desk.gate.take_refused() == [InputRefused("A", TOO_MUCH, 5_000 - AT_ONCE)]
+    assert [slot for _, slot in desk.got].count(None) == CHECKS_AT_ONCE
+    assert desk.gate.take_refused() == [InputRefused("A", TOO_MUCH, 5_000 - CHECKS_AT_ONCE)]
     assert desk.gate.take_refused() == []
 
 
@@ -86,15 +86,15 @@ def test_what_is_not_checked_yet_takes_no_message_s_place() -> None:
 def test_each_source_has_a_budget_that_fills_up_again() -> None:
     desk = Desk()
     for source in ("A", "Z"):
-        for _ in range(AT_ONCE + 10):
+        for _ in range(CHECKS_AT_ONCE + 10):
             desk.hear(source, b"noise")
-    assert len(desk.got) == 2 * AT_ONCE
+    assert len(desk.got) == 2 * CHECKS_AT_ONCE
     desk.now_us = 1_000_000
-    for _ in range(AT_ONCE):
+    for _ in range(CHECKS_AT_ONCE):
         desk.hear("A", b"noise")
-    assert len(desk.got) == 2 * AT_ONCE + CHECKS_PER_S
+    assert len(desk.got) == 2 * CHECKS_AT_ONCE + CHECKS_PER_S
     refused = {each.source: each.count for each in desk.gate.take_refused()}
-    assert refused == {"A": 10 + AT_ONCE - CHECKS_PER_S, "Z": 10}
+    assert refused == {"A": 10 + CHECKS_AT_ONCE - CHECKS_PER_S, "Z": 10}
 
 
 def test_questions_and_orders_of_members_pass_in_the_midst_of_a_flood_of_others() -> None:
@@ -103,7 +103,7 @@ def test_questions_and_orders_of_members_pass_in_the_midst_of_a_flood_of_others(
     operator.open(receiver.seal(b"x"), BEAT, "B")
     pull, order = asker.seal(b"x", ("B",)), operator.seal_command(b"x", "B")
     late = Guard(KEYS["op"], "run", 1).seal_command(b"x", "B")  # for an earlier life
-    for _ in range(AT_ONCE + 5):
+    for _ in range(CHECKS_AT_ONCE + 5):
         desk.gate.deliver(QueryReceived(1, MessageKind.COMMAND, b"noise"), None)
     for kind, data in (
         (MessageKind.PULL, pull),
@@ -111,7 +111,7 @@ def test_questions_and_orders_of_members_pass_in_the_midst_of_a_flood_of_others(
         (MessageKind.COMMAND, late),
     ):
         desk.gate.deliver(QueryReceived(2, kind, data), None)
-    passed = [event.data for event, _ in desk.got[AT_ONCE:]]  # type: ignore[union-attr]
+    passed = [event.data for event, _ in desk.got[CHECKS_AT_ONCE:]]  # type: ignore[union-attr]
     assert passed == [pull, order]
     assert desk.gate.take_refused() == [InputRefused("a query", TOO_MUCH, 6)]
     assert receiver.open(order, MessageKind.COMMAND) == ("op", b"x")
@@ -119,7 +119,7 @@ def test_questions_and_orders_of_members_pass_in_the_midst_of_a_flood_of_others(
 
 def test_a_thread_that_brings_too_much_waits_and_no_other() -> None:
     desk, sender = Desk(), Guard(KEYS["A"], "run", 1)
-    for _ in range(AT_ONCE):
+    for _ in range(CHECKS_AT_ONCE):
         desk.hear("A", b"noise")
     desk.hear("A", sender.seal(b"x"))
     assert desk.held_s == []
@@ -141,7 +141,7 @@ def test_some_threads_never_wait() -> None:
     def flood() -> None:
         gate.deliver(MessageReceived(BEAT, "A", b"noise"), None)
 
-    for _ in range(AT_ONCE):
+    for _ in range(CHECKS_AT_ONCE):
         flood()
     threads = [threading.Thread(target=flood) for _ in range(MAX_HELD)]
     for thread in threads:
@@ -157,11 +157,11 @@ def test_some_threads_never_wait() -> None:
 
 def test_tokens_and_what_is_refused_unread_have_budgets_of_their_own() -> None:
     desk = Desk()
-    for number in range(AT_ONCE + 3):
+    for number in range(CHECKS_AT_ONCE + 3):
         desk.gate.deliver(TokenChanged("A", Incarnation(number, "n"), True), None)
         desk.gate.deliver(InputRefused("A", "more than 1 bytes", 1), None)
     desk.gate.deliver(TokenChanged("B", Incarnation(1, "n"), True), None)
-    assert len(desk.got) == 2 * AT_ONCE + 1
+    assert len(desk.got) == 2 * CHECKS_AT_ONCE + 1
     refused = {each.source: each.count for each in desk.gate.take_refused()}
     assert refused == {"A": 3, "A's token": 3}
 
@@ -171,7 +171,7 @@ def test_behind_a_router_nothing_waits_since_all_share_its_link() -> None:
     gate = FloodGate(
         KEYS["B"], "run", lambda *_: True, LIFE, lambda: 0, held_s.append, is_link_shared=True
     )
-    for _ in range(AT_ONCE + 5):
+    for _ in range(CHECKS_AT_ONCE + 5):
         gate.deliver(MessageReceived(BEAT, "A", b"noise"), None)
     assert gate.take_refused() == [InputRefused("A", TOO_MUCH, 5)]
     assert held_s == []

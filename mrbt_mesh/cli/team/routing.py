@@ -12,6 +12,7 @@ import click
 
 from mrbt_mesh.cli.framework.exits import SUCCESS, end_process
 from mrbt_mesh.runtime.router import Router, RouterConfig, write_config
+from mrbt_mesh.runtime.settings import WARNING
 
 
 def run(config: RouterConfig, as_json: bool) -> NoReturn:
@@ -24,7 +25,7 @@ def run(config: RouterConfig, as_json: bool) -> NoReturn:
         click.echo(json.dumps({"locators": router.locators}))
     else:
         if config.certificates is None:
-            click.echo("mrbt: warning: whoever reaches this router may link to it", err=True)
+            click.echo(f"{WARNING} whoever reaches this router may link to it", err=True)
         for locator in router.locators:
             click.echo(f"routes; robots of this network: --router {locator}")
     over.wait()
