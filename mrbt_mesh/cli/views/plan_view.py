@@ -12,6 +12,7 @@ from rich.text import Text
 from mrbt_mesh.cli.views.tree_view import render_tree
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.planning.plan import Bidding, Line, Plan
+from mrbt_mesh.viewmodel.why import line_reason, plan_bids
 
 
 def render_plan(mission: Mission, plan: Plan) -> RenderableType:
@@ -54,19 +55,13 @@ def render_bounds(bounds: Sequence[Mapping[str, Any]]) -> Table:
 def _lines(plan: Plan) -> Table:
     """Who does what and why."""
     table = Table("robot", "does", "for", "why", box=None, header_style="dim", pad_edge=False)
-    bids = {(b.activation, b.local_task): b.bids for b in plan.biddings}
+    bids = plan_bids(plan)
     for robot in sorted({*plan.lines, *plan.idle}):
         line = plan.lines.get(robot)
         if line is None:
             table.add_row(robot, Text("nothing", style="dim"), "", Text(plan.idle[robot], "dim"))
             continue
-        why = "goes on with what it runs" if line.pinned else "part of the best assignment"
-        number = f"{line.performance / MICRO:g}"
-        place = (line.activation, line.local_task)
-        if place not in bids:
-            why += f" (performance {number})"
-        else:
-            why += " (no bid)" if bids[place].get(robot) is None else f" (bid {number})"
+        why = line_reason(line, bids)
         table.add_row(Text(robot, "bold"), line.local_task, line.global_task, Text(why, "dim"))
     return table
 

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from mrbt_mesh.core.bt.robot_tree import assignment_tree, local_tree
+from mrbt_mesh.core.bt.robot_tree import assignment_tree
 from mrbt_mesh.core.bt.tree import CONTROLS, Kind, NodeSpec, Tree
-from mrbt_mesh.core.mission.mission import MICRO, Mission, performance
+from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.formats.btcpp.builtin_nodes import category_of
 from mrbt_mesh.formats.btcpp.document import (
@@ -23,6 +23,7 @@ from mrbt_mesh.formats.btcpp.document import (
 )
 from mrbt_mesh.formats.btcpp.elements import Element
 from mrbt_mesh.formats.btcpp.library import Library
+from mrbt_mesh.viewmodel.own_trees import local_tree_of
 
 MAX_NOTE = 60
 
@@ -147,11 +148,7 @@ def mission_shapes(name: str, tree: Tree) -> list[Shape]:
 def robot_shape(mission: Mission, robot: str) -> Shape:
     """T_i = Parallel(T_A, T_G, T_Li, 3) of a robot of the mission."""
     capabilities = mission.robots[robot].capabilities
-    able = {type_name(name) for name in capabilities}
-    trees = {name: tree.spec() for name, tree in mission.local_trees.items()}
-    trees = {name: spec for name, spec in trees.items() if performance(capabilities, name)}
-    names = able - {type_name(name) for name in mission.local_trees} | trees.keys()
-    local = local_tree(names, trees)
+    local = local_tree_of(mission, capabilities)
     parts = [
         _named("T_A", assignment_tree(), "task assignment"),
         _named("T_G", mission.tree, "global tasks, the same for all robots"),

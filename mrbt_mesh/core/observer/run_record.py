@@ -20,6 +20,7 @@ from mrbt_mesh.core.observer.episodes import (
 )
 from mrbt_mesh.core.observer.mission_rounds import MissionRounds
 from mrbt_mesh.core.observer.task_log import TaskLog
+from mrbt_mesh.core.observer.work_log import WorkLog
 from mrbt_mesh.core.planning.plan import Plan
 
 
@@ -39,6 +40,7 @@ class RunRecord:
         self.result: Status | None = None
         self.robots: dict[str, dict[str, Any]] = {}
         self.task_log = TaskLog(mission)
+        self.work_log = WorkLog()
         self.rounds = MissionRounds()
         self.major: list[MajorFault] = []
         self.minor: list[MinorFault] = []
@@ -89,6 +91,7 @@ class RunRecord:
         if fault is not None:
             fault.at_us = min(at_us, fault.at_us) if fault.exact else at_us
             fault.exact = True
+            self.work_log.died(robot, fault.at_us)
         else:
             self._exits[robot] = min(at_us, self._exits.get(robot, at_us))
 
@@ -125,6 +128,7 @@ class RunRecord:
                 self._died(robot, known["incarnation"], evidence_us)
             elif not fault.exact:
                 fault.at_us = min(fault.at_us, evidence_us)
+                self.work_log.died(robot, fault.at_us)
         elif state is State.ALIVE:
             fault = self._open_fault(robot, known["incarnation"])
             if fault is not None:
@@ -153,9 +157,11 @@ class RunRecord:
                 self._claimed(robot, now_us)
             case NoClaim():
                 self._claims.pop(robot, None)
+                self.work_log.given_up(robot, now_us)
             case Outcome() as outcome:
                 _, activation, local_task, *_ = entry.parts
                 self.task_log.took_part(robot, activation)
+                self.work_log.outcome(robot, activation, local_task, outcome.success, now_us)
                 how = "done" if outcome.success else "failed"
                 self.say(now_us, f"{robot}: {local_task} {how}")
             case ConditionValue() as condition:
@@ -220,6 +226,7 @@ class RunRecord:
         at_us = self._exits.pop(robot, at_us)
         fault = MajorFault(robot, incarnation, at_us, claim, exact=exact)
         self.major.append(fault)
+        self.work_log.died(robot, at_us)
         self.robots[robot]["state"] = State.DEAD
         # The robots knew first: word of the replacement may have come before word of the death.
         for since_us, other, taken in self.claims:
@@ -253,7 +260,10 @@ class RunRecord:
         """A claim counts once its incarnation is known to live: it may be of an earlier life."""
         claim, incarnation = self._claims.get(robot, (None, None))
         lives = self.robots.get(robot, {}).get("incarnation") == incarnation
-        if claim is not None and claim.phase is Phase.RUNNING and lives:
+        if claim is None or not lives:
+            return
+        self.work_log.claimed(robot, claim, now_us)
+        if claim.phase is Phase.RUNNING:
             self._running(robot, claim, now_us)
 
     def _running(self, robot: str, claim: Claim, now_us: int) -> None:

@@ -1,0 +1,89 @@
+"""What every robot held, from when to when, and how it ended."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from mrbt_mesh.core.facts.records import Claim, Phase
+
+
+class WorkEnd(enum.StrEnum):
+    """How a robot's work on a local task ended. DROPPED: it gave it up, or another plan wanted
+    something else of it.
+    """
+
+    DONE = "done"
+    FAILED = "failed"
+    DROPPED = "dropped"
+    DIED = "died"
+
+
+@dataclass(slots=True)
+class WorkSpan:
+    """One claim of a robot. `running_us`: when its action began; None: not (yet)."""
+
+    robot: str
+    activation: str
+    global_task: str
+    local_task: str
+    claimed_us: int
+    running_us: int | None = None
+    ended_us: int | None = None
+    end: WorkEnd | None = None
+
+    def is_of(self, activation: str, local_task: str) -> bool:
+        """Whether it is work on this local task of this activation."""
+        return (self.activation, self.local_task) == (activation, local_task)
+
+
+class WorkLog:
+    """All spans, in the order of their claims. What has ended changes only where it is told late
+    how: an outcome may be heard of after the end of its claim.
+    """
+
+    def __init__(self) -> None:
+        self.spans: list[WorkSpan] = []
+        self._latest: dict[str, WorkSpan] = {}
+
+    def claimed(self, robot: str, claim: Claim, now_us: int) -> None:
+        """The robot, which lives, holds this claim."""
+        span = self._latest.get(robot)
+        if (
+            span is None
+            or span.ended_us is not None
+            or not span.is_of(claim.activation, claim.local_task)
+        ):
+            self._end(robot, WorkEnd.DROPPED, now_us)
+            span = WorkSpan(robot, claim.activation, claim.global_task, claim.local_task, now_us)
+            self._latest[robot] = span
+            self.spans.append(span)
+        if claim.phase is Phase.RUNNING and span.running_us is None:
+            span.running_us = now_us
+
+    def given_up(self, robot: str, now_us: int) -> None:
+        """The robot holds nothing any more."""
+        self._end(robot, WorkEnd.DROPPED, now_us)
+
+    def outcome(
+        self, robot: str, activation: str, local_task: str, success: bool, now_us: int
+    ) -> None:
+        """The robot has ended; what it said of its claim may have been heard before."""
+        end = WorkEnd.DONE if success else WorkEnd.FAILED
+        span = self._latest.get(robot)
+        if span is not None and span.is_of(activation, local_task):
+            if span.ended_us is None:
+                self._end(robot, end, now_us)
+            elif span.end is WorkEnd.DROPPED:
+                span.end = end
+
+    def died(self, robot: str, at_us: int) -> None:
+        """The robot's life ended then; it may be told again, when that is known better."""
+        span = self._latest.get(robot)
+        if span is not None and (span.ended_us is None or span.end is WorkEnd.DIED):
+            span.ended_us, span.end = max(at_us, span.claimed_us), WorkEnd.DIED
+
+    def _end(self, robot: str, end: WorkEnd, now_us: int) -> None:
+        span = self._latest.get(robot)
+        if span is not None and span.ended_us is None:
+            span.ended_us, span.end = now_us, end

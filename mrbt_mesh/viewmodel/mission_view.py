@@ -1,0 +1,68 @@
+"""What a page needs to know of a mission once: its tree, its robots, its tasks, its map."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from mrbt_mesh.core.bt.tree import Tree
+from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, Mission
+from mrbt_mesh.viewmodel.team_map import map_view
+
+
+def mission_view(mission: Mission) -> dict[str, Any]:
+    """The mission as plain data; performances in units."""
+    leaves: dict[str, list[int]] = {}
+    for node in mission.tree.actions():
+        leaves.setdefault(node.subject, []).append(node.index)
+    return {
+        "name": mission.name,
+        "digest": mission.digest[:16],
+        "ends": str(mission.ends),
+        "tree": tree_view(mission.tree),
+        "robots": {
+            robot.id: {"type": robot.type, "capabilities": in_units(robot.capabilities)}
+            for robot in mission.robots.values()
+        },
+        "types": {name: in_units(table) for name, table in sorted(mission.robot_types.items())},
+        "tasks": {
+            name: _task(task) | {"nodes": leaves.get(name, [])}
+            for name, task in mission.global_tasks.items()
+        },
+        "map": map_view(mission),
+    }
+
+
+def tree_view(tree: Tree) -> list[dict[str, Any]]:
+    """One row per node, by index; `parent` is -1 at the root."""
+    return [
+        {
+            "kind": str(node.kind),
+            "label": node.label,
+            "name": node.name,
+            "subject": node.subject,
+            "parent": node.parent,
+        }
+        for node in tree.nodes
+    ]
+
+
+def in_units(performances: Mapping[str, int]) -> dict[str, float]:
+    """Micro-units as units."""
+    return {name: value / MICRO for name, value in sorted(performances.items())}
+
+
+def _task(task: GlobalTask) -> dict[str, Any]:
+    return {
+        "needs": [
+            {
+                "local_task": need.local_task,
+                "min": need.min_robots,
+                "max": need.max_robots,
+                "by_bid": need.by_bid,
+            }
+            for need in task.needs
+        ],
+        "simultaneous": task.simultaneous,
+        "exclusive": task.exclusive,
+    }

@@ -1,0 +1,174 @@
+"""A running team as items that change: the team, its robots, its tasks, the nodes of its tree."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts.records import Phase
+from mrbt_mesh.core.membership.peer import Peer, State
+from mrbt_mesh.core.mission.mission import MissionEnd
+from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.viewmodel.agreement import AgreementView
+from mrbt_mesh.viewmodel.changes import ChangeLog
+from mrbt_mesh.viewmodel.mission_view import in_units
+from mrbt_mesh.viewmodel.team_map import place_states
+from mrbt_mesh.viewmodel.timeline import TimelineView
+from mrbt_mesh.viewmodel.why import why_takeover
+
+
+class TeamView:
+    """Follows one observer. `changes` has the items:
+
+    `team`: result, order, agreement, what is blocked. `robot/ID`: one robot. `task/NAME`: a global
+    task. `node/N`: `[status, robots, note, activations]` of a node of T_G that was ever ticked.
+    `place/NAME`: a place of the map. `why/N`: the explanation of takeover N, as it was then. And
+    those of the timeline.
+    """
+
+    def __init__(self, observer: Observer) -> None:
+        self.observer = observer
+        self.changes = ChangeLog()
+        self._agreement = AgreementView()
+        self._timeline = TimelineView(observer.record)
+        self._statuses = bytes(len(observer.mission.tree.nodes))
+        self._marked: set[int] = set()
+        self._activations: dict[int, set[str]] = {}
+        self._explained: set[int] = set()
+
+    def update(self, now_us: int) -> bool:
+        """Look at the observer, which is up to date; whether anything has changed."""
+        before = self.changes.version
+        observer = self.observer
+        agreement = self._agreement.look(observer, now_us)
+        self.changes.put("team", self._team(agreement))
+        for robot in observer.robots():
+            self.changes.put(f"robot/{robot}", self._robot(robot, agreement["differ"]))
+        working = self._working()
+        self._tasks(working)
+        if observer.plan is not None:
+            self._nodes(observer.plan, working)
+        for name, state in place_states(observer).items():
+            self.changes.put(f"place/{name}", state)
+        self._timeline.put(self.changes)
+        self._takeovers()
+        return self.changes.version != before
+
+    def _team(self, agreement: dict[str, Any]) -> dict[str, Any]:
+        observer, record = self.observer, self.observer.record
+        plan = observer.plan
+        return {
+            "result": plan.result.name.lower() if plan is not None else None,
+            "ended": record.result.name.lower() if record.result is not None else None,
+            "ended_s": record.seconds(record.ended_us),
+            "order": str(observer.facts.order()),
+            "started": record.started_us is not None,
+            "agreement": agreement,
+            "rounds": len(record.rounds.all),
+            "stands_by": self._stands_by,
+            "blocked": [
+                {
+                    "request": episode.request,
+                    "reason": episode.reason,
+                    "since_s": record.seconds(episode.from_us),
+                }
+                for episode in record.blocked
+                if episode.to_us is None
+            ],
+        }
+
+    @property
+    def _stands_by(self) -> bool:
+        plan, ends = self.observer.plan, self.observer.mission.ends
+        has_ended = plan is not None and plan.result in (Status.SUCCESS, Status.FAILURE)
+        return ends is MissionEnd.NEVER and has_ended
+
+    def _robot(self, robot: str, differ: dict[str, Any]) -> dict[str, Any]:
+        observer = self.observer
+        peer = observer.membership.peers.get(robot)
+        known = observer.facts.members.get(robot)
+        claim, plan = observer.claim(robot), observer.plan
+        beat = peer.heartbeat if peer is not None else None
+        is_here = peer is not None and peer.state.is_live
+        runs = claim is not None and claim.phase is Phase.RUNNING
+        return {
+            "state": self._state(robot, peer),
+            "type": known.member.type if known else None,
+            "host": known.member.host if known else None,
+            "pid": known.member.pid if known else None,
+            "capabilities": in_units(known.member.capabilities) if known else {},
+            "lost": list(known.member.lost) if known else [],
+            "local_task": claim.local_task if claim else None,
+            "global_task": claim.global_task if claim else None,
+            "phase": claim.phase.name.lower() if claim else None,
+            "progress": beat.progress if beat is not None and runs else None,
+            "statuses": [Status(s).name.lower() for s in beat.statuses] if beat and is_here else [],
+            "idle": plan.idle.get(robot, "") if plan is not None and is_here else "",
+            "differs_since_s": differ.get(robot),
+        }
+
+    def _state(self, robot: str, peer: Peer | None) -> str:
+        """As `State`, or `joining`, or `leaving`: it has said so and is still there."""
+        state = self.observer.robot_state(robot)
+        if peer is not None and peer.state.is_alive:
+            if state is State.LEFT:
+                return "leaving"
+            if not peer.report.has_joined:
+                return "joining"
+        return str(state)
+
+    def _working(self) -> dict[str, list[str]]:
+        """Activation -> robots that have claimed it."""
+        working: dict[str, list[str]] = {}
+        for robot in self.observer.robots():
+            claim = self.observer.claim(robot)
+            if claim is not None:
+                working.setdefault(claim.activation, []).append(robot)
+        return working
+
+    def _tasks(self, working: dict[str, list[str]]) -> None:
+        plan = self.observer.plan
+        requests = plan.evaluation.requests if plan is not None else ()
+        waiting = {w.activation: w for w in plan.waiting} if plan is not None else {}
+        robots: dict[str, list[str]] = {}
+        reasons: dict[str, str] = {}
+        for request in requests:
+            robots.setdefault(request.subject, []).extend(working.get(request.activation, ()))
+            if request.activation in waiting:
+                reasons[request.subject] = waiting[request.activation].reason
+        for name, task in self.observer.record.task_log.tasks.items():
+            row = {
+                "state": str(task.state),
+                "robots": robots.get(name, []),
+                "took_part": sorted(task.robots),
+                "reason": reasons.get(name, ""),
+            }
+            self.changes.put(f"task/{name}", row)
+
+    def _nodes(self, plan: Plan, working: dict[str, list[str]]) -> None:
+        """Only nodes that may have changed are looked at: a tree may have thousands."""
+        statuses = plan.evaluation.statuses
+        waiting = {w.activation: w for w in plan.waiting}
+        marks: dict[int, tuple[list[str], str]] = {}
+        for request in plan.evaluation.requests:
+            self._activations.setdefault(request.node, set()).add(request.activation)
+            found = waiting.get(request.activation)
+            note = "" if found is None else ("blocked" if found.is_blocked else "waits")
+            marks[request.node] = working.get(request.activation, []), note
+        changed = {*marks, *self._marked}
+        if statuses != self._statuses:
+            pairs = zip(statuses, self._statuses, strict=True)
+            changed.update(index for index, (new, old) in enumerate(pairs) if new != old)
+        for index in sorted(changed):
+            robots, note = marks.get(index, ([], ""))
+            count = len(self._activations.get(index, ()))
+            self.changes.put(f"node/{index}", [statuses[index], robots, note, count])
+        self._statuses, self._marked = statuses, set(marks)
+
+    def _takeovers(self) -> None:
+        """A takeover is explained when it has happened: later its reasons are others."""
+        for index, fault in enumerate(self.observer.record.major):
+            if index not in self._explained and fault.reassigned_us is not None:
+                self._explained.add(index)
+                self.changes.put(f"why/{index}", why_takeover(self.observer, fault))

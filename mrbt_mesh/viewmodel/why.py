@@ -1,0 +1,228 @@
+"""Why a robot does what it does, a task waits, or this robot took over: a sentence with numbers,
+and who else could have done it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from mrbt_mesh.core.facts.records import Claim
+from mrbt_mesh.core.facts.team_facts import capability
+from mrbt_mesh.core.membership.peer import State
+from mrbt_mesh.core.mission.mission import MICRO, Need, performance
+from mrbt_mesh.core.observer.episodes import MajorFault
+from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.core.observer.task_log import TaskState
+from mrbt_mesh.core.planning.plan import Line, Plan, shortened
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A robot that can do a local task, or could. `performance` in units; None: it made no bid.
+
+    `is_chosen`: the plan has it there. `reason` says how things stand with it.
+    """
+
+    robot: str
+    performance: float | None
+    is_chosen: bool
+    reason: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        return {
+            "robot": self.robot,
+            "performance": self.performance,
+            "chosen": self.is_chosen,
+            "reason": self.reason,
+        }
+
+
+def line_reason(line: Line, bids: Mapping[tuple[str, str], Mapping[str, int | None]]) -> str:
+    """Why a robot has this line; `bids`: (activation, local task) -> robot -> bid."""
+    why = "goes on with what it runs" if line.pinned else "part of the best assignment"
+    place = (line.activation, line.local_task)
+    number = f"{line.performance / MICRO:g}"
+    if place not in bids:
+        return f"{why} (performance {number})"
+    return why + (" (no bid)" if bids[place].get(line.robot) is None else f" (bid {number})")
+
+
+def plan_bids(plan: Plan) -> dict[tuple[str, str], Mapping[str, int | None]]:
+    """The bids of a plan, by activation and local task."""
+    return {(b.activation, b.local_task): b.bids for b in plan.biddings}
+
+
+def candidates(observer: Observer, activation: str, local_task: str) -> list[Candidate]:
+    """All robots with the capability, the chosen first, then by performance."""
+    found = []
+    for robot, known in observer.facts.members.items():
+        declared = performance(known.member.capabilities, local_task)
+        if declared is not None:
+            found.append(_candidate(observer, robot, declared, activation, local_task))
+
+    def order(each: Candidate) -> tuple[bool, float, str]:
+        # Who made no bid comes last.
+        number = float("-inf") if each.performance is None else each.performance
+        return not each.is_chosen, -number, each.robot
+
+    return sorted(found, key=order)
+
+
+def _candidate(
+    observer: Observer, robot: str, declared: int, activation: str, local_task: str
+) -> Candidate:
+    plan, member = observer.plan, observer.facts.members[robot].member
+    bids = plan_bids(plan).get((activation, local_task)) if plan is not None else None
+    number: int | None = declared if bids is None else bids.get(robot)
+    units = None if number is None else number / MICRO
+    state = observer.robot_state(robot)
+    if state is State.DEAD:
+        return Candidate(robot, units, False, "is dead")
+    if state is State.LEFT:
+        return Candidate(robot, units, False, "has left")
+    if capability(member, local_task) is None:
+        return Candidate(robot, units, False, "has lost this capability")
+    line = plan.lines.get(robot) if plan is not None else None
+    if line is not None and (line.activation, line.local_task) == (activation, local_task):
+        how = "goes on with it" if line.pinned else "is chosen: the best assignment of all robots"
+        return Candidate(robot, units, True, how)
+    if observer.facts.results(activation, local_task).get(robot) is False:
+        return Candidate(robot, units, False, "has failed at it")
+    if line is not None:
+        verb = "goes on with" if line.pinned else "does"
+        other = f"{verb} {line.local_task} for {line.global_task}"
+        return Candidate(robot, units, False, f"{other} ({line.performance / MICRO:g})")
+    idle = plan.idle.get(robot, "is joining") if plan is not None else "is joining"
+    return Candidate(robot, units, False, f"is free: {idle}" if plan is not None else idle)
+
+
+def _number(each: Candidate) -> str:
+    return each.robot if each.performance is None else f"{each.robot} ({each.performance:g})"
+
+
+def _others(found: list[Candidate], but: str) -> str:
+    """Who else could, as a sentence."""
+    others = [each for each in found if each.robot != but]
+    if not others:
+        return "No other robot has this capability."
+    told = "; ".join(f"{_number(each)} {each.reason}" for each in others[:4])
+    more = f"; and {len(others) - 4} more" if len(others) > 4 else ""
+    return f"Others with this capability: {told}{more}."
+
+
+def _answer(
+    subject: str, sentence: str, found: list[Candidate], local_task: str = ""
+) -> dict[str, Any]:
+    return {
+        "subject": subject,
+        "sentence": sentence,
+        "groups": [{"local_task": local_task, "candidates": [each.to_json() for each in found]}]
+        if found
+        else [],
+    }
+
+
+def why_robot(observer: Observer, robot: str) -> dict[str, Any]:
+    """Why a robot does what it does; raises KeyError for one that is not known."""
+    if robot not in observer.robots():
+        raise KeyError(robot)
+    plan, state = observer.plan, observer.robot_state(robot)
+    if state is State.DEAD:
+        faults = [fault for fault in observer.record.major if fault.robot == robot]
+        if faults:
+            return _answer(robot, _fault_sentence(observer, faults[-1]), [])
+        return _answer(robot, f"{robot} is dead: nobody has heard of it since.", [])
+    if state is State.LEFT:
+        return _answer(robot, f"{robot} has left on purpose, and handed its work over.", [])
+    if plan is None or robot not in {*plan.lines, *plan.idle}:
+        return _answer(robot, f"{robot} is joining the team: plans do not count on it yet.", [])
+    line = plan.lines.get(robot)
+    if line is None:
+        return _answer(robot, f"{robot} does nothing now: {plan.idle[robot]}.", [])
+    found = candidates(observer, line.activation, line.local_task)
+    reason = line_reason(line, plan_bids(plan))
+    what = f"{robot} does {line.local_task} for {line.global_task}: {reason}."
+    return _answer(robot, f"{what} {_others(found, robot)}", found, line.local_task)
+
+
+def why_task(observer: Observer, task: str) -> dict[str, Any]:
+    """How it stands with a global task and why; raises KeyError for one that is not known."""
+    known, record = observer.mission.global_tasks[task], observer.record.task_log.tasks[task]
+    plan = observer.plan
+    requests = [r for r in plan.evaluation.requests if r.subject == task] if plan else []
+    if plan is None or not requests:
+        return _answer(task, f"{task} {_ENDS[record.state]}.{_by(record.robots)}", [])
+    activation = requests[0].activation
+    waiting = next((w for w in plan.waiting if w.activation == activation), None)
+    lines = [line for line in plan.lines.values() if line.activation == activation]
+    bounds = "; ".join(map(_needed, known.needs))
+    if waiting is not None:
+        sentence = f"{task} is {waiting.reason}. It needs {bounds}."
+    elif not lines:
+        sentence = f"{task} is requested, and nobody is put on it. It needs {bounds}."
+    else:
+        working = shortened([line.robot for line in lines])
+        sentence = f"{task} is carried out by {working}. It needs {bounds}."
+    groups = [
+        {
+            "local_task": need.local_task,
+            "candidates": [
+                each.to_json() for each in candidates(observer, activation, need.local_task)
+            ],
+        }
+        for need in known.needs
+    ]
+    return {"subject": task, "sentence": sentence, "groups": groups}
+
+
+_ENDS = {
+    TaskState.IDLE: "is not requested: the tree does not reach it now",
+    TaskState.RUNNING: "is requested, and not planned yet",
+    TaskState.SUCCESS: "has succeeded",
+    TaskState.FAILURE: "has failed",
+    TaskState.CANCELLED: "was requested and is no more, without a result",
+}
+
+
+def _by(robots: set[str]) -> str:
+    return f" {', '.join(sorted(robots))} took part." if robots else ""
+
+
+def _needed(need: Need) -> str:
+    least, most = need.min_robots, need.max_robots
+    count = f"{least}" if least == most else f"{least} to {most}"
+    return f"{count} for {need.local_task}{need.after}"
+
+
+def why_takeover(observer: Observer, fault: MajorFault) -> dict[str, Any]:
+    """Why the replacement took over, as things stand now: ask when it has just happened."""
+    held: Claim | None = fault.held
+    subject = f"takeover of {held.local_task}" if held else f"death of {fault.robot}"
+    if held is None:
+        return _answer(subject, _fault_sentence(observer, fault), [])
+    found = candidates(observer, held.activation, held.local_task)
+    sentence = _fault_sentence(observer, fault)
+    if fault.replacement is not None:
+        own = next((each for each in found if each.robot == fault.replacement), None)
+        if own is not None and own.performance is not None:
+            sentence += f" {fault.replacement} does it with {own.performance:g}."
+        sentence += f" {_others(found, fault.replacement)}"
+    return _answer(subject, sentence, found, held.local_task)
+
+
+def _fault_sentence(observer: Observer, fault: MajorFault) -> str:
+    at_s = observer.record.seconds(fault.at_us) or 0.0
+    text = f"{fault.robot} died at {at_s:.1f} s"
+    if fault.detected_us is not None:
+        detected_ms = max(0, fault.detected_us - fault.at_us) / 1e3
+        text += f"; the others knew after {detected_ms:.0f} ms"
+    if fault.held is None:
+        return f"{text}. It held no task."
+    if fault.reassigned_us is None or fault.replacement is None:
+        return f"{text}. Nobody has taken over its {fault.held.local_task} yet."
+    taken_ms = max(0, fault.reassigned_us - fault.at_us) / 1e3
+    took = f"{fault.replacement} took over its {fault.held.local_task}"
+    return f"{text}. {took} after {taken_ms:.0f} ms."
