@@ -16,7 +16,8 @@ from mrbt_mesh.viewmodel.changes import ChangeLog
 class TimelineView:
     """Puts the items `work/N`, `fault/N`, `loss/N` and `event/N` of a record into a log.
 
-    Times in seconds from the start of the run; `_ms` count from the fault.
+    Times in seconds from the start of the run; `_ms` count from the fault. `has_ended`: the
+    robot's process is known to have ended.
     """
 
     def __init__(self, record: RunRecord) -> None:
@@ -66,6 +67,7 @@ class TimelineView:
             "robot": fault.robot,
             "at_s": seconds(fault.at_us),
             "until_s": seconds(fault.until_us),
+            "has_ended": fault.exact,
             "detected_ms": _since_ms(fault, fault.detected_us),
             "taken_over_ms": _since_ms(fault, fault.reassigned_us),
             "held": fault.held.local_task if fault.held else None,

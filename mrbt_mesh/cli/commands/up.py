@@ -14,6 +14,7 @@ from mrbt_mesh.cli.options import (
     SolverOption,
     SpeedOption,
 )
+from mrbt_mesh.cli.team.page_options import PANEL, WebOptions
 from mrbt_mesh.cli.team.show_options import ShowOptions
 from mrbt_mesh.runtime.settings import DEFAULT_BEAT_S, DEFAULT_DETECTION_S
 
@@ -50,7 +51,15 @@ class LaunchOptions:
     ] = DEFAULT_DETECTION_S
 
 
-def up(mission: MissionArgument, launch: LaunchOptions, show: ShowOptions, given: Given) -> None:
+def up(
+    *,
+    mission: MissionArgument,
+    launch: LaunchOptions,
+    show: ShowOptions,
+    web: Annotated[bool, option("Show the team in the browser too.", panel=PANEL)] = False,
+    page: WebOptions,
+    given: Given,
+) -> None:
     """Start one process per robot and watch the mission.
 
     Exit status: 0 success, 1 failure, 2 bad input, 3 not finished in time, blocked, or ended
@@ -72,6 +81,10 @@ def up(mission: MissionArgument, launch: LaunchOptions, show: ShowOptions, given
             ("--headless", "--json", "--timeout"),
             "with --detach nobody watches the run; see mrbt watch",
         )
+        given.refuse(("--web",), "with --detach nobody watches the run; see mrbt web")
+    if not web:
+        given.refuse(("--port", "--host", "--control"), "of the live page: give --web as well")
+    served = page.page() if web else None
     loaded = load_mission(mission)
     robots = chosen_robots("--robots", launch.robots, loaded)
     program = checked_program(loaded, robots, launch.program)
@@ -92,4 +105,4 @@ def up(mission: MissionArgument, launch: LaunchOptions, show: ShowOptions, given
     if launch.insecure:
         warn_insecure()
     make = resumed if launch.resume else created
-    run_team(make(launch.run_dir, info, loaded), loaded, None if launch.detach else show)
+    run_team(make(launch.run_dir, info, loaded), loaded, None if launch.detach else show, served)

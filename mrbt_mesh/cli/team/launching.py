@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import anyio
 import click
@@ -22,6 +22,9 @@ from mrbt_mesh.runtime.capacity import Machine, overload
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
 from mrbt_mesh.runtime.run_dir import RunDir, RunInfo, state_dir
 from mrbt_mesh.runtime.team import Team, address_of
+
+if TYPE_CHECKING:
+    from mrbt_mesh.web.server import PageOptions
 
 
 def created(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
@@ -56,12 +59,19 @@ def resumed(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
     return found
 
 
-def run_team(run_dir: RunDir, mission: Mission, show: ShowOptions | None) -> NoReturn:
-    """Start the robots, watch them to the end (None: leave them running), and end the process."""
-    end_process(anyio.run(_run, run_dir, mission, show))
+def run_team(
+    run_dir: RunDir, mission: Mission, show: ShowOptions | None, page: PageOptions | None = None
+) -> NoReturn:
+    """Start the robots, watch them to the end (None: leave them running), and end the process.
+
+    `page`: watch them in a browser too.
+    """
+    end_process(anyio.run(_run, run_dir, mission, show, page))
 
 
-async def _run(run_dir: RunDir, mission: Mission, show: ShowOptions | None) -> int:
+async def _run(
+    run_dir: RunDir, mission: Mission, show: ShowOptions | None, page: PageOptions | None
+) -> int:
     info = run_dir.info()
     team = Team(run_dir, info, mission)
     too_many = overload(len(info.robots), info.beat_s, info.detection_s, Machine.here())
@@ -76,7 +86,7 @@ async def _run(run_dir: RunDir, mission: Mission, show: ShowOptions | None) -> i
     with launched_from_here(run_dir):
         try:
             await team.start_all()
-            return await watch(address_of(run_dir), team, show, too_many)
+            return await watch(address_of(run_dir), team, show, too_many, page)
         finally:
             with anyio.CancelScope(shield=True):
                 await team.end()

@@ -7,7 +7,7 @@ import json
 import signal
 from collections.abc import AsyncIterator, Callable
 from dataclasses import asdict
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import anyio
 import click
@@ -16,7 +16,7 @@ from rich.live import Live
 from mrbt_mesh.cli.framework.exits import BAD_INPUT, EXIT_OF_RESULT
 from mrbt_mesh.cli.framework.terminal import console, errors, print_json
 from mrbt_mesh.cli.team.show_options import ShowOptions
-from mrbt_mesh.cli.views.live_view import render_live
+from mrbt_mesh.cli.views.live_view import LiveNotes, render_live
 from mrbt_mesh.cli.views.overload_view import overload_line
 from mrbt_mesh.cli.views.summary_view import render_summary
 from mrbt_mesh.core.observer.summary import run_summary
@@ -27,6 +27,10 @@ from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.runtime.watcher import Watcher, watching
 
+if TYPE_CHECKING:
+    from mrbt_mesh.web.feed import Feed
+    from mrbt_mesh.web.server import PageOptions
+
 FRAME_S = 0.1
 CATCH_UP_S = 1.0
 
@@ -34,19 +38,25 @@ Display: TypeAlias = contextlib.AbstractAsyncContextManager[Callable[[], None]]
 
 
 async def watch(
-    address: TeamAddress, team: Team | None, show: ShowOptions, too_many: Overload | None = None
+    address: TeamAddress,
+    team: Team | None,
+    show: ShowOptions,
+    too_many: Overload | None = None,
+    page: PageOptions | None = None,
 ) -> int:
     """Watch until the mission is over, time is up, nobody is left, or the operator stops it.
 
     `team`: its processes, if they are of this machine; of others robots may yet come. `too_many`:
-    what was found of a team that is too large for this machine. Returns the exit status. Raises
-    TransportError if there is no way to attach.
+    what was found of a team that is too large for this machine. `page`: also in a browser. Returns
+    the exit status. Raises TransportError if there is no way to attach, InputError if there is none
+    to serve the page.
     """
-    async with watching(address) as watcher:
+    async with watching(address) as watcher, _page(watcher, team, page, show) as (shown, feed):
         async with anyio.create_task_group() as group:
             if team is not None:
                 group.start_soon(team.note_exits, watcher)
-            display = _display(watcher, show, "" if too_many is None else overload_line(too_many))
+            warning = "" if too_many is None else overload_line(too_many)
+            display = _display(watcher, show, LiveNotes(warning, shown), feed)
             why = await _until_over(team, watcher, show, display)
             group.cancel_scope.cancel()
         return _report(team, watcher, show, why, too_many)
@@ -63,15 +73,44 @@ def say_where(address: TeamAddress, show: ShowOptions) -> None:
 
 
 @contextlib.asynccontextmanager
+async def _page(
+    watcher: Watcher, team: Team | None, options: PageOptions | None, show: ShowOptions
+) -> AsyncIterator[tuple[str, Feed | None]]:
+    """(the page's address, what tells it of updates), if there is to be a page."""
+    if options is None:
+        yield "", None
+        return
+    from mrbt_mesh.web.server import serving
+
+    async with serving(watcher, team, options) as (shown, feed):
+        click.echo(f"page: {shown}", err=show.as_json)
+        yield shown, feed
+
+
+@contextlib.asynccontextmanager
 async def _display(
-    watcher: Watcher, show: ShowOptions, warning: str
+    watcher: Watcher, show: ShowOptions, notes: LiveNotes, feed: Feed | None
 ) -> AsyncIterator[Callable[[], None]]:
-    """A function that shows the present state: the live view, new lines, or nothing."""
+    """A function that shows the present state: the live view, new lines, or nothing; and a page."""
+    async with _terminal(watcher, show, notes) as refresh:
+
+        def both() -> None:
+            refresh()
+            if feed is not None:
+                feed.update()
+
+        yield both
+
+
+@contextlib.asynccontextmanager
+async def _terminal(
+    watcher: Watcher, show: ShowOptions, notes: LiveNotes
+) -> AsyncIterator[Callable[[], None]]:
     observer = watcher.observer
     if _is_live(show):
         with Live(console=console, screen=True, auto_refresh=False) as live:
             yield lambda: live.update(
-                render_live(observer, boottime_us(), console.height, warning), refresh=True
+                render_live(observer, boottime_us(), console.height, notes), refresh=True
             )
         return
     printed = 0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from rich.console import Group, RenderableType
 from rich.layout import Layout
 from rich.panel import Panel
@@ -25,16 +27,32 @@ STATE_STYLES = {
 }
 
 
-def render_live(observer: Observer, now_us: int, height: int, warning: str = "") -> RenderableType:
-    """One frame; `height` in lines. `warning` stands below the header as long as it runs."""
+@dataclass(frozen=True)
+class LiveNotes:
+    """What stands below the header as long as it runs: a warning, the address of the live page."""
+
+    warning: str = ""
+    page: str = ""
+
+    def lines(self) -> list[Text]:
+        """One line each."""
+        page = Text.assemble((" page: ", "dim"), (self.page, "cyan")) if self.page else None
+        warning = Text(f" {self.warning}", "yellow") if self.warning else None
+        return [line for line in (page, warning) if line is not None]
+
+
+def render_live(
+    observer: Observer, now_us: int, height: int, notes: LiveNotes | None = None
+) -> RenderableType:
+    """One frame; `height` in lines."""
     robots = _robots(observer)
     record = observer.record
     rows = len(observer.robots()) + 4
     log_lines = max(3, min(10, height - rows - 12))
     layout = Layout()
-    top = Text("\n").join([_header(observer, now_us), Text(f" {warning}", "yellow")])
+    top = [_header(observer, now_us), *(notes or LiveNotes()).lines()]
     layout.split_column(
-        Layout(top, size=2 if warning else 1),
+        Layout(Text("\n").join(top), size=len(top)),
         Layout(name="middle"),
         Layout(_log(observer, log_lines), size=log_lines + 2),
     )

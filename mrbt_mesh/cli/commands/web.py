@@ -1,0 +1,25 @@
+"""`mrbt web`."""
+
+from __future__ import annotations
+
+from mrbt_mesh.cli.framework.declare import Given
+from mrbt_mesh.cli.team.options import TeamOptions
+from mrbt_mesh.cli.team.page_options import WebOptions
+
+
+def web(team: TeamOptions, web: WebOptions, given: Given) -> None:
+    """Show a team in the browser: its tree, robots, timeline, and why; until Ctrl-C.
+
+    The page only watches, unless it is given --control.
+
+    Example: mrbt up MISSION --detach; mrbt web --control
+    """
+    import anyio
+
+    from mrbt_mesh.cli.framework.exits import end_process
+
+    page = web.page()
+    address = team.find(given)
+    from mrbt_mesh.cli.team.page import serve
+
+    end_process(anyio.run(serve, address, page))

@@ -1,0 +1,39 @@
+"""The live page of a team that runs already, was there, or is yet to come."""
+
+from __future__ import annotations
+
+import signal
+
+import anyio
+import click
+
+from mrbt_mesh.cli.framework.exits import SUCCESS
+from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.team import Team
+from mrbt_mesh.runtime.team_address import TeamAddress
+from mrbt_mesh.runtime.watcher import watching
+from mrbt_mesh.web.server import PageOptions, follow, serving
+
+
+async def serve(address: TeamAddress, options: PageOptions) -> int:
+    """Serve the page until SIGINT or SIGTERM; raises TransportError or InputError."""
+    found = address.run_dir
+    team = Team(found, found.info(), address.mission) if found is not None else None
+    async with watching(address) as watcher, serving(watcher, team, options) as (shown, feed):
+        if team is not None and not team.living():
+            # It is over: what its journals hold is all there is to see.
+            team.result(watcher.observer, boottime_us())
+        click.echo(f"page: {shown}")
+        async with anyio.create_task_group() as group:
+            group.start_soon(follow, watcher, feed)
+            if team is not None:
+                group.start_soon(team.note_exits, watcher)
+            await _until_stopped()
+            group.cancel_scope.cancel()
+    return SUCCESS
+
+
+async def _until_stopped() -> None:
+    with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
+        async for _ in signals:
+            return

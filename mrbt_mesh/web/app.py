@@ -1,0 +1,121 @@
+"""The page's routes: its files, what happens as a stream, explanations, and orders."""
+
+from __future__ import annotations
+
+import json
+import mimetypes
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, JSONResponse, Response, StreamingResponse
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
+
+from mrbt_mesh.viewmodel.mission_view import mission_view
+from mrbt_mesh.viewmodel.own_trees import own_trees
+from mrbt_mesh.viewmodel.why import why_robot, why_task
+from mrbt_mesh.web.control import Control, OrderError
+from mrbt_mesh.web.feed import Feed
+from mrbt_mesh.web.protection import Protection, policy, why_no_order
+
+STATIC = Path(__file__).with_name("static")
+MAX_PAGES = 64
+MAX_ORDER_BYTES = 4_096
+
+# Not every system knows them, and a browser runs no module of another type.
+mimetypes.add_type("text/javascript", ".mjs")
+
+
+class Page:
+    """What the routes answer with; `control` is None where nothing may be steered."""
+
+    def __init__(
+        self, feed: Feed, own_hosts: frozenset[str], control: Control | None, token: str
+    ) -> None:
+        self._feed = feed
+        self._hosts = own_hosts
+        self._control = control
+        self._token = token
+        self._html = (STATIC / "index.html").read_bytes()
+
+    def application(self) -> Starlette:
+        """The ASGI application."""
+        routes = [
+            Route("/", self._index),
+            Route("/mission", self._mission),
+            Route("/events", self._events),
+            Route("/why/robot/{name}", self._why_robot),
+            Route("/why/task/{name:path}", self._why_task),
+            Route("/trees/{name}", self._trees),
+            Route("/drills", self._drills),
+            Route("/orders", self._order, methods=["POST"]),
+            Mount("/static", StaticFiles(directory=STATIC)),
+        ]
+        protection = Middleware(
+            Protection, own_hosts=self._hosts, content_policy=policy(self._html)
+        )
+        return Starlette(routes=routes, middleware=[protection])
+
+    async def _index(self, request: Request) -> Response:
+        return HTMLResponse(self._html)
+
+    async def _mission(self, request: Request) -> Response:
+        control = self._control.offers() if self._control is not None else None
+        told = mission_view(self._feed.observer.mission)
+        return JSONResponse(told | {"control": control})
+
+    async def _events(self, request: Request) -> Response:
+        if self._feed.pages >= MAX_PAGES:
+            raise HTTPException(503, f"{MAX_PAGES} pages are open already")
+        last = request.headers.get("last-event-id", "")
+        return StreamingResponse(self._feed.messages(last), media_type="text/event-stream")
+
+    def _told(self, tell: Callable[[str], Mapping[str, Any]], name: str) -> Response:
+        try:
+            return JSONResponse(tell(name))
+        except KeyError:
+            raise HTTPException(404, f"nothing is known of {name[:80]}") from None
+
+    async def _why_robot(self, request: Request) -> Response:
+        observer = self._feed.observer
+        return self._told(lambda name: why_robot(observer, name), request.path_params["name"])
+
+    async def _why_task(self, request: Request) -> Response:
+        observer = self._feed.observer
+        return self._told(lambda name: why_task(observer, name), request.path_params["name"])
+
+    async def _trees(self, request: Request) -> Response:
+        observer = self._feed.observer
+        return self._told(lambda name: own_trees(observer, name), request.path_params["name"])
+
+    # -- orders ---------------------------------------------------------------------------
+
+    def _controlled(self, request: Request) -> Control:
+        """Who carries orders out, for a request that may give them."""
+        if self._control is None:
+            raise HTTPException(403, "this page only watches: start it with --control")
+        refusal = why_no_order(request.headers, self._token, self._hosts)
+        if refusal is not None:
+            raise HTTPException(403, refusal)
+        return self._control
+
+    async def _drills(self, request: Request) -> Response:
+        return JSONResponse(await self._controlled(request).drills())
+
+    async def _order(self, request: Request) -> Response:
+        control = self._controlled(request)
+        body = b""
+        async for chunk in request.stream():
+            body += chunk
+            if len(body) > MAX_ORDER_BYTES:
+                raise HTTPException(413, "the order is too long")
+        try:
+            told = await control.carry_out(json.loads(body))
+        except (OrderError, ValueError, RecursionError) as error:
+            return JSONResponse({"done": False, "text": str(error)}, status_code=400)
+        return JSONResponse({"done": True, "text": told})

@@ -1,0 +1,131 @@
+"""What the page may do to a team: faults to processes of this machine, words to robots, drills."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import anyio.abc
+import psutil
+
+from mrbt_mesh.core.agent.commands import FAULT, LEAVE, ORDER, RESTORE
+from mrbt_mesh.core.facts.records import OrderKind
+from mrbt_mesh.drills.inject import DrillInjector
+from mrbt_mesh.drills.model import StepModel
+from mrbt_mesh.drills.triggers import Sight
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.team import Team
+from mrbt_mesh.runtime.watcher import Watcher
+from mrbt_mesh.web.drilling import TeamDrills
+
+# What can be done to a process of this machine: order -> key of a drill's step, what it says.
+FAULTS = {
+    "kill": ("kill", "Kill the process (SIGKILL). The others notice, and one takes its work over."),
+    "freeze": ("stop", "Freeze the process (SIGSTOP). It falls silent and is replaced."),
+    "thaw": ("continue", "Let a frozen process go on (SIGCONT). It gives way to its replacement."),
+    "join": ("restart", "Start the robot again. It joins, and the plan counts on it."),
+}
+WORDS = {
+    "lose": (FAULT, "Have the robot lose a capability. Another one does that from now on."),
+    "restore": (RESTORE, "Give back what the robot has lost."),
+    "leave": (LEAVE, "Have the robot leave on purpose. It hands its work over at once."),
+}
+ORDERS = {
+    "pause": (OrderKind.PAUSE, "Stop all work, until it is resumed."),
+    "resume": (OrderKind.RESUME, "Go on with the work."),
+    "abort": (OrderKind.ABORT, "End the mission as failed. It cannot be taken back."),
+}
+
+
+class OrderError(Exception):
+    """An order that was not carried out; the message says why."""
+
+
+class Control:
+    """Carries out what the page asks for. `team` is None where no process is of this machine."""
+
+    def __init__(self, watcher: Watcher, team: Team | None, group: anyio.abc.TaskGroup) -> None:
+        self._watcher = watcher
+        self._team = team
+        self._drills = TeamDrills(watcher, team, group) if team is not None else None
+
+    def offers(self) -> dict[str, Any]:
+        """What can be asked for, and what each will do."""
+        robots = {name: text for name, (_, text) in WORDS.items()}
+        if self._team is not None:
+            robots = {name: text for name, (_, text) in FAULTS.items()} | robots
+        team = {name: text for name, (_, text) in ORDERS.items()}
+        return {"robot": robots, "team": team, "drills": self._drills is not None}
+
+    async def drills(self) -> list[dict[str, Any]]:
+        """The drill files that fit this team."""
+        return [] if self._drills is None else await self._drills.known()
+
+    async def carry_out(self, order: Any) -> str:
+        """Do it and say what was done; raises OrderError."""
+        match order:
+            case {"act": str(act), "robot": str(robot)} if act in FAULTS:
+                return await self._fault(act, robot)
+            case {"act": str(act), "robot": str(robot)} if act in WORDS:
+                task = order.get("local_task", "all")
+                return await self._word(act, robot, task if isinstance(task, str) else "all")
+            case {"act": str(act)} if act in ORDERS:
+                return await self._order(act)
+            case {"act": "drill", "label": str(label)} if self._drills is not None:
+                return await self._drill(self._drills, label)
+        raise OrderError("no such order")
+
+    def _known(self, robot: str) -> None:
+        observer = self._watcher.observer
+        known = {*observer.robots(), *observer.mission.robots}
+        if robot not in known:
+            raise OrderError(f"the team has no robot {robot[:32]!r}")
+
+    async def _fault(self, act: str, robot: str) -> str:
+        self._known(robot)
+        if self._team is None:
+            raise OrderError("no process of this team runs on this machine")
+        has_process = self._team.process(robot) is not None
+        if act == "join" and has_process:
+            raise OrderError(f"{robot} runs already")
+        if act != "join" and not has_process:
+            raise OrderError(f"no process of {robot} runs on this machine")
+        told: list[str] = []
+        injector = DrillInjector(
+            self._team, self._watcher, None, None, lambda deed: told.append(deed.text)
+        )
+        key, _ = FAULTS[act]
+        step = StepModel.model_validate({"after": 0, key: robot})
+        try:
+            sight = Sight.of(self._watcher.observer, (), boottime_us())
+            await injector.carry_out(step, sight)
+        except (InputError, psutil.Error) as error:
+            raise OrderError(str(error)) from error
+        if injector.deeds.problems:
+            raise OrderError("; ".join(injector.deeds.problems))
+        return f"{robot}: {', '.join(told)}"
+
+    async def _word(self, act: str, robot: str, local_task: str) -> str:
+        self._known(robot)
+        command, _ = WORDS[act]
+        argument = "" if command == LEAVE else local_task
+        return self._told(await self._watcher.command(robot, command, argument))
+
+    async def _order(self, act: str) -> str:
+        living = list(self._watcher.observer.membership.alive_set())
+        if not living:
+            raise OrderError("no robot answers")
+        kind, _ = ORDERS[act]
+        return self._told(await self._watcher.command(living[0], ORDER, str(kind)))
+
+    async def _drill(self, drills: TeamDrills, label: str) -> str:
+        try:
+            return await drills.start(label)
+        except InputError as error:
+            raise OrderError(str(error)) from error
+
+    def _told(self, answer: tuple[bool, str]) -> str:
+        good, text = answer
+        if not good:
+            raise OrderError(text)
+        return text

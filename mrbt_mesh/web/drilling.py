@@ -1,0 +1,107 @@
+"""The steps of drill files, carried out on the team that is being watched.
+
+`mrbt drill` starts a team of its own and judges it; here one looks on.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import anyio
+import anyio.abc
+import psutil
+
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.drills.drill_file import Drill, drill_files, drill_folder, load_drills
+from mrbt_mesh.drills.inject import Deed, DrillInjector
+from mrbt_mesh.drills.model import ConditionTrigger
+from mrbt_mesh.drills.step_text import step_text
+from mrbt_mesh.drills.triggers import Schedule, Sight
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.team import Team
+from mrbt_mesh.runtime.watcher import Watcher
+
+LOOK_S = 0.05
+
+
+def fitting_drills(mission: Mission) -> dict[str, Drill]:
+    """Label -> drill, of those that are for this mission and need nothing but processes."""
+    found = [drill for path in drill_files(drill_folder()) for drill in load_drills(path)]
+    return {
+        drill.label: drill
+        for drill in found
+        if drill.mission.digest == mission.digest
+        and drill.model.network == "loopback"
+        and not drill.model.routers
+    }
+
+
+class TeamDrills:
+    """One drill at a time, on a team of this machine."""
+
+    def __init__(self, watcher: Watcher, team: Team, group: anyio.abc.TaskGroup) -> None:
+        self._watcher = watcher
+        self._team = team
+        self._group = group
+        self._known: dict[str, Drill] | None = None
+        self._running: str | None = None
+
+    async def _drills(self) -> dict[str, Drill]:
+        if self._known is None:
+            mission = self._watcher.observer.mission
+            self._known = await anyio.to_thread.run_sync(fitting_drills, mission)
+        return self._known
+
+    async def known(self) -> list[dict[str, Any]]:
+        """Label, file, description and steps of each drill that fits the team."""
+        return [
+            {
+                "label": drill.label,
+                "file": drill.path.name,
+                "description": " ".join(drill.model.description.split()),
+                "steps": [step_text(step) for step in drill.steps],
+            }
+            for drill in (await self._drills()).values()
+        ]
+
+    async def start(self, label: str) -> str:
+        """Begin a drill; raises InputError if there is none, or another one is on its way."""
+        drill = (await self._drills()).get(label)
+        if drill is None:
+            raise InputError(f"no drill {label[:80]!r} fits this mission")
+        if self._running is not None:
+            raise InputError(f"{self._running} is on its way")
+        self._running = label
+        self._group.start_soon(self._run, drill)
+        return f"{label}: {len(drill.steps)} steps, each at its moment"
+
+    async def _run(self, drill: Drill) -> None:
+        record, watcher = self._watcher.observer.record, self._watcher
+        injector = DrillInjector(self._team, watcher, None, None, self._tell)
+        schedule = Schedule(drill.steps)
+        conditions = [
+            step.when.condition for step in drill.steps if isinstance(step.when, ConditionTrigger)
+        ]
+        problem = ""
+        try:
+            while not schedule.is_over and record.result is None:
+                sight = Sight.of(watcher.observer, conditions, boottime_us())
+                step = schedule.due(sight, injector.deeds.fates)
+                if step is None:
+                    await anyio.sleep(LOOK_S)
+                    continue
+                await injector.carry_out(step, sight)
+                schedule.carried_out(sight.now_us)
+        except (InputError, psutil.Error) as error:
+            problem = str(error)
+        finally:
+            self._running = None
+        problem = problem or "; ".join(injector.deeds.problems)
+        left = len(drill.steps) - schedule.next
+        end = problem or (f"ended with {left} steps left" if left else "all steps carried out")
+        record.say(boottime_us(), f"drill {drill.label}: {end}")
+
+    def _tell(self, deed: Deed) -> None:
+        text = f"drill: {' '.join(deed.robots)} {deed.text}".replace(":  ", ": ")
+        self._watcher.observer.record.say(deed.at_us, text)

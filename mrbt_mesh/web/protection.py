@@ -1,0 +1,97 @@
+"""What keeps other pages and other machines from reading or steering the team through a browser.
+
+- Host: names other than those under which the page is served are refused, so a name that an
+  attacker has resolve to this machine (DNS rebinding) leads nowhere.
+- Orders: they carry a token in a header of its own, which a form cannot send and another page's
+  script may not; and the browser's own word on where they come from must be this page.
+- Content-Security-Policy: nothing but the page's own files is loaded or run.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import hmac
+import re
+import secrets
+from collections.abc import Iterable
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+TOKEN_HEADER = "x-mrbt-token"
+_INLINE = re.compile(rb"<script[^>]*>(.+?)</script>", re.DOTALL)
+
+
+def new_token() -> str:
+    """A token that cannot be guessed."""
+    return secrets.token_urlsafe(24)
+
+
+def policy(page: bytes) -> str:
+    """The Content-Security-Policy of a page: its own files, and the import map within it."""
+    digests = (hashlib.sha256(script).digest() for script in _INLINE.findall(page))
+    hashes = "".join(f" 'sha256-{base64.b64encode(each).decode()}'" for each in digests)
+    return (
+        f"default-src 'none'; script-src 'self'{hashes}; style-src 'self'; img-src 'self'; "
+        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    )
+
+
+def hosts(names: Iterable[str], port: int) -> frozenset[str]:
+    """The Host headers that name this server; IPv6 addresses in brackets."""
+    found = {f"[{name}]" if ":" in name else name for name in names}
+    return frozenset(f"{name}:{port}" for name in found)
+
+
+def why_no_order(headers: Headers, token: str, own_hosts: frozenset[str]) -> str | None:
+    """Why a request may not steer the team, or None if it may."""
+    if headers.get("sec-fetch-site", "same-origin") != "same-origin":
+        return "orders are taken from this page alone"
+    origin = headers.get("origin")
+    if origin is not None and origin not in {f"http://{host}" for host in own_hosts}:
+        return "orders are taken from this page alone"
+    if not hmac.compare_digest(headers.get(TOKEN_HEADER, "").encode(), token.encode()):
+        return "the token is missing or wrong: open the address that was printed"
+    if headers.get("content-type", "").partition(";")[0].strip() != "application/json":
+        return "an order is application/json"
+    return None
+
+
+class Protection:
+    """ASGI middleware: refuses foreign hosts, and gives every answer its headers."""
+
+    def __init__(self, app: ASGIApp, own_hosts: frozenset[str], content_policy: str) -> None:
+        self._app = app
+        self._hosts = own_hosts
+        self._headers = {
+            "content-security-policy": content_policy,
+            "cross-origin-opener-policy": "same-origin",
+            "cross-origin-resource-policy": "same-origin",
+            "referrer-policy": "no-referrer",
+            "x-content-type-options": "nosniff",
+            "cache-control": "no-cache",
+        }
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            return await self._app(scope, receive, send)
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in self._headers.items():
+                    headers[name] = value
+            await send(message)
+
+        headers = Headers(scope=scope)
+        if headers.get("host", "").lower() not in self._hosts:
+            refusal = PlainTextResponse("this server has another name", status_code=421)
+            return await refusal(scope, receive, send_with_headers)
+        # Other sites may link to the page, and read nothing of it.
+        is_foreign = headers.get("sec-fetch-site", "none") not in ("none", "same-origin")
+        if is_foreign and scope["path"] != "/":
+            refusal = PlainTextResponse("only for this page", status_code=403)
+            return await refusal(scope, receive, send_with_headers)
+        return await self._app(scope, receive, send_with_headers)

@@ -1,0 +1,109 @@
+"""Serves the page from within the event loop in which the team is watched."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import time
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+
+import anyio
+import uvicorn
+
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.team import Team
+from mrbt_mesh.runtime.watcher import Watcher
+from mrbt_mesh.web.app import Page
+from mrbt_mesh.web.control import Control
+from mrbt_mesh.web.feed import FRAME_US, Feed
+from mrbt_mesh.web.protection import hosts, new_token
+
+LOOPBACK = "127.0.0.1"
+CLOSE_TIMEOUT_S = 1
+
+
+class PageError(InputError):
+    """The page cannot be served; the message says why."""
+
+
+@dataclass(frozen=True)
+class PageOptions:
+    """Where the page is served (port 0: any that is free), and whether it may steer the team."""
+
+    host: str = LOOPBACK
+    port: int = 0
+    has_control: bool = False
+
+
+class _Server(uvicorn.Server):
+    """Leaves signals to whoever watches the team."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield
+
+
+@asynccontextmanager
+async def serving(
+    watcher: Watcher, team: Team | None, options: PageOptions
+) -> AsyncIterator[tuple[str, Feed]]:
+    """(the page's address, the feed, which is told of updates by `follow`).
+
+    `team`: its processes, if they are of this machine. Raises PageError.
+    """
+    feed = Feed(watcher.observer, boottime_us)
+    with _bound(options) as bound:
+        port = bound.getsockname()[1]
+        names = {options.host, LOOPBACK, "localhost"}
+        token = new_token()
+        async with anyio.create_task_group() as group:
+            control = Control(watcher, team, group) if options.has_control else None
+            own_hosts = hosts(names, port)
+            config = uvicorn.Config(
+                Page(feed, own_hosts, control, token).application(),
+                lifespan="off",
+                log_config=None,
+                access_log=False,
+                server_header=False,
+                timeout_graceful_shutdown=CLOSE_TIMEOUT_S,
+            )
+            server = _Server(config)
+            group.start_soon(server.serve, [bound])
+            while not server.started:
+                await anyio.sleep(0.01)
+            shown = f"[{options.host}]" if ":" in options.host else options.host
+            fragment = f"#{token}" if control is not None else ""
+            try:
+                yield f"http://{shown}:{port}/{fragment}", feed
+            finally:
+                feed.close()
+                server.should_exit = True
+                with anyio.CancelScope(shield=True), anyio.move_on_after(2 * CLOSE_TIMEOUT_S):
+                    while server.servers and any(s.is_serving() for s in server.servers):
+                        await anyio.sleep(0.01)
+                group.cancel_scope.cancel()
+
+
+def _bound(options: PageOptions) -> socket.socket:
+    family = socket.AF_INET6 if ":" in options.host else socket.AF_INET
+    bound = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        bound.bind((options.host, options.port))
+    except (OSError, OverflowError) as error:
+        bound.close()
+        raise PageError(f"cannot serve at {options.host} port {options.port}: {error}") from error
+    return bound
+
+
+async def follow(watcher: Watcher, feed: Feed) -> None:
+    """Keep the feed up to date; never returns."""
+    while True:
+        begun_s = time.monotonic()
+        await watcher.wait_for_change(watcher.timing.heartbeat_us / 1e6)
+        feed.update()
+        # What comes in the meantime is taken together.
+        await anyio.sleep(max(0.0, FRAME_US / 1e6 - (time.monotonic() - begun_s)))

@@ -1,0 +1,115 @@
+// The robots as cards.
+
+import { SIGN, byId, element, setData, setText } from "./text.mjs";
+
+const SIGNS = { alive: "●", joining: "◌", suspect: "◐", leaving: "◍", dead: "✕", left: "○", absent: "○" };
+const TREES = ["T_i", "T_A", "T_G", "T_Li"];
+
+export class RobotsView {
+  constructor(store, robots, select, control) {
+    this._store = store;
+    this._mission = robots;
+    this._select = select;
+    this._control = control;
+    this._cards = new Map();
+    this._selected = null;
+    for (const name of Object.keys(robots)) this._card(name);
+  }
+
+  update(keys) {
+    let isNew = false;
+    for (const key of keys) {
+      if (key.startsWith("robot/")) { this._draw(key.slice(6)); isNew = true; }
+      else if (key.startsWith("fault/") && this._store.get(key)) this._draw(this._store.get(key).robot);
+    }
+    if (isNew || keys.has("team")) this._count();
+  }
+
+  select(name) {
+    this._selected = name;
+    for (const [robot, card] of this._cards) card.root.classList.toggle("selected", robot === name);
+  }
+
+  _count() {
+    const counts = new Map();
+    for (const [, robot] of this._store.having("robot/")) counts.set(robot.state, (counts.get(robot.state) ?? 0) + 1);
+    setText(byId("robots-hint"), [...counts].map(([state, count]) => `${count} ${state}`).join(", "));
+  }
+
+  _card(name) {
+    const part = (tag, className) => element(tag, { class: className });
+    const card = { state: part("span", "state"), type: part("span", "hint"), task: part("div", "task"),
+      can: part("div", "can"), trees: part("div", "trees"), buttons: part("div", "buttons"), shown: "", canShown: "" };
+    card.bar = element("progress", { max: 100, "aria-label": `progress of ${name}` });
+    card.name = element("button", { type: "button", class: "name", title: `Why does ${name} do this?`,
+      onclick: () => this._select({ kind: "robot", name }) }, name);
+    card.root = element("li", { class: "card" },
+      element("div", { class: "top" }, card.name, card.type, card.state), card.task, card.bar, card.can, card.trees, card.buttons);
+    this._cards.set(name, card);
+    const after = [...this._cards.keys()].sort().indexOf(name);
+    byId("cards").insertBefore(card.root, byId("cards").children[after] ?? null);
+    this._draw(name);
+    return card;
+  }
+
+  _draw(name) {
+    const card = this._cards.get(name) ?? this._card(name);
+    const robot = this._store.get(`robot/${name}`) ?? {
+      state: "absent", type: this._mission[name]?.type, capabilities: this._mission[name]?.capabilities ?? {}, lost: [], statuses: [], idle: "" };
+    setData(card.root, "state", robot.state);
+    setText(card.state, `${SIGNS[robot.state] ?? "●"} ${this._stateText(robot)}`);
+    setText(card.type, robot.type ?? "");
+    const isAt = robot.local_task !== null && robot.local_task !== undefined;
+    const waits = robot.phase === "running" ? "" : ` (${robot.phase === "ready" ? "waits for its partners" : "about to begin"})`;
+    setText(card.task, isAt ? `${robot.local_task}${robot.local_task === robot.global_task ? "" : ` for ${robot.global_task}`}${waits}` : robot.idle || "no task");
+    card.task.title = card.task.textContent;
+    card.task.classList.toggle("none", !isAt);
+    card.bar.style.visibility = robot.phase === "running" ? "" : "hidden";
+    const progress = String(robot.progress ?? 0);
+    if (card.bar.getAttribute("value") !== progress) card.bar.setAttribute("value", progress);
+    this._drawCan(card, robot);
+    setText(card.trees, "");
+    robot.statuses.forEach((status, i) => card.trees.append(
+      element("span", { title: `${TREES[i]} is ${status}` }, `${TREES[i]} `,
+        element("span", { class: `s-${status}`, "aria-hidden": "true" }, SIGN[status]), element("span", { class: "said" }, status))));
+    if (this._control) this._drawButtons(card, name, robot);
+  }
+
+  _stateText(robot) {
+    const differs = robot.differs_since_s;
+    if (differs !== null && differs !== undefined) return `another plan since ${differs.toFixed(1)} s`;
+    if (robot.state === "alive" && this._store.get("team")?.stands_by) return "standing by";
+    return robot.state === "absent" ? "not started" : robot.state;
+  }
+
+  // Lost capabilities are struck out.
+  _drawCan(card, robot) {
+    const key = JSON.stringify([robot.capabilities, robot.lost]);
+    if (card.canShown === key) return;
+    card.canShown = key;
+    const lost = new Set(robot.lost);
+    const parts = Object.entries(robot.capabilities).flatMap(([name, value], i) => {
+      const text = value === 1 ? name : `${name} ${value}`;
+      const shown = lost.has(name) || lost.has("all")
+        ? element("s", { title: "lost" }, text) : element("span", {}, text);
+      return i ? [", ", shown] : [shown];
+    });
+    card.can.replaceChildren(...parts);
+  }
+
+  // Whether its process is known to have ended: one that is frozen is taken for dead as well.
+  _hasEnded(name) {
+    return [...this._store.having("fault/")].some(([, fault]) => fault.robot === name && fault.until_s === null && fault.has_ended);
+  }
+
+  _drawButtons(card, name, robot) {
+    const isHere = !["dead", "left", "absent"].includes(robot.state);
+    const isFrozen = robot.state === "suspect" || (robot.state === "dead" && !this._hasEnded(name));
+    const acts = isFrozen ? ["kill", "thaw"] : isHere ? ["kill", "freeze"] : ["join"];
+    const offered = acts.filter((act) => this._control.offers.robot[act]);
+    const key = offered.join();
+    if (card.shown === key) return;
+    card.shown = key;
+    card.buttons.replaceChildren(...offered.map((act) => this._control.button(act, name)));
+  }
+}

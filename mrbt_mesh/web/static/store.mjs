@@ -1,0 +1,95 @@
+// What is known of the team, and the connection that keeps it so.
+//
+// News change a map; the page is drawn once per frame from what the map holds then. So a page
+// that is slow, or hidden, skips what is old and never queues it.
+
+const RETRY_MS = 1000;
+// The server says something every second.
+const SILENCE_MS = 4000;
+
+export class Store {
+  constructor() {
+    this.items = new Map();
+    this.state = "connecting";
+    this._views = [];
+    this._dirty = new Set();
+    this._now = { s: null, at: 0 };
+    this._frame = 0;
+    this._heardAt = 0;
+  }
+
+  // `view(keys)` is called with the keys that have changed, at most once per frame.
+  onChange(view) { this._views.push(view); }
+
+  get(key) { return this.items.get(key); }
+
+  *having(prefix) {
+    for (const [key, value] of this.items) {
+      if (key.startsWith(prefix)) yield [key.slice(prefix.length), value];
+    }
+  }
+
+  // The team's time now, in seconds from the start of the run; null before.
+  now() {
+    if (this._now.s === null) return null;
+    const ended = this.items.get("team")?.ended_s;
+    if (ended !== null && ended !== undefined) return ended;
+    if (this.state !== "connected") return this._now.s;
+    return this._now.s + Math.min(SILENCE_MS, performance.now() - this._now.at) / 1000;
+  }
+
+  connect() {
+    const source = new EventSource("/events");
+    const take = (event, isFresh) => {
+      const news = JSON.parse(event.data);
+      this._heardAt = performance.now();
+      this._now = { s: news.now_s, at: this._heardAt };
+      this._take(news.items, isFresh);
+      this._become("connected");
+    };
+    source.addEventListener("begin", (event) => take(event, true));
+    source.addEventListener("news", (event) => take(event, false));
+    source.addEventListener("over", () => { source.close(); clearInterval(watch); this._become("over"); });
+    const again = () => {
+      source.close();
+      clearInterval(watch);
+      this._become("lost");
+      setTimeout(() => this.connect(), RETRY_MS);
+    };
+    source.onerror = () => { if (source.readyState === EventSource.CLOSED) again(); else this._become("lost"); };
+    this._heardAt = performance.now();
+    const watch = setInterval(() => {
+      if (performance.now() - this._heardAt > SILENCE_MS) again();
+    }, RETRY_MS);
+  }
+
+  _take(items, isFresh) {
+    if (isFresh) {
+      for (const key of this.items.keys()) this._dirty.add(key);
+      this.items.clear();
+    }
+    for (const [key, value] of Object.entries(items)) {
+      if (value === null) this.items.delete(key);
+      else this.items.set(key, value);
+      this._dirty.add(key);
+    }
+    this._draw();
+  }
+
+  _become(state) {
+    if (state === this.state) return;
+    this.state = state;
+    this._dirty.add("connection");
+    this._draw();
+  }
+
+  _draw() {
+    if (this._frame || this._dirty.size === 0) return;
+    this._frame = requestAnimationFrame(() => {
+      this._frame = 0;
+      const keys = this._dirty;
+      this._dirty = new Set();
+      for (const view of this._views) view(keys);
+    });
+  }
+}

@@ -1,0 +1,364 @@
+// The timeline: a lane per robot on a canvas, since a long run has thousands of spans.
+
+import { ticks } from "d3-array";
+import { select } from "d3-selection";
+import { zoom, zoomIdentity } from "d3-zoom";
+import { byId, element, ms, seconds, setText } from "./text.mjs";
+
+const LANE = 26, GUTTER = 74, RIGHT = 18, FOLLOWED_S = 40, MOST_ZOOM_S = 0.2;
+
+export class TimelineView {
+  constructor(store, choose) {
+    this._store = store;
+    this._choose = choose;
+    this._work = new Map();
+    this._faults = new Map();
+    this._losses = new Map();
+    this._robots = [];
+    this._events = 0;
+    this._isFollowing = true;
+    this._span = [0, FOLLOWED_S];
+    this._canvas = byId("spans");
+    this._axis = byId("axis");
+    this._isDue = false;
+    this._readColours();
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { this._readColours(); this.draw(); });
+    this._listen();
+    new ResizeObserver(() => this.draw()).observe(byId("timeline"));
+  }
+
+  update(keys) {
+    let isNew = false, isTaken = false;
+    for (const key of keys) {
+      const [kind, name] = split(key);
+      const known = { work: this._work, fault: this._faults, loss: this._losses }[kind];
+      const value = this._store.get(key);
+      if (known) {
+        isNew = true;
+        if (value === undefined) known.delete(name); else known.set(name, value);
+        isTaken ||= kind === "fault";
+      } else if (kind === "robot") {
+        if (value && !this._robots.includes(name)) { this._robots = [...this._robots, name].sort(); isNew = true; }
+      } else if (kind === "event") this._isEventful = true;
+    }
+    if (isTaken) this._listTakeovers();
+    if (this._isEventful) this._listEvents();
+    if (isNew) this.draw();
+  }
+
+  // Called every frame; it draws only when time has moved by a pixel.
+  tick() {
+    const now = this._store.now();
+    if (now === null || document.hidden) return;
+    const pixel = (this._span[1] - this._span[0]) / Math.max(1, this._width);
+    if (this._drawnAt === undefined || now - this._drawnAt > Math.max(pixel, 0.05)) this.draw();
+  }
+
+  draw() {
+    if (this._isDue) return;
+    this._isDue = true;
+    requestAnimationFrame(() => { this._isDue = false; this._paint(); });
+  }
+
+  // -- drawing ----------------------------------------------------------------------------
+
+  _readColours() {
+    const style = getComputedStyle(document.documentElement);
+    const colour = (name) => style.getPropertyValue(name).trim();
+    this._colours = Object.fromEntries(["text", "muted", "line", "panel", "raised", "running", "success", "failure", "warn", "idle"]
+      .map((name) => [name, colour(`--${name}`)]));
+    this._font = colour("--sans");
+  }
+
+  get _width() { return this._canvas.clientWidth; }
+
+  _fit(canvas, height) {
+    const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth;
+    if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
+      canvas.width = Math.round(width * ratio);
+      canvas.height = Math.round(height * ratio);
+      canvas.style.height = `${height}px`;
+    }
+    const context = canvas.getContext("2d");
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    context.clearRect(0, 0, width, height);
+    return context;
+  }
+
+  _x(time) { return GUTTER + (time - this._span[0]) / (this._span[1] - this._span[0]) * (this._width - GUTTER - RIGHT); }
+
+  _paint() {
+    const now = this._store.now() ?? 0;
+    this._drawnAt = now;
+    if (this._isFollowing) {
+      const long = Math.min(this._span[1] - this._span[0], Math.max(FOLLOWED_S, 5));
+      const end = Math.max(long * 0.92, now);
+      this._span = [end - long * 0.92, end + long * 0.08];
+    }
+    const height = Math.max(1, this._robots.length) * LANE + 4;
+    const context = this._fit(this._canvas, height);
+    this._paintAxis(now);
+    this._paintLanes(context, now, height);
+    this._hits = [];
+    for (const [, work] of this._work) this._paintWork(context, work, now);
+    for (const [, loss] of this._losses) this._paintLoss(context, loss);
+    for (const [name, fault] of this._faults) this._paintFault(context, name, fault, now);
+    context.fillStyle = this._colours.panel;
+    context.fillRect(0, 0, GUTTER - 4, height);
+    context.textBaseline = "middle";
+    context.font = `600 12px ${this._font}`;
+    this._robots.forEach((robot, lane) => {
+      const state = this._store.get(`robot/${robot}`)?.state;
+      context.fillStyle = state === "dead" ? this._colours.failure : this._colours.text;
+      context.fillText(robot, 14, lane * LANE + LANE / 2 + 2, GUTTER - 20);
+    });
+  }
+
+  _paintAxis(now) {
+    const context = this._fit(this._axis, 24);
+    context.font = `11px ${this._font}`;
+    context.textBaseline = "middle";
+    context.textAlign = "center";
+    for (const time of this._ticks()) {
+      const x = this._x(time);
+      if (x < GUTTER - 1) continue;
+      context.fillStyle = this._colours.muted;
+      context.fillText(this._tickText(time), x, 12);
+    }
+    const x = this._x(now);
+    if (x >= GUTTER && x <= this._width) {
+      context.fillStyle = this._colours.running;
+      context.beginPath();
+      context.moveTo(x - 4, 19); context.lineTo(x + 4, 19); context.lineTo(x, 24);
+      context.fill();
+    }
+  }
+
+  _ticks() { return ticks(this._span[0], this._span[1], Math.max(2, Math.floor(this._width / 110))).filter((t) => t >= 0); }
+
+  _tickText(time) {
+    const digits = this._span[1] - this._span[0] < 4 ? 2 : this._span[1] - this._span[0] < 12 ? 1 : 0;
+    return time < 600 ? `${time.toFixed(digits)} s` : `${Math.floor(time / 60)}:${(time % 60).toFixed(digits).padStart(2, "0")}`;
+  }
+
+  _paintLanes(context, now, height) {
+    this._robots.forEach((_, lane) => {
+      if (lane % 2 === 0) { context.fillStyle = this._colours.raised; context.fillRect(GUTTER, lane * LANE + 2, this._width, LANE); }
+    });
+    context.strokeStyle = this._colours.line;
+    context.lineWidth = 1;
+    context.beginPath();
+    for (const time of this._ticks()) {
+      const x = Math.round(this._x(time)) + 0.5;
+      if (x >= GUTTER) { context.moveTo(x, 0); context.lineTo(x, height); }
+    }
+    context.stroke();
+    const x = this._x(now);
+    if (x >= GUTTER) {
+      context.strokeStyle = this._colours.running;
+      context.beginPath(); context.moveTo(x, 0); context.lineTo(x, height); context.stroke();
+    }
+  }
+
+  _paintWork(context, work, now) {
+    const lane = this._robots.indexOf(work.robot);
+    const end = work.ended_s ?? now;
+    if (lane < 0 || end < this._span[0] || work.claimed_s > this._span[1]) return;
+    const y = lane * LANE + 6, height = LANE - 8;
+    const from = Math.max(GUTTER, this._x(work.claimed_s)), begun = this._x(work.running_s ?? end), to = this._x(end);
+    context.fillStyle = this._colours.idle;
+    context.globalAlpha = 0.35;
+    if (begun > from) context.fillRect(from, y + height / 2 - 1.5, Math.max(0, Math.min(begun, to) - from), 3);
+    context.globalAlpha = work.end === "dropped" ? 0.55 : 1;
+    if (work.running_s !== null) {
+      const colour = { done: "success", failed: "failure", dropped: "idle", died: "idle" }[work.end] ?? "running";
+      context.fillStyle = this._colours[colour];
+      const x = Math.max(GUTTER, begun), wide = Math.max(1.5, to - x);
+      context.beginPath(); context.roundRect(x, y, wide, height, 3); context.fill();
+      context.globalAlpha = 1;
+      if (wide > 34) {
+        context.fillStyle = this._colours.panel;
+        context.font = `600 11px ${this._font}`;
+        context.textBaseline = "middle";
+        context.save();
+        context.beginPath(); context.rect(x, y, wide - 4, height); context.clip();
+        context.fillText(work.local_task, x + 6, y + height / 2 + 0.5);
+        context.restore();
+      }
+    }
+    context.globalAlpha = 1;
+    this._hits.push({ x: from, y, wide: Math.max(4, to - from), height, work });
+  }
+
+  _paintLoss(context, loss) {
+    const lane = this._robots.indexOf(loss.robot);
+    if (lane < 0 || loss.at_s < this._span[0] || loss.at_s > this._span[1]) return;
+    const x = this._x(loss.at_s), y = lane * LANE + LANE / 2 + 2;
+    context.fillStyle = this._colours.warn;
+    context.beginPath(); context.moveTo(x, y - 7); context.lineTo(x + 7, y + 6); context.lineTo(x - 7, y + 6); context.fill();
+    this._hits.push({ x: x - 8, y: y - 8, wide: 16, height: 16, loss });
+  }
+
+  _paintFault(context, name, fault, now) {
+    const lane = this._robots.indexOf(fault.robot);
+    if (lane < 0 || fault.at_s > this._span[1]) return;
+    const y = lane * LANE + LANE / 2 + 2, x = this._x(fault.at_s);
+    const after = (value) => (value === null ? null : this._x(fault.at_s + value / 1000));
+    const known = after(fault.detected_ms), taken = after(fault.taken_over_ms);
+    context.strokeStyle = this._colours.failure;
+    context.lineWidth = 2;
+    const until = this._x(Math.min(fault.until_s ?? now, now));
+    context.setLineDash([2, 4]);
+    context.beginPath(); context.moveTo(Math.max(GUTTER, x), y); context.lineTo(Math.max(GUTTER, until), y); context.stroke();
+    context.setLineDash([]);
+    if (known !== null) { context.beginPath(); context.moveTo(x, y); context.lineTo(Math.max(known, x), y); context.stroke(); }
+    const other = this._robots.indexOf(fault.replacement);
+    if (taken !== null && other >= 0 && taken >= GUTTER) {
+      const to = other * LANE + LANE / 2 + 2, down = Math.sign(to - y);
+      context.beginPath(); context.moveTo(known ?? x, y); context.lineTo(taken, y); context.lineTo(taken, to - down * 9); context.stroke();
+      context.fillStyle = this._colours.failure;
+      context.beginPath(); context.moveTo(taken, to - down * 4); context.lineTo(taken - 5, to - down * 12); context.lineTo(taken + 5, to - down * 12); context.fill();
+    }
+    if (x < GUTTER - 8) return;
+    context.lineWidth = 2.5;
+    context.beginPath();
+    context.moveTo(x - 5, y - 5); context.lineTo(x + 5, y + 5); context.moveTo(x + 5, y - 5); context.lineTo(x - 5, y + 5); context.stroke();
+    const text = faultNumbers(fault);
+    context.font = `600 11px ${this._font}`;
+    context.textBaseline = "middle";
+    const left = Math.max(taken ?? known ?? x, x) + 10, wide = context.measureText(text).width;
+    context.fillStyle = this._colours.panel;
+    context.fillRect(left - 2, y - 8, wide + 6, 16);
+    context.fillStyle = this._colours.failure;
+    context.fillText(text, left, y);
+    this._hits.push({ x: x - 8, y: y - 10, wide: left + wide - x + 10, height: 20, fault, name });
+  }
+
+  // -- lists ------------------------------------------------------------------------------
+
+  _listTakeovers() {
+    const rows = [...this._faults].sort((a, b) => a[1].at_s - b[1].at_s).map(([name, fault]) => element("li", {},
+      element("button", { type: "button", "data-fault": name, onclick: () => this._choose({ kind: "fault", name }) },
+        element("b", {}, `${fault.robot} died at ${seconds(fault.at_s)}`), ` · ${faultNumbers(fault)}`,
+        fault.replacement ? ` by ${fault.replacement} (${fault.held})` : fault.held ? ` (${fault.held})` : "")));
+    byId("takeovers").replaceChildren(...rows);
+  }
+
+  // Only while it is open: a long run has thousands of lines.
+  _listEvents() {
+    this._isEventful = false;
+    const list = byId("events");
+    const all = [...this._store.having("event/")];
+    setText(byId("happened-count"), `(${all.length})`);
+    if (!byId("happened").open) { this._isEventful = true; return; }
+    const known = list.children.length;
+    const shown = all.map(([index, event]) => [Number(index), event]).sort((a, b) => a[0] - b[0]);
+    if (known > shown.length) list.replaceChildren();
+    for (const [, event] of shown.slice(list.children.length)) {
+      list.append(element("li", {}, element("time", {}, seconds(event.at_s ?? 0)), element("span", {}, event.text)));
+    }
+    if (this._isFollowing) list.scrollTop = list.scrollHeight;
+  }
+
+  // -- what people do ---------------------------------------------------------------------
+
+  _listen() {
+    const press = (id, act) => byId(id).addEventListener("click", act);
+    press("follow", () => this._follow(!this._isFollowing));
+    press("whole", () => this._whole());
+    press("zoom-in", () => this._zoomBy(0.5));
+    press("zoom-out", () => this._zoomBy(2));
+    press("earlier", () => this._move(-0.4));
+    press("later", () => this._move(0.4));
+    byId("happened").addEventListener("toggle", () => this._listEvents());
+    byId("lanes").addEventListener("keydown", (event) => {
+      const act = { ArrowLeft: () => this._move(-0.1), ArrowRight: () => this._move(0.1), "+": () => this._zoomBy(0.7),
+        "-": () => this._zoomBy(1.4), Home: () => this._whole(), End: () => this._follow(true) }[event.key];
+      if (act) { act(); event.preventDefault(); }
+    });
+    // d3-zoom turns wheel, drag and pinch into transforms; each is applied to the span and undone.
+    const picture = select(this._canvas);
+    const behaviour = zoom().filter((event) => (event.type === "wheel" ? event.ctrlKey || event.shiftKey || Math.abs(event.deltaX) > Math.abs(event.deltaY) : !event.button))
+      .on("zoom", (event) => this._zoomed(picture, behaviour, event));
+    picture.call(behaviour).on("dblclick.zoom", null);
+    this._canvas.addEventListener("wheel", (event) => {
+      if (event.ctrlKey || event.shiftKey) return;
+      if (Math.abs(event.deltaX) > Math.abs(event.deltaY)) { event.preventDefault(); this._move(event.deltaX / this._width); }
+    }, { passive: false });
+    this._canvas.addEventListener("pointermove", (event) => this._point(event));
+    this._canvas.addEventListener("pointerleave", () => { byId("tip").hidden = true; });
+    this._canvas.addEventListener("click", (event) => {
+      const hit = this._hitAt(event);
+      if (hit?.fault) this._choose({ kind: "fault", name: hit.name });
+      else if (hit?.work) this._choose({ kind: "task", name: hit.work.global_task });
+      else if (hit?.loss) this._choose({ kind: "robot", name: hit.loss.robot });
+    });
+  }
+
+  _zoomed(picture, behaviour, event) {
+    const { k, x } = event.transform;
+    if (!event.sourceEvent || (k === 1 && x === 0)) return;
+    const wide = this._width - GUTTER - RIGHT, [from, to] = this._span;
+    const time = (pixel) => from + ((pixel - x) / k - GUTTER) / wide * (to - from);
+    this._set(time(GUTTER), time(GUTTER + wide));
+    // Without an event of its own: the next one counts from here.
+    this._canvas.__zoom = zoomIdentity;
+  }
+
+  _set(from, to, isFollowing = false) {
+    const now = this._store.now() ?? FOLLOWED_S;
+    let long = Math.max(MOST_ZOOM_S, Math.min(to - from, Math.max(FOLLOWED_S, now * 1.2)));
+    const start = Math.max(-long * 0.05, Math.min(from, now));
+    this._span = [start, start + long];
+    this._follow(isFollowing);
+  }
+
+  _follow(isFollowing) {
+    this._isFollowing = isFollowing;
+    byId("follow").setAttribute("aria-pressed", String(isFollowing));
+    this.draw();
+  }
+
+  _whole() { this._set(0, Math.max(5, (this._store.now() ?? 0) * 1.05)); }
+
+  _zoomBy(factor) {
+    const [from, to] = this._span, now = this._store.now() ?? to;
+    const middle = this._isFollowing ? now : (from + to) / 2;
+    this._set(middle - (middle - from) * factor, middle + (to - middle) * factor);
+  }
+
+  _move(share) {
+    const [from, to] = this._span;
+    this._set(from + share * (to - from), to + share * (to - from));
+  }
+
+  _hitAt(event) {
+    const box = this._canvas.getBoundingClientRect(), x = event.clientX - box.left, y = event.clientY - box.top;
+    return (this._hits ?? []).findLast((hit) => x >= hit.x && x <= hit.x + hit.wide && y >= hit.y && y <= hit.y + hit.height);
+  }
+
+  _point(event) {
+    const tip = byId("tip"), hit = this._hitAt(event);
+    tip.hidden = !hit;
+    if (!hit) return;
+    setText(tip, hit.work ? workText(hit.work, this._store.now()) : hit.fault ? `${hit.fault.robot} died at ${seconds(hit.fault.at_s)}: ${faultNumbers(hit.fault)}`
+      : `${hit.loss.robot} lost ${hit.loss.local_tasks.join(", ")}`);
+    const box = byId("timeline").getBoundingClientRect();
+    tip.style.left = `${Math.max(8, Math.min(event.clientX - box.left + 12, box.width - tip.offsetWidth - 8))}px`;
+    tip.style.top = `${event.clientY - box.top - tip.offsetHeight - 10}px`;
+  }
+}
+
+const split = (key) => { const at = key.indexOf("/"); return [key.slice(0, at), key.slice(at + 1)]; };
+
+function faultNumbers(fault) {
+  const known = fault.detected_ms === null ? "not detected yet" : `detected ${ms(fault.detected_ms)}`;
+  if (!fault.held) return `${known}, held no task`;
+  return fault.taken_over_ms === null ? `${known}, not taken over yet` : `${known}, taken over ${ms(fault.taken_over_ms)}`;
+}
+
+function workText(work, now) {
+  const end = { done: "done", failed: "failed", dropped: "given up", died: "died" }[work.end] ?? (work.running_s === null ? "waits" : "works");
+  const long = (work.ended_s ?? now) - (work.running_s ?? work.claimed_s);
+  return `${work.robot}: ${work.local_task} for ${work.global_task}, ${end}, ${seconds(long)}`;
+}

@@ -1,0 +1,108 @@
+// Why: what is selected, explained by the server from the plan.
+
+import { SIGN, STATUS, byId, element, kindSign, seconds } from "./text.mjs";
+
+const AGAIN_MS = 700;
+
+export class WhyView {
+  constructor(store, select, control) {
+    this._store = store;
+    this._select = select;
+    this._control = control;
+    this._selection = null;
+    this._timer = 0;
+    this._shown = "";
+  }
+
+  show(selection) {
+    this._selection = selection;
+    this._shown = "";
+    this._load();
+    byId("why").scrollIntoView({ block: "nearest" });
+  }
+
+  // What is selected may have changed: it is asked again, but not all the time.
+  update(keys) {
+    const chosen = this._selection;
+    if (!chosen || this._timer) return;
+    const wanted = { robot: `robot/${chosen.name}`, task: `task/${chosen.name}`, fault: `why/${chosen.name}` }[chosen.kind];
+    if (!keys.has(wanted) && !keys.has(`fault/${chosen.name}`)) return;
+    this._timer = setTimeout(() => { this._timer = 0; this._load(); }, AGAIN_MS);
+  }
+
+  async _load() {
+    const chosen = this._selection;
+    let told = null, trees = null;
+    if (chosen.kind === "fault") {
+      told = this._store.get(`why/${chosen.name}`) ?? this._untaken(chosen.name);
+    } else {
+      [told, trees] = await Promise.all([
+        fetched(`/why/${chosen.kind}/${encodeURIComponent(chosen.name)}`),
+        chosen.kind === "robot" ? fetched(`/trees/${encodeURIComponent(chosen.name)}`) : null,
+      ]);
+    }
+    if (chosen !== this._selection || !told) return;
+    const key = JSON.stringify([told, trees, this._store.get(`robot/${chosen.name}`)?.lost]);
+    if (key === this._shown) return;
+    this._shown = key;
+    this._draw(chosen, told, trees);
+  }
+
+  _untaken(index) {
+    const fault = this._store.get(`fault/${index}`);
+    if (!fault) return null;
+    const held = fault.held ? `nobody has taken over its ${fault.held} yet` : "it held no task";
+    return { subject: fault.robot, sentence: `${fault.robot} died at ${seconds(fault.at_s)}; ${held}.`, groups: [] };
+  }
+
+  _draw(chosen, told, trees) {
+    const body = byId("why-body");
+    const parts = [element("h3", {}, told.subject), element("p", { class: "sentence" }, told.sentence)];
+    for (const group of told.groups) {
+      if (!group.candidates.length) continue;
+      parts.push(element("table", { "aria-label": `Who can do ${group.local_task}` },
+        element("thead", {}, element("tr", {}, element("th", { scope: "col" }, group.local_task || "robot"),
+          element("th", { scope: "col" }, "performance"), element("th", { scope: "col" }, "how it stands"))),
+        element("tbody", {}, ...group.candidates.map((each) => this._candidate(each)))));
+    }
+    if (chosen.kind === "robot" && this._control) {
+      const robot = this._store.get(`robot/${chosen.name}`);
+      parts.push(element("h3", {}, `Drills for ${chosen.name}`),
+        this._control.details(chosen.name, Object.keys(robot?.capabilities ?? {}), robot?.lost ?? []));
+    }
+    if (trees) {
+      for (const name of ["T_A", "T_Li"]) {
+        parts.push(element("h3", {}, `${name}: ${name === "T_A" ? "how it plans" : "its own tasks"}`), ownTree(trees[name], name));
+      }
+    }
+    body.replaceChildren(...parts);
+  }
+
+  _candidate(each) {
+    const name = element("button", { type: "button", class: "link", onclick: () => this._select({ kind: "robot", name: each.robot }) }, each.robot);
+    const number = each.performance === null ? "no bid" : String(Math.round(each.performance * 1000) / 1000);
+    return element("tr", { class: each.chosen ? "chosen" : undefined },
+      element("td", {}, name), element("td", { class: "number" }, number), element("td", {}, each.reason));
+  }
+}
+
+function ownTree(told, name) {
+  const depths = [];
+  return element("div", { class: "own", role: "list", "aria-label": name }, ...told.tree.map((node, index) => {
+    depths[index] = node.parent < 0 ? 0 : depths[node.parent] + 1;
+    const status = STATUS[told.statuses[index]];
+    const row = element("div", { role: "listitem" }, element("span", { class: `s-${status}`, title: status }, SIGN[status]),
+      element("span", { class: status === "idle" ? "hint" : undefined }, `${kindSign(node.kind)} ${node.label}`.trim()));
+    row.style.setProperty("--depth", depths[index]);
+    return row;
+  }));
+}
+
+async function fetched(path) {
+  try {
+    const answer = await fetch(path);
+    return answer.ok ? await answer.json() : null;
+  } catch {
+    return null;
+  }
+}
