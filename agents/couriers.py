@@ -20,6 +20,7 @@ async def set_out(task: TaskContext) -> None:
     """A courier that starts, or starts again, does so at its station."""
     x, y = task.parameters["stations"][task.robot]
     here[task.robot, task.pid] = (x, y)
+    task.report_position(x, y)
 
 
 @robot.bid("deliver")
@@ -42,6 +43,7 @@ async def _go(task: TaskContext, place: Place, done: float) -> None:
     start = here[task.robot, task.pid]
     seconds = math.dist(start, place) / (task.performance * task.speed)
     steps = max(1, round(seconds / STEP_S))
+    heading = math.atan2(place[1] - start[1], place[0] - start[0])
     for step in range(1, steps + 1):
         await anyio.sleep(seconds / steps)
         gone = step / steps
@@ -49,6 +51,7 @@ async def _go(task: TaskContext, place: Place, done: float) -> None:
             start[0] + gone * (place[0] - start[0]),
             start[1] + gone * (place[1] - start[1]),
         )
+        task.report_position(*here[task.robot, task.pid], heading=heading)
         task.report_progress(done + gone / 2)
 
 

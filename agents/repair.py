@@ -5,12 +5,32 @@ from simulated import physical, work
 from mrbt_mesh import RobotProgram, TaskContext
 
 robot = RobotProgram()
+# How near a robot comes to what it works on, as a share of its way there.
+NEAR = 0.75
+
+
+def go(task: TaskContext, *place: str) -> None:
+    """Say where this robot is: beside a part of the vehicle, or (without one) at its station."""
+    town = task.parameters.get("map", {})
+    station = town.get("stations", {}).get(task.robot)
+    if station is None:
+        return
+    part = town["places"].get(place[0] if place else "", {"at": station})["at"]
+    x, y = (s + NEAR * (p - s) for s, p in zip(station, part, strict=True))
+    task.report_position(x, y)
+
+
+@robot.background
+async def stand_by(task: TaskContext) -> None:
+    """A robot that starts stands at its station."""
+    go(task)
 
 
 @robot.local_task("do_diagnosis")
 @physical
 async def do_diagnosis(task: TaskContext, part: str) -> None:
     """Find out whether `part` is broken, and say so together with this task's outcome."""
+    go(task, part)
     await work(task)
     broken_parts = {str(broken) for broken in task.parameters.get("broken_parts", [])}
     task.set_condition(f"broken({part})", part in broken_parts)
@@ -24,4 +44,5 @@ async def do_diagnosis(task: TaskContext, part: str) -> None:
 @physical
 async def do_work(task: TaskContext, *arguments: str) -> None:
     """Anything that only takes its time."""
+    go(task, *arguments)
     await work(task)

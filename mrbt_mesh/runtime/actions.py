@@ -6,6 +6,7 @@ Used by the real runtime and, on a virtual clock, by the simulator.
 from __future__ import annotations
 
 import inspect
+import math
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -25,11 +26,13 @@ from mrbt_mesh.core.agent.inputs import (
     ConditionSet,
     Input,
     PerformanceChanged,
+    PositionReported,
     ProgressReported,
 )
 from mrbt_mesh.core.bt.local_run import OwnConditions
 from mrbt_mesh.core.bt.tree import Tree
 from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.wire import MAX_COORDINATE, Position
 from mrbt_mesh.core.mission.mission import (
     MAX_BID_WITHIN_US,
     MAX_PERFORMANCE,
@@ -81,6 +84,18 @@ def micro_bid(value: Any) -> int | None:
     if isinstance(value, bool) or not isinstance(value, int | float) or not -most <= value <= most:
         raise _NoBidError(f"a bid is a number from {-most} to {most}, or None, not {value!r:.80}")
     return round(value * MICRO)
+
+
+def milli_position(x: float, y: float, heading: float | None) -> Position:
+    """A position in thousandths, the heading turned into one turn. Raises ValueError."""
+    most = MAX_COORDINATE // 1_000
+    for number in (x, y, heading or 0.0):
+        if isinstance(number, bool) or not isinstance(number, int | float):
+            raise ValueError(f"a position is of numbers, not {number!r:.80}")
+        if not -most <= number <= most:
+            raise ValueError(f"a position is of numbers from {-most} to {most}, not {number!r}")
+    turned = None if heading is None else round(math.remainder(heading, math.tau) * 1_000)
+    return Position(round(x * 1_000), round(y * 1_000), turned)
 
 
 class _Port:
@@ -135,6 +150,9 @@ class _Port:
         if self._ticket is not None:
             percent = max(0, min(100, round(fraction * 100)))
             self._host.submit(ProgressReported(self._ticket, percent))
+
+    def report_position(self, x: float, y: float, heading: float | None) -> None:
+        self._host.submit(PositionReported(milli_position(x, y, heading)))
 
     def lose_capability(self, local_task: str) -> None:
         self._host.submit(CapabilityChanged(local_task, lost=True))

@@ -47,6 +47,7 @@ class TaskPort(Protocol):
     def set_local_condition(self, name: str, value: bool, at_once: bool) -> None: ...
     def read_local_condition(self, name: str) -> bool: ...
     def report_progress(self, fraction: float) -> None: ...
+    def report_position(self, x: float, y: float, heading: float | None) -> None: ...
     def lose_capability(self, local_task: str) -> None: ...
     def restore_capability(self, local_task: str) -> None: ...
     def report_performance(self, local_task: str, performance: float) -> None: ...
@@ -108,6 +109,15 @@ class TaskContext:
     def report_progress(self, fraction: float) -> None:
         """Tell observers how far the task is, 0 to 1."""
         self.port.report_progress(fraction)
+
+    def report_position(self, x: float, y: float, heading: float | None = None) -> None:
+        """Tell observers where this robot is, in the units of the mission's map.
+
+        `heading` in radians from the x axis towards the y axis. The newest one goes out with each
+        heartbeat, so as often as one likes; no plan reads it. Raises ValueError for what is not a
+        finite number, or is beyond a million.
+        """
+        self.port.report_position(x, y, heading)
 
     def lose_capability(self, local_task: str) -> None:
         """Declare a minor fault: this robot can no longer do `local_task` (a type or ground)."""

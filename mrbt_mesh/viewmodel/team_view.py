@@ -23,7 +23,8 @@ class TeamView:
 
     `team`: result, order, agreement, what is blocked. `robot/ID`: one robot. `task/NAME`: a global
     task. `node/N`: `[status, robots, note, activations]` of a node of T_G that was ever ticked.
-    `place/NAME`: a place of the map. `why/N`: the explanation of takeover N, as it was then. And
+    `place/NAME`: a place of the map. `position/ID`: where a robot says
+    it is. `why/N`: the explanation of takeover N, as it was then. And
     those of the timeline.
     """
 
@@ -45,6 +46,7 @@ class TeamView:
         self.changes.put("team", self._team(agreement))
         for robot in observer.robots():
             self.changes.put(f"robot/{robot}", self._robot(robot, agreement["differ"]))
+            self.changes.put(f"position/{robot}", self._position(robot))
         working = self._working()
         self._tasks(working)
         if observer.plan is not None:
@@ -107,6 +109,15 @@ class TeamView:
             "idle": plan.idle.get(robot, "") if plan is not None and is_here else "",
             "differs_since_s": differ.get(robot),
         }
+
+    def _position(self, robot: str) -> dict[str, Any] | None:
+        """Where it has said it is, last."""
+        peer = self.observer.membership.peers.get(robot)
+        where = peer.heartbeat.position if peer is not None and peer.heartbeat else None
+        if where is None:
+            return None
+        heading = None if where.heading is None else where.heading / 1_000
+        return {"x": where.x / 1_000, "y": where.y / 1_000, "heading": heading}
 
     def _state(self, robot: str, peer: Peer | None) -> str:
         """As `State`, or `joining`, or `leaving`: it has said so and is still there."""

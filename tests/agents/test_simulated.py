@@ -40,6 +40,9 @@ class FakePort:
     def read_condition(self, name: str) -> bool:
         return self.conditions.get(name, False)
 
+    def report_position(self, x: float, y: float, heading: float | None) -> None:
+        pass
+
     def report_progress(self, fraction: float) -> None:
         self.progress.append(fraction)
 

@@ -32,6 +32,7 @@ from mrbt_mesh.core.agent.inputs import (
     NewsReceived,
     PerformanceChanged,
     PlanMade,
+    PositionReported,
     ProgressReported,
     QueryReceived,
     RouterAnswered,
@@ -128,8 +129,8 @@ class Agent:
                 self._reports.finished(event, now_us)
             case ActionStopped(ticket):
                 self._context.work.stopped(ticket)
-            case ProgressReported(ticket, percent):
-                self._context.work.progressed(ticket, percent)
+            case ProgressReported() | PositionReported():
+                self._take_for_people(event)
             case ConditionSet(name, value):
                 self._reports.set_conditions({name: value}, now_us)
             case CapabilityChanged(local_task, lost):
@@ -144,3 +145,10 @@ class Agent:
                 self._planner.made(number, plan, now_us)
             case _:
                 pass  # TimerFired: what is due is followed up
+
+    def _take_for_people(self, event: ProgressReported | PositionReported) -> None:
+        """What heartbeats carry for those who watch; nothing follows from it."""
+        if isinstance(event, ProgressReported):
+            self._context.work.progressed(event.ticket, event.percent)
+        else:
+            self._context.position = event.position

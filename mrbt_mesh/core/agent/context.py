@@ -18,7 +18,7 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.joining import Joining
 from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.membership.replica import Replica, Then
-from mrbt_mesh.core.membership.wire import DIGEST_BYTES, Header, MessageKind
+from mrbt_mesh.core.membership.wire import DIGEST_BYTES, Header, MessageKind, Position
 from mrbt_mesh.core.mission.mission import Mission
 
 MAX_REASONS = 1_000
@@ -32,6 +32,7 @@ class Context:
     `joining` is None once the robot has its place in the team; `is_leaving`: it is on its way out.
     `refused` counts what was refused, by source and reason; beyond `MAX_REASONS` different ones new
     ones are not told apart. `sealing` is None in a team without keys.
+    `position` is what the program has said last.
     """
 
     def __init__(self, mission: Mission, config: AgentConfig, now_us: int) -> None:
@@ -53,6 +54,7 @@ class Context:
             self.me, config.type, config.capabilities, config.software, config.host, config.pid
         )
         self.work = Work()
+        self.position: Position | None = None
         self.refused: dict[str, int] = {}
         self.is_leaving = False
         self.has_stopped = False

@@ -20,6 +20,7 @@ _ALWAYS = (
     inputs.TokenChanged,
     inputs.RouterAnswered,
     inputs.TimerFired,
+    inputs.PositionReported,
     inputs.ProgressReported,
     inputs.PlanMade,
 )

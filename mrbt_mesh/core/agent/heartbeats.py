@@ -170,6 +170,7 @@ class Heartbeats:
             executor.leases.holder.requested,
             executor.leases.grantor.grants(),
             membership.alive_digest(context.replica.incarnation),
+            context.position,
         )
         data = context.config.engine.write_heartbeat(beat, context.replica.header)
         context.emit(Publish(MessageKind.HEARTBEAT, data, to))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from mrbt_mesh.core.facts.store import Incarnation
-from mrbt_mesh.core.membership.wire import MessageKind
+from mrbt_mesh.core.membership.wire import MessageKind, Position
 from mrbt_mesh.core.planning.plan import Plan
 
 
@@ -101,6 +101,13 @@ class ProgressReported:
 
 
 @dataclass(frozen=True, slots=True)
+class PositionReported:
+    """Where the robot is; told with the heartbeats to come."""
+
+    position: Position
+
+
+@dataclass(frozen=True, slots=True)
 class ConditionSet:
     """The robot's own code has set a condition, outside any outcome."""
 
@@ -183,6 +190,7 @@ Input: TypeAlias = (
     | ActionFinished
     | ActionStopped
     | ProgressReported
+    | PositionReported
     | ConditionSet
     | CapabilityChanged
     | PerformanceChanged

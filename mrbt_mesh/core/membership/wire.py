@@ -25,11 +25,13 @@ from mrbt_mesh.core.facts.store import (
 )
 from mrbt_mesh.core.mission.names import is_robot_id
 
-SCHEMA = 4
+SCHEMA = 5
 MAX_MESSAGE_BYTES = 4 << 20
 MAX_ITEMS = 100_000
 MAX_NONCE = 32
 DIGEST_BYTES = 8
+# Thousandths: a million units each way; once around each way.
+MAX_COORDINATE, MAX_HEADING = 10**9, 6_284
 # What messages of a team with keys begin with, see `envelope`.
 SEALED = "mrbt-sealed-1"
 
@@ -101,6 +103,17 @@ class SelfReport:
 
 
 @dataclass(frozen=True, slots=True)
+class Position:
+    """Where a robot is, in thousandths of the map's unit; `heading` in milliradians from the x axis
+    towards the y axis, if it has one.
+    """
+
+    x: int
+    y: int
+    heading: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class LeaseGrant:
     """The sender's answer to heartbeat `number` of `member`: this coalition has its lease."""
 
@@ -115,7 +128,7 @@ class Heartbeat:
 
     `relays`: robot -> its newest self-report that the sender knows. `lease_request`: the activation
     and the id of the coalition for which the sender needs leases. `alive_digest` is over the robots
-    that the sender holds for alive.
+    that the sender holds for alive. `position`: where the robot says it is; only people read it.
     """
 
     report: SelfReport
@@ -128,6 +141,7 @@ class Heartbeat:
     lease_request: tuple[str, str] | None = None
     lease_grants: tuple[LeaseGrant, ...] = ()
     alive_digest: bytes = bytes(DIGEST_BYTES)
+    position: Position | None = None
 
 
 def encode(header: Header, kind: MessageKind, body: Any) -> bytes:
@@ -216,7 +230,7 @@ def _rows(value: Any, width: int) -> list[list[Any]]:
 
 def pack_heartbeat(heartbeat: Heartbeat) -> list[Any]:
     """A heartbeat as plain data."""
-    report = heartbeat.report
+    report, where = heartbeat.report, heartbeat.position
     return [
         *report.incarnation,
         report.number,
@@ -231,6 +245,7 @@ def pack_heartbeat(heartbeat: Heartbeat) -> list[Any]:
         pack_reports(heartbeat.relays),
         list(heartbeat.lease_request) if heartbeat.lease_request is not None else None,
         [[g.coalition, g.member, g.number] for g in heartbeat.lease_grants],
+        None if where is None else [where.x, where.y, where.heading],
     ]
 
 
@@ -259,10 +274,10 @@ def parse_heartbeat(
     Relays, most of a heartbeat in a large team, are only taken where `is_new_relay(row)` of
     [robot, counter, nonce, number, ...], as yet unchecked.
     """
-    if not isinstance(body, list) or len(body) != 14:
+    if not isinstance(body, list) or len(body) != 15:
         raise WireError("beat is malformed")
     counter, nonce, number, flags, plan, facts, alive, statuses, result, progress, *tables = body
-    suspicions, relays, request, grants = tables
+    suspicions, relays, request, grants, where = tables
     flags = _count(flags, 3)
     if not isinstance(statuses, list) or len(statuses) != 4:
         raise WireError("beat statuses are malformed")
@@ -288,6 +303,7 @@ def parse_heartbeat(
         _lease_request(request),
         tuple(LeaseGrant(_name(c), _robot(m), _count(n)) for c, m, n in _rows(grants, 3)),
         _digest(alive),
+        _position(where),
     )
 
 
@@ -306,6 +322,19 @@ def _name(value: Any) -> str:
     if not isinstance(value, str) or len(value) > MAX_NAME:
         raise WireError("name is malformed")
     return value
+
+
+def _position(value: Any) -> Position | None:
+    if value is None:
+        return None
+    if not isinstance(value, list) or len(value) != 3:
+        raise WireError("position is malformed")
+    x, y, heading = value
+    turned = 0 if heading is None else heading
+    for number, most in ((x, MAX_COORDINATE), (y, MAX_COORDINATE), (turned, MAX_HEADING)):
+        if type(number) is not int or not -most <= number <= most:
+            raise WireError("position is malformed")
+    return Position(x, y, heading)
 
 
 def _lease_request(value: Any) -> tuple[str, str] | None:

@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console, RenderableType
 
 from mrbt_mesh.cli.team.status import status_data
-from mrbt_mesh.cli.views.live_view import render_live
+from mrbt_mesh.cli.views.live_view import LiveNotes, render_live
 from mrbt_mesh.cli.views.overload_view import overload_line, overload_text
 from mrbt_mesh.cli.views.status_view import render_status
 from mrbt_mesh.cli.views.summary_view import render_summary
@@ -67,9 +67,11 @@ def test_the_live_view_shows_a_warning_as_long_as_it_runs() -> None:
     found = overload(90, 0.2, 1.0, Machine(2, 24_000))
     assert found is not None
     result = run(8.0)
-    lines = drawn(render_live(result.observer, 8 * SECOND, 40, overload_line(found))).splitlines()
+    notes = LiveNotes(overload_line(found), "http://127.0.0.1:8000/")
+    lines = drawn(render_live(result.observer, 8 * SECOND, 40, notes)).splitlines()
     assert "vehicle_repair" in lines[0]
-    assert "90 robots are more than this machine carries" in lines[1]
+    assert "page: http://127.0.0.1:8000/" in lines[1]
+    assert "90 robots are more than this machine carries" in lines[2]
     assert "robots are more" not in live(result, 8.0)
 
 

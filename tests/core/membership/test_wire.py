@@ -20,6 +20,7 @@ from mrbt_mesh.core.membership.wire import (
     IncompatibleError,
     LeaseGrant,
     MessageKind,
+    Position,
     SelfReport,
     Suspicion,
     WireError,
@@ -55,6 +56,14 @@ beats = st.builds(
     st.dictionaries(robots, words, max_size=3),
     st.none() | st.tuples(st.text(max_size=8), st.text(max_size=8)),
     st.lists(st.builds(LeaseGrant, st.text(max_size=8), robots, numbers), max_size=3).map(tuple),
+    digests,
+    st.none()
+    | st.builds(
+        Position,
+        st.integers(-(10**9), 10**9),
+        st.integers(-(10**9), 10**9),
+        st.none() | st.integers(-3_142, 3_142),
+    ),
 )
 GOOD_VALUES: list[tuple[str, Any]] = [
     ("member", ["A", {"drill": 5, "fix(2)": 7}, ["drill"], False, "1.0", "host", 77]),
@@ -324,3 +333,24 @@ def test_a_message_of_another_kind_is_refused() -> None:
 def test_outcome_data_that_cannot_be_sent_is_a_value_error(value: Any) -> None:
     with pytest.raises(ValueError, match=r"plain data|surrogates|bytes, at most"):
         entry(f"outcome/{SCOPE}/drill", [True, value])
+
+
+@pytest.mark.parametrize(
+    "where",
+    [
+        7,
+        [],
+        [1, 2],
+        [1, 2, 3, 4],
+        [1.5, 2, None],
+        [10**9 + 1, 0, None],
+        [0, 0, 7_000],
+        [0, 0, False],
+    ],
+)
+def test_a_position_that_is_none_is_refused(where: Any) -> None:
+    report = SelfReport(Incarnation(1, "n"), 1, bytes(8), True, 0)
+    body = pack_heartbeat(Heartbeat(report, False, bytes(8), (0, 0, 0, 0), 0, (), {}))
+    assert parse_heartbeat([*body[:-1], [1_500, -2_000, None]]).position == Position(1_500, -2_000)
+    with pytest.raises(WireError):
+        parse_heartbeat([*body[:-1], where])
