@@ -56,14 +56,16 @@ class Feed:
         self.pages += 1
         try:
             while True:
-                changed = self._changed
+                changed, is_last = self._changed, self._is_closed
                 news = self.view.changes.since(version)
                 is_new = version == 0
                 version = self.view.changes.version
                 yield self._message("begin" if is_new else "news", version, news)
-                if self._is_closed:
+                if is_last:
                     yield self._message("over", version, {})
                     return
+                if self._is_closed:
+                    continue
                 with anyio.move_on_after(TICK_S):
                     await changed.wait()
         finally:
