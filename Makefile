@@ -7,13 +7,15 @@ READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-long test-plain test-slow test-docker tolerance lint check-lock lock drills soak \
-	clean bench bench-scale bench-security bench-failover bench-resume bench-membership bench-estimate bench-robustness walk paper
+	test-browser screenshots bench-page clean bench bench-scale bench-security bench-failover bench-resume bench-membership bench-estimate bench-robustness walk paper
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
 	@echo "make test            checks and tests"
 	@echo "make test-plain      the fast tests with MRBT_PLAIN=1: nothing but the plain definitions"
 	@echo "make test-long       the fast tests with 1,000 seeds of chaos and 1,000 examples each"
+	@echo "make test-browser    the live page in headless Chromium; as root, installs Debian's if missing"
+	@echo "make screenshots     the README's pictures of the live page"
 	@echo "make test-docker     the docker-compose demo; as root, installs Debian's docker.io if missing"
 	@echo "make test-slow       wireless teams, discovery, split sessions, intruders, routers: minutes"
 	@echo "make tolerance       what mrbt analyze foretells of faults, against thousands of simulated runs"
@@ -27,6 +29,7 @@ help:
 	@echo "make bench-membership false deaths, detection and agreement on bad networks"
 	@echo "make bench-estimate  how many runs mrbt estimate makes in a minute"
 	@echo "make bench-robustness robots that die of their work, against published figures"
+	@echo "make bench-page      frame times and memory of the live page with 64 robots and 2,000 nodes"
 	@echo "make walk            through how many files an event goes, and how often from one to another"
 	@echo "make paper           the paper's example, run again: docs/paper.md and its pictures"
 	@echo "make soak            chaos in the simulator on seeds of its own, MINUTES=30"
@@ -53,7 +56,8 @@ lint: $(READY)
 # Teams of real processes wait most of the time: two at once, after everything else.
 test: lint
 	$(BIN)/pytest -n auto -m "not processes"
-	$(BIN)/pytest -n 2 -m "processes and not docker and not slow"
+	$(BIN)/pytest -n 2 -m "processes and not docker and not slow and not browser"
+	$(BIN)/pytest -m browser -rs tests/browser
 
 # The same with more seeds and more examples of every property.
 test-long: $(READY)
@@ -69,6 +73,20 @@ test-slow: $(READY)
 # What mrbt analyze foretells of faults against simulated runs: some 6,200 of them, ten minutes.
 tolerance: $(READY)
 	MRBT_TOLERANCE_MISSIONS=1800 $(BIN)/pytest -n auto tests/analysis/test_tolerance_random_missions.py
+
+test-browser: $(READY) chromium
+	$(BIN)/pytest -m browser -rs tests/browser
+
+screenshots: $(READY) chromium
+	$(BIN)/python -m benchmarks.page pictures docs/web
+
+bench-page: $(READY) chromium
+	$(BIN)/python -m benchmarks.page frames
+
+.PHONY: chromium
+chromium:
+	@command -v chromium chromium-browser google-chrome > /dev/null || apt-get install --yes chromium || \
+		{ echo "install chromium, or run this as root on Debian"; exit 1; }
 
 test-docker: $(READY)
 	$(BIN)/pytest -m "docker and not slow" -rs tests/docker

@@ -38,15 +38,16 @@ class Feed:
         if now_us >= self._next_us:
             self._next_us = now_us + FRAME_US
             if self.view.update(now_us):
-                self._wake()
+                self.wake()
 
     def close(self) -> None:
         """Tell the pages that nothing more comes."""
         self.view.update(self._clock_us())
         self._is_closed = True
-        self._wake()
+        self.wake()
 
-    def _wake(self) -> None:
+    def wake(self) -> None:
+        """Have the pages look for what has changed."""
         self._changed.set()
         self._changed = anyio.Event()
 

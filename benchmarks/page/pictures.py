@@ -1,0 +1,57 @@
+"""The README's pictures of the page: a robot of the demo has just been killed by its button."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any, Literal
+
+from benchmarks.page.chromium import chromium
+
+WAIT_MS = 60_000
+SCHEMES: tuple[Literal["light", "dark"], ...] = ("light", "dark")
+# A part is being diagnosed by a robot whose work another one, now free, can take over.
+_MOMENT = """() => {
+  const said = [...document.querySelectorAll(".card")].map((card) => card.innerText);
+  const works = (text) => /^B1[^]*do_diagnosis\\(/.test(text);
+  const isFree = (text) => /^A[12][^]*(as many robots|no request)/.test(text);
+  return said.some(works) && said.some(isFree);
+}"""
+
+
+def make(folder: Path) -> None:
+    """Write `page-light.png` and `page-dark.png`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    demo = subprocess.Popen(
+        [sys.executable, "-m", "mrbt_mesh", "demo", "--headless"],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert demo.stdout is not None
+    lines = iter(demo.stdout)
+    found = next(filter(None, (re.search(r"page: (\S+)", line) for line in lines)))
+    with chromium() as browser:
+        pages: dict[str, Any] = {}
+        for scheme in SCHEMES:
+            context: Any = browser.new_context(
+                viewport={"width": 1440, "height": 900},
+                color_scheme=scheme,
+            )
+            pages[scheme] = context.new_page()
+            pages[scheme].set_default_timeout(WAIT_MS)
+            pages[scheme].goto(found[1])
+        first = pages["light"]
+        first.wait_for_function(_MOMENT)
+        first.click('button[aria-label="Kill B1"]')
+        for page in pages.values():
+            page.click('#takeovers button:has-text("taken over")')
+            page.wait_for_selector("#why-body table")
+        first.wait_for_selector("#toast", state="hidden")
+        for name, page in pages.items():
+            page.evaluate("scrollTo(0, 0)")
+            page.screenshot(path=folder / f"page-{name}.png", full_page=True)
+    demo.send_signal(signal.SIGINT)
+    demo.communicate()

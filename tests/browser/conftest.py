@@ -1,0 +1,32 @@
+"""A team and a browser."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.support.browser import chromium
+from tests.support.team import Team
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    """One Chromium for all tests; each opens windows of its own."""
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture
+def team(tmp_path: Path) -> Iterator[Team]:
+    """A team that is ended whatever happens."""
+    result = Team(tmp_path)
+    try:
+        yield result
+    finally:
+        result.clean()

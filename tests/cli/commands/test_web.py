@@ -1,0 +1,51 @@
+"""`mrbt web`: what cannot be is said before anything is started."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+
+import pytest
+
+from mrbt_mesh.cli.team import page_options
+from tests.support.command import REPAIR, mrbt
+
+
+def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page_options, "NEEDED", ("no_such_module",))
+    code, _, problem = mrbt("web", "--mission", REPAIR)
+    assert code == 2
+    assert "pip install 'mrbt-mesh[web]'" in problem
+
+
+def test_without_a_run_there_is_no_page(tmp_path: Path) -> None:
+    code, _, problem = mrbt("web", MRBT_STATE_DIR=str(tmp_path))
+    assert code == 2
+    assert "Traceback" not in problem
+
+
+@pytest.mark.parametrize("option", [("--port", "8000"), ("--control",), ("--host", "::1")])
+def test_options_of_the_page_need_a_page(option: tuple[str, ...]) -> None:
+    code, _, problem = mrbt("up", REPAIR, *option)
+    assert code == 2
+    assert "give --web as well" in problem
+
+
+def test_nobody_serves_a_page_that_is_detached() -> None:
+    code, _, problem = mrbt("up", REPAIR, "--detach", "--web")
+    assert code == 2
+    assert "see mrbt web" in problem
+
+
+@pytest.mark.parametrize("port", ["-1", "65536", "x"])
+def test_a_port_is_a_port(port: str) -> None:
+    assert mrbt("web", "--port", port)[0] == 2
+
+
+def test_a_port_that_is_taken_is_named() -> None:
+    from mrbt_mesh.web.server import PageError, PageOptions, _bound
+
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(PageError, match=f"port {port}: "):
+            _bound(PageOptions(port=port))

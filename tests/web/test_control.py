@@ -1,0 +1,96 @@
+"""What the page may ask of a team, and what it is told when that cannot be done."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.web.control import Control, OrderError
+from tests.support.script import Script
+
+TEAM = """
+robot A weld
+robot B weld*0.5
+tree "weld"
+observe
+start A B
+pass 200
+"""
+
+
+class Watcher:
+    """Remembers the words that robots are told."""
+
+    def __init__(self, *commands: str) -> None:
+        script = Script()
+        script.block([*TEAM.strip().splitlines(), *commands])
+        assert isinstance(script.team.observer, Observer)
+        self.observer = script.team.observer
+        self.said: list[tuple[str, str, str]] = []
+        self.answer = True, "done"
+
+    async def command(self, robot: str, command: str, argument: str = "") -> tuple[bool, str]:
+        self.said.append((robot, command, argument))
+        return self.answer
+
+
+def control(watcher: Watcher) -> Control:
+    """Of a team on the network: none of its processes is here."""
+    return Control(watcher, None, None)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("order", "said"),
+    [
+        ({"act": "pause"}, ("A", "order", "pause")),
+        ({"act": "resume"}, ("A", "order", "resume")),
+        ({"act": "abort"}, ("A", "order", "abort")),
+        ({"act": "lose", "robot": "B", "local_task": "weld"}, ("B", "fault", "weld")),
+        ({"act": "restore", "robot": "B"}, ("B", "restore", "all")),
+        ({"act": "leave", "robot": "B"}, ("B", "leave", "")),
+    ],
+)
+async def test_words_go_to_robots(order: Any, said: tuple[str, str, str]) -> None:
+    watcher = Watcher()
+    assert await control(watcher).carry_out(order) == "done"
+    assert watcher.said == [said]
+
+
+async def test_what_a_robot_refuses_is_told() -> None:
+    watcher = Watcher()
+    watcher.answer = False, "B has no such capability"
+    with pytest.raises(OrderError, match="no such capability"):
+        await control(watcher).carry_out({"act": "lose", "robot": "B", "local_task": "x"})
+
+
+@pytest.mark.parametrize(
+    "order",
+    [
+        None,
+        7,
+        [],
+        {},
+        {"act": "format"},
+        {"act": "kill"},
+        {"act": "kill", "robot": 7},
+        {"act": "kill", "robot": "Z"},
+        {"act": "kill", "robot": "A"},
+        {"act": "lose", "robot": "../A"},
+        {"act": "drill", "label": "kill_at_work"},
+        {"act": ["pause"]},
+    ],
+)
+async def test_what_is_no_order_or_not_for_this_team(order: Any) -> None:
+    watcher = Watcher()
+    with pytest.raises(OrderError):
+        await control(watcher).carry_out(order)
+    assert watcher.said == []
+
+
+def test_only_what_can_be_done_is_offered() -> None:
+    offers = control(Watcher()).offers()
+    assert offers["robot"].keys() == {"lose", "restore", "leave"}
+    assert offers["team"].keys() == {"pause", "resume", "abort"}
+    assert not offers["drills"]
