@@ -13,6 +13,7 @@ from benchmarks.page.chromium import chromium
 
 WAIT_MS = 60_000
 SCHEMES: tuple[Literal["light", "dark"], ...] = ("light", "dark")
+_TAKEN_OVER = '#takeovers button:has-text("taken over"):not(:has-text("not taken over"))'
 # A part is being diagnosed by a robot whose work another one, now free, can take over.
 _MOMENT = """() => {
   const said = [...document.querySelectorAll(".card")].map((card) => card.innerText);
@@ -47,7 +48,7 @@ def make(folder: Path) -> None:
         first.wait_for_function(_MOMENT)
         first.click('button[aria-label="Kill B1"]')
         for page in pages.values():
-            page.click('#takeovers button:has-text("taken over")')
+            page.click(_TAKEN_OVER)
             page.wait_for_selector("#why-body table")
         first.wait_for_selector("#toast", state="hidden")
         for name, page in pages.items():

@@ -231,16 +231,21 @@ class Team:
 
     def running(self) -> list[psutil.Process]:
         """Robots of this test that run, whoever started them."""
-        return [p for p in self._mine() if "agent" in p.cmdline() or p.name().startswith("mrbt ")]
+        # What was seen of each when it was found: one that is killed now is a zombie for a while.
+        return [
+            p
+            for p in self._mine()
+            if "agent" in p.info["cmdline"] or p.info["name"].startswith("mrbt ")
+        ]
 
     def fork_servers(self) -> list[psutil.Process]:
         """The processes that robots were forked from, and that still run."""
         forked = {process.pid for process in self.running()}
-        mine = [p for p in self._mine() if "mrbt_mesh.cli.fork_server" in p.cmdline()]
+        mine = [p for p in self._mine() if "mrbt_mesh.cli.fork_server" in p.info["cmdline"]]
         return [process for process in mine if process.pid not in forked]
 
     def _mine(self) -> list[psutil.Process]:
-        found = psutil.process_iter(["cmdline"])
+        found = psutil.process_iter(["cmdline", "name"])
         return [p for p in found if str(self.folder) in " ".join(p.info["cmdline"] or ())]
 
     def clean(self) -> None:

@@ -132,13 +132,13 @@ export class TreeView {
     row.root.tabIndex = isCurrent ? 0 : -1;
     row.root.setAttribute("aria-selected", String(isCurrent));
     if (node.children.length) row.root.setAttribute("aria-expanded", String(!isFolded));
-    const said = `${node.label}, ${node.kind}, ${status}${who ? `, ${who}` : ""}${note ? `, ${note}` : ""}`;
-    if (row.said !== said) { row.said = said; row.root.setAttribute("aria-label", said); row.root.title = said; }
+    const said = `${node.kind}: ${node.label}, ${status}`;
+    if (row.root.title !== said) row.root.title = said;
   }
 
   _make(node) {
-    const part = (name) => element("span", { class: name });
-    const row = { twist: part("twist"), sign: part("sign"), kind: part("kind"), label: part("label"),
+    const part = (name, isSign = false) => element("span", { class: name, "aria-hidden": isSign ? "true" : undefined });
+    const row = { twist: part("twist", true), sign: part("sign", true), kind: part("kind", true), label: part("label"),
       word: part("word"), note: part("note"), who: part("who"), times: part("times") };
     setText(row.kind, kindSign(node.kind));
     setText(row.label, node.label);
