@@ -5,7 +5,7 @@ and who else could have done it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from mrbt_mesh.core.facts.records import Claim
@@ -207,6 +207,7 @@ def why_takeover(observer: Observer, fault: MajorFault) -> dict[str, Any]:
     sentence = _fault_sentence(observer, fault)
     if fault.replacement is not None:
         own = next((each for each in found if each.robot == fault.replacement), None)
+        found = [replace(e, reason="has taken over") if e is own else e for e in found]
         if own is not None and own.performance is not None:
             sentence += f" {fault.replacement} does it with {own.performance:g}."
         sentence += f" {_others(found, fault.replacement)}"

@@ -88,7 +88,8 @@ def test_a_kill_its_detection_and_the_takeover() -> None:
     assert page.items["robot/A"]["state"] == "dead"
     why = page.items["why/0"]
     assert f"B took over its weld after {fault['taken_over_ms']:.0f} ms" in why["sentence"]
-    assert why["groups"][0]["candidates"][0]["robot"] == "B"
+    chosen = why["groups"][0]["candidates"][0]
+    assert (chosen["robot"], chosen["reason"]) == ("B", "has taken over")
 
 
 def test_work_of_the_dead_ends_with_them() -> None:

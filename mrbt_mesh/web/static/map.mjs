@@ -45,7 +45,7 @@ export class MapView {
       const text = line.points.map(([x, y]) => `${x},${-y}`).join(" ");
       this._root.append(make(line.closed ? "polygon" : "polyline", { points: text, class: `map-${line.kind}${line.closed ? "" : " map-open"}` }));
     }
-    const radius = this._unit * 0.6;
+    const radius = this._unit * 0.75;
     for (const [name, place] of Object.entries(this._map.places)) {
       const [x, y] = place.at;
       const shape = make("circle", { cx: x, cy: -y, r: radius, class: `map-place ${this._store.get(`place/${name}`) ?? ""}` });

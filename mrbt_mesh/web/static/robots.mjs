@@ -32,7 +32,7 @@ export class RobotsView {
 
   _count() {
     const counts = new Map();
-    for (const [, robot] of this._store.having("robot/")) counts.set(robot.state, (counts.get(robot.state) ?? 0) + 1);
+    for (const robot of this._store.all("robot").values()) counts.set(robot.state, (counts.get(robot.state) ?? 0) + 1);
     setText(byId("robots-hint"), [...counts].map(([state, count]) => `${count} ${state}`).join(", "));
   }
 
@@ -99,7 +99,7 @@ export class RobotsView {
 
   // Whether its process is known to have ended: one that is frozen is taken for dead as well.
   _hasEnded(name) {
-    return [...this._store.having("fault/")].some(([, fault]) => fault.robot === name && fault.until_s === null && fault.has_ended);
+    return [...this._store.all("fault").values()].some((fault) => fault.robot === name && fault.until_s === null && fault.has_ended);
   }
 
   _drawButtons(card, name, robot) {

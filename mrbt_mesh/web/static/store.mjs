@@ -10,6 +10,7 @@ const SILENCE_MS = 4000;
 export class Store {
   constructor() {
     this.items = new Map();
+    this._kinds = new Map();
     this.state = "connecting";
     this._views = [];
     this._dirty = new Set();
@@ -23,10 +24,10 @@ export class Store {
 
   get(key) { return this.items.get(key); }
 
-  *having(prefix) {
-    for (const [key, value] of this.items) {
-      if (key.startsWith(prefix)) yield [key.slice(prefix.length), value];
-    }
+  // Name -> value of all items `kind/name`.
+  all(kind) {
+    if (!this._kinds.has(kind)) this._kinds.set(kind, new Map());
+    return this._kinds.get(kind);
   }
 
   // The team's time now, in seconds from the start of the run; null before.
@@ -67,10 +68,12 @@ export class Store {
     if (isFresh) {
       for (const key of this.items.keys()) this._dirty.add(key);
       this.items.clear();
+      this._kinds.clear();
     }
     for (const [key, value] of Object.entries(items)) {
-      if (value === null) this.items.delete(key);
-      else this.items.set(key, value);
+      const at = key.indexOf("/"), known = this.all(key.slice(0, at)), name = key.slice(at + 1);
+      if (value === null) { this.items.delete(key); known.delete(name); }
+      else { this.items.set(key, value); known.set(name, value); }
       this._dirty.add(key);
     }
     this._draw();

@@ -11,11 +11,7 @@ export class TimelineView {
   constructor(store, choose) {
     this._store = store;
     this._choose = choose;
-    this._work = new Map();
-    this._faults = new Map();
-    this._losses = new Map();
     this._robots = [];
-    this._events = 0;
     this._isFollowing = true;
     this._span = [0, FOLLOWED_S];
     this._canvas = byId("spans");
@@ -31,14 +27,11 @@ export class TimelineView {
     let isNew = false, isTaken = false;
     for (const key of keys) {
       const [kind, name] = split(key);
-      const known = { work: this._work, fault: this._faults, loss: this._losses }[kind];
-      const value = this._store.get(key);
-      if (known) {
+      if (["work", "fault", "loss"].includes(kind)) {
         isNew = true;
-        if (value === undefined) known.delete(name); else known.set(name, value);
         isTaken ||= kind === "fault";
       } else if (kind === "robot") {
-        if (value && !this._robots.includes(name)) { this._robots = [...this._robots, name].sort(); isNew = true; }
+        if (this._store.get(key) && !this._robots.includes(name)) { this._robots = [...this._robots, name].sort(); isNew = true; }
       } else if (kind === "event") this._isEventful = true;
     }
     if (isTaken) this._listTakeovers();
@@ -100,9 +93,9 @@ export class TimelineView {
     this._paintAxis(now);
     this._paintLanes(context, now, height);
     this._hits = [];
-    for (const [, work] of this._work) this._paintWork(context, work, now);
-    for (const [, loss] of this._losses) this._paintLoss(context, loss);
-    for (const [name, fault] of this._faults) this._paintFault(context, name, fault, now);
+    for (const work of this._store.all("work").values()) this._paintWork(context, work, now);
+    for (const loss of this._store.all("loss").values()) this._paintLoss(context, loss);
+    for (const [name, fault] of this._store.all("fault")) this._paintFault(context, name, fault, now);
     context.fillStyle = this._colours.panel;
     context.fillRect(0, 0, GUTTER - 4, height);
     context.textBaseline = "middle";
@@ -237,7 +230,7 @@ export class TimelineView {
   // -- lists ------------------------------------------------------------------------------
 
   _listTakeovers() {
-    const rows = [...this._faults].sort((a, b) => a[1].at_s - b[1].at_s).map(([name, fault]) => element("li", {},
+    const rows = [...this._store.all("fault")].sort((a, b) => a[1].at_s - b[1].at_s).map(([name, fault]) => element("li", {},
       element("button", { type: "button", "data-fault": name, onclick: () => this._choose({ kind: "fault", name }) },
         element("b", {}, `${fault.robot} died at ${seconds(fault.at_s)}`), ` · ${faultNumbers(fault)}`,
         fault.replacement ? ` by ${fault.replacement} (${fault.held})` : fault.held ? ` (${fault.held})` : "")));
@@ -248,11 +241,11 @@ export class TimelineView {
   _listEvents() {
     this._isEventful = false;
     const list = byId("events");
-    const all = [...this._store.having("event/")];
-    setText(byId("happened-count"), `(${all.length})`);
+    const all = this._store.all("event");
+    setText(byId("happened-count"), `(${all.size})`);
     if (!byId("happened").open) { this._isEventful = true; return; }
     const known = list.children.length;
-    const shown = all.map(([index, event]) => [Number(index), event]).sort((a, b) => a[0] - b[0]);
+    const shown = [...all].map(([index, event]) => [Number(index), event]).sort((a, b) => a[0] - b[0]);
     if (known > shown.length) list.replaceChildren();
     for (const [, event] of shown.slice(list.children.length)) {
       list.append(element("li", {}, element("time", {}, seconds(event.at_s ?? 0)), element("span", {}, event.text)));

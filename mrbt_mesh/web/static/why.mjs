@@ -60,9 +60,10 @@ export class WhyView {
     const parts = [element("h3", {}, told.subject), element("p", { class: "sentence" }, told.sentence)];
     for (const group of told.groups) {
       if (!group.candidates.length) continue;
+      if (told.groups.length > 1) parts.push(element("h3", {}, group.local_task));
       parts.push(element("table", { "aria-label": `Who can do ${group.local_task}` },
-        element("thead", {}, element("tr", {}, element("th", { scope: "col" }, group.local_task || "robot"),
-          element("th", { scope: "col" }, "performance"), element("th", { scope: "col" }, "how it stands"))),
+        element("thead", {}, element("tr", {}, element("th", { scope: "col" }, "robot"),
+          element("th", { scope: "col" }, "how well"), element("th", { scope: "col" }, "how it stands"))),
         element("tbody", {}, ...group.candidates.map((each) => this._candidate(each)))));
     }
     if (chosen.kind === "robot" && this._control) {
