@@ -15,7 +15,7 @@ from mrbt_mesh.viewmodel.team_view import TeamView
 # A page hears at least so often how late it is, and so notices a connection that is gone.
 TICK_S = 1.0
 # So often, at most, pages are told something.
-FRAME_US = 50_000
+FRAME_US = 80_000
 
 
 class Feed:

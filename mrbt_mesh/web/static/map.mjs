@@ -88,6 +88,8 @@ export class MapView {
       robot = make("g", { class: "map-robot" });
       robot.append(make("path", {}), make("text", {}), titled(name));
       robot.children[1].textContent = name;
+      robot.children[1].setAttribute("y", -this._unit * 0.66);
+      robot.children[1].setAttribute("font-size", this._unit * 0.6);
       robot.addEventListener("click", () => this._choose({ kind: "robot", name }));
       this._robots.set(name, robot);
       this._root.append(robot);
@@ -96,12 +98,10 @@ export class MapView {
     const hasHeading = heading !== null && heading !== undefined;
     const path = hasHeading ? `M${size},0 L${-size * 0.8},${size * 0.75} L${-size * 0.4},0 L${-size * 0.8},${-size * 0.75} Z`
       : `M${-size * 0.7},0 a${size * 0.7},${size * 0.7} 0 1,0 ${size * 1.4},0 a${size * 0.7},${size * 0.7} 0 1,0 ${-size * 1.4},0`;
-    robot.children[0].setAttribute("d", path);
-    robot.children[0].setAttribute("transform", `translate(${x},${-y}) rotate(${hasHeading ? -heading * 180 / Math.PI : 0})`);
-    robot.children[1].setAttribute("x", x);
-    robot.children[1].setAttribute("y", -y - size * 1.2);
-    robot.children[1].setAttribute("font-size", size * 1.1);
-    robot.setAttribute("class", `map-robot ${state}`);
+    change(robot.children[0], "d", path);
+    change(robot.children[0], "transform", `rotate(${hasHeading ? -heading * 180 / Math.PI : 0})`);
+    change(robot, "transform", `translate(${x},${-y})`);
+    change(robot, "class", `map-robot ${state}`);
     setText(byId("map-hint"), `${this._robots.size} robots`);
   }
 }
@@ -110,6 +110,10 @@ function make(name, attributes) {
   const made = document.createElementNS(SVG, name);
   for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
   return made;
+}
+
+function change(node, name, value) {
+  if (node.getAttribute(name) !== value) node.setAttribute(name, value);
 }
 
 function titled(text) {

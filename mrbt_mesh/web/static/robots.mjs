@@ -62,17 +62,25 @@ export class RobotsView {
     const isAt = robot.local_task !== null && robot.local_task !== undefined;
     const waits = robot.phase === "running" ? "" : ` (${robot.phase === "ready" ? "waits for its partners" : "about to begin"})`;
     setText(card.task, isAt ? `${robot.local_task}${robot.local_task === robot.global_task ? "" : ` for ${robot.global_task}`}${waits}` : robot.idle || "no task");
-    card.task.title = card.task.textContent;
-    card.task.classList.toggle("none", !isAt);
-    card.bar.style.visibility = robot.phase === "running" ? "" : "hidden";
+    if (card.task.title !== card.task.textContent) card.task.title = card.task.textContent;
+    if (card.task.classList.contains("none") === isAt) card.task.classList.toggle("none", !isAt);
+    const visibility = robot.phase === "running" ? "" : "hidden";
+    if (card.bar.style.visibility !== visibility) card.bar.style.visibility = visibility;
     const progress = String(robot.progress ?? 0);
     if (card.bar.getAttribute("value") !== progress) card.bar.setAttribute("value", progress);
     this._drawCan(card, robot);
+    this._drawTrees(card, robot.statuses);
+    if (this._control) this._drawButtons(card, name, robot);
+  }
+
+  _drawTrees(card, statuses) {
+    const key = statuses.join();
+    if (card.treesShown === key) return;
+    card.treesShown = key;
     setText(card.trees, "");
-    robot.statuses.forEach((status, i) => card.trees.append(
+    statuses.forEach((status, i) => card.trees.append(
       element("span", { title: `${TREES[i]} is ${status}` }, `${TREES[i]} `,
         element("span", { class: `s-${status}`, "aria-hidden": "true" }, SIGN[status]), element("span", { class: "said" }, status))));
-    if (this._control) this._drawButtons(card, name, robot);
   }
 
   _stateText(robot) {

@@ -5,7 +5,7 @@ import { select } from "d3-selection";
 import { zoom, zoomIdentity } from "d3-zoom";
 import { byId, element, ms, seconds, setText } from "./text.mjs";
 
-const LANE = 26, GUTTER = 74, RIGHT = 18, FOLLOWED_S = 40, MOST_ZOOM_S = 0.2;
+const LANE = 26, GUTTER = 74, RIGHT = 18, FOLLOWED_S = 40, MOST_ZOOM_S = 0.2, FRAME_S = 0.1;
 
 export class TimelineView {
   constructor(store, choose) {
@@ -20,7 +20,8 @@ export class TimelineView {
     this._readColours();
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { this._readColours(); this.draw(); });
     this._listen();
-    new ResizeObserver(() => this.draw()).observe(byId("timeline"));
+    this._width = 0;
+    new ResizeObserver(() => { this._width = this._canvas.clientWidth; this.draw(); }).observe(byId("lanes"));
   }
 
   update(keys) {
@@ -44,7 +45,7 @@ export class TimelineView {
     const now = this._store.now();
     if (now === null || document.hidden) return;
     const pixel = (this._span[1] - this._span[0]) / Math.max(1, this._width);
-    if (this._drawnAt === undefined || now - this._drawnAt > Math.max(pixel, 0.05)) this.draw();
+    if (this._drawnAt === undefined || now - this._drawnAt > Math.max(pixel, FRAME_S)) this.draw();
   }
 
   draw() {
@@ -63,10 +64,8 @@ export class TimelineView {
     this._font = colour("--sans");
   }
 
-  get _width() { return this._canvas.clientWidth; }
-
   _fit(canvas, height) {
-    const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth;
+    const ratio = window.devicePixelRatio || 1, width = this._width;
     if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
       canvas.width = Math.round(width * ratio);
       canvas.height = Math.round(height * ratio);

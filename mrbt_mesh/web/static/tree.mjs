@@ -30,6 +30,8 @@ export class TreeView {
     this._hits = new Set();
     this._size = 2;
     this._current = 0;
+    this._top = 0;
+    this._seen = 0;
     this._scroller = byId("rows");
     this._inner = byId("rows-inner");
     if (nodes.length > LARGE) this._foldBelow(nodes.length > 1000 ? 1 : 2);
@@ -93,9 +95,10 @@ export class TreeView {
   // -- drawing ----------------------------------------------------------------------------
 
   _draw() {
-    const height = this._height, top = this._scroller.scrollTop;
+    // Both are kept: to read them from the page would have it laid out anew each time.
+    const height = this._height, top = this._top;
     const first = Math.max(0, Math.floor(top / height) - AROUND);
-    const last = Math.min(this._shown.length, Math.ceil((top + this._scroller.clientHeight) / height) + AROUND);
+    const last = Math.min(this._shown.length, Math.ceil((top + this._seen) / height) + AROUND);
     const wanted = new Set(this._shown.slice(first, last));
     if (this._shown.length) wanted.add(this._current);
     for (const [index, row] of this._rows) {
@@ -119,6 +122,9 @@ export class TreeView {
     setData(row.root, "is", status);
     setText(row.sign, SIGN[status]);
     setText(row.word, status === "idle" ? "" : status);
+    const look = `${status} ${place} ${height} ${isFolded} ${robots} ${note} ${times} ${this._hits.has(index)} ${index === this._current}`;
+    if (row.look === look) return;
+    row.look = look;
     setText(row.twist, node.children.length ? (isFolded ? "▸" : "▾") : "");
     setText(row.note, note);
     row.note.hidden = !note;
@@ -154,8 +160,8 @@ export class TreeView {
   // -- what people do ---------------------------------------------------------------------
 
   _listen() {
-    this._scroller.addEventListener("scroll", () => this._draw(), { passive: true });
-    new ResizeObserver(() => this._draw()).observe(this._scroller);
+    this._scroller.addEventListener("scroll", () => { this._top = this._scroller.scrollTop; this._draw(); }, { passive: true });
+    new ResizeObserver(() => { this._seen = this._scroller.clientHeight; this._draw(); }).observe(this._scroller);
     this._inner.addEventListener("click", (event) => {
       const row = event.target.closest(".row");
       if (!row) return;
@@ -199,12 +205,12 @@ export class TreeView {
 
   _goTo(index) {
     this._current = index;
+    const top = this._place.get(index) * this._height;
+    if (top < this._top) this._scroller.scrollTop = top;
+    else if (top + this._height > this._top + this._seen) this._scroller.scrollTop = top + this._height - this._seen;
+    this._top = this._scroller.scrollTop;
     this._draw();
-    const row = this._rows.get(index)?.root, top = this._place.get(index) * this._height;
-    const { scrollTop, clientHeight } = this._scroller;
-    if (top < scrollTop) this._scroller.scrollTop = top;
-    else if (top + this._height > scrollTop + clientHeight) this._scroller.scrollTop = top + this._height - clientHeight;
-    row?.focus({ preventScroll: true });
+    this._rows.get(index)?.root.focus({ preventScroll: true });
   }
 
   _key(event) {
