@@ -37,6 +37,8 @@ class TeamView:
         self._marked: set[int] = set()
         self._activations: dict[int, set[str]] = {}
         self._explained: set[int] = set()
+        # What tasks and nodes follow from; a new plan follows from a change of the others.
+        self._causes: tuple[int, int, int] = (-1, -1, 0)
 
     def update(self, now_us: int) -> bool:
         """Look at the observer, which is up to date; whether anything has changed."""
@@ -47,15 +49,22 @@ class TeamView:
         for robot in observer.robots():
             self.changes.put(f"robot/{robot}", self._robot(robot, agreement["differ"]))
             self.changes.put(f"position/{robot}", self._position(robot))
-        working = self._working()
+        causes = (observer.facts.changes, observer.membership.alive_changes, id(observer.plan))
+        if causes != self._causes:
+            self._causes = causes
+            self._what_follows_from_facts()
+        self._timeline.put(self.changes)
+        self._takeovers()
+        return self.changes.version != before
+
+    def _what_follows_from_facts(self) -> None:
+        """Tasks, nodes, places: most of the time there is nothing new of them."""
+        observer, working = self.observer, self._working()
         self._tasks(working)
         if observer.plan is not None:
             self._nodes(observer.plan, working)
         for name, state in place_states(observer).items():
             self.changes.put(f"place/{name}", state)
-        self._timeline.put(self.changes)
-        self._takeovers()
-        return self.changes.version != before
 
     def _team(self, agreement: dict[str, Any]) -> dict[str, Any]:
         observer, record = self.observer, self.observer.record
