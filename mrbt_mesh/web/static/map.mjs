@@ -20,9 +20,23 @@ export class MapView {
     select(this._picture).call(this._zoom);
     byId("map-fit").addEventListener("click", () => select(this._picture).call(this._zoom.transform, zoomIdentity));
     if (map) this._drawMap();
+    this._isSeen = true;
+    this._moved = new Set();
+    new IntersectionObserver(([entry]) => {
+      this._isSeen = entry.isIntersecting;
+      if (!this._isSeen) return;
+      const moved = this._moved;
+      this._moved = new Set();
+      this.update(moved);
+    }).observe(byId("map"));
   }
 
   update(keys) {
+    // While nobody sees it, it is only noted what has moved.
+    if (!this._isSeen && this._robots.size) {
+      for (const key of keys) this._moved.add(key);
+      return;
+    }
     for (const key of keys) {
       if (key.startsWith("place/")) {
         this._places.get(key.slice(6))?.setAttribute("class", `map-place ${this._store.get(key) ?? ""}`);
@@ -88,8 +102,6 @@ export class MapView {
       robot = make("g", { class: "map-robot" });
       robot.append(make("path", {}), make("text", {}), titled(name));
       robot.children[1].textContent = name;
-      robot.children[1].setAttribute("y", -this._unit * 0.66);
-      robot.children[1].setAttribute("font-size", this._unit * 0.6);
       robot.addEventListener("click", () => this._choose({ kind: "robot", name }));
       this._robots.set(name, robot);
       this._root.append(robot);
@@ -99,6 +111,8 @@ export class MapView {
     const path = hasHeading ? `M${size},0 L${-size * 0.8},${size * 0.75} L${-size * 0.4},0 L${-size * 0.8},${-size * 0.75} Z`
       : `M${-size * 0.7},0 a${size * 0.7},${size * 0.7} 0 1,0 ${size * 1.4},0 a${size * 0.7},${size * 0.7} 0 1,0 ${-size * 1.4},0`;
     change(robot.children[0], "d", path);
+    change(robot.children[1], "y", String(-size * 1.2));
+    change(robot.children[1], "font-size", String(size * 1.1));
     change(robot.children[0], "transform", `rotate(${hasHeading ? -heading * 180 / Math.PI : 0})`);
     change(robot, "transform", `translate(${x},${-y})`);
     change(robot, "class", `map-robot ${state}`);

@@ -40,7 +40,9 @@ export class RobotsView {
     const part = (tag, className) => element(tag, { class: className });
     const card = { state: part("span", "state"), type: part("span", "hint"), task: part("div", "task"),
       can: part("div", "can"), trees: part("div", "trees"), buttons: part("div", "buttons"), shown: "", canShown: "" };
-    card.bar = element("progress", { max: 100, "aria-label": `progress of ${name}` });
+    // Its inner part is scaled, which needs no new layout.
+    card.done = element("div", {});
+    card.bar = element("div", { class: "progress", role: "progressbar", "aria-label": `progress of ${name}`, "aria-valuenow": 0 }, card.done);
     card.name = element("button", { type: "button", class: "name", title: `Why does ${name} do this?`,
       onclick: () => this._select({ kind: "robot", name }) }, name);
     card.root = element("li", { class: "card" },
@@ -67,7 +69,10 @@ export class RobotsView {
     const visibility = robot.phase === "running" ? "" : "hidden";
     if (card.bar.style.visibility !== visibility) card.bar.style.visibility = visibility;
     const progress = String(robot.progress ?? 0);
-    if (card.bar.getAttribute("value") !== progress) card.bar.setAttribute("value", progress);
+    if (card.bar.getAttribute("aria-valuenow") !== progress) {
+      card.bar.setAttribute("aria-valuenow", progress);
+      card.done.style.transform = `scaleX(${progress / 100})`;
+    }
     this._drawCan(card, robot);
     this._drawTrees(card, robot.statuses);
     if (this._control) this._drawButtons(card, name, robot);
