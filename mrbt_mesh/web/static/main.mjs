@@ -38,7 +38,7 @@ function drawTeam(store) {
   setText(byId("result"), words);
   const { equal, robots, differ } = team.agreement;
   const others = Object.entries(differ).map(([robot, since]) => `${robot} since ${seconds(since)}`);
-  setData(byId("agreement"), "status", equal ? "success" : "warn");
+  setData(byId("agreement"), "status", robots === 0 ? "idle" : equal ? "success" : "warn");
   setText(byId("agreement"), robots === 0 ? "nobody is heard" : equal ? `● ${robots === 1 ? "one robot" : `all ${robots} agree`}` : `◐ differs: ${others.join(", ")}`);
   const blocked = team.blocked.map((each) => `${each.request} is ${each.reason} (since ${seconds(each.since_s)})`);
   drawBanner(store, team.ended ? [] : blocked);
