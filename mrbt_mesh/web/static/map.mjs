@@ -96,7 +96,11 @@ export class MapView {
     const state = this._store.get(`robot/${name}`)?.state ?? "alive";
     let robot = this._robots.get(name);
     const [left, top, right, bottom] = this._box ?? [1, 1, 0, 0];
-    if (x < left || x > right || -y < top || -y > bottom) this._fit([[x, y]]);
+    if (x < left || x > right || -y < top || -y > bottom) {
+      this._fit([[x, y]]);
+      // Their sizes go by the box.
+      for (const other of this._robots.keys()) if (other !== name) this._drawRobot(other);
+    }
     if (!robot) {
       this._show();
       robot = make("g", { class: "map-robot" });
