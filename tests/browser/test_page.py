@@ -79,6 +79,9 @@ def test_a_kill_by_its_button_its_detection_and_why(team: Team, browser: Browser
     code, summary = team.end()
     assert (code, summary["result"]) == (0, "success")
     assert problems == []
+    # Of a run that is over the journals still tell the result.
+    late, _ = opened(browser, serve(team, "0")[1])
+    assert late.get_attribute("#result", "data-status") == "success"
 
 
 @pytest.mark.parametrize(
@@ -121,6 +124,21 @@ def test_the_tree_by_keyboard_and_by_search(team: Team, browser: Browser) -> Non
     page.fill("#search", "solder(5)")
     page.wait_for_selector('.row.hit:has-text("solder(5)")')
     assert page.inner_text("#found") == "1 found"
+    assert problems == []
+
+
+def test_a_drill_file_is_carried_out_on_this_team(team: Team, browser: Browser) -> None:
+    url, robot = at_work(team)
+    page, problems = opened(browser, url)
+    page.click('button:has-text("Drills…")')
+    label = f"kill_at_work[task={HELD},phase=running]"
+    page.fill("#drills-search", label)
+    page.wait_for_selector(f'#drills-list li:has-text("kill whoever performs {HELD}")')
+    page.click("#drills-list button")
+    page.wait_for_selector(TAKEN_OVER)
+    page.click("#happened summary")
+    page.wait_for_selector(f'#events li:has-text("drill {label}: all steps carried out")')
+    assert f"{robot} died" in page.inner_text("#takeovers")
     assert problems == []
 
 
