@@ -29,7 +29,7 @@ help:
 	@echo "make bench-membership false deaths, detection and agreement on bad networks"
 	@echo "make bench-estimate  how many runs mrbt estimate makes in a minute"
 	@echo "make bench-robustness robots that die of their work, against published figures"
-	@echo "make bench-page      frame times and memory of the live page with 64 robots and 2,000 nodes"
+	@echo "make bench-page      frame times of the live page with 2,000 nodes, and what mrbt web costs"
 	@echo "make walk            through how many files an event goes, and how often from one to another"
 	@echo "make paper           the paper's example, run again: docs/paper.md and its pictures"
 	@echo "make soak            chaos in the simulator on seeds of its own, MINUTES=30"
@@ -82,6 +82,7 @@ screenshots: $(READY) chromium
 
 bench-page: $(READY) chromium
 	$(BIN)/python -m benchmarks.page frames
+	$(BIN)/python -m benchmarks.page cost
 
 .PHONY: chromium
 chromium:
