@@ -6,7 +6,7 @@ from mrbt_mesh import RobotProgram, TaskContext
 
 robot = RobotProgram()
 # How near a robot comes to what it works on, as a share of its way there.
-NEAR = 0.85
+NEAR = 0.7
 
 
 def go(task: TaskContext, *place: str) -> None:

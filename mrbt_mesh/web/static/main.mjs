@@ -4,7 +4,7 @@ import { Control, takeToken } from "./control.mjs";
 import { MapView } from "./map.mjs";
 import { RobotsView } from "./robots.mjs";
 import { Store } from "./store.mjs";
-import { SIGN, byId, seconds, setData, setText } from "./text.mjs";
+import { SIGN, byId, hasDifferedLong, seconds, setData, setText } from "./text.mjs";
 import { TimelineView } from "./timeline.mjs";
 import { TreeView } from "./tree.mjs";
 import { WhyView } from "./why.mjs";
@@ -37,9 +37,10 @@ function drawTeam(store) {
   setData(byId("result"), "status", status);
   setText(byId("result"), words);
   const { equal, robots, differ } = team.agreement;
+  const isAgreeing = !equal && !Object.values(differ).some((since) => hasDifferedLong(since, store.now()));
   const others = Object.entries(differ).map(([robot, since]) => `${robot} since ${seconds(since)}`);
-  setData(byId("agreement"), "status", robots === 0 ? "idle" : equal ? "success" : "warn");
-  setText(byId("agreement"), robots === 0 ? "nobody is heard" : equal ? `● ${robots === 1 ? "one robot" : `all ${robots} agree`}` : `◐ differs: ${others.join(", ")}`);
+  setData(byId("agreement"), "status", robots === 0 || isAgreeing ? "idle" : equal ? "success" : "warn");
+  setText(byId("agreement"), robots === 0 ? "nobody is heard" : equal ? `● ${robots === 1 ? "one robot" : `all ${robots} agree`}` : isAgreeing ? "◌ agreeing…" : `◐ differs: ${others.join(", ")}`);
   const blocked = team.blocked.map((each) => `${each.request} is ${each.reason} (since ${seconds(each.since_s)})`);
   drawBanner(store, team.ended ? [] : blocked);
 }

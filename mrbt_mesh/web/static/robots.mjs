@@ -1,6 +1,6 @@
 // The robots as cards.
 
-import { SIGN, byId, element, setData, setText } from "./text.mjs";
+import { SIGN, byId, element, hasDifferedLong, setData, setText } from "./text.mjs";
 
 const SIGNS = { alive: "●", joining: "◌", suspect: "◐", leaving: "◍", dead: "✕", left: "○", absent: "○" };
 const TREES = ["T_i", "T_A", "T_G", "T_Li"];
@@ -89,8 +89,7 @@ export class RobotsView {
   }
 
   _stateText(robot) {
-    const differs = robot.differs_since_s;
-    if (differs !== null && differs !== undefined) return `another plan since ${differs.toFixed(1)} s`;
+    if (hasDifferedLong(robot.differs_since_s, this._store.now())) return "differs";
     if (robot.state === "alive" && this._store.get("team")?.stands_by) return "standing by";
     return robot.state === "absent" ? "not started" : robot.state;
   }

@@ -16,6 +16,9 @@ export function seconds(value) {
   return `${Math.floor(value / 60)} min ${String(Math.floor(value % 60)).padStart(2, "0")} s`;
 }
 
+// Plans differ for a moment after every event; that is no disagreement yet.
+export const hasDifferedLong = (since, now) => since !== null && since !== undefined && now - since > 0.5;
+
 export const ms = (value) => (value < 10_000 ? `${Math.round(value)} ms` : seconds(value / 1000));
 
 // An element with attributes and children; text is never read as HTML.

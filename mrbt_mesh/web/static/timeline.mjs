@@ -6,6 +6,8 @@ import { zoom, zoomIdentity } from "d3-zoom";
 import { byId, element, ms, seconds, setText } from "./text.mjs";
 
 const LANE = 26, GUTTER = 74, RIGHT = 18, FOLLOWED_S = 40, MOST_ZOOM_S = 0.2, FRAME_S = 0.1;
+// As in the style sheet.
+const SEEN_SHARE = 0.42;
 
 export class TimelineView {
   constructor(store, choose) {
@@ -21,6 +23,8 @@ export class TimelineView {
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { this._readColours(); this.draw(); });
     this._listen();
     this._width = 0;
+    this._top = 0;
+    byId("lanes").addEventListener("scroll", () => { this._top = byId("lanes").scrollTop; this.draw(); }, { passive: true });
     new ResizeObserver(() => { this._width = this._canvas.clientWidth; this.draw(); }).observe(byId("lanes"));
   }
 
@@ -87,8 +91,13 @@ export class TimelineView {
       const end = Math.max(long * 0.92, now);
       this._span = [end - long * 0.92, end + long * 0.08];
     }
-    const height = Math.max(1, this._robots.length) * LANE + 4;
-    const context = this._fit(this._canvas, height);
+    // The canvas is as high as what is seen of the lanes, and stays in place while they scroll.
+    const whole = Math.max(1, this._robots.length) * LANE + 4;
+    const seen = Math.min(whole, Math.floor(window.innerHeight * SEEN_SHARE)), height = this._top + seen;
+    const inner = byId("lanes-inner");
+    if (inner.style.height !== `${whole}px`) inner.style.height = `${whole}px`;
+    const context = this._fit(this._canvas, seen);
+    context.translate(0, -this._top);
     this._paintAxis(now);
     this._paintLanes(context, now, height);
     this._hits = [];
@@ -96,7 +105,7 @@ export class TimelineView {
     for (const loss of this._store.all("loss").values()) this._paintLoss(context, loss);
     for (const [name, fault] of this._store.all("fault")) this._paintFault(context, name, fault, now);
     context.fillStyle = this._colours.panel;
-    context.fillRect(0, 0, GUTTER - 4, height);
+    context.fillRect(0, this._top, GUTTER - 4, seen);
     context.textBaseline = "middle";
     context.font = `600 12px ${this._font}`;
     this._robots.forEach((robot, lane) => {
@@ -154,6 +163,7 @@ export class TimelineView {
 
   _paintWork(context, work, now) {
     const lane = this._robots.indexOf(work.robot);
+    if (lane * LANE > this._top + window.innerHeight || (lane + 1) * LANE < this._top) return;
     const end = work.ended_s ?? now;
     if (lane < 0 || end < this._span[0] || work.claimed_s > this._span[1]) return;
     const y = lane * LANE + 6, height = LANE - 8;
@@ -325,7 +335,7 @@ export class TimelineView {
   }
 
   _hitAt(event) {
-    const box = this._canvas.getBoundingClientRect(), x = event.clientX - box.left, y = event.clientY - box.top;
+    const box = this._canvas.getBoundingClientRect(), x = event.clientX - box.left, y = event.clientY - box.top + this._top;
     return (this._hits ?? []).findLast((hit) => x >= hit.x && x <= hit.x + hit.wide && y >= hit.y && y <= hit.y + hit.height);
   }
 
