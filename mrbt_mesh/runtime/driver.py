@@ -60,6 +60,8 @@ CLOSE_TIMEOUT_S = 1.0
 LEAVE_TIMEOUT_S = 3.0
 WATCH_S = 0.25
 LOOKS_PER_LEASE = 8
+# An answer is taken in for so many times as long as it takes to ask again.
+LATE_ANSWERS = 4
 REOPEN_RETRY_S = 0.1
 # A link on which so many beats are missing is silent, but not before a dead one lost its lease.
 SILENT_BEATS = 5
@@ -266,7 +268,8 @@ class Driver:
             case Forget(keys):
                 self._journal.forget(keys)
             case Ask(peer, data):
-                timeout_s = self._config.timing.ask_timeout_us / 1e6
+                # An answer that comes late holds as much as any other.
+                timeout_s = LATE_ANSWERS * self._config.timing.ask_timeout_us / 1e6
                 self._transport.ask(peer, MessageKind.PULL, data, timeout_s)
             case AskRouter():
                 self._transport.ask_router(effect)
