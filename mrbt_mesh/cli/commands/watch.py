@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from mrbt_mesh.cli.framework.declare import Given
+from mrbt_mesh.cli.team.metrics_options import MetricsOptions
 from mrbt_mesh.cli.team.options import TeamOptions
 from mrbt_mesh.cli.team.show_options import ShowOptions
 
 
-def watch(show: ShowOptions, team: TeamOptions, given: Given) -> None:
+def watch(show: ShowOptions, team: TeamOptions, metrics: MetricsOptions, given: Given) -> None:
     """Watch a team that runs already, or is yet to come; ending the view leaves it alone.
 
     Exit status: as of `mrbt up`.
 
     Example: mrbt up MISSION --detach; mrbt watch
     """
+    from functools import partial
+
     import anyio
 
     from mrbt_mesh.cli.framework.exits import end_process
     from mrbt_mesh.cli.team import watching
+    from mrbt_mesh.cli.team.sharing import team_metrics
     from mrbt_mesh.runtime.team import Team
 
     address = team.find(given)
@@ -25,4 +29,5 @@ def watch(show: ShowOptions, team: TeamOptions, given: Given) -> None:
     processes = Team(found, found.info(), address.mission) if found is not None else None
     if processes is None:
         watching.say_where(address, show)
-    end_process(anyio.run(watching.watch, address, processes, show))
+    share = partial(team_metrics, metrics.address(given))
+    end_process(anyio.run(watching.watch, address, processes, show, None, share))
