@@ -39,22 +39,33 @@ from mrbt_mesh.runtime.metrics.families import Distribution
 OTHER = "other"
 
 
-# The answer to a question or a command: whoever sends it back need not know which.
 REPLY = "reply"
-KINDS = {kind: kind.name.lower() for kind in MessageKind}
 
 
 class Traffic:
-    """Messages and their bytes, by kind."""
+    """How many messages and bytes there were, by kind."""
 
     def __init__(self) -> None:
-        self.messages: Counter[str] = Counter()
-        self.bytes: Counter[str] = Counter()
+        # Written with every message, so each kind has its list of two numbers.
+        self._counts = {kind: [0, 0] for kind in MessageKind}
+        self._replies = [0, 0]
 
-    def count(self, kind: str, data: bytes) -> None:
+    def count(self, kind: MessageKind, data: bytes) -> None:
         """One more message."""
-        self.messages[kind] += 1
-        self.bytes[kind] += len(data)
+        counts = self._counts[kind]
+        counts[0] += 1
+        counts[1] += len(data)
+
+    def count_reply(self, data: bytes) -> None:
+        """One more answer to a question or a command: whoever sends it need not know which."""
+        self._replies[0] += 1
+        self._replies[1] += len(data)
+
+    def by_kind(self) -> dict[str, tuple[int, int]]:
+        """Kind -> (messages, bytes), of those that there were."""
+        named = {kind.name.lower(): counts for kind, counts in self._counts.items()}
+        named[REPLY] = self._replies
+        return {name: (count, size) for name, (count, size) in named.items() if count}
 
 
 # Attributes: one for each thing that is counted.
@@ -99,27 +110,27 @@ class Meter:
 
     def take(self, event: Input) -> None:
         """An input that is handed to the agent."""
-        match event:
-            case NewsReceived(news):
-                for each in news:
-                    self.take(each)
-            case MessageReceived(kind, _, data) | QueryReceived(_, kind, data):
-                self.received.count(KINDS[kind], data)
-            case AnswerReceived(_, data) if data is not None:
-                self.received.count(REPLY, data)
-            case _:
-                pass
+        if isinstance(event, MessageReceived):  # most are
+            self.received.count(event.kind, event.data)
+        elif isinstance(event, NewsReceived):
+            for each in event.news:
+                self.take(each)
+        elif isinstance(event, QueryReceived):
+            self.received.count(event.kind, event.data)
+        elif isinstance(event, AnswerReceived) and event.data is not None:
+            self.received.count_reply(event.data)
 
     def carry_out(self, effect: Effect) -> None:
         """An effect that the driver carries out."""
+        if isinstance(effect, Publish):  # most are
+            self.sent.count(effect.kind, effect.data)
+            return
         match effect:
-            case Publish(kind, data):
-                self.sent.count(KINDS[kind], data)
             case Ask(_, data):
-                self.sent.count(KINDS[MessageKind.PULL], data)
+                self.sent.count(MessageKind.PULL, data)
             case Reply(_, pages):
                 for page in pages:
-                    self.sent.count(REPLY, page)
+                    self.sent.count_reply(page)
             case Persist(entries):
                 for entry in entries:
                     if entry.author == self.robot:

@@ -127,7 +127,7 @@ def _messages(view: AgentView, meter: Meter) -> Iterator[Family]:
 
 
 def _traffic(traffic: Traffic, way: str, text: str) -> Iterator[Family]:
-    for what, counts in (("messages", traffic.messages), ("bytes", traffic.bytes)):
-        by_kind = {(kind,): float(count) for kind, count in counts.items()}
+    for column, what in enumerate(("messages", "bytes")):
+        by_kind = {(kind,): float(each[column]) for kind, each in traffic.by_kind().items()}
         help_text = f"{what.capitalize()} {text}, by kind."
         yield labelled(COUNTER, f"mrbt_{way}_{what}", help_text, ("kind",), by_kind.items())
