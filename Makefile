@@ -78,6 +78,7 @@ test-docker: $(READY)
 # BehaviorTree.CPP and the like are not in requirements.lock: they have no wheels for every machine.
 test-interop: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[interop]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps py_trees_js
 	$(BIN)/pytest -rs tests/adapters
 
 drills: $(READY)

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from mrbt_mesh.cli.exporting import ExportOptions
 from mrbt_mesh.cli.framework.declare import Given, option
 from mrbt_mesh.cli.options import (
     JsonOption,
@@ -98,6 +99,7 @@ def sim(
         Path | None, option("Write what the robots did, as JSON lines.", "FILE")
     ] = None,
     log: Annotated[Path | None, option("Write every effect of every agent.", "FILE")] = None,
+    export: ExportOptions,
     as_json: JsonOption = False,
     given: Given,
 ) -> None:
@@ -131,11 +133,14 @@ def sim(
 
     check_folder("--events", events)
     check_folder("--log", log)
-    tell = partial(run_and_tell, events=events, log=log, as_json=as_json)
+    export.check()
+    tell = partial(run_and_tell, events=events, log=log, export=export, as_json=as_json)
     if schedule is not None:
-        own = ("MISSION", "--schedule", "--program", "--events", "--log", "--json")
+        files = ("--events", "--log", "--btlog", "--py-trees-js")
+        own = ("MISSION", "--schedule", "--program", *files, "--json")
         given.refuse_all_but(own, "not beside --schedule, whose file says it")
-        tell(partial(run_scenario, *read_schedule(schedule, mission, run.program)), ())
+        read = read_schedule(schedule, mission, run.program)
+        tell(partial(run_scenario, *read), read[0], ())
     if mission is None:
         raise InputError("give a MISSION, or the --schedule of a run to replay")
     loaded = load_mission(mission)
@@ -154,4 +159,4 @@ def sim(
         speed=run.speed,
         agents=AgentOptions(solver=solver_for(loaded, run.solver)),
     )
-    tell(once, named)
+    tell(once, loaded, named)

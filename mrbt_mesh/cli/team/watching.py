@@ -13,6 +13,7 @@ import anyio
 import click
 from rich.live import Live
 
+from mrbt_mesh.cli.exporting import LookOn
 from mrbt_mesh.cli.framework.exits import BAD_INPUT, EXIT_OF_RESULT
 from mrbt_mesh.cli.framework.terminal import console, errors, print_json
 from mrbt_mesh.cli.team.sharing import Share, shares_nothing
@@ -49,11 +50,11 @@ async def watch(
     """
     async with watching(address) as watcher:
         display = _display(watcher, show, "" if too_many is None else overload_line(too_many))
-        with share(watcher):
+        with share(watcher) as look_on:
             async with anyio.create_task_group() as group:
                 if team is not None:
                     group.start_soon(team.note_exits, watcher)
-                why = await _until_over(team, watcher, show, display)
+                why = await _until_over(team, watcher, show, display, look_on)
                 group.cancel_scope.cancel()
         return _report(team, watcher, show, why, too_many)
 
@@ -93,7 +94,11 @@ async def _display(
 
 
 async def _until_over(
-    team: Team | None, watcher: Watcher, show: ShowOptions, display: Display
+    team: Team | None,
+    watcher: Watcher,
+    show: ShowOptions,
+    display: Display,
+    look_on: LookOn,
 ) -> str | None:
     """Why watching ended before the mission did, or None if the mission is over."""
     checked = anyio.current_time()
@@ -111,6 +116,7 @@ async def _until_over(
         why: str | None = None
         while watcher.observer.record.result is None and why is None:
             await watcher.wait_for_change(FRAME_S)
+            look_on(watcher.observer, boottime_us())
             refresh()
             now = anyio.current_time()
             if now >= deadline:
@@ -123,6 +129,7 @@ async def _until_over(
                     why = "no robot is left"
         # Who came late may know the result before what led to it.
         await watcher.catch_up(CATCH_UP_S)
+        look_on(watcher.observer, boottime_us())
         refresh()
         group.cancel_scope.cancel()
     return why

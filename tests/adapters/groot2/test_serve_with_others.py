@@ -18,7 +18,7 @@ import pytest
 from mrbt_mesh.adapters.groot2.full_tree import FullTree
 from mrbt_mesh.core.bt.tree import Tree
 from mrbt_mesh.formats.mission_file import load_mission
-from tests.support.groot2 import Desk, Monitor, monitoring, served
+from tests.support.groot2 import Desk, Monitor, monitoring, read_btlog, served
 from tests.support.paths import EXAMPLES
 
 INSTALL = "not installed: make test-interop"
@@ -112,6 +112,27 @@ def test_its_publisher_and_ours_answer_alike() -> None:
             [struct.pack("<BBI", 2, ord("Z"), 1)],
         ):
             assert theirs.raw(*parts) == ours.raw(*parts)
+
+
+def test_its_files_are_those_that_we_describe(tmp_path: Path) -> None:
+    """A file that BehaviorTree.CPP itself has written, read as ours are in other tests."""
+    btcpp = pytest.importorskip("behaviortreepy", reason=f"BehaviorTree.CPP is {INSTALL}")
+    tree = """<root BTCPP_format="4"><BehaviorTree ID="M"><Sequence name="s">
+      <AlwaysSuccess/><Sleep msec="1"/></Sequence></BehaviorTree></root>"""
+    made = btcpp.BehaviorTreeFactory().create_tree_from_text(tree)
+    log = btcpp.FileLogger(made, str(tmp_path / "theirs.btlog"))
+    made.tick_while_running()
+    del log
+    found = read_btlog((tmp_path / "theirs.btlog").read_bytes())
+    names = [e.get("name") for e in ElementTree.fromstring(found.xml).iter() if "_uid" in e.attrib]
+    assert names == ["s", "AlwaysSuccess", "Sleep"]
+    changes = [(uid, status) for _, uid, status in found.changes]
+    # Idle is plainly 0 here, unlike in what monitors are shown.
+    begun, ended = [(1, 1), (2, 2), (3, 1), (3, 2)], {(1, 0), (1, 2), (2, 0), (3, 0)}
+    assert changes[: len(begun)] == begun
+    assert set(changes[len(begun) :]) == ended
+    assert found.began_unix_us > 1_600_000_000_000_000
+    assert found.changes[-1][0] < 60_000_000
 
 
 def test_an_open_monitor_shows_the_team() -> None:
