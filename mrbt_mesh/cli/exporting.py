@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, BinaryIO, TypeAlias
 
@@ -80,6 +80,25 @@ class ExportOptions:
                     write(observer, now_us)
 
             yield look_on
+
+
+@dataclass(frozen=True)
+class RunFileOptions:
+    """What is written of a simulated run."""
+
+    events: Annotated[Path | None, option("Write what the robots did, as JSON lines.", "FILE")] = (
+        None
+    )
+    log: Annotated[Path | None, option("Write every effect of every agent.", "FILE")] = None
+    export: ExportOptions = field(default_factory=ExportOptions)
+
+    def check(self) -> None:
+        """Raise InputError, before long work begins, for files that cannot be written."""
+        from mrbt_mesh.cli.framework.terminal import check_folder
+
+        check_folder("--events", self.events)
+        check_folder("--log", self.log)
+        self.export.check()
 
 
 @contextmanager

@@ -87,6 +87,7 @@ class RobotSetup:
     metrics: MetricsAddress | None = None
 
 
+# Attributes: one part for each thing that a robot's process deals with.
 class Driver:
     """Runs one agent until it stops. Implements `actions.Host`."""
 

@@ -48,6 +48,7 @@ LARGE_NODES = 2_000
 Locate = Callable[[Mission], TeamAddress]
 
 
+# Attributes: what one robot's process may be told, each under its own name.
 @dataclass(frozen=True)
 class RobotStart:
     """Which robot is started, and how.

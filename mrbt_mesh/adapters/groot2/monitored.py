@@ -11,7 +11,7 @@ import msgpack
 
 from mrbt_mesh.adapters.groot2.full_tree import FullTree
 from mrbt_mesh.adapters.groot2.protocol import (
-    Request,
+    MonitorRequest,
     RequestKind,
     error_reply,
     parse_request,
@@ -34,7 +34,6 @@ _GONE = (RequestKind.REMOVE_ALL_HOOKS, RequestKind.DISABLE_ALL_HOOKS)
 _MORE = frozenset({RequestKind.BLACKBOARD, RequestKind.TOGGLE_RECORDING, *_HOOKS})
 
 
-# Attributes: what is served, and what has become of it.
 class MonitoredTree:
     """Answers requests of a monitor; `update` it when the observer has seen something."""
 
@@ -78,7 +77,7 @@ class MonitoredTree:
         header = request.reply_header(self._tree_id)
         return [header] if data is None else [header, data]
 
-    def _data(self, request: Request, more: bytes | None, now_us: int) -> bytes | str | None:
+    def _data(self, request: MonitorRequest, more: bytes | None, now_us: int) -> bytes | str | None:
         """What follows the header: data, nothing (None), or in place of both an error (text)."""
         if request.kind in _MORE and more is None:
             return TWO_PARTS

@@ -39,7 +39,7 @@ class RequestKind(enum.IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class MonitorRequest:
     """A header: what is asked for, and the number by which the answer is known."""
 
     kind: int
@@ -50,12 +50,12 @@ class Request:
         return _HEADER.pack(PROTOCOL, self.kind, self.number) + tree_id
 
 
-def parse_request(header: bytes) -> Request | None:
+def parse_request(header: bytes) -> MonitorRequest | None:
     """A request's header, None for anything that is none of this protocol."""
     if len(header) != _HEADER.size:
         return None
     protocol, kind, number = _HEADER.unpack(header)
-    return Request(kind, number) if protocol == PROTOCOL else None
+    return MonitorRequest(kind, number) if protocol == PROTOCOL else None
 
 
 def error_reply(text: str) -> list[bytes]:

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from mrbt_mesh.cli.exporting import ExportOptions
+from mrbt_mesh.cli.exporting import RunFileOptions
 from mrbt_mesh.cli.framework.declare import Given, option
 from mrbt_mesh.cli.options import (
     JsonOption,
@@ -29,6 +29,7 @@ _network = partial(option, panel="The network")
 _chance = partial(_network, least=0, most=1, step=0.001)
 _delay = partial(_network, least=0, step=0.001)
 Faults = tuple[str, ...]
+FILES = ("--events", "--log", "--btlog", "--py-trees-js")
 
 
 @dataclass(frozen=True)
@@ -95,11 +96,7 @@ def sim(
     schedule: Annotated[
         Path | None, option("Replay the faults and the network that mrbt chaos wrote.", "FILE")
     ] = None,
-    events: Annotated[
-        Path | None, option("Write what the robots did, as JSON lines.", "FILE")
-    ] = None,
-    log: Annotated[Path | None, option("Write every effect of every agent.", "FILE")] = None,
-    export: ExportOptions,
+    files: RunFileOptions,
     as_json: JsonOption = False,
     given: Given,
 ) -> None:
@@ -120,7 +117,6 @@ def sim(
 
     Example: mrbt sim --schedule chaos-failures/seed-17-minimised.json
     """
-    from mrbt_mesh.cli.framework.terminal import check_folder
     from mrbt_mesh.cli.missions import checked_program, chosen_robots
     from mrbt_mesh.cli.virtual.named_faults import check_faults, read_faults
     from mrbt_mesh.cli.virtual.one_run import run_and_tell
@@ -131,13 +127,10 @@ def sim(
     from mrbt_mesh.sim.engine.setup import AgentOptions
     from mrbt_mesh.sim.run import run_scenario, simulate
 
-    check_folder("--events", events)
-    check_folder("--log", log)
-    export.check()
-    tell = partial(run_and_tell, events=events, log=log, export=export, as_json=as_json)
+    files.check()
+    tell = partial(run_and_tell, files=files, as_json=as_json)
     if schedule is not None:
-        files = ("--events", "--log", "--btlog", "--py-trees-js")
-        own = ("MISSION", "--schedule", "--program", *files, "--json")
+        own = ("MISSION", "--schedule", "--program", *FILES, "--json")
         given.refuse_all_but(own, "not beside --schedule, whose file says it")
         read = read_schedule(schedule, mission, run.program)
         tell(partial(run_scenario, *read), read[0], ())

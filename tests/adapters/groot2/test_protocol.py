@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.adapters.groot2.protocol import (
-    Request,
+    MonitorRequest,
     error_reply,
     parse_request,
     shown,
@@ -21,7 +21,7 @@ TREE_ID = bytes(range(16))
 def test_a_request_and_the_header_of_its_answer() -> None:
     """As BehaviorTree.CPP's publisher answers: the request again, and the tree's id."""
     request = parse_request(b"\x02SM\x00\x00\x00")
-    assert request == Request(ord("S"), 77)
+    assert request == MonitorRequest(ord("S"), 77)
     assert request.reply_header(TREE_ID) == b"\x02SM\x00\x00\x00" + TREE_ID
 
 
