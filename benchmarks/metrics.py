@@ -36,7 +36,7 @@ from mrbt_mesh.runtime.metrics.meter import Meter
 from mrbt_mesh.runtime.metrics.robot_page import robot_page
 from mrbt_mesh.runtime.metrics.server import metrics_app
 
-ROUNDS, STEP_US, SCRAPE_S = 7, 50_000, 5.0
+ROUNDS, STEP_US, SCRAPE_S = 101, 50_000, 5.0
 TIMING = Timing()
 
 
