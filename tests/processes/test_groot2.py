@@ -29,7 +29,7 @@ def listening_on(process: object) -> int:
 def test_monitors_and_files_tell_what_the_team_does(team: Team) -> None:
     team.hold("R1", "R2")
     team.up(EXPLORE)
-    team.wait_for_event("explore(A)")
+    team.wait_for_event("explore")
     where = ("--run-dir", str(team.run_dir), "--port", "0", "--json")
     whole, one = team.start("groot2", *where), team.start("groot2", *where, "--robot", "R1")
     log, lines = team.folder / "run.btlog", team.folder / "run.jsonl"
