@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
 import shutil
@@ -9,6 +10,7 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.request import urlopen
 
 import pytest
 from ruamel.yaml import YAML
@@ -36,8 +38,6 @@ SERIES = {
 
 
 def families() -> list[Family]:
-    import asyncio
-
     team = MeteredTeam("succeed A", "pass 300", "kill B", "pass 2000")
     loop = asyncio.new_event_loop()
     loop.close()
@@ -100,8 +100,6 @@ def test_promtool_accepts_config_and_rules() -> None:
 
 @needs_promtool
 def test_promtool_accepts_the_metrics() -> None:
-    from urllib.request import urlopen
-
     with serving(MetricsAddress(0), metrics_app(families)) as port:
         text = urlopen(f"http://127.0.0.1:{port}/metrics", timeout=10).read()
     done = promtool("check", "metrics", text=text)

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 LOOP_TIMEOUT_S = 2.0
 REQUEST_TIMEOUT_S = 2.0
+# How often the server looks whether it is to end, which is waited for.
+END_LOOK_S = 0.1
 LOCALHOST = "127.0.0.1"
 RESPONDS = "mrbt_event_loop_responds"
 
@@ -139,7 +141,9 @@ def serving(address: MetricsAddress, app: WSGIApplication) -> Iterator[int]:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"metrics cannot be served on {address}: {reason}") from None
     server.set_app(app)
-    thread = threading.Thread(target=server.serve_forever, name="metrics", daemon=True)
+    thread = threading.Thread(
+        target=server.serve_forever, args=(END_LOOK_S,), name="metrics", daemon=True
+    )
     thread.start()
     try:
         yield server.server_address[1]
