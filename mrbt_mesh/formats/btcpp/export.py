@@ -180,12 +180,12 @@ def with_ids(library: Library) -> Document:
             continue
         uid += 1
         _make_explicit(element, library)
-        element.attributes.setdefault("name", instance_name(element))
         element.attributes["_uid"] = str(uid)
         if element.tag != SUBTREE:
+            element.attributes.setdefault("name", instance_name(element))
             continue
         inner = element.get("ID")
-        own = element.get("name") if element.get("name") != inner else f"{inner}::{uid}"
+        own = element.get("name") or f"{inner}::{uid}"
         element.attributes["_fullpath"] = full = f"{path}/{own}" if path else own
         if inner in library.trees:
             open_trees.append(begin(library.trees[inner], full))
@@ -222,7 +222,9 @@ class _CoreWriter:
             return self.leaf(spec)
         if spec.kind is Kind.SUBTREE:
             attributes = {"ID": self.subtree(spec)}
-            return Element(SUBTREE, attributes | ({"name": spec.name} if spec.name else {}))
+            if spec.name not in ("", attributes["ID"]):
+                attributes["name"] = spec.name
+            return Element(SUBTREE, attributes)
         element = Element(_OF_KIND[spec.kind, spec.memory])
         if spec.name:
             element.attributes["name"] = spec.name

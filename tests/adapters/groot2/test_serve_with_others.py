@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 import pytest
 
 from mrbt_mesh.adapters.groot2.full_tree import FullTree
+from mrbt_mesh.adapters.node_statuses import observed_tree
 from mrbt_mesh.core.bt.tree import Tree
 from mrbt_mesh.formats.mission_file import load_mission
 from tests.support.groot2 import Desk, Monitor, monitoring, read_btlog, served
@@ -60,9 +61,11 @@ def publisher(tree: Tree) -> Iterator[tuple[Any, Monitor]]:
 
 
 @pytest.mark.parametrize("path", MISSIONS, ids=lambda path: path.parent.name)
-def test_behaviortree_cpp_counts_the_nodes_as_we_do(path: Path) -> None:
+@pytest.mark.parametrize("is_robot", [False, True], ids=["team", "robot"])
+def test_behaviortree_cpp_counts_the_nodes_as_we_do(path: Path, is_robot: bool) -> None:
     """It reads our XML, numbers the nodes by itself, and tells its monitors the same tree."""
-    tree = load_mission(path).tree
+    mission = load_mission(path)
+    tree = observed_tree(mission, next(iter(mission.robots)) if is_robot else None).tree
     mine = ElementTree.fromstring(FullTree(tree, "T_G").xml)
     with publisher(tree) as (_, monitor):
         (xml,) = monitor.ask("T")
