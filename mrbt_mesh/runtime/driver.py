@@ -11,6 +11,7 @@ import signal
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,6 +55,8 @@ from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
 
 if TYPE_CHECKING:
     from mrbt_mesh.runtime.manifest_watch import ManifestWatch
+    from mrbt_mesh.runtime.metrics.meter import Meter
+    from mrbt_mesh.runtime.metrics.server import MetricsAddress
 
 EVENTS_FILE = "events.jsonl"
 CLOSE_TIMEOUT_S = 1.0
@@ -69,7 +72,10 @@ SILENT_BEATS = 5
 
 @dataclass(frozen=True)
 class RobotSetup:
-    """What a robot's process is made of. Without `run_dir`, it keeps no journal and no events."""
+    """What a robot's process is made of. Without `run_dir`, it keeps no journal and no events.
+
+    `meter` counts what happens, served at `metrics`.
+    """
 
     mission: Mission
     config: AgentConfig
@@ -79,8 +85,11 @@ class RobotSetup:
     run_dir: Path | None = None
     journal: Journal | None = None
     manifest: ManifestWatch | None = None
+    meter: Meter | None = None
+    metrics: MetricsAddress | None = None
 
 
+# Attributes: one part for each thing that a robot's process deals with.
 class Driver:
     """Runs one agent until it stops. Implements `actions.Host`."""
 
@@ -89,13 +98,15 @@ class Driver:
         self._config = setup.config
         self._logger = robot_logger(setup.config.robot)
         self._agent = Agent(setup.mission, setup.config, boottime_us())
-        self._journal = JournalWriter(setup.journal)
+        self._meter = setup.meter
+        self._journal = JournalWriter(setup.journal, self._meter.sync_s if self._meter else None)
         self._timer: asyncio.TimerHandle | None = None
         self._stop: Stop | None = None
         self._is_ready = False
 
     def run(self, launcher: LauncherWatch | None = None) -> Stop:
-        """Run until the agent stops; raises TransportError if the session cannot be opened.
+        """Run until the agent stops; raises TransportError if the session cannot be opened,
+        InputError if metrics cannot be served.
 
         The robot leaves when its `launcher` is gone. The session is closed in the background at
         the end: end the process with `os._exit`.
@@ -106,6 +117,22 @@ class Driver:
         return anyio.run(self._main, launcher, backend_options=options)
 
     async def _main(self, launcher: LauncherWatch | None) -> Stop:
+        with self._serving_metrics():
+            return await self._live(launcher)
+
+    def _serving_metrics(self) -> contextlib.AbstractContextManager[object]:
+        address = self._setup.metrics
+        if self._meter is None or address is None:
+            return contextlib.nullcontext()
+        from mrbt_mesh.runtime.metrics.robot_page import robot_page
+        from mrbt_mesh.runtime.metrics.server import metrics_app, read_in_loop, serving
+
+        read = partial(robot_page, self._agent.view, self._meter)
+        return serving(
+            address, metrics_app(partial(read_in_loop, asyncio.get_running_loop(), read))
+        )
+
+    async def _live(self, launcher: LauncherWatch | None) -> Stop:
         self._stopped = anyio.Event()
         inbox = Inbox(asyncio.get_running_loop(), lambda: self._drain(inbox, gate))
         config = self._setup.config
@@ -129,6 +156,7 @@ class Driver:
                 group.start_soon(self._mark_alive)
                 group.start_soon(self._watch_signals)
                 group.start_soon(self._watch_manifest)
+                group.start_soon(self._look_for_metrics)
                 self._is_ready = True
                 self.submit(TimerFired())
                 self._drain(inbox, gate)
@@ -154,8 +182,12 @@ class Driver:
         """
         if self._stop is not None or not self._is_ready:
             return
+        if self._meter is not None:
+            self._meter.take(event)
         now_us = boottime_us()
         for effect in self._agent.handle(event, now_us):
+            if self._meter is not None:
+                self._meter.carry_out(effect)
             self._carry_out(effect)
         self._set_timer()
 
@@ -164,6 +196,8 @@ class Driver:
             return  # what has come stays there until it can be taken
         if inbox.dropped:
             self._logger.warning("inbox_overflow", dropped=inbox.dropped)
+            if self._meter is not None:
+                self._meter.dropped += inbox.dropped
             inbox.dropped = 0
         refused = gate.take_refused() if gate is not None else ()
         for event in together((*inbox.take(), *refused)):
@@ -219,6 +253,14 @@ class Driver:
                 self._carry_out(Stop(2, "its key has been revoked or replaced"))
             else:
                 self.log("info", "manifest_taken_over")
+
+    async def _look_for_metrics(self) -> None:
+        """Look regularly at what nobody tells: how late the loop is, whether all agree."""
+        loop, meter = asyncio.get_running_loop(), self._meter
+        while meter is not None:
+            due_s = loop.time() + WATCH_S
+            await anyio.sleep_until(due_s)
+            meter.look(loop.time() - due_s, self._agent.view.agrees())
 
     async def _watch_links(self) -> None:
         """Tell which links fall silent and come back; reopen a session that is split."""

@@ -18,6 +18,7 @@ from mrbt_mesh.cli.team.show_options import ShowOptions
 from mrbt_mesh.runtime.settings import DEFAULT_BEAT_S, DEFAULT_DETECTION_S
 
 
+# Attributes: an option each.
 @dataclass(frozen=True)
 class LaunchOptions:
     """What is started, and how its robots talk."""
@@ -48,6 +49,15 @@ class LaunchOptions:
     detection: Annotated[
         float, option("Silence until a robot is dead.", "SECONDS", above=0, most=3600)
     ] = DEFAULT_DETECTION_S
+    metrics_port: Annotated[
+        int | None,
+        option(
+            "Robots serve metrics for Prometheus, on this port and those that follow.",
+            "PORT",
+            least=1,
+            most=65_535,
+        ),
+    ] = None
 
 
 def up(mission: MissionArgument, launch: LaunchOptions, show: ShowOptions, given: Given) -> None:
@@ -88,6 +98,7 @@ def up(mission: MissionArgument, launch: LaunchOptions, show: ShowOptions, given
         solver=launch.solver,
         insecure=launch.insecure,
         routers=endpoints_of(launch.router),
+        metrics_port=launch.metrics_port,
     )
     if launch.insecure:
         warn_insecure()
