@@ -6,8 +6,8 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long test-plain test-slow test-docker tolerance lint check-lock lock drills soak \
-	test-browser screenshots bench-page clean bench bench-scale bench-security bench-failover bench-resume bench-membership bench-estimate bench-robustness walk paper
+.PHONY: help setup demo test test-long test-plain test-slow test-docker test-interop tolerance lint check-lock lock drills soak \
+	test-browser screenshots bench-page clean bench bench-scale bench-security bench-failover bench-resume bench-membership bench-estimate bench-robustness bench-metrics walk paper
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
@@ -18,6 +18,7 @@ help:
 	@echo "make screenshots     the README's pictures of the live page"
 	@echo "make test-docker     the docker-compose demo; as root, installs Debian's docker.io if missing"
 	@echo "make test-slow       wireless teams, discovery, split sessions, intruders, routers: minutes"
+	@echo "make test-interop    Groot2's protocol and files against BehaviorTree.CPP and an open monitor"
 	@echo "make tolerance       what mrbt analyze foretells of faults, against thousands of simulated runs"
 	@echo "make lint            ruff, mypy, import-linter"
 	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
@@ -30,6 +31,7 @@ help:
 	@echo "make bench-estimate  how many runs mrbt estimate makes in a minute"
 	@echo "make bench-robustness robots that die of their work, against published figures"
 	@echo "make bench-page      frame times of the live page with 2,000 nodes, and what mrbt web costs"
+	@echo "make bench-metrics   what it costs a robot to be measured"
 	@echo "make walk            through how many files an event goes, and how often from one to another"
 	@echo "make paper           the paper's example, run again: docs/paper.md and its pictures"
 	@echo "make soak            chaos in the simulator on seeds of its own, MINUTES=30"
@@ -92,6 +94,12 @@ chromium:
 test-docker: $(READY)
 	$(BIN)/pytest -m "docker and not slow" -rs tests/docker
 
+# BehaviorTree.CPP and the like are not in requirements.lock: they have no wheels for every machine.
+test-interop: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[interop]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps py_trees_js
+	$(BIN)/pytest -rs tests/adapters
+
 drills: $(READY)
 	$(BIN)/mrbt drill --all --brief --junit drills.xml
 
@@ -120,6 +128,9 @@ bench-estimate: $(READY)
 
 bench-robustness: $(READY)
 	$(BIN)/python -m benchmarks.robustness --json robustness.json
+
+bench-metrics: $(READY)
+	$(BIN)/python -m benchmarks.metrics --json metrics.json
 
 walk: $(READY)
 	$(BIN)/python -m benchmarks.walk

@@ -38,6 +38,7 @@ from mrbt_mesh.runtime.team_address import TeamAddress
 if TYPE_CHECKING:
     from mrbt_mesh.runtime.manifest_watch import ManifestWatch
     from mrbt_mesh.runtime.member_keys import MemberKeys
+    from mrbt_mesh.runtime.metrics.server import MetricsAddress
 
 # From so many on, planning may take longer than the event loop may stand still.
 LARGE_ROBOTS = 100
@@ -47,6 +48,7 @@ LARGE_NODES = 2_000
 Locate = Callable[[Mission], TeamAddress]
 
 
+# Attributes: what one robot's process may be told, each under its own name.
 @dataclass(frozen=True)
 class RobotStart:
     """Which robot is started, and how.
@@ -55,6 +57,7 @@ class RobotStart:
     `expect`: robots that it waits for, for `gather_s` if no team is there (None: all of the
     mission). `run_dir`: folder for its journal, log and events. `takeover`: it replaces a live
     robot of the same id. `while_locked`: a file; it leaves once nobody holds a lock on it.
+    `metrics`: where it serves metrics.
     """
 
     mission: Path
@@ -69,6 +72,7 @@ class RobotStart:
     takeover: bool = False
     exit_when_done: bool = False
     while_locked: Path | None = None
+    metrics: MetricsAddress | None = None
 
 
 def robot_of(mission: Mission, robot: str, kind: str | None) -> tuple[str, Mapping[str, int]]:
@@ -111,6 +115,12 @@ def make_driver(start: RobotStart, locate: Locate) -> Driver:
         robot_logger(start.robot).warning("not_secure", reason="messages are not signed")
     journal = open_journal(start.run_dir, mission, address.run, start.robot)
     solver = solver_for(mission, start.solver)
+    meter, engine = None, chosen_engine()
+    if start.metrics is not None:
+        from mrbt_mesh.runtime.metrics.meter import Meter
+
+        meter = Meter(start.robot, mission)
+        engine = meter.timed(engine)
     is_large = len(mission.robots) >= LARGE_ROBOTS or len(mission.tree.nodes) >= LARGE_NODES
     config = AgentConfig(
         robot=start.robot,
@@ -120,7 +130,7 @@ def make_driver(start: RobotStart, locate: Locate) -> Driver:
         nonce=secrets.token_hex(4),
         solver=SolverProcess(solver) if is_large else solver,
         plans_apart=is_large,
-        engine=chosen_engine(),
+        engine=engine,
         timing=address.timing,
         expected=frozenset(expected),
         gather_us=round(start.gather_s * SECOND_US),
@@ -134,7 +144,16 @@ def make_driver(start: RobotStart, locate: Locate) -> Driver:
         life=time.time_ns() // 1_000,
     )
     setup = RobotSetup(
-        mission, config, address.transport, program, start.speed, start.run_dir, journal, manifest
+        mission,
+        config,
+        address.transport,
+        program,
+        start.speed,
+        start.run_dir,
+        journal,
+        manifest,
+        meter,
+        start.metrics,
     )
     return Driver(setup)
 

@@ -10,6 +10,7 @@ keys/               the keys of all members (see `key_folder`)
 fork_server.out     what was printed by the process that forks the robots: nothing, unless it fails
 events.jsonl        the physical truth, written by the robots
 summary.json        written by `up` at the end
+metrics-targets.json  where robots serve metrics, as Prometheus reads it (file_sd_configs)
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ import psutil
 from mrbt_mesh.errors import InputError
 
 RUN_FILE, MISSION_FILE, SUMMARY_FILE = "run.json", "mission.json", "summary.json"
+TARGETS_FILE = "metrics-targets.json"
 KEYS_FOLDER, LOCK_FILE = "keys", "launcher.lock"
 _STATE = "MRBT_STATE_DIR"
 
@@ -51,7 +53,8 @@ class RunInfo:
     `dials` names the robots that each robot connects to: of every pair, one side dials.
     `places` is empty for a team on loopback; `transport` is a key of `PROTOCOLS`; `solver` is
     None for the mission's. `insecure`: its members have no keys. With `routers` its robots are
-    clients of these, and have no endpoints of their own.
+    clients of these, and have no endpoints of their own. `metrics_ports`: where robots serve
+    metrics, on loopback; empty: nowhere.
     """
 
     mission_path: str
@@ -71,6 +74,7 @@ class RunInfo:
     solver: str | None = None
     insecure: bool = False
     routers: tuple[str, ...] = ()
+    metrics_ports: Mapping[str, int] = field(default_factory=dict)
 
 
 def state_dir() -> Path:
@@ -135,8 +139,15 @@ class RunDir:
         write_atomically(state_dir() / "latest", str(self.path.resolve()))
 
     def save(self, info: RunInfo) -> None:
-        """Write run.json."""
+        """Write run.json, and where metrics are served."""
         write_atomically(self.path / RUN_FILE, json.dumps(asdict(info), indent=2))
+        if info.metrics_ports:
+            labels = {"mission": info.mission_name, "run": info.run}
+            targets = [
+                {"targets": [f"127.0.0.1:{port}"], "labels": labels | {"robot": robot}}
+                for robot, port in info.metrics_ports.items()
+            ]
+            write_atomically(self.metrics_targets_path, json.dumps(targets, indent=2) + "\n")
 
     def info(self) -> RunInfo:
         """Read run.json; raises RunDirError if it is damaged."""
@@ -169,6 +180,11 @@ class RunDir:
     def launcher_lock_path(self) -> Path:
         """What the launcher of the robots locks."""
         return self.path / LOCK_FILE
+
+    @property
+    def metrics_targets_path(self) -> Path:
+        """Where the robots serve metrics."""
+        return self.path / TARGETS_FILE
 
     @property
     def keys_path(self) -> Path:

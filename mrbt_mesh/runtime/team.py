@@ -43,6 +43,7 @@ END_TIMEOUT_S = 3.0
 # So many robots are started at once, and so long waited for them before the next ones.
 STARTED_AT_ONCE = 8
 UP_TIMEOUT_S, UP_LOOK_S = 5.0, 0.02
+MAX_PORT = 65_535
 # Exit statuses of a robot: its mission has failed, it refuses its input.
 FAILED, REFUSED = 1, 2
 
@@ -61,9 +62,11 @@ def new_run(
     solver: str | None = None,
     insecure: bool = False,
     routers: Sequence[str] = (),
+    metrics_port: int | None = None,
 ) -> RunInfo:
     """A run of its own: fresh ids and free endpoints.
 
+    `metrics_port`: where the first robot serves metrics, the others on the ports that follow.
     `places`: where each robot runs that takes part or may join later; default: on loopback.
     `routers`: endpoints of those that all its robots are clients of. Raises AddressError for what
     does not fit together, TransportError for routers that its robots cannot be clients of.
@@ -96,9 +99,20 @@ def new_run(
         solver=solver,
         insecure=insecure,
         routers=tuple(routers),
+        metrics_ports=_metrics_ports(robots, metrics_port),
     )
     timing_of(beat_s, detection_s, mission)
     return info
+
+
+def _metrics_ports(robots: Sequence[str], first: int | None) -> dict[str, int]:
+    if first is None:
+        return {}
+    if first + len(robots) - 1 > MAX_PORT:
+        raise AddressError(
+            f"{len(robots)} robots have no ports from {first} on: {MAX_PORT} is the last"
+        )
+    return {robot: first + number for number, robot in enumerate(robots)}
 
 
 def _check_routers(routers: Sequence[str], transport: str) -> None:

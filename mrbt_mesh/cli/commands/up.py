@@ -19,6 +19,7 @@ from mrbt_mesh.cli.team.show_options import ShowOptions
 from mrbt_mesh.runtime.settings import DEFAULT_BEAT_S, DEFAULT_DETECTION_S
 
 
+# Attributes: an option each.
 @dataclass(frozen=True)
 class LaunchOptions:
     """What is started, and how its robots talk."""
@@ -49,6 +50,15 @@ class LaunchOptions:
     detection: Annotated[
         float, option("Silence until a robot is dead.", "SECONDS", above=0, most=3600)
     ] = DEFAULT_DETECTION_S
+    metrics_port: Annotated[
+        int | None,
+        option(
+            "Robots serve metrics for Prometheus, on this port and those that follow.",
+            "PORT",
+            least=1,
+            most=65_535,
+        ),
+    ] = None
 
 
 def up(
@@ -101,6 +111,7 @@ def up(
         solver=launch.solver,
         insecure=launch.insecure,
         routers=endpoints_of(launch.router),
+        metrics_port=launch.metrics_port,
     )
     if launch.insecure:
         warn_insecure()

@@ -2,27 +2,40 @@
 
 from __future__ import annotations
 
+from mrbt_mesh.cli.exporting import ExportOptions
 from mrbt_mesh.cli.framework.declare import Given
+from mrbt_mesh.cli.team.metrics_options import MetricsOptions
 from mrbt_mesh.cli.team.options import TeamOptions
 from mrbt_mesh.cli.team.show_options import ShowOptions
 
 
-def watch(show: ShowOptions, team: TeamOptions, given: Given) -> None:
+def watch(
+    show: ShowOptions,
+    team: TeamOptions,
+    metrics: MetricsOptions,
+    export: ExportOptions,
+    given: Given,
+) -> None:
     """Watch a team that runs already, or is yet to come; ending the view leaves it alone.
 
     Exit status: as of `mrbt up`.
 
     Example: mrbt up MISSION --detach; mrbt watch
     """
+    from functools import partial
+
     import anyio
 
     from mrbt_mesh.cli.framework.exits import end_process
     from mrbt_mesh.cli.team import watching
+    from mrbt_mesh.cli.team.sharing import sharing
     from mrbt_mesh.runtime.team import Team
 
+    export.check()
     address = team.find(given)
     found = address.run_dir
     processes = Team(found, found.info(), address.mission) if found is not None else None
     if processes is None:
         watching.say_where(address, show)
-    end_process(anyio.run(watching.watch, address, processes, show))
+    share = partial(sharing, metrics.address(given), export)
+    end_process(anyio.run(watching.watch, address, processes, show, None, share))

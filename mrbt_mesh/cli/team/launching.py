@@ -11,7 +11,7 @@ import anyio
 import click
 
 from mrbt_mesh.cli.framework.exits import SUCCESS, end_process
-from mrbt_mesh.cli.framework.terminal import errors, labelled
+from mrbt_mesh.cli.framework.terminal import errors, labelled, note
 from mrbt_mesh.cli.team.show_options import ShowOptions
 from mrbt_mesh.cli.team.watching import watch
 from mrbt_mesh.cli.views.overload_view import overload_text
@@ -78,6 +78,10 @@ async def _run(
     if too_many is not None:
         text = labelled("warning", "yellow", overload_text(too_many))
         errors.print(text, soft_wrap=not errors.is_terminal)
+    if info.metrics_ports:
+        first, last = min(info.metrics_ports.values()), max(info.metrics_ports.values())
+        ports = f"ports {first} to {last}" if first < last else f"port {first}"
+        note(f"metrics on {ports} of 127.0.0.1: {run_dir.metrics_targets_path} says whose")
     if show is None:
         await team.start_all()
         click.echo(f"{mission.name}: {len(info.robots)} robots run; see mrbt status")
@@ -86,7 +90,7 @@ async def _run(
     with launched_from_here(run_dir):
         try:
             await team.start_all()
-            return await watch(address_of(run_dir), team, show, too_many, page)
+            return await watch(address_of(run_dir), team, show, too_many, page=page)
         finally:
             with anyio.CancelScope(shield=True):
                 await team.end()
