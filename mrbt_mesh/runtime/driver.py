@@ -48,6 +48,7 @@ from mrbt_mesh.runtime.launcher_lock import LauncherWatch
 from mrbt_mesh.runtime.link_watch import LinkWatch, Sighting
 from mrbt_mesh.runtime.log import robot_logger
 from mrbt_mesh.runtime.program import RobotProgram
+from mrbt_mesh.runtime.recording import RecordTo, robot_recording
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.session_config import TransportConfig, TransportError
 from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
@@ -67,7 +68,10 @@ SILENT_BEATS = 5
 
 @dataclass(frozen=True)
 class RobotSetup:
-    """What a robot's process is made of. Without `run_dir`, it keeps no journal and no events."""
+    """What a robot's process is made of. Without `run_dir`, it keeps no journal and no events.
+
+    `record`: where it records what it knows and does, None: nowhere.
+    """
 
     mission: Mission
     config: AgentConfig
@@ -77,6 +81,7 @@ class RobotSetup:
     run_dir: Path | None = None
     journal: Journal | None = None
     manifest: ManifestWatch | None = None
+    record: RecordTo | None = None
 
 
 class Driver:
@@ -88,6 +93,9 @@ class Driver:
         self._logger = robot_logger(setup.config.robot)
         self._agent = Agent(setup.mission, setup.config, boottime_us())
         self._journal = JournalWriter(setup.journal)
+        self._recording = robot_recording(
+            setup.record, setup.mission, setup.config, self._agent.view, self.log
+        )
         self._timer: asyncio.TimerHandle | None = None
         self._stop: Stop | None = None
         self._is_ready = False
@@ -139,6 +147,8 @@ class Driver:
             if self._timer is not None:
                 self._timer.cancel()
             self._journal.close()
+            if self._recording is not None:
+                self._recording.close()
             self._transport.close(CLOSE_TIMEOUT_S)
         assert self._stop is not None
         return self._stop
@@ -153,7 +163,11 @@ class Driver:
         if self._stop is not None or not self._is_ready:
             return
         now_us = boottime_us()
-        for effect in self._agent.handle(event, now_us):
+        effects = self._agent.handle(event, now_us)
+        if self._recording is not None:
+            # What is said has been written down, whatever becomes of this process.
+            self._recording.step(event, effects, now_us)
+        for effect in effects:
             self._carry_out(effect)
         self._set_timer()
 

@@ -29,6 +29,7 @@ from mrbt_mesh.runtime.journal import Journal, journal_path
 from mrbt_mesh.runtime.launcher_lock import LauncherWatch
 from mrbt_mesh.runtime.log import configure_log, robot_logger
 from mrbt_mesh.runtime.program_loader import check_program, load_program
+from mrbt_mesh.runtime.recording import RecordTo
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S
 from mrbt_mesh.runtime.solver_loader import solver_for
@@ -55,6 +56,7 @@ class RobotStart:
     `expect`: robots that it waits for, for `gather_s` if no team is there (None: all of the
     mission). `run_dir`: folder for its journal, log and events. `takeover`: it replaces a live
     robot of the same id. `while_locked`: a file; it leaves once nobody holds a lock on it.
+    `record`: where it records what it knows and does, with `record_beats` also every heartbeat.
     """
 
     mission: Path
@@ -69,6 +71,8 @@ class RobotStart:
     takeover: bool = False
     exit_when_done: bool = False
     while_locked: Path | None = None
+    record: Path | None = None
+    record_beats: bool = False
 
 
 def robot_of(mission: Mission, robot: str, kind: str | None) -> tuple[str, Mapping[str, int]]:
@@ -133,8 +137,20 @@ def make_driver(start: RobotStart, locate: Locate) -> Driver:
         keys=keys,
         life=time.time_ns() // 1_000,
     )
+    record = None
+    if start.record is not None:
+        chosen = start.solver or ""
+        record = RecordTo(start.record, chosen, start.record_beats)
     setup = RobotSetup(
-        mission, config, address.transport, program, start.speed, start.run_dir, journal, manifest
+        mission,
+        config,
+        address.transport,
+        program,
+        start.speed,
+        start.run_dir,
+        journal,
+        manifest,
+        record,
     )
     return Driver(setup)
 

@@ -86,14 +86,16 @@ def simulate(
     stop_when_stuck: bool = False,
     inspect: bool = True,
     keep_log: bool = False,
+    record: Path | None = None,
 ) -> SimulationResult:
     """Run `mission` with the robots (all of the file by default) in virtual time.
 
     The same arguments give the same run, effect for effect; what they mean: `Setup`. Without
     `inspect` nothing is checked and no effect log is kept, which is faster and changes nothing
-    else. `keep_log`: keep the log's lines, not only their digest. Raises ValueError for a robot
+    else. `keep_log`: keep the log's lines, not only their digest. `record`: the folder in which
+    every robot, and the observer, records what it knows and does. Raises ValueError for a robot
     that the mission does not have and for a router that the network has not, SimulationError if an
-    agent breaks.
+    agent breaks, OSError where nothing can be recorded.
     """
     team = tuple(sorted(mission.robots if robots is None else set(robots)))
     steps = tuple(schedule)
@@ -120,6 +122,7 @@ def simulate(
         agents=agents or AgentOptions(),
         speed=speed,
         stop_when_stuck=stop_when_stuck,
+        record=record,
     )
     world = _inspected(setup, keep_log) if inspect else _unseen(setup)
     _run(world)
@@ -133,6 +136,7 @@ def run_scenario(
     *,
     engine: Engine | None = None,
     keep_log: bool = False,
+    record: Path | None = None,
 ) -> SimulationResult:
     """`simulate` with the faults, the network and the robots of a scenario."""
     agents = AgentOptions(
@@ -151,6 +155,7 @@ def run_scenario(
         timeout_us=scenario.timeout_us,
         speed=scenario.speed,
         keep_log=keep_log,
+        record=record,
     )
 
 
@@ -178,6 +183,9 @@ def _run(world: World) -> None:
         at_s = world.clock.now_us / 1e6
         text = f"seed {world.setup.seed}, at {at_s:.6f} s: {type(error).__name__}: {error}"
         raise SimulationError(text) from error
+    finally:
+        if world.recordings is not None:
+            world.recordings.close()
 
 
 def _result(world: World) -> SimulationResult:

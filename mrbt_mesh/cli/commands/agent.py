@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from mrbt_mesh.cli.framework.declare import Given, option
-from mrbt_mesh.cli.options import ProgramOption, SolverOption, SpeedOption
+from mrbt_mesh.cli.options import ProgramOption, RecordBeatsOption, SolverOption, SpeedOption
 from mrbt_mesh.cli.team.network_options import TeamNetworkOptions, warn_insecure
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S, MISSION_VARIABLE
@@ -30,6 +30,10 @@ class RobotOptions:
     solver: SolverOption = None
     speed: SpeedOption = 1.0
     run_dir: Annotated[Path | None, option("Folder for journal, log and events.", "DIR")] = None
+    record: Annotated[
+        Path | None, option("Record what it knows and does; docs/recording.md.", "FILE.mcap")
+    ] = None
+    record_beats: RecordBeatsOption = False
     takeover: Annotated[bool, option("Replace a live robot of the same id.")] = False
     exit_when_done: Annotated[bool, option("Stop once the team has the result.")] = False
     while_locked: Annotated[
@@ -90,6 +94,8 @@ def agent(
             f"`mrbt keys init DIR --robots {robot.robot},...` and copied to every robot, "
             "or --insecure to believe whoever reaches this robot's port"
         )
+    if robot.record_beats and robot.record is None:
+        raise InputError("--record-beats needs the --record of which they are a part")
     wanted = RobotStart(
         robot.mission,
         robot.robot,
@@ -101,6 +107,8 @@ def agent(
         takeover=robot.takeover,
         exit_when_done=robot.exit_when_done,
         while_locked=robot.while_locked,
+        record=robot.record,
+        record_beats=robot.record_beats,
         expect=tuple(start.expect.split(",")) if start.expect is not None else None,
         gather_s=start.gather,
     )

@@ -10,6 +10,7 @@ from mrbt_mesh.cli.framework.declare import Given, option
 from mrbt_mesh.cli.options import (
     MissionArgument,
     ProgramOption,
+    RecordBeatsOption,
     RobotsOption,
     SolverOption,
     SpeedOption,
@@ -39,6 +40,8 @@ class LaunchOptions:
         str | None,
         option("Routers to be clients of, in place of links to one another.", "tcp/IP:PORT,..."),
     ] = None
+    no_record: Annotated[bool, option("Write no recordings; docs/recording.md.")] = False
+    record_beats: RecordBeatsOption = False
     insecure: Annotated[
         bool, option("Without keys: whoever reaches a robot's port may say anything.")
     ] = False
@@ -72,6 +75,8 @@ def up(mission: MissionArgument, launch: LaunchOptions, show: ShowOptions, given
             ("--headless", "--json", "--timeout"),
             "with --detach nobody watches the run; see mrbt watch",
         )
+    if launch.no_record:
+        given.refuse(["--record-beats"], "with --no-record nothing is recorded")
     loaded = load_mission(mission)
     robots = chosen_robots("--robots", launch.robots, loaded)
     program = checked_program(loaded, robots, launch.program)
@@ -88,6 +93,8 @@ def up(mission: MissionArgument, launch: LaunchOptions, show: ShowOptions, given
         solver=launch.solver,
         insecure=launch.insecure,
         routers=endpoints_of(launch.router),
+        record=not launch.no_record,
+        record_beats=launch.record_beats,
     )
     if launch.insecure:
         warn_insecure()

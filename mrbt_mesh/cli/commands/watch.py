@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
-from mrbt_mesh.cli.framework.declare import Given
+from pathlib import Path
+from typing import Annotated
+
+from mrbt_mesh.cli.framework.declare import Given, option
+from mrbt_mesh.cli.options import RecordBeatsOption
 from mrbt_mesh.cli.team.options import TeamOptions
 from mrbt_mesh.cli.team.show_options import ShowOptions
+from mrbt_mesh.errors import InputError
 
 
-def watch(show: ShowOptions, team: TeamOptions, given: Given) -> None:
+def watch(
+    show: ShowOptions,
+    team: TeamOptions,
+    given: Given,
+    record: Annotated[
+        Path | None, option("Record what is heard; docs/recording.md.", "FILE.mcap")
+    ] = None,
+    record_beats: RecordBeatsOption = False,
+) -> None:
     """Watch a team that runs already, or is yet to come; ending the view leaves it alone.
 
     Exit status: as of `mrbt up`.
@@ -18,11 +31,16 @@ def watch(show: ShowOptions, team: TeamOptions, given: Given) -> None:
 
     from mrbt_mesh.cli.framework.exits import end_process
     from mrbt_mesh.cli.team import watching
+    from mrbt_mesh.runtime.recording import RecordTo
     from mrbt_mesh.runtime.team import Team
+
+    if record_beats and record is None:
+        raise InputError("--record-beats needs the --record of which they are a part")
 
     address = team.find(given)
     found = address.run_dir
     processes = Team(found, found.info(), address.mission) if found is not None else None
+    to = RecordTo(record, "", record_beats) if record is not None else None
     if processes is None:
         watching.say_where(address, show)
-    end_process(anyio.run(watching.watch, address, processes, show))
+    end_process(anyio.run(watching.watch, address, processes, show, None, to))

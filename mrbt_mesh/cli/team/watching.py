@@ -22,6 +22,7 @@ from mrbt_mesh.cli.views.summary_view import render_summary
 from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.runtime.capacity import Overload
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.recording import RecordTo
 from mrbt_mesh.runtime.run_dir import SUMMARY_FILE, write_atomically
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.team_address import TeamAddress
@@ -34,15 +35,20 @@ Display: TypeAlias = contextlib.AbstractAsyncContextManager[Callable[[], None]]
 
 
 async def watch(
-    address: TeamAddress, team: Team | None, show: ShowOptions, too_many: Overload | None = None
+    address: TeamAddress,
+    team: Team | None,
+    show: ShowOptions,
+    too_many: Overload | None = None,
+    record: RecordTo | None = None,
 ) -> int:
     """Watch until the mission is over, time is up, nobody is left, or the operator stops it.
 
     `team`: its processes, if they are of this machine; of others robots may yet come. `too_many`:
-    what was found of a team that is too large for this machine. Returns the exit status. Raises
-    TransportError if there is no way to attach.
+    what was found of a team that is too large for this machine. `record`: where to record what is
+    heard. Returns the exit status. Raises TransportError if there is no way to attach, InputError
+    if nothing can be recorded.
     """
-    async with watching(address) as watcher:
+    async with watching(address, record) as watcher:
         async with anyio.create_task_group() as group:
             if team is not None:
                 group.start_soon(team.note_exits, watcher)

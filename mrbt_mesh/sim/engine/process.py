@@ -26,6 +26,7 @@ from mrbt_mesh.core.agent.effects import (
 from mrbt_mesh.core.agent.inputs import ActionFinished, Input, PlanMade, TimerFired
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.sim.engine.clock import MICRO, Gate, LocalClock, VirtualClock
 from mrbt_mesh.sim.engine.journal import SimJournal, SimJournalWriter
 from mrbt_mesh.sim.engine.pace import Pace
@@ -66,6 +67,7 @@ class Environment(Protocol):
     def declared(self, process: SimProcess, incarnation: Incarnation) -> None: ...
     def stopped(self, process: SimProcess) -> None: ...
     def recorded(self, process: SimProcess, event: Mapping[str, Any]) -> None: ...
+    def recorder_of(self, process: SimProcess) -> RobotRecorder | None: ...
 
 
 class Program(Protocol):
@@ -104,6 +106,7 @@ class SimProcess:
         self._journal = SimJournalWriter(journal, environment.clock, self._pace)
         self._ran_us = 0
         self._timer_us: int | None = None
+        self._recorder: RobotRecorder | None = None
 
     @property
     def is_over(self) -> bool:
@@ -131,6 +134,7 @@ class SimProcess:
             return
         self._ran_us = self.local.boottime_us
         self.agent = self._make_agent(self._ran_us)
+        self._recorder = self._environment.recorder_of(self)
         program.begin()
         self._environment.inspection.booted(self)
         self.deliver(TIMER_FIRED)
@@ -156,6 +160,8 @@ class SimProcess:
         if inspection.watches_steps:
             inspection.handling(self, event)
         effects = agent.handle(event, now_us)
+        if self._recorder is not None:
+            self._recorder.step(event, effects, self._environment.clock.now_us)
         for effect in effects:
             self._carry_out(effect)
         if inspection.watches_steps:

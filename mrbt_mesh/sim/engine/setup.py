@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.assignment.solvers import default_solver
@@ -42,7 +43,7 @@ class Setup:
 
     `failures` come by chance, besides the faults of the `schedule`. `speed` shortens the robots'
     work. `timeout_us` counts from the launch. `stop_when_stuck`: end a run of which nothing more
-    will come.
+    will come. `record`: the folder for what each robot and the observer record.
     """
 
     mission: Mission
@@ -57,6 +58,7 @@ class Setup:
     speed: float = 1.0
     stop_when_stuck: bool = False
     start_spread_us: int = 20_000
+    record: Path | None = None
 
     @property
     def timing(self) -> Timing:

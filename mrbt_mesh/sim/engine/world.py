@@ -19,6 +19,7 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import Mission, MissionEnd
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.runtime.actions import RobotIdentity
 from mrbt_mesh.sim.engine.clock import VirtualClock
 from mrbt_mesh.sim.engine.ending import GIVE_UP_DETECTIONS, Ending
@@ -29,6 +30,7 @@ from mrbt_mesh.sim.engine.network import Network
 from mrbt_mesh.sim.engine.process import SimProcess
 from mrbt_mesh.sim.engine.program_tasks import run_program
 from mrbt_mesh.sim.engine.random_failures import RandomFailures
+from mrbt_mesh.sim.engine.recordings import Recordings
 from mrbt_mesh.sim.engine.robots import Robots
 from mrbt_mesh.sim.engine.routers import Routers
 from mrbt_mesh.sim.engine.setup import Setup
@@ -55,6 +57,9 @@ class World:
         )
         self.ending = Ending(setup, self.robots, self.observer, self._is_awaiting)
         self.events: list[dict[str, Any]] = []
+        self.recordings: Recordings | None = None
+        if setup.record is not None:
+            self.recordings = Recordings(setup, setup.record, self.observer)
         self._is_observing = False
         self.inspection = inspect(self)
         self.injector = Injector(setup, self.bus, self.robots, self.inspection, self._has_result)
@@ -174,6 +179,11 @@ class World:
     def recorded(self, process: SimProcess, event: Mapping[str, Any]) -> None:
         self.events.append(dict(event))
 
+    def recorder_of(self, process: SimProcess) -> RobotRecorder | None:
+        if self.recordings is None or process.agent is None:
+            return None
+        return self.recordings.begin(process.agent.view, self.clock.now_us)
+
     # -- the observer -------------------------------------------------------------------------
 
     def _token_changed(self, robot: str, incarnation: Incarnation, held: bool) -> None:
@@ -188,6 +198,8 @@ class World:
     def _observe(self) -> None:
         self._is_observing = False
         self.observer.update(self.clock.now_us)
+        if self.recordings is not None:
+            self.recordings.observed(self.clock.now_us)
         self.ending.look()
 
     def _observe_regularly(self) -> None:

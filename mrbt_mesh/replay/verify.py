@@ -1,0 +1,138 @@
+"""Whether the recordings of one run prove what the team did: each by itself, and against the rest.
+
+Proved is: the same facts led to the same plan, by the plain definitions; each robot did what its
+plans said; every takeover had a cause; and no recording tells what another one contradicts.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
+from mrbt_mesh.core.membership.authorship import Authorship
+from mrbt_mesh.core.membership.keys import Keys
+from mrbt_mesh.recording.packing import read_incarnation
+from mrbt_mesh.recording.reader import Record, Recording, RecordingError
+from mrbt_mesh.replay.check_recording import RecordingCheck
+from mrbt_mesh.replay.findings import Finding, Takeover, Verdict
+from mrbt_mesh.replay.plan_again import PlanAgain
+
+_Key = tuple[str, str, Version]
+
+
+def verify(recordings: Sequence[Recording], keys: Keys | None = None) -> Verdict:
+    """Verify recordings of one run, at least one; `keys` know who signed what.
+
+    Raises RecordingError if they are not of one run of one mission, or the mission cannot be read.
+    """
+    first = recordings[0]
+    for each in recordings:
+        if _run(each) != _run(first):
+            raise RecordingError(f"{each.path} and {first.path} are of different runs")
+    try:
+        mission = first.metadata.read_mission(str(first.path))
+    except ValueError as error:
+        raise RecordingError(f"{first.path}: {error}") from None
+    plans = PlanAgain(mission)
+    authorship = Authorship(keys, first.metadata.run) if keys is not None else None
+    checks = [RecordingCheck(each, plans, authorship) for each in recordings]
+    for check in checks:
+        check.run()
+    counts: Counter[str] = Counter()
+    findings: list[Finding] = []
+    takeovers: list[Takeover] = []
+    for check in checks:
+        counts.update(check.counts)
+        findings += check.findings
+        takeovers += check.takeovers
+    findings += _contradictions(checks) + _unsaid(checks)
+    return Verdict(
+        tuple(each.name for each in recordings),
+        dict(sorted(counts.items())),
+        tuple(findings),
+        tuple(sorted(takeovers, key=lambda each: (each.at_us, each.robot, each.of))),
+        tuple(_notes(recordings, keys)),
+    )
+
+
+def _run(recording: Recording) -> tuple[str, str, str]:
+    metadata = recording.metadata
+    return metadata.run, metadata.mission_digest, metadata.mission
+
+
+def _notes(recordings: Sequence[Recording], keys: Keys | None) -> list[str]:
+    notes = [
+        f"{each.name}: ends without its end, at byte {each.cut_off_at}: its writer was killed"
+        for each in recordings
+        if each.cut_off_at is not None
+    ]
+    if keys is None and any(each.metadata.has_keys for each in recordings):
+        notes.append("the facts are signed; without --keys their signatures are not checked")
+    return notes
+
+
+def _contradictions(checks: Sequence[RecordingCheck]) -> list[Finding]:
+    """A fact of one author, name and version is the same in all recordings."""
+    holders: dict[_Key, dict[int, list[tuple[RecordingCheck, Record]]]] = {}
+    for check in checks:
+        for record, entry in check.said:
+            key = (entry.author, entry.name, entry.version)
+            holders.setdefault(key, {}).setdefault(entry.hash, []).append((check, record))
+    findings = []
+    for (author, name, _), by_hash in holders.items():
+        if len(by_hash) == 1:
+            continue
+        told = max(by_hash.values(), key=lambda each: _weight(author, each))
+        for rows in by_hash.values():
+            if rows is not told:
+                check, record = rows[0]
+                against = tuple(sorted({other.recording.name for other, _ in told}))
+                text = f"{author}'s {name} says something else than elsewhere"
+                place = (check.recording.name, record.number, record.at_us)
+                findings.append(Finding(*place, text, against))
+    return findings
+
+
+def _weight(author: str, rows: Sequence[tuple[RecordingCheck, Record]]) -> tuple[int, bool]:
+    """Most recordings are believed; of as many, its author's."""
+    names = {check.recording.name for check, _ in rows}
+    return len(names), any(check.recording.metadata.robot == author for check, _ in rows)
+
+
+def _unsaid(checks: Sequence[RecordingCheck]) -> list[Finding]:
+    """What others have of a robot, it has written down itself before it told anybody."""
+    lives: dict[tuple[str, Incarnation], list[RecordingCheck]] = {}
+    own: set[tuple[str, str, Version, int]] = set()
+    for check in checks:
+        me = check.recording.metadata.robot
+        for incarnation in _lives(check.recording):
+            lives.setdefault((me, incarnation), []).append(check)
+        own |= {_whole(entry) for _, entry in check.said if entry.author == me}
+    findings = []
+    for check in checks:
+        for record, entry in check.said:
+            authors = lives.get((entry.author, entry.version.incarnation), [])
+            if not authors or _whole(entry) in own or check.recording.damage:
+                continue
+            against = tuple(each.recording.name for each in authors)
+            text = f"{entry.author} has not recorded that it said {entry.name}"
+            place = (check.recording.name, record.number, record.at_us)
+            findings.append(Finding(*place, text, against))
+    return findings
+
+
+def _whole(entry: Entry) -> tuple[str, str, Version, int]:
+    return entry.author, entry.name, entry.version, entry.hash
+
+
+def _lives(recording: Recording) -> set[Incarnation]:
+    """The incarnations that a robot had while it recorded."""
+    found = set()
+    for record in recording.records:
+        if record.topic == "/life" and record.data["event"] == "joined":
+            found.add(read_incarnation(record.data["incarnation"]))
+    return found
+
+
+__all__ = ["verify"]
