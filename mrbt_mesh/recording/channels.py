@@ -233,7 +233,7 @@ _ALL = (
     _channel(
         ROBOTS,
         "mrbt.Robot",
-        "what is known of another robot has changed; an observer also notes what it reports",
+        "what is known of another robot has changed; observers note statuses and progress, too",
         {
             "robot": _TEXT,
             "incarnation": _TEXT,
@@ -243,8 +243,14 @@ _ALL = (
             "statuses": _list(_STATUS),
             "percent": _NUMBER,
         },
-        {"robot": "B1", "incarnation": "2.77ab0c1d", "state": "suspect", "joined": True},
-        ("plan", "statuses", "percent"),
+        {
+            "robot": "B1",
+            "incarnation": "2.77ab0c1d",
+            "state": "suspect",
+            "joined": True,
+            "plan": "90aa12ffee010203",
+        },
+        ("statuses", "percent"),
     ),
     _channel(
         FAULTS,

@@ -39,6 +39,12 @@ def open_new(path: Path) -> BinaryIO:
             number += 1
 
 
+def observer_files(run_dir: Path) -> list[Path]:
+    """The recordings of those who watched a run, sorted."""
+    names = (f"{OBSERVERS}{SUFFIX}", f"{OBSERVERS}.*{SUFFIX}")
+    return sorted(path for name in names for path in run_dir.glob(name))
+
+
 def robot_files(run_dir: Path) -> list[Path]:
     """The recordings of a run's robots, sorted."""
     return sorted((run_dir / FOLDER).glob(f"*{SUFFIX}"))

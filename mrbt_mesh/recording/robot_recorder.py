@@ -58,7 +58,7 @@ class RobotRecorder:
         self._alive: dict[str, str] = {}
         self._is_alive_known = False
         self._version: tuple[int, int] = (-1, -1)
-        self._robots: dict[str, tuple[Incarnation, State, bool]] = {}
+        self._robots: dict[str, tuple[Incarnation, State, bool, bytes]] = {}
         self._statuses: tuple[Any, ...] = ()
         self._nodes = ""
         self._lost = view.lost
@@ -91,7 +91,7 @@ class RobotRecorder:
         for each in taken:
             self._write(self._inputs(each), now_us)
         view = self._view
-        version = (view.version[1], view.suspicion_changes)
+        version = (view.version[1], view.peer_changes)
         if version != self._version:
             self._version = version
             self._write(self._changed_robots(), now_us)
@@ -154,13 +154,21 @@ class RobotRecorder:
 
     def _changed_robots(self) -> Iterator[_Message]:
         for robot, peer in sorted(self._view.peers.items()):
-            known = (peer.incarnation, peer.state, peer.report.has_joined)
+            report = peer.report
+            known = (peer.incarnation, peer.state, report.has_joined, report.plan_digest)
             if self._robots.get(robot) == known:
                 continue
             self._robots[robot] = known
-            incarnation, state, has_joined = known
-            said = {"robot": robot, "incarnation": str(incarnation), "state": str(state)}
-            yield channels.ROBOTS, {**said, "joined": has_joined}
+            yield (
+                channels.ROBOTS,
+                {
+                    "robot": robot,
+                    "incarnation": str(peer.incarnation),
+                    "state": str(peer.state),
+                    "joined": report.has_joined,
+                    "plan": report.plan_digest.hex(),
+                },
+            )
 
     def _effects(self, effect: Effect) -> Iterator[_Message]:
         me = self._view.robot

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from mrbt_mesh.core.facts.store import Entry
-from mrbt_mesh.core.membership.authorship import Authorship
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.membership.authorship import AuthorshipCheck
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.packing import pack_alive, pack_nodes, pack_plan, same
@@ -23,10 +24,10 @@ class RecordingCheck:
     """Call `run` once. `said` are the facts in the recording, each with its record's number."""
 
     def __init__(
-        self, recording: Recording, plans: PlanAgain, authorship: Authorship | None
+        self, recording: Recording, plans: PlanAgain, authorship: AuthorshipCheck | None
     ) -> None:
         self.recording = recording
-        self.state = RecordedState(plans.mission, recording.metadata.run)
+        self.state = RecordedState(TeamFacts(plans.mission, recording.metadata.run))
         self.findings: list[Finding] = []
         self.takeovers: list[Takeover] = []
         self.counts: Counter[str] = Counter()

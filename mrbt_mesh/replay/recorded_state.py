@@ -9,7 +9,6 @@ from typing import Any
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
-from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.packing import pack_alive, pack_fact, unpack_alive, unpack_fact
 from mrbt_mesh.recording.reader import Record
@@ -22,9 +21,9 @@ class RecordedState:
     once it has ended, `robots` by name. `changes`: how many changes of facts there were.
     """
 
-    def __init__(self, mission: Mission, run: str) -> None:
-        self.mission = mission
-        self.facts = TeamFacts(mission, run)
+    def __init__(self, facts: TeamFacts) -> None:
+        """`facts` are empty, and of the recording's mission and run."""
+        self.facts = facts
         self.changes = 0
         self.alive: dict[str, Incarnation] = {}
         self.plan: Mapping[str, Any] | None = None
@@ -61,7 +60,7 @@ class RecordedState:
     def _fact(self, data: Mapping[str, Any]) -> Entry:
         entry = unpack_fact(data)
         self._number(data)
-        refused = refusal_reason(entry, self.mission, self.facts.run)
+        refused = refusal_reason(entry, self.facts.mission, self.facts.run)
         if refused is not None:
             raise ValueError(f"no robot takes this fact: {refused}")
         if self.facts.map.merge([entry]) != [entry]:

@@ -10,8 +10,8 @@ from collections import Counter
 from collections.abc import Sequence
 
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
-from mrbt_mesh.core.membership.authorship import Authorship
-from mrbt_mesh.core.membership.keys import Keys
+from mrbt_mesh.core.membership.authorship import AuthorshipCheck, WasSigned
+from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.packing import read_incarnation
 from mrbt_mesh.recording.reader import Record, Recording, RecordingError
 from mrbt_mesh.replay.check_recording import RecordingCheck
@@ -21,8 +21,8 @@ from mrbt_mesh.replay.plan_again import PlanAgain
 _Key = tuple[str, str, Version]
 
 
-def verify(recordings: Sequence[Recording], keys: Keys | None = None) -> Verdict:
-    """Verify recordings of one run, at least one; `keys` know who signed what.
+def verify(recordings: Sequence[Recording], was_signed: WasSigned | None = None) -> Verdict:
+    """Verify recordings of one run, at least one; `was_signed` knows who signed what.
 
     Raises RecordingError if they are not of one run of one mission, or the mission cannot be read.
     """
@@ -35,7 +35,7 @@ def verify(recordings: Sequence[Recording], keys: Keys | None = None) -> Verdict
     except ValueError as error:
         raise RecordingError(f"{first.path}: {error}") from None
     plans = PlanAgain(mission)
-    authorship = Authorship(keys, first.metadata.run) if keys is not None else None
+    authorship = AuthorshipCheck(was_signed, first.metadata.run) if was_signed else None
     checks = [RecordingCheck(each, plans, authorship) for each in recordings]
     for check in checks:
         check.run()
@@ -52,7 +52,7 @@ def verify(recordings: Sequence[Recording], keys: Keys | None = None) -> Verdict
         dict(sorted(counts.items())),
         tuple(findings),
         tuple(sorted(takeovers, key=lambda each: (each.at_us, each.robot, each.of))),
-        tuple(_notes(recordings, keys)),
+        tuple(_notes(recordings, was_signed is not None)),
     )
 
 
@@ -61,24 +61,26 @@ def _run(recording: Recording) -> tuple[str, str, str]:
     return metadata.run, metadata.mission_digest, metadata.mission
 
 
-def _notes(recordings: Sequence[Recording], keys: Keys | None) -> list[str]:
+def _notes(recordings: Sequence[Recording], has_keys: bool) -> list[str]:
     notes = [
         f"{each.name}: ends without its end, at byte {each.cut_off_at}: its writer was killed"
         for each in recordings
         if each.cut_off_at is not None
     ]
-    if keys is None and any(each.metadata.has_keys for each in recordings):
+    if not has_keys and any(each.metadata.has_keys for each in recordings):
         notes.append("the facts are signed; without --keys their signatures are not checked")
     return notes
 
 
 def _contradictions(checks: Sequence[RecordingCheck]) -> list[Finding]:
-    """A fact of one author, name and version is the same in all recordings."""
-    holders: dict[_Key, dict[int, list[tuple[RecordingCheck, Record]]]] = {}
+    """A fact of one author, name and version is the same in all recordings, with one proof."""
+    holders: dict[_Key, dict[tuple[int, bytes], list[tuple[RecordingCheck, Record]]]] = {}
     for check in checks:
         for record, entry in check.said:
             key = (entry.author, entry.name, entry.version)
-            holders.setdefault(key, {}).setdefault(entry.hash, []).append((check, record))
+            proof = entry.proof.hashes + entry.proof.signature if entry.proof is not None else b""
+            said = holders.setdefault(key, {}).setdefault((entry.hash, proof), [])
+            said.append((check, record))
     findings = []
     for (author, name, _), by_hash in holders.items():
         if len(by_hash) == 1:
@@ -130,9 +132,6 @@ def _lives(recording: Recording) -> set[Incarnation]:
     """The incarnations that a robot had while it recorded."""
     found = set()
     for record in recording.records:
-        if record.topic == "/life" and record.data["event"] == "joined":
+        if record.topic == channels.LIFE and record.data["event"] == "joined":
             found.add(read_incarnation(record.data["incarnation"]))
     return found
-
-
-__all__ = ["verify"]

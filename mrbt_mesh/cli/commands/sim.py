@@ -98,6 +98,9 @@ def sim(
         Path | None, option("Write what the robots did, as JSON lines.", "FILE")
     ] = None,
     log: Annotated[Path | None, option("Write every effect of every agent.", "FILE")] = None,
+    record: Annotated[
+        Path | None, option("Record what robots know and do; docs/recording.md.", "DIR")
+    ] = None,
     as_json: JsonOption = False,
     given: Given,
 ) -> None:
@@ -118,7 +121,7 @@ def sim(
 
     Example: mrbt sim --schedule chaos-failures/seed-17-minimised.json
     """
-    from mrbt_mesh.cli.framework.terminal import check_folder
+    from mrbt_mesh.cli.framework.terminal import check_folder, check_new_folder
     from mrbt_mesh.cli.missions import checked_program, chosen_robots
     from mrbt_mesh.cli.virtual.named_faults import check_faults, read_faults
     from mrbt_mesh.cli.virtual.one_run import run_and_tell
@@ -131,9 +134,10 @@ def sim(
 
     check_folder("--events", events)
     check_folder("--log", log)
-    tell = partial(run_and_tell, events=events, log=log, as_json=as_json)
+    check_new_folder("--record", record)
+    tell = partial(run_and_tell, events=events, log=log, record=record, as_json=as_json)
     if schedule is not None:
-        own = ("MISSION", "--schedule", "--program", "--events", "--log", "--json")
+        own = ("MISSION", "--schedule", "--program", "--events", "--log", "--record", "--json")
         given.refuse_all_but(own, "not beside --schedule, whose file says it")
         tell(partial(run_scenario, *read_schedule(schedule, mission, run.program)), ())
     if mission is None:

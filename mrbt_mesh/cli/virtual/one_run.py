@@ -20,14 +20,17 @@ def run_and_tell(
     *,
     events: Path | None,
     log: Path | None,
+    record: Path | None,
     as_json: bool,
 ) -> NoReturn:
     """Make a run, write its files, print its summary, and end with its exit status.
 
-    `run` takes `keep_log`. Raises InputError for files that cannot be written.
+    `run` takes `keep_log` and `record`. Raises InputError for files that cannot be written.
     """
     try:
-        result = run(keep_log=log is not None)
+        result = run(keep_log=log is not None, record=record)
+    except OSError as error:
+        raise InputError(f"--record {record}: cannot be written: {reason(error)}") from None
     except SimulationError as error:
         fail(str(error), FAILURE)
     _write_files(result, events, log)
