@@ -59,7 +59,7 @@ def unpack_fact(data: Mapping[str, Any]) -> Entry:
         version = data["version"]
         incarnation = Incarnation(int(version["counter"]), str(version["nonce"]))
         packed = _bytes(data["packed"])
-        value = msgpack.unpackb(packed)
+        value = msgpack.unpackb(packed, strict_map_key=False)
         proof = None
         if "proof" in data:
             shown = data["proof"]

@@ -18,8 +18,8 @@ from mrbt_mesh.recording.metadata import METADATA, RunMetadata
 
 CHECK_BYTES = 8
 
-# Plain data as one line of JSON.
-to_json = json.JSONEncoder(separators=(",", ":"), ensure_ascii=False).encode
+# Plain data as one line of JSON, in ASCII: what a program says may be no Unicode text.
+to_json = json.JSONEncoder(separators=(",", ":")).encode
 
 
 def first_check(metadata: Mapping[str, str]) -> bytes:
