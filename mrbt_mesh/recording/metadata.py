@@ -20,7 +20,6 @@ OBSERVER = ""
 _TIMES = tuple(each.name for each in fields(Timing))
 
 
-# Attributes: the keys of the record of metadata.
 @dataclass(frozen=True)
 class RunMetadata:
     """`robot` is empty for an observer's recording; `mission` is the compiled mission's text.

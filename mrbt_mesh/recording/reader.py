@@ -38,7 +38,7 @@ class RecordingError(InputError):
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
+class RecordedMessage:
     """One message: its number in the file, from 1, and its time on the clock of the writer."""
 
     number: int
@@ -63,7 +63,7 @@ class Recording:
 
     path: Path
     metadata: RunMetadata
-    records: tuple[Record, ...]
+    records: tuple[RecordedMessage, ...]
     damage: tuple[Damage, ...] = ()
     cut_off_at: int | None = None
 
@@ -107,7 +107,7 @@ class _Reading:
 
     def __init__(self) -> None:
         self.metadata: dict[str, str] | None = None
-        self.records: list[Record] = []
+        self.records: list[RecordedMessage] = []
         self.damage: list[Damage] = []
         self.is_closed = False
         self.problem = ""
@@ -169,7 +169,7 @@ class _Reading:
             return
         del content["check"]
         at_us = (message.log_time - self._epoch_ns) // 1_000
-        self.records.append(Record(number, topic, at_us, content))
+        self.records.append(RecordedMessage(number, topic, at_us, content))
 
     def _say(self, number: int, text: str) -> None:
         self.damage.append(Damage(number, text))

@@ -2,37 +2,27 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
 from mrbt_mesh.core.facts.store import Entry
-from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.authorship import AuthorshipCheck
-from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.packing import pack_alive, pack_nodes, pack_plan, same
-from mrbt_mesh.recording.reader import Record, Recording
+from mrbt_mesh.recording.reader import RecordedMessage, Recording
 from mrbt_mesh.replay.check_work import WorkCheck
-from mrbt_mesh.replay.findings import Finding, Takeover
+from mrbt_mesh.replay.checked_state import CheckedState
 from mrbt_mesh.replay.plan_again import PlanAgain
-from mrbt_mesh.replay.recorded_state import RecordedState
 
 
-# Attributes: the recording, where in it the check is, and what was found so far.
-class RecordingCheck:
-    """Call `run` once. `said` are the facts in the recording, each with its record's number."""
+class RecordingCheck(CheckedState):
+    """Call `run` once. `said` are the facts in the recording, each with its message."""
 
     def __init__(
         self, recording: Recording, plans: PlanAgain, authorship: AuthorshipCheck | None
     ) -> None:
-        self.recording = recording
-        self.state = RecordedState(TeamFacts(plans.mission, recording.metadata.run))
-        self.findings: list[Finding] = []
-        self.takeovers: list[Takeover] = []
-        self.counts: Counter[str] = Counter()
-        self.said: list[tuple[Record, Entry]] = []
-        self.plan: Plan | None = None
+        super().__init__(recording, plans.mission)
+        self.said: list[tuple[RecordedMessage, Entry]] = []
         self._plans = plans
         self._authorship = authorship
         self._work = WorkCheck(self) if recording.metadata.robot else None
@@ -42,7 +32,7 @@ class RecordingCheck:
     def run(self) -> None:
         """Check every record, in order."""
         for damage in self.recording.damage:
-            self.findings.append(Finding(self.recording.name, damage.number, 0, damage.text))
+            self.say(RecordedMessage(damage.number, "", 0, {}), damage.text)
         for record in self.recording.records:
             try:
                 self._check(record)
@@ -51,12 +41,7 @@ class RecordingCheck:
         if self._work is not None:
             self._work.end()
 
-    def say(self, record: Record, text: str, against: tuple[str, ...] = ()) -> None:
-        """Something is wrong with a record."""
-        name = self.recording.name
-        self.findings.append(Finding(name, record.number, record.at_us, text, against))
-
-    def _check(self, record: Record) -> None:
+    def _check(self, record: RecordedMessage) -> None:
         topic, data = record.topic, record.data
         if topic != channels.DROPPED and self._to_drop:
             names = ", ".join(name for _, name in self._to_drop)
@@ -78,7 +63,7 @@ class RecordingCheck:
         if self._work is not None:
             self._work.after(record, entry)
 
-    def _fact(self, record: Record, entry: Entry) -> None:
+    def _fact(self, record: RecordedMessage, entry: Entry) -> None:
         self.said.append((record, entry))
         self.counts["facts"] += 1
         if self._authorship is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from mrbt_mesh.core.facts.records import CLAIM, Claim, Outcome, Phase
 from mrbt_mesh.core.facts.store import Entry, Incarnation
@@ -11,11 +11,9 @@ from mrbt_mesh.core.facts.team_facts import capability
 from mrbt_mesh.core.planning.plan import Line
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.packing import read_incarnation
-from mrbt_mesh.recording.reader import Record
-from mrbt_mesh.replay.findings import Takeover
-
-if TYPE_CHECKING:
-    from mrbt_mesh.replay.check_recording import RecordingCheck
+from mrbt_mesh.recording.reader import RecordedMessage
+from mrbt_mesh.replay.checked_state import CheckedState
+from mrbt_mesh.replay.findings import ProvedTakeover
 
 Place = tuple[str, str]
 
@@ -28,14 +26,14 @@ class WorkCheck:
     `_is_out`: the robot joins again, leaves or has stopped.
     """
 
-    def __init__(self, check: RecordingCheck) -> None:
+    def __init__(self, check: CheckedState) -> None:
         self._check = check
         self._me = check.recording.metadata.robot
         self._at_work: dict[Place, dict[str, Incarnation]] = {}
-        self._planned: Record | None = None
+        self._planned: RecordedMessage | None = None
         self._is_out = False
 
-    def before(self, record: Record) -> None:
+    def before(self, record: RecordedMessage) -> None:
         """Before a record is applied: whether the instant of the last plan is over."""
         if self._planned is not None and record.at_us > self._planned.at_us:
             planned, self._planned = self._planned, None
@@ -46,7 +44,7 @@ class WorkCheck:
         if self._planned is not None and self._check.recording.cut_off_at is None:
             self._follows(self._planned)
 
-    def after(self, record: Record, entry: Entry | None) -> None:
+    def after(self, record: RecordedMessage, entry: Entry | None) -> None:
         """After a record is applied. Raises ValueError for what no plan of the robot says."""
         if record.topic == channels.PLANS:
             self._planned = record
@@ -84,7 +82,7 @@ class WorkCheck:
         if line.global_task != claim.global_task:
             raise ValueError(f"{claim.activation} is one of {line.global_task}")
 
-    def _follows(self, planned: Record) -> None:
+    def _follows(self, planned: RecordedMessage) -> None:
         """The robot has claimed what its plan gives it, unless it has ended it, or is out."""
         check, line = self._check, self._line
         check.counts["lines"] += 1
@@ -108,13 +106,13 @@ class WorkCheck:
 
     # -- actions ------------------------------------------------------------------------------
 
-    def _action(self, record: Record) -> None:
+    def _action(self, record: RecordedMessage) -> None:
         data = record.data
         if data["event"] == "started":
             self._check.counts["actions"] += 1
             self._started(record, data)
 
-    def _started(self, record: Record, data: Mapping[str, Any]) -> None:
+    def _started(self, record: RecordedMessage, data: Mapping[str, Any]) -> None:
         place, line = (data["activation"], data["local_task"]), self._line
         entry = self._check.state.facts.map.get(self._me, CLAIM)
         claim = entry.record if entry is not None else None
@@ -133,7 +131,7 @@ class WorkCheck:
             cause = self._cause(robot, incarnation, place)
             if cause:
                 of = (robot, *place)
-                self._check.takeovers.append(Takeover(record.at_us, self._me, *of, cause))
+                self._check.takeovers.append(ProvedTakeover(record.at_us, self._me, *of, cause))
 
     def _cause(self, robot: str, incarnation: Incarnation, place: Place) -> str:
         """Why a robot that was at work there is not any more; empty where it still is, or is done.

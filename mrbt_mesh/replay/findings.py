@@ -8,7 +8,7 @@ from typing import Any
 
 
 @dataclass(frozen=True)
-class Finding:
+class RecordingFinding:
     """`record`: the number of the record in its file, 0 for the whole file. `against`: the other
     recordings that contradict it.
     """
@@ -26,7 +26,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Takeover:
+class ProvedTakeover:
     """A robot began what another one had been at, and why that one is at it no more."""
 
     at_us: int
@@ -38,7 +38,7 @@ class Takeover:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Verification:
     """What was verified: how much of each kind, what is wrong, what was taken over.
 
     `notes` are no proof of anything: a recording that is cut off, a robot without one.
@@ -46,8 +46,8 @@ class Verdict:
 
     files: tuple[str, ...]
     counts: Mapping[str, int]
-    findings: tuple[Finding, ...]
-    takeovers: tuple[Takeover, ...]
+    findings: tuple[RecordingFinding, ...]
+    takeovers: tuple[ProvedTakeover, ...]
     notes: tuple[str, ...]
 
     @property

@@ -20,7 +20,7 @@ from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.packing import read_incarnation
-from mrbt_mesh.recording.reader import Record, Recording, RecordingError
+from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError
 from mrbt_mesh.replay.recorded_state import RecordedState
 
 _OVER = (Status.SUCCESS, Status.FAILURE)
@@ -82,7 +82,7 @@ class Player:
                 self._refuse(f"record {record.number}: {error}")
         self.now_us = at_us
 
-    def _play(self, record: Record) -> None:
+    def _play(self, record: RecordedMessage) -> None:
         at_us, data, seen = record.at_us, record.data, self.observer.record
         entry = self.state.apply(record)
         if entry is not None:

@@ -11,7 +11,7 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.packing import pack_alive, pack_fact, unpack_alive, unpack_fact
-from mrbt_mesh.recording.reader import Record
+from mrbt_mesh.recording.reader import RecordedMessage
 
 
 class RecordedState:
@@ -32,7 +32,7 @@ class RecordedState:
         self.robots: dict[str, Mapping[str, Any]] = {}
         self.percent = 0
 
-    def apply(self, record: Record) -> Entry | None:
+    def apply(self, record: RecordedMessage) -> Entry | None:
         """Take in one record; returns the fact that it brought. Raises ValueError if it cannot
         follow on those before.
         """

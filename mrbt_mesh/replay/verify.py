@@ -13,15 +13,15 @@ from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
 from mrbt_mesh.core.membership.authorship import AuthorshipCheck, WasSigned
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.packing import read_incarnation
-from mrbt_mesh.recording.reader import Record, Recording, RecordingError
+from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError
 from mrbt_mesh.replay.check_recording import RecordingCheck
-from mrbt_mesh.replay.findings import Finding, Takeover, Verdict
+from mrbt_mesh.replay.findings import ProvedTakeover, RecordingFinding, Verification
 from mrbt_mesh.replay.plan_again import PlanAgain
 
 _Key = tuple[str, str, Version]
 
 
-def verify(recordings: Sequence[Recording], was_signed: WasSigned | None = None) -> Verdict:
+def verify(recordings: Sequence[Recording], was_signed: WasSigned | None = None) -> Verification:
     """Verify recordings of one run, at least one; `was_signed` knows who signed what.
 
     Raises RecordingError if they are not of one run of one mission, or the mission cannot be read.
@@ -40,14 +40,14 @@ def verify(recordings: Sequence[Recording], was_signed: WasSigned | None = None)
     for check in checks:
         check.run()
     counts: Counter[str] = Counter()
-    findings: list[Finding] = []
-    takeovers: list[Takeover] = []
+    findings: list[RecordingFinding] = []
+    takeovers: list[ProvedTakeover] = []
     for check in checks:
         counts.update(check.counts)
         findings += check.findings
         takeovers += check.takeovers
     findings += _contradictions(checks) + _unsaid(checks)
-    return Verdict(
+    return Verification(
         tuple(each.name for each in recordings),
         dict(sorted(counts.items())),
         tuple(findings),
@@ -72,9 +72,9 @@ def _notes(recordings: Sequence[Recording], has_keys: bool) -> list[str]:
     return notes
 
 
-def _contradictions(checks: Sequence[RecordingCheck]) -> list[Finding]:
+def _contradictions(checks: Sequence[RecordingCheck]) -> list[RecordingFinding]:
     """A fact of one author, name and version is the same in all recordings, with one proof."""
-    holders: dict[_Key, dict[tuple[int, bytes], list[tuple[RecordingCheck, Record]]]] = {}
+    holders: dict[_Key, dict[tuple[int, bytes], list[tuple[RecordingCheck, RecordedMessage]]]] = {}
     for check in checks:
         for record, entry in check.said:
             key = (entry.author, entry.name, entry.version)
@@ -92,17 +92,19 @@ def _contradictions(checks: Sequence[RecordingCheck]) -> list[Finding]:
                 against = tuple(sorted({other.recording.name for other, _ in told}))
                 text = f"{author}'s {name} says something else than elsewhere"
                 place = (check.recording.name, record.number, record.at_us)
-                findings.append(Finding(*place, text, against))
+                findings.append(RecordingFinding(*place, text, against))
     return findings
 
 
-def _weight(author: str, rows: Sequence[tuple[RecordingCheck, Record]]) -> tuple[int, bool]:
+def _weight(
+    author: str, rows: Sequence[tuple[RecordingCheck, RecordedMessage]]
+) -> tuple[int, bool]:
     """Most recordings are believed; of as many, its author's."""
     names = {check.recording.name for check, _ in rows}
     return len(names), any(check.recording.metadata.robot == author for check, _ in rows)
 
 
-def _unsaid(checks: Sequence[RecordingCheck]) -> list[Finding]:
+def _unsaid(checks: Sequence[RecordingCheck]) -> list[RecordingFinding]:
     """What others have of a robot, it has written down itself before it told anybody."""
     lives: dict[tuple[str, Incarnation], list[RecordingCheck]] = {}
     own: set[tuple[str, str, Version, int]] = set()
@@ -120,7 +122,7 @@ def _unsaid(checks: Sequence[RecordingCheck]) -> list[Finding]:
             against = tuple(each.recording.name for each in authors)
             text = f"{entry.author} has not recorded that it said {entry.name}"
             place = (check.recording.name, record.number, record.at_us)
-            findings.append(Finding(*place, text, against))
+            findings.append(RecordingFinding(*place, text, against))
     return findings
 
 

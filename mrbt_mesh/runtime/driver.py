@@ -84,6 +84,7 @@ class RobotSetup:
     record: RecordTo | None = None
 
 
+# Attributes: the agent, and what carries out what it wants.
 class Driver:
     """Runs one agent until it stops. Implements `actions.Host`."""
 

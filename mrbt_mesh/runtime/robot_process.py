@@ -48,6 +48,7 @@ LARGE_NODES = 2_000
 Locate = Callable[[Mission], TeamAddress]
 
 
+# Attributes: one for each option of `mrbt agent`.
 @dataclass(frozen=True)
 class RobotStart:
     """Which robot is started, and how.

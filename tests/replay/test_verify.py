@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.recording.channels import ACTIONS, FACTS, PLANS
-from mrbt_mesh.recording.reader import Record, Recording, RecordingError, parse_recording
-from mrbt_mesh.replay.findings import Verdict
+from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError, parse_recording
+from mrbt_mesh.replay.findings import Verification
 from mrbt_mesh.replay.verify import verify
 from mrbt_mesh.sim import Freeze, Kill, Leave, Lose, Schedule, Thaw
 from mrbt_mesh.sim.run import run_scenario
@@ -42,7 +42,7 @@ def repaired(tmp_path_factory: pytest.TempPathFactory) -> list[Recording]:
     return read_all(folder)
 
 
-def proved(recordings: list[Recording], where: str = "") -> Verdict:
+def proved(recordings: list[Recording], where: str = "") -> Verification:
     verdict = verify(recordings)
     assert verdict.is_good, where + "\n" + "\n".join(map(str, verdict.findings[:10]))
     return verdict
@@ -101,18 +101,22 @@ def test_random_falsifications_are_all_found_and_named(
 # -- one falsification of each kind, with all checks made anew ------------------------------------
 
 
-def changed(recording: Recording, folder: Path, change: Callable[[Record], Record]) -> Recording:
+def changed(
+    recording: Recording, folder: Path, change: Callable[[RecordedMessage], RecordedMessage]
+) -> Recording:
     """The recording with other records, as an able forger would write it."""
     path = folder / recording.name
     write_again(replace(recording, records=tuple(map(change, recording.records))), path)
     return parse_recording(path.read_bytes(), path)
 
 
-def only(recording: Recording, topic: str, fits: Callable[[Record], bool]) -> Record:
+def only(
+    recording: Recording, topic: str, fits: Callable[[RecordedMessage], bool]
+) -> RecordedMessage:
     return next(each for each in recording.records if each.topic == topic and fits(each))
 
 
-def texts(verdict: Verdict) -> str:
+def texts(verdict: Verification) -> str:
     return "\n".join(map(str, verdict.findings))
 
 
@@ -122,7 +126,7 @@ def test_a_robot_that_starts_what_its_plan_gives_to_another(
     b1 = next(each for each in repaired if each.metadata.robot == "B1")
     start = only(b1, ACTIONS, lambda each: each.data["event"] == "started")
 
-    def other(record: Record) -> Record:
+    def other(record: RecordedMessage) -> RecordedMessage:
         data = {**record.data, "local_task": "do_diagnosis(1)"}
         return replace(record, data=data) if record is start else record
 
@@ -135,7 +139,7 @@ def test_a_plan_that_leaves_a_robot_idle(repaired: list[Recording], tmp_path: Pa
     b1 = next(each for each in repaired if each.metadata.robot == "B1")
     plan = only(b1, PLANS, lambda each: "B1" in each.data["lines"])
 
-    def without(record: Record) -> Record:
+    def without(record: RecordedMessage) -> RecordedMessage:
         lines = {k: v for k, v in record.data.get("lines", {}).items() if k != "B1"}
         return replace(record, data={**record.data, "lines": lines}) if record is plan else record
 

@@ -12,7 +12,7 @@ from typing import Any
 from mrbt_mesh.core.facts.store import Entry, make_entry
 from mrbt_mesh.recording.channels import FACTS, PLANS
 from mrbt_mesh.recording.packing import pack_fact, unpack_fact
-from mrbt_mesh.recording.reader import Record, Recording, parse_recording
+from mrbt_mesh.recording.reader import RecordedMessage, Recording, parse_recording
 from mrbt_mesh.recording.writer import RecordingWriter
 
 
@@ -37,14 +37,14 @@ def falsify(recording: Recording, folder: Path, seed: int) -> Falsified | None:
     return how(recording, record, folder, draw)
 
 
-def _fits(record: Record, wanted: str) -> bool:
+def _fits(record: RecordedMessage, wanted: str) -> bool:
     if wanted == "claim":
         return record.topic == FACTS and record.data["name"] == "claim"
     return record.topic == wanted
 
 
 def _byte(
-    recording: Recording, record: Record, folder: Path, draw: random.Random
+    recording: Recording, record: RecordedMessage, folder: Path, draw: random.Random
 ) -> Falsified | None:
     """Another byte at any place of the message as it stands in the file, its frame included."""
     content = bytearray(recording.path.read_bytes())
@@ -67,7 +67,7 @@ def place_of(content: bytes | bytearray, number: int) -> tuple[int, int]:
 
 
 def _value(
-    recording: Recording, record: Record, folder: Path, draw: random.Random
+    recording: Recording, record: RecordedMessage, folder: Path, draw: random.Random
 ) -> Falsified | None:
     """Another value in one field, or another key, and all checks of the file made anew."""
     data = copy.deepcopy(dict(record.data))
@@ -81,7 +81,7 @@ def _value(
 
 
 def _forged(
-    recording: Recording, record: Record, folder: Path, draw: random.Random
+    recording: Recording, record: RecordedMessage, folder: Path, draw: random.Random
 ) -> Falsified | None:
     """A fact that says something else, with its packed value and its hash made to fit."""
     if record.topic != FACTS:
@@ -144,7 +144,7 @@ def _other(value: Any, draw: random.Random) -> Any:
 
 
 def _resealed(
-    recording: Recording, record: Record, data: Mapping[str, Any], folder: Path, how: str
+    recording: Recording, record: RecordedMessage, data: Mapping[str, Any], folder: Path, how: str
 ) -> Falsified:
     path = folder / recording.name
     path.unlink(missing_ok=True)

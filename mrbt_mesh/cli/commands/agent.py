@@ -13,6 +13,7 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S, MISSION_VARIABLE
 
 
+# Attributes: one option each.
 @dataclass(frozen=True)
 class RobotOptions:
     """Which robot it is, and what it does."""

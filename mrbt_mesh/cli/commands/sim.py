@@ -85,6 +85,27 @@ class NetworkOptions:
         )
 
 
+@dataclass(frozen=True)
+class WrittenOptions:
+    """What is written of the run."""
+
+    events: Annotated[Path | None, option("Write what the robots did, as JSON lines.", "FILE")] = (
+        None
+    )
+    log: Annotated[Path | None, option("Write every effect of every agent.", "FILE")] = None
+    record: Annotated[
+        Path | None, option("Record what robots know and do; docs/recording.md.", "DIR")
+    ] = None
+
+    def check(self) -> None:
+        """Raise InputError, before anything is run, for what cannot be written."""
+        from mrbt_mesh.cli.framework.terminal import check_folder, check_new_folder
+
+        check_folder("--events", self.events)
+        check_folder("--log", self.log)
+        check_new_folder("--record", self.record)
+
+
 def sim(
     *,
     mission: OptionalMissionArgument = None,
@@ -94,13 +115,7 @@ def sim(
     schedule: Annotated[
         Path | None, option("Replay the faults and the network that mrbt chaos wrote.", "FILE")
     ] = None,
-    events: Annotated[
-        Path | None, option("Write what the robots did, as JSON lines.", "FILE")
-    ] = None,
-    log: Annotated[Path | None, option("Write every effect of every agent.", "FILE")] = None,
-    record: Annotated[
-        Path | None, option("Record what robots know and do; docs/recording.md.", "DIR")
-    ] = None,
+    written: WrittenOptions,
     as_json: JsonOption = False,
     given: Given,
 ) -> None:
@@ -121,7 +136,6 @@ def sim(
 
     Example: mrbt sim --schedule chaos-failures/seed-17-minimised.json
     """
-    from mrbt_mesh.cli.framework.terminal import check_folder, check_new_folder
     from mrbt_mesh.cli.missions import checked_program, chosen_robots
     from mrbt_mesh.cli.virtual.named_faults import check_faults, read_faults
     from mrbt_mesh.cli.virtual.one_run import run_and_tell
@@ -132,10 +146,14 @@ def sim(
     from mrbt_mesh.sim.engine.setup import AgentOptions
     from mrbt_mesh.sim.run import run_scenario, simulate
 
-    check_folder("--events", events)
-    check_folder("--log", log)
-    check_new_folder("--record", record)
-    tell = partial(run_and_tell, events=events, log=log, record=record, as_json=as_json)
+    written.check()
+    tell = partial(
+        run_and_tell,
+        events=written.events,
+        log=written.log,
+        record=written.record,
+        as_json=as_json,
+    )
     if schedule is not None:
         own = ("MISSION", "--schedule", "--program", "--events", "--log", "--record", "--json")
         given.refuse_all_but(own, "not beside --schedule, whose file says it")

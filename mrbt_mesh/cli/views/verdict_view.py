@@ -6,7 +6,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from mrbt_mesh.replay.findings import Verdict
+from mrbt_mesh.replay.findings import Verification
 
 # So many findings are told; `--json` has all.
 MOST_FINDINGS = 20
@@ -22,7 +22,7 @@ _COUNTED = {
 }
 
 
-def render_verdict(verdict: Verdict) -> RenderableType:
+def render_verdict(verdict: Verification) -> RenderableType:
     """Counts, takeovers with their causes, and what is wrong."""
     table = Table(box=None, show_header=False, pad_edge=False)
     table.add_column(justify="right")

@@ -37,6 +37,7 @@ class AgentOptions:
     exit_when_done: bool = True
 
 
+# Attributes: all that a run may be asked for, each under its own name.
 @dataclass(frozen=True)
 class Setup:
     """One run. `robots` are launched at the start, within `start_spread_us`.
