@@ -233,7 +233,7 @@ _ALL = (
     _channel(
         ROBOTS,
         "mrbt.Robot",
-        "what is known of another robot has changed; observers note statuses and progress, too",
+        "what is known of another robot has changed; observers also note what it reports",
         {
             "robot": _TEXT,
             "incarnation": _TEXT,
@@ -248,9 +248,8 @@ _ALL = (
             "incarnation": "2.77ab0c1d",
             "state": "suspect",
             "joined": True,
-            "plan": "90aa12ffee010203",
         },
-        ("statuses", "percent"),
+        ("plan", "statuses", "percent"),
     ),
     _channel(
         FAULTS,

@@ -16,6 +16,7 @@ from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, 
 from mrbt_mesh.core.planning.plan import Plan
 
 LETTERS = "-RSF"
+_NAMES = tuple(status.name.lower() for status in Status)
 
 
 def readable(value: Any) -> Any:
@@ -113,6 +114,8 @@ def pack_plan(
     `facts`: the number of the last change of facts that it was made from, `digest` that of the map.
     """
     said = plan.to_json()
+    # That is `plan.packed`, which nobody else asks for.
+    whole = hashlib.blake2b(msgpack.packb(said), digest_size=16).hexdigest()
     del said["statuses"]
     return {
         "number": number,
@@ -120,7 +123,7 @@ def pack_plan(
         "facts_digest": digest.hex(),
         "alive": pack_alive(alive),
         "digest": plan.digest.hex(),
-        "hash": hashlib.blake2b(plan.packed, digest_size=16).hexdigest(),
+        "hash": whole,
         **said,
     }
 
@@ -132,7 +135,7 @@ def pack_nodes(plan: Plan) -> str:
 
 def status_name(status: int) -> str:
     """A status as it stands in recordings."""
-    return Status(status).name.lower()
+    return _NAMES[status]
 
 
 def _text(data: bytes) -> str:

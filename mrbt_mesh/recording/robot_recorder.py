@@ -32,6 +32,9 @@ from mrbt_mesh.recording.packing import (
 )
 from mrbt_mesh.recording.writer import RecordingWriter
 
+# Progress is told again once it has come so much further.
+PERCENT_STEP = 10
+
 _TREES = ("T_i", "T_A", "T_G", "T_Li")
 _LIFE = ("joined", "fenced", "later_life_found", "leaving")
 _STATES = tuple(f"robot_{state}" for state in State)
@@ -55,10 +58,10 @@ class RobotRecorder:
         self._beats = beats
         self._facts = FactLog(view.facts.map)
         self._plans = 0
-        self._alive: dict[str, str] = {}
+        self._alive: dict[str, Incarnation] = {}
         self._is_alive_known = False
         self._version: tuple[int, int] = (-1, -1)
-        self._robots: dict[str, tuple[Incarnation, State, bool, bytes]] = {}
+        self._robots: dict[str, tuple[Incarnation, State, bool]] = {}
         self._statuses: tuple[Any, ...] = ()
         self._nodes = ""
         self._lost = view.lost
@@ -80,10 +83,9 @@ class RobotRecorder:
         self._nodes = pack_nodes(plan)
 
     def _tell_alive(self, alive: Mapping[str, Incarnation]) -> None:
-        packed = pack_alive(alive)
-        if packed != self._alive:
-            self._alive = packed
-            self._facts.add(channels.ALIVE, {"robots": packed})
+        if alive != self._alive:
+            self._alive = dict(alive)
+            self._facts.add(channels.ALIVE, {"robots": pack_alive(alive)})
 
     def step(self, event: Input, effects: Sequence[Effect], now_us: int) -> None:
         """Write what has changed by an input, and what is to be done. Raises OSError."""
@@ -91,7 +93,7 @@ class RobotRecorder:
         for each in taken:
             self._write(self._inputs(each), now_us)
         view = self._view
-        version = (view.version[1], view.peer_changes)
+        version = (view.version[1], view.suspicion_changes)
         if version != self._version:
             self._version = version
             self._write(self._changed_robots(), now_us)
@@ -100,14 +102,17 @@ class RobotRecorder:
             self._is_alive_known = True
             self._tell_alive(view.alive())
         self._write(self._facts.take(), now_us)
-        statuses = (self._plans, self._nodes, *map(status_name, view.statuses))
-        if self._plans and statuses[1:] != self._statuses[1:]:
+        statuses = (self._nodes, *view.statuses)
+        if self._plans and statuses != self._statuses:
             self._statuses = statuses
-            names = ("plan", "nodes", *_TREES)
-            self._write([(channels.STATUSES, dict(zip(names, statuses, strict=True)))], now_us)
+            of_trees = dict(zip(_TREES, map(status_name, view.statuses), strict=True))
+            said = {"plan": self._plans, "nodes": self._nodes, **of_trees}
+            self._write([(channels.STATUSES, said)], now_us)
         for effect in effects:
             self._write(self._effects(effect), now_us)
-        self._writer.flush()
+        if effects:
+            # What was only taken in can wait until something follows from it.
+            self._writer.flush()
 
     def close(self) -> None:
         """End the recording. Raises OSError."""
@@ -126,7 +131,7 @@ class RobotRecorder:
             case TokenChanged(robot, incarnation, held):
                 what = "token_shown" if held else "token_lost"
                 yield _fault(what, robot, str(incarnation))
-            case ProgressReported(ticket, percent) if percent != self._percent:
+            case ProgressReported(ticket, percent) if abs(percent - self._percent) >= PERCENT_STEP:
                 self._percent = percent
                 yield from self._own("progress", ticket, percent=percent)
             case ActionFinished(ticket, success, _, _, error):
@@ -154,8 +159,8 @@ class RobotRecorder:
 
     def _changed_robots(self) -> Iterator[_Message]:
         for robot, peer in sorted(self._view.peers.items()):
-            report = peer.report
-            known = (peer.incarnation, peer.state, report.has_joined, report.plan_digest)
+            has_joined = peer.report.has_joined
+            known = (peer.incarnation, peer.state, has_joined)
             if self._robots.get(robot) == known:
                 continue
             self._robots[robot] = known
@@ -165,8 +170,7 @@ class RobotRecorder:
                     "robot": robot,
                     "incarnation": str(peer.incarnation),
                     "state": str(peer.state),
-                    "joined": report.has_joined,
-                    "plan": report.plan_digest.hex(),
+                    "joined": has_joined,
                 },
             )
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import struct
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,11 @@ from mrbt_mesh.recording.folder import open_new
 from mrbt_mesh.recording.metadata import METADATA, RunMetadata
 
 CHECK_BYTES = 8
+
+# A message of MCAP: opcode and length, then channel, number, and the time twice. The library takes
+# as long for it as all the rest takes together, and robots write some hundred a second.
+_MESSAGE, _OPCODE = struct.Struct("<BQHIQQ"), 0x05
+_HEADER_BYTES = _MESSAGE.size - struct.calcsize("<BQ")
 
 # Plain data as one line of JSON, in ASCII: what a program says may be no Unicode text.
 to_json = json.JSONEncoder(separators=(",", ":")).encode
@@ -46,15 +52,18 @@ class RecordingWriter:
 
         self._epoch_ns = metadata.epoch_ns
         self._file = open_new(path)
-        self._writer = Writer(self._file, use_chunking=False, index_types=IndexType.NONE)
+        self._writer = Writer(
+            self._file, use_chunking=False, index_types=IndexType.NONE, use_statistics=False
+        )
         self._writer.start(profile="", library="mrbt-mesh")
-        values = metadata.to_values()
-        self._writer.add_metadata(METADATA, values)
-        self._check = first_check(values)
         self._number = 0
         self._channels = {
             topic: self._register(topic) for topic in CHANNELS if beats or topic != BEATS
         }
+        values = metadata.to_values()
+        self._check = first_check(values)
+        # With it, the library hands over the schemas and channels as well.
+        self._writer.add_metadata(METADATA, values)
         self._file.flush()
 
     def _register(self, topic: str) -> int:
@@ -70,7 +79,8 @@ class RecordingWriter:
         body = to_json(data).encode()
         self._check = next_check(self._check, self._number, topic, at_ns, body)
         text = b'%s,"check":"%s"}' % (body[:-1], self._check.hex().encode())
-        self._writer.add_message(self._channels[topic], at_ns, text, at_ns, self._number)
+        channel, length = self._channels[topic], _HEADER_BYTES + len(text)
+        self._file.write(_MESSAGE.pack(_OPCODE, length, channel, self._number, at_ns, at_ns) + text)
 
     def flush(self) -> None:
         """Hand over what was written: the end of this process does not touch it any more."""

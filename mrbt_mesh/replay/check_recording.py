@@ -38,8 +38,6 @@ class RecordingCheck(CheckedState):
                 self._check(record)
             except ValueError as error:
                 self.say(record, str(error))
-        if self._work is not None:
-            self._work.end()
 
     def _check(self, record: RecordedMessage) -> None:
         topic, data = record.topic, record.data

@@ -22,7 +22,7 @@ class WorkCheck:
     """Follows one robot's recording: its claims and actions against its line of each plan.
 
     `_at_work`: for a local task of an activation, the robots that were seen to run it, with the
-    incarnation. `_planned`: the plan of the facts as they are, until its instant is over.
+    incarnation. `_planned`: the plan of the facts as they are.
     `_is_out`: the robot joins again, leaves or has stopped.
     """
 
@@ -34,25 +34,22 @@ class WorkCheck:
         self._is_out = False
 
     def before(self, record: RecordedMessage) -> None:
-        """Before a record is applied: whether the instant of the last plan is over."""
-        if self._planned is not None and record.at_us > self._planned.at_us:
-            planned, self._planned = self._planned, None
-            self._follows(planned)
+        """Before a record is applied: until facts or alive set change, the newest plan stands.
 
-    def end(self) -> None:
-        """At the end of the recording."""
-        if self._planned is not None and self._check.recording.cut_off_at is None:
-            self._follows(self._planned)
+        One of the same instant as the change was not followed: another one was due already.
+        """
+        is_own = record.data.get("author") == self._me and record.data.get("name") == CLAIM
+        changes = record.topic in (channels.FACTS, channels.DROPPED, channels.ALIVE)
+        if self._planned is not None and changes and not is_own:
+            planned, self._planned = self._planned, None
+            if record.at_us > planned.at_us:
+                self._follows(planned)
 
     def after(self, record: RecordedMessage, entry: Entry | None) -> None:
         """After a record is applied. Raises ValueError for what no plan of the robot says."""
         if record.topic == channels.PLANS:
             self._planned = record
-        elif record.topic in (channels.DROPPED, channels.ALIVE) or (
-            entry is not None and (entry.author, entry.name) != (self._me, CLAIM)
-        ):
-            self._planned = None  # it waits for another plan, which is made elsewhere
-        if record.topic == channels.LIFE:
+        elif record.topic == channels.LIFE:
             self._is_out = record.data["event"] != "joined"
         elif record.topic == channels.ACTIONS:
             self._action(record)

@@ -127,7 +127,9 @@ class Player:
 
     def _robot(self, robot: str, data: Mapping[str, Any], at_us: int) -> None:
         incarnation, state = read_incarnation(data["incarnation"]), State(data["state"])
-        digest = bytes.fromhex(data["plan"])
+        # A robot does not record what others report.
+        own = self.state.plan["digest"] if self.state.plan is not None else ""
+        digest = bytes.fromhex(data.get("plan", own))
         report = SelfReport(incarnation, 0, digest, data["joined"], int(Status.RUNNING))
         known = self.observer.membership.peers.get(robot)
         if known is None or known.incarnation != incarnation:

@@ -85,10 +85,9 @@ class AgentView:
         return self._context.facts.changes, self._context.membership.alive_changes
 
     @property
-    def peer_changes(self) -> int:
-        """Grows with every suspicion of others, and whenever one reports another plan or result."""
-        membership = self._context.membership
-        return membership.suspicion_changes + membership.report_changes
+    def suspicion_changes(self) -> int:
+        """Grows with every token that comes or goes, and with every suspicion of others."""
+        return self._context.membership.suspicion_changes
 
     def alive(self) -> dict[str, Incarnation]:
         """The alive set of its plan, itself included."""
