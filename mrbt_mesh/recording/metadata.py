@@ -25,7 +25,8 @@ class RunMetadata:
     """`robot` is empty for an observer's recording; `mission` is the compiled mission's text.
 
     `epoch_ns`: the Unix time at which the clock of the recording's owner was 0. `has_keys`: facts
-    are signed. `solver`: the robot's own choice, empty for the mission's.
+    are signed. `solver`: the robot's own choice, empty for the mission's. `speed`: so many times
+    faster simulated robots work.
     """
 
     robot: str
@@ -37,6 +38,7 @@ class RunMetadata:
     version: str
     solver: str = ""
     has_keys: bool = False
+    speed: float = 1.0
 
     @staticmethod
     def of(
@@ -61,6 +63,7 @@ class RunMetadata:
             "version": self.version,
             "solver": self.solver,
             "has_keys": str(self.has_keys).lower(),
+            "speed": repr(self.speed),
         }
 
     @staticmethod
@@ -81,6 +84,7 @@ class RunMetadata:
                 values["version"],
                 values["solver"],
                 {"true": True, "false": False}[values["has_keys"]],
+                float(values["speed"]),
             )
         except (KeyError, TypeError) as error:
             raise ValueError(f"its metadata are damaged: {error!r}") from None

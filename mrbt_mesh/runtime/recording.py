@@ -27,11 +27,15 @@ from mrbt_mesh.runtime.fencing import boottime_us
 
 @dataclass(frozen=True)
 class RecordTo:
-    """What is to be recorded where: `solver` is the robot's own choice, `beats` every heartbeat."""
+    """What is to be recorded where: `solver` is the robot's own choice, `beats` every heartbeat.
+
+    `speed`: so many times faster simulated robots work.
+    """
 
     path: Path
     solver: str = ""
     beats: bool = False
+    speed: float = 1.0
 
 
 class RobotRecording:
@@ -101,7 +105,8 @@ def robot_recording(
     if to is None:
         return None
     metadata = _metadata(mission, config.robot, config.run, config.timing)
-    metadata = replace(metadata, solver=to.solver, has_keys=config.keys is not None)
+    has_keys = config.keys is not None
+    metadata = replace(metadata, solver=to.solver, has_keys=has_keys, speed=to.speed)
     try:
         writer = RecordingWriter(to.path, metadata, beats=to.beats)
         recorder = RobotRecorder(writer, view, boottime_us(), beats=to.beats)
@@ -121,7 +126,8 @@ def observer_recording(
     if to is None:
         return None
     timing = observer.membership.timing
-    metadata = replace(_metadata(observer.mission, OBSERVER, run, timing), has_keys=has_keys)
+    metadata = _metadata(observer.mission, OBSERVER, run, timing)
+    metadata = replace(metadata, has_keys=has_keys, speed=to.speed)
     try:
         writer = RecordingWriter(to.path, metadata, beats=to.beats)
     except OSError as error:

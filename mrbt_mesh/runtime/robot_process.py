@@ -141,7 +141,7 @@ def make_driver(start: RobotStart, locate: Locate) -> Driver:
     record = None
     if start.record is not None:
         chosen = start.solver or ""
-        record = RecordTo(start.record, chosen, start.record_beats)
+        record = RecordTo(start.record, chosen, start.record_beats, start.speed)
     setup = RobotSetup(
         mission,
         config,

@@ -25,7 +25,7 @@ from mrbt_mesh.sim.engine.faults import EndRouter, Schedule, StartRouter
 from mrbt_mesh.sim.engine.inspection import Inspection
 from mrbt_mesh.sim.engine.network import NetworkKnobs
 from mrbt_mesh.sim.engine.scenario import Scenario
-from mrbt_mesh.sim.engine.setup import AgentOptions, Setup
+from mrbt_mesh.sim.engine.setup import AgentOptions, Beginning, Setup
 from mrbt_mesh.sim.engine.sharing import shared_engine
 from mrbt_mesh.sim.engine.world import World
 
@@ -87,13 +87,15 @@ def simulate(
     inspect: bool = True,
     keep_log: bool = False,
     record: Path | None = None,
+    begin: Beginning | None = None,
 ) -> SimulationResult:
     """Run `mission` with the robots (all of the file by default) in virtual time.
 
     The same arguments give the same run, effect for effect; what they mean: `Setup`. Without
     `inspect` nothing is checked and no effect log is kept, which is faster and changes nothing
     else. `keep_log`: keep the log's lines, not only their digest. `record`: the folder in which
-    every robot, and the observer, records what it knows and does. Raises ValueError for a robot
+    every robot, and the observer, records what it knows and does. `begin`: what
+    has been before. Raises ValueError for a robot
     that the mission does not have and for a router that the network has not, SimulationError if an
     agent breaks, OSError where nothing can be recorded.
     """
@@ -123,6 +125,7 @@ def simulate(
         speed=speed,
         stop_when_stuck=stop_when_stuck,
         record=record,
+        begin=begin,
     )
     world = _inspected(setup, keep_log) if inspect else _unseen(setup)
     _run(world)

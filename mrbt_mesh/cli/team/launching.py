@@ -78,7 +78,7 @@ async def _run(run_dir: RunDir, mission: Mission, show: ShowOptions | None) -> i
     with launched_from_here(run_dir):
         try:
             await team.start_all()
-            record = RecordTo(observer_file(run_dir.path), "", info.record_beats)
+            record = RecordTo(observer_file(run_dir.path), "", info.record_beats, info.speed)
             address = address_of(run_dir)
             return await watch(address, team, show, too_many, record if info.record else None)
         finally:

@@ -68,6 +68,7 @@ class Environment(Protocol):
     def stopped(self, process: SimProcess) -> None: ...
     def recorded(self, process: SimProcess, event: Mapping[str, Any]) -> None: ...
     def recorder_of(self, process: SimProcess) -> RobotRecorder | None: ...
+    def begun_before_us(self, process: SimProcess, effect: StartAction) -> int: ...
 
 
 class Program(Protocol):
@@ -190,8 +191,7 @@ class SimProcess:
                 due_us = self._environment.clock.now_us + self._environment.plan_delay_us
                 self._environment.clock.at(due_us, partial(self._make_plan, effect))
             case StartAction() | CancelAction() | RequestBid():
-                assert self._program is not None
-                self._program.carry_out(effect)
+                self._work(effect)
             case DeclareToken(incarnation):
                 self._environment.declared(self, incarnation)
             case Stop():
@@ -201,6 +201,12 @@ class SimProcess:
                 self._environment.stopped(self)
             case Log():
                 pass  # it is in the effect log
+
+    def _work(self, effect: StartAction | CancelAction | RequestBid) -> None:
+        assert self._program is not None
+        if isinstance(effect, StartAction):
+            self.gate.ahead_us = self._environment.begun_before_us(self, effect)
+        self._program.carry_out(effect)
 
     def _make_plan(self, effect: MakePlan) -> None:
         awaited = self.agent.view.awaited_plan if self.agent is not None else None

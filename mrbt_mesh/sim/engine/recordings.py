@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from mrbt_mesh import __version__
@@ -28,7 +29,8 @@ class Recordings:
 
     def _metadata(self, robot: str) -> RunMetadata:
         setup = self._setup
-        return RunMetadata.of(setup.mission, robot, setup.run, setup.timing, 0, __version__)
+        found = RunMetadata.of(setup.mission, robot, setup.run, setup.timing, 0, __version__)
+        return replace(found, speed=setup.speed)
 
     def begin(self, view: AgentView, now_us: int) -> RobotRecorder:
         """Record a process of a robot from its start on."""

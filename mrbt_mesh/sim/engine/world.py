@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import anyio
 import anyio.abc
 
-from mrbt_mesh.core.agent.effects import Ask, AskRouter, Publish, Reply
+from mrbt_mesh.core.agent.effects import Ask, AskRouter, Publish, Reply, StartAction
 from mrbt_mesh.core.agent.inputs import ActionFinished
 from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.assignment.solvers import default_solver
@@ -57,6 +57,10 @@ class World:
         )
         self.ending = Ending(setup, self.robots, self.observer, self._is_awaiting)
         self.events: list[dict[str, Any]] = []
+        self._under_way: dict[tuple[str, str, str], int] = {}
+        if setup.begin is not None:
+            self._under_way.update(setup.begin.under_way)
+            self.observer.read(setup.begin.facts, self.clock.now_us)
         self.recordings: Recordings | None = None
         if setup.record is not None:
             self.recordings = Recordings(setup, setup.record, self.observer)
@@ -183,6 +187,10 @@ class World:
         if self.recordings is None or process.agent is None:
             return None
         return self.recordings.begin(process.agent.view, self.clock.now_us)
+
+    def begun_before_us(self, process: SimProcess, effect: StartAction) -> int:
+        place = (process.robot, effect.activation, effect.local_task)
+        return self._under_way.pop(place, 0)
 
     # -- the observer -------------------------------------------------------------------------
 
