@@ -2,8 +2,8 @@
 
     python -m benchmarks.verified_drills [--quick] [DRILL.yaml ...]
 
-Exit status 1 if a recording is not proved: a false alarm, since nobody has falsified any. Drills that
-this machine cannot hold (networks need root on Linux) are skipped, and told.
+Exit status 1 if a recording is not proved: a false alarm, since nobody has falsified any. Drills
+that this machine cannot hold (networks need root on Linux) are skipped, and told.
 """
 
 from __future__ import annotations

@@ -68,6 +68,11 @@ class Recording:
     cut_off_at: int | None = None
 
     @property
+    def begin_us(self) -> int:
+        """The time of its first message."""
+        return self.records[0].at_us if self.records else 0
+
+    @property
     def name(self) -> str:
         """How it is called where several are compared."""
         return self.path.name

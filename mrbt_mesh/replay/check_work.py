@@ -122,13 +122,14 @@ class WorkCheck:
             != (*place, data["global_task"], data["coalition"])
         ):
             raise ValueError(f"{self._me} starts {_told(place)}, and claims something else")
+        at_us = record.at_us - self._check.recording.begin_us
         for robot, incarnation in sorted(self._at_work.get(place, {}).items()):
             if robot == self._me:
                 continue
             cause = self._cause(robot, incarnation, place)
             if cause:
                 of = (robot, *place)
-                self._check.takeovers.append(ProvedTakeover(record.at_us, self._me, *of, cause))
+                self._check.takeovers.append(ProvedTakeover(at_us, self._me, *of, cause))
 
     def _cause(self, robot: str, incarnation: Incarnation, place: Place) -> str:
         """Why a robot that was at work there is not any more; empty where it still is, or is done.

@@ -25,5 +25,6 @@ class CheckedState:
 
     def say(self, record: RecordedMessage, text: str) -> None:
         """Something is wrong with a record."""
+        at_us = max(0, record.at_us - self.recording.begin_us)
         name = self.recording.name
-        self.findings.append(RecordingFinding(name, record.number, record.at_us, text))
+        self.findings.append(RecordingFinding(name, record.number, at_us, text))

@@ -9,8 +9,8 @@ from typing import Any
 
 @dataclass(frozen=True)
 class RecordingFinding:
-    """`record`: the number of the record in its file, 0 for the whole file. `against`: the other
-    recordings that contradict it.
+    """`record`: the number of the record in its file, 0 for the whole file; `at_us` counts from the
+    begin of the recording. `against`: the other recordings that contradict it.
     """
 
     file: str
@@ -27,7 +27,10 @@ class RecordingFinding:
 
 @dataclass(frozen=True)
 class ProvedTakeover:
-    """A robot began what another one had been at, and why that one is at it no more."""
+    """A robot began what another one had been at, and why that one is at it no more.
+
+    `at_us` counts from the begin of its recording.
+    """
 
     at_us: int
     robot: str

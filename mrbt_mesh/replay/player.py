@@ -61,7 +61,7 @@ class Player:
     @property
     def begin_us(self) -> int:
         """When the recording begins."""
-        return self._times[0] if self._times else 0
+        return self.recording.begin_us
 
     @property
     def end_us(self) -> int:

@@ -7,7 +7,7 @@ plans said; every takeover had a cause; and no recording tells what another one 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
 from mrbt_mesh.core.membership.authorship import AuthorshipCheck, WasSigned
@@ -89,10 +89,9 @@ def _contradictions(checks: Sequence[RecordingCheck]) -> list[RecordingFinding]:
         for rows in by_hash.values():
             if rows is not told:
                 check, record = rows[0]
-                against = tuple(sorted({other.recording.name for other, _ in told}))
+                against = {other.recording.name for other, _ in told}
                 text = f"{author}'s {name} says something else than elsewhere"
-                place = (check.recording.name, record.number, record.at_us)
-                findings.append(RecordingFinding(*place, text, against))
+                findings.append(_finding(check, record, text, against))
     return findings
 
 
@@ -105,25 +104,52 @@ def _weight(
 
 
 def _unsaid(checks: Sequence[RecordingCheck]) -> list[RecordingFinding]:
-    """What others have of a robot, it has written down itself before it told anybody."""
-    lives: dict[tuple[str, Incarnation], list[RecordingCheck]] = {}
+    """What others have of a robot, it has written down itself before it told anybody.
+
+    Where it has not, what it has in that place, and nobody else, is told as well.
+    """
+    lives: dict[tuple[str, Incarnation], list[str]] = {}
     own: set[tuple[str, str, Version, int]] = set()
+    heard: set[tuple[str, str, Version, int]] = set()
     for check in checks:
         me = check.recording.metadata.robot
         for incarnation in _lives(check.recording):
-            lives.setdefault((me, incarnation), []).append(check)
-        own |= {_whole(entry) for _, entry in check.said if entry.author == me}
-    findings = []
-    for check in checks:
-        for record, entry in check.said:
-            authors = lives.get((entry.author, entry.version.incarnation), [])
-            if not authors or _whole(entry) in own or check.recording.damage:
-                continue
-            against = tuple(each.recording.name for each in authors)
+            lives.setdefault((me, incarnation), []).append(check.recording.name)
+        for _, entry in check.said:
+            (own if entry.author == me else heard).add(_whole(entry))
+    findings: list[RecordingFinding] = []
+    missing: dict[tuple[str, str, Incarnation], set[str]] = {}
+    for check, record, entry in _all_said(checks):
+        authors = lives.get((entry.author, entry.version.incarnation), [])
+        if authors and _whole(entry) not in own and not check.recording.damage:
             text = f"{entry.author} has not recorded that it said {entry.name}"
-            place = (check.recording.name, record.number, record.at_us)
-            findings.append(RecordingFinding(*place, text, against))
+            findings.append(_finding(check, record, text, authors))
+            missing.setdefault(_place(entry), set()).add(check.recording.name)
+    for check, record, entry in _all_said(checks):
+        others = missing.get(_place(entry))
+        is_own = entry.author == check.recording.metadata.robot
+        if others is not None and is_own and _whole(entry) not in heard:
+            text = f"nobody else has heard this {entry.name}, and others heard something else"
+            findings.append(_finding(check, record, text, others))
     return findings
+
+
+def _all_said(
+    checks: Sequence[RecordingCheck],
+) -> Iterator[tuple[RecordingCheck, RecordedMessage, Entry]]:
+    return ((check, record, entry) for check in checks for record, entry in check.said)
+
+
+def _finding(
+    check: RecordingCheck, record: RecordedMessage, text: str, against: Iterable[str]
+) -> RecordingFinding:
+    at_us = record.at_us - check.recording.begin_us
+    name = check.recording.name
+    return RecordingFinding(name, record.number, at_us, text, tuple(sorted(against)))
+
+
+def _place(entry: Entry) -> tuple[str, str, Incarnation]:
+    return entry.author, entry.name, entry.version.incarnation
 
 
 def _whole(entry: Entry) -> tuple[str, str, Version, int]:

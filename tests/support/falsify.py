@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import random
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from mrbt_mesh.recording.writer import RecordingWriter
 class Falsified:
     """A recording that is not as it was: which record, and what was done to it."""
 
-    recording: Recording
+    recording: Recording = field(repr=False)
     record: int
     how: str
 
