@@ -67,6 +67,10 @@ class ObserverRecorder:
             writer.write(topic, now_us, data)
         writer.flush()
 
+    def abandon(self) -> None:
+        """Leave the recording as it is: it could not be written."""
+        self._writer.abandon()
+
     def close(self) -> None:
         """End the recording. Raises OSError."""
         self._writer.close()

@@ -114,6 +114,10 @@ class RobotRecorder:
             # What was only taken in can wait until something follows from it.
             self._writer.flush()
 
+    def abandon(self) -> None:
+        """Leave the recording as it is: it could not be written."""
+        self._writer.abandon()
+
     def close(self) -> None:
         """End the recording. Raises OSError."""
         self._writer.close()

@@ -6,6 +6,7 @@ itself and the check before it, so that a byte that is changed later shows, and 
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import struct
@@ -85,6 +86,11 @@ class RecordingWriter:
     def flush(self) -> None:
         """Hand over what was written: the end of this process does not touch it any more."""
         self._file.flush()
+
+    def abandon(self) -> None:
+        """Close the file as it is: it could not be written."""
+        with contextlib.suppress(OSError):
+            self._file.close()
 
     def close(self) -> None:
         """End the file; readers need nothing of what is added here."""

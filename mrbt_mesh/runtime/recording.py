@@ -62,7 +62,9 @@ class RobotRecording:
                 self._give_up(error)
 
     def _give_up(self, error: OSError) -> None:
-        self._recorder = None
+        if self._recorder is not None:
+            self._recorder.abandon()
+            self._recorder = None
         self._log("error", "recording_ended", reason=error.strerror or str(error))
 
 
@@ -90,6 +92,7 @@ class ObserverRecording:
             try:
                 step(self._recorder)
             except OSError as error:
+                self._recorder.abandon()
                 self._recorder = None
                 self._say(now_us, f"nothing is recorded any more: {error.strerror or error}")
 
