@@ -155,16 +155,22 @@ class _Reading:
     def _message(self, message: Message) -> None:
         topic, data = self._topics.get(message.channel_id, ""), message.data
         number, expected = message.sequence, self._number + 1
-        self._number = number
         if number != expected:
-            self._say(number, f"its number should be {expected}: records are missing or moved")
+            self._say(expected, f"in its place is record {number}: it is missing, or was changed")
         found = _CHECK.search(data, max(0, len(data) - CHECK_LENGTH))
         if found is None or message.publish_time != message.log_time:
-            self._say(number, f"a message on {topic or 'no known channel'} without its check")
+            self._number = expected
+            self._say(expected, f"a message on {topic or 'no known channel'} without its check")
             return
         body = data[: found.start()] + b"}"
         check, self._check = self._check, bytes.fromhex(found[1].decode())
-        if next_check(check, number, topic, message.log_time, body) != self._check:
+        fits = [
+            each
+            for each in (number, expected)
+            if next_check(check, each, topic, message.log_time, body) == self._check
+        ]
+        self._number = number = fits[0] if fits else number
+        if not fits:
             self._say(number, f"the message on {topic} was changed: its check does not fit")
         try:
             content = json.loads(data)
