@@ -6,9 +6,9 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long test-plain test-slow test-docker tolerance lint check-lock lock drills soak \
+.PHONY: help setup demo test test-long test-plain test-slow test-docker test-interop tolerance lint check-lock lock drills soak \
 	clean bench bench-scale bench-security bench-failover bench-resume bench-membership bench-estimate bench-robustness \
-	bench-recording verify-recordings walk paper
+	bench-metrics bench-recording verify-recordings walk paper
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
@@ -17,6 +17,7 @@ help:
 	@echo "make test-long       the fast tests with 1,000 seeds of chaos and 1,000 examples each"
 	@echo "make test-docker     the docker-compose demo; as root, installs Debian's docker.io if missing"
 	@echo "make test-slow       wireless teams, discovery, split sessions, intruders, routers: minutes"
+	@echo "make test-interop    Groot2's protocol and files against BehaviorTree.CPP and an open monitor"
 	@echo "make tolerance       what mrbt analyze foretells of faults, against thousands of simulated runs"
 	@echo "make lint            ruff, mypy, import-linter"
 	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
@@ -28,6 +29,7 @@ help:
 	@echo "make bench-membership false deaths, detection and agreement on bad networks"
 	@echo "make bench-estimate  how many runs mrbt estimate makes in a minute"
 	@echo "make bench-robustness robots that die of their work, against published figures"
+	@echo "make bench-metrics   what it costs a robot to be measured"
 	@echo "make bench-recording what recording costs a robot, beside all that its process does"
 	@echo "make verify-recordings 200 recorded runs of chaos, and all drills, verified: no false alarm"
 	@echo "make walk            through how many files an event goes, and how often from one to another"
@@ -76,6 +78,12 @@ tolerance: $(READY)
 test-docker: $(READY)
 	$(BIN)/pytest -m "docker and not slow" -rs tests/docker
 
+# BehaviorTree.CPP and the like are not in requirements.lock: they have no wheels for every machine.
+test-interop: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[interop]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps py_trees_js
+	$(BIN)/pytest -rs tests/adapters
+
 drills: $(READY)
 	$(BIN)/mrbt drill --all --brief --junit drills.xml
 
@@ -104,6 +112,9 @@ bench-estimate: $(READY)
 
 bench-robustness: $(READY)
 	$(BIN)/python -m benchmarks.robustness --json robustness.json
+
+bench-metrics: $(READY)
+	$(BIN)/python -m benchmarks.metrics --json metrics.json
 
 bench-recording: $(READY)
 	$(BIN)/python -m benchmarks.recording

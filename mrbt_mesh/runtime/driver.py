@@ -11,6 +11,7 @@ import signal
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -55,12 +56,16 @@ from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
 
 if TYPE_CHECKING:
     from mrbt_mesh.runtime.manifest_watch import ManifestWatch
+    from mrbt_mesh.runtime.metrics.meter import Meter
+    from mrbt_mesh.runtime.metrics.server import MetricsAddress
 
 EVENTS_FILE = "events.jsonl"
 CLOSE_TIMEOUT_S = 1.0
 LEAVE_TIMEOUT_S = 3.0
 WATCH_S = 0.25
 LOOKS_PER_LEASE = 8
+# An answer is taken in for so many times as long as it takes to ask again.
+LATE_ANSWERS = 4
 REOPEN_RETRY_S = 0.1
 # A link on which so many beats are missing is silent, but not before a dead one lost its lease.
 SILENT_BEATS = 5
@@ -70,7 +75,8 @@ SILENT_BEATS = 5
 class RobotSetup:
     """What a robot's process is made of. Without `run_dir`, it keeps no journal and no events.
 
-    `record`: where it records what it knows and does, None: nowhere.
+    `record`: where it records what it knows and does, None: nowhere. `meter` counts what happens,
+    served at `metrics`.
     """
 
     mission: Mission
@@ -81,10 +87,12 @@ class RobotSetup:
     run_dir: Path | None = None
     journal: Journal | None = None
     manifest: ManifestWatch | None = None
+    meter: Meter | None = None
+    metrics: MetricsAddress | None = None
     record: RecordTo | None = None
 
 
-# Attributes: the agent, and what carries out what it wants.
+# Attributes: one part for each thing that a robot's process deals with.
 class Driver:
     """Runs one agent until it stops. Implements `actions.Host`."""
 
@@ -93,7 +101,8 @@ class Driver:
         self._config = setup.config
         self._logger = robot_logger(setup.config.robot)
         self._agent = Agent(setup.mission, setup.config, boottime_us())
-        self._journal = JournalWriter(setup.journal)
+        self._meter = setup.meter
+        self._journal = JournalWriter(setup.journal, self._meter.sync_s if self._meter else None)
         self._recording = robot_recording(
             setup.record, setup.mission, setup.config, self._agent.view, self.log
         )
@@ -102,7 +111,8 @@ class Driver:
         self._is_ready = False
 
     def run(self, launcher: LauncherWatch | None = None) -> Stop:
-        """Run until the agent stops; raises TransportError if the session cannot be opened.
+        """Run until the agent stops; raises TransportError if the session cannot be opened,
+        InputError if metrics cannot be served.
 
         The robot leaves when its `launcher` is gone. The session is closed in the background at
         the end: end the process with `os._exit`.
@@ -113,6 +123,22 @@ class Driver:
         return anyio.run(self._main, launcher, backend_options=options)
 
     async def _main(self, launcher: LauncherWatch | None) -> Stop:
+        with self._serving_metrics():
+            return await self._live(launcher)
+
+    def _serving_metrics(self) -> contextlib.AbstractContextManager[object]:
+        address = self._setup.metrics
+        if self._meter is None or address is None:
+            return contextlib.nullcontext()
+        from mrbt_mesh.runtime.metrics.robot_page import robot_page
+        from mrbt_mesh.runtime.metrics.server import metrics_app, read_in_loop, serving
+
+        read = partial(robot_page, self._agent.view, self._meter)
+        return serving(
+            address, metrics_app(partial(read_in_loop, asyncio.get_running_loop(), read))
+        )
+
+    async def _live(self, launcher: LauncherWatch | None) -> Stop:
         self._stopped = anyio.Event()
         inbox = Inbox(asyncio.get_running_loop(), lambda: self._drain(inbox, gate))
         config = self._setup.config
@@ -136,6 +162,7 @@ class Driver:
                 group.start_soon(self._mark_alive)
                 group.start_soon(self._watch_signals)
                 group.start_soon(self._watch_manifest)
+                group.start_soon(self._look_for_metrics)
                 self._is_ready = True
                 self.submit(TimerFired())
                 self._drain(inbox, gate)
@@ -163,12 +190,16 @@ class Driver:
         """
         if self._stop is not None or not self._is_ready:
             return
+        if self._meter is not None:
+            self._meter.take(event)
         now_us = boottime_us()
         effects = self._agent.handle(event, now_us)
         if self._recording is not None:
             # What is said has been written down, whatever becomes of this process.
             self._recording.step(event, effects, now_us)
         for effect in effects:
+            if self._meter is not None:
+                self._meter.carry_out(effect)
             self._carry_out(effect)
         self._set_timer()
 
@@ -177,6 +208,8 @@ class Driver:
             return  # what has come stays there until it can be taken
         if inbox.dropped:
             self._logger.warning("inbox_overflow", dropped=inbox.dropped)
+            if self._meter is not None:
+                self._meter.dropped += inbox.dropped
             inbox.dropped = 0
         refused = gate.take_refused() if gate is not None else ()
         for event in together((*inbox.take(), *refused)):
@@ -233,6 +266,14 @@ class Driver:
             else:
                 self.log("info", "manifest_taken_over")
 
+    async def _look_for_metrics(self) -> None:
+        """Look regularly at what nobody tells: how late the loop is, whether all agree."""
+        loop, meter = asyncio.get_running_loop(), self._meter
+        while meter is not None:
+            due_s = loop.time() + WATCH_S
+            await anyio.sleep_until(due_s)
+            meter.look(loop.time() - due_s, self._agent.view.agrees())
+
     async def _watch_links(self) -> None:
         """Tell which links fall silent and come back; reopen a session that is split."""
         lease_us = self._setup.transport.lease_ms * 1_000
@@ -281,7 +322,8 @@ class Driver:
             case Forget(keys):
                 self._journal.forget(keys)
             case Ask(peer, data):
-                timeout_s = self._config.timing.ask_timeout_us / 1e6
+                # An answer that comes late holds as much as any other.
+                timeout_s = LATE_ANSWERS * self._config.timing.ask_timeout_us / 1e6
                 self._transport.ask(peer, MessageKind.PULL, data, timeout_s)
             case AskRouter():
                 self._transport.ask_router(effect)

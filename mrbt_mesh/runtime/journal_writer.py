@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Iterable
+from typing import Protocol
 
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.runtime.journal import LAZY_COMMIT_S, Journal
@@ -11,11 +13,21 @@ from mrbt_mesh.runtime.journal import LAZY_COMMIT_S, Journal
 RETRY_COMMIT_S = 1.0
 
 
-class JournalWriter:
-    """Writes to a journal from an event loop; without a journal it does nothing."""
+class Durations(Protocol):
+    """Is told how long each of something took."""
 
-    def __init__(self, journal: Journal | None) -> None:
+    def observe(self, seconds: float) -> None: ...
+
+
+class JournalWriter:
+    """Writes to a journal from an event loop; without a journal it does nothing.
+
+    `synced_s` is told how long each synced write took.
+    """
+
+    def __init__(self, journal: Journal | None, synced_s: Durations | None = None) -> None:
         self._journal = journal
+        self._synced_s = synced_s
         self._timer: asyncio.TimerHandle | None = None
 
     def put(self, entries: Iterable[Entry], synced: bool) -> None:
@@ -23,7 +35,10 @@ class JournalWriter:
         if self._journal is not None:
             self._journal.put(entries)
             if synced:
+                began_s = time.perf_counter()
                 self._journal.commit()
+                if self._synced_s is not None:
+                    self._synced_s.observe(time.perf_counter() - began_s)
             else:
                 self._commit_after(LAZY_COMMIT_S)
 

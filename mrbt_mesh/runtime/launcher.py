@@ -144,6 +144,8 @@ def agent_arguments(
         command += ["--record", str(robot_file(run_dir.path, robot))]
     if info.record_beats:
         command.append("--record-beats")
+    if robot in info.metrics_ports:
+        command += ["--metrics-port", str(info.metrics_ports[robot])]
     if robot_type is not None:
         command += ["--type", robot_type]
     if takeover:
@@ -167,10 +169,15 @@ def with_newcomer(info: RunInfo, robot: str) -> RunInfo:
     if info.places and robot not in info.places:
         raise RunDirError(f"this run has no place for {robot} (only {', '.join(info.places)})")
     dials = {r: [o for o in others if o != robot] for r, others in info.dials.items()}
+    ports = dict(info.metrics_ports)
+    if ports:
+        # One that is replaced while it runs still holds its old port.
+        ports[robot] = max(ports.values()) + 1
     return replace(
         info,
         endpoints={**info.endpoints, robot: _next_endpoint(info, robot)},
         dials={**dials, robot: sorted(r for r in info.endpoints if r != robot)},
+        metrics_ports=ports,
     )
 
 

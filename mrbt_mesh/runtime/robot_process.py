@@ -39,6 +39,7 @@ from mrbt_mesh.runtime.team_address import TeamAddress
 if TYPE_CHECKING:
     from mrbt_mesh.runtime.manifest_watch import ManifestWatch
     from mrbt_mesh.runtime.member_keys import MemberKeys
+    from mrbt_mesh.runtime.metrics.server import MetricsAddress
 
 # From so many on, planning may take longer than the event loop may stand still.
 LARGE_ROBOTS = 100
@@ -48,7 +49,7 @@ LARGE_NODES = 2_000
 Locate = Callable[[Mission], TeamAddress]
 
 
-# Attributes: one for each option of `mrbt agent`.
+# Attributes: what one robot's process may be told, each under its own name.
 @dataclass(frozen=True)
 class RobotStart:
     """Which robot is started, and how.
@@ -58,6 +59,7 @@ class RobotStart:
     mission). `run_dir`: folder for its journal, log and events. `takeover`: it replaces a live
     robot of the same id. `while_locked`: a file; it leaves once nobody holds a lock on it.
     `record`: where it records what it knows and does, with `record_beats` also every heartbeat.
+    `metrics`: where it serves metrics.
     """
 
     mission: Path
@@ -74,6 +76,7 @@ class RobotStart:
     while_locked: Path | None = None
     record: Path | None = None
     record_beats: bool = False
+    metrics: MetricsAddress | None = None
 
 
 def robot_of(mission: Mission, robot: str, kind: str | None) -> tuple[str, Mapping[str, int]]:
@@ -116,6 +119,12 @@ def make_driver(start: RobotStart, locate: Locate) -> Driver:
         robot_logger(start.robot).warning("not_secure", reason="messages are not signed")
     journal = open_journal(start.run_dir, mission, address.run, start.robot)
     solver = solver_for(mission, start.solver)
+    meter, engine = None, chosen_engine()
+    if start.metrics is not None:
+        from mrbt_mesh.runtime.metrics.meter import Meter
+
+        meter = Meter(start.robot, mission)
+        engine = meter.timed(engine)
     is_large = len(mission.robots) >= LARGE_ROBOTS or len(mission.tree.nodes) >= LARGE_NODES
     config = AgentConfig(
         robot=start.robot,
@@ -125,7 +134,7 @@ def make_driver(start: RobotStart, locate: Locate) -> Driver:
         nonce=secrets.token_hex(4),
         solver=SolverProcess(solver) if is_large else solver,
         plans_apart=is_large,
-        engine=chosen_engine(),
+        engine=engine,
         timing=address.timing,
         expected=frozenset(expected),
         gather_us=round(start.gather_s * SECOND_US),
@@ -151,6 +160,8 @@ def make_driver(start: RobotStart, locate: Locate) -> Driver:
         start.run_dir,
         journal,
         manifest,
+        meter,
+        start.metrics,
         record,
     )
     return Driver(setup)

@@ -12,6 +12,7 @@ events.jsonl        the physical truth, written by the robots
 recordings/         what each robot knew and did (see `recording.folder`)
 run.mcap            what `up` heard of it
 summary.json        written by `up` at the end
+metrics-targets.json  where robots serve metrics, as Prometheus reads it (file_sd_configs)
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ import psutil
 from mrbt_mesh.errors import InputError
 
 RUN_FILE, MISSION_FILE, SUMMARY_FILE = "run.json", "mission.json", "summary.json"
+TARGETS_FILE = "metrics-targets.json"
 KEYS_FOLDER, LOCK_FILE = "keys", "launcher.lock"
 _STATE = "MRBT_STATE_DIR"
 
@@ -53,8 +55,9 @@ class RunInfo:
     `dials` names the robots that each robot connects to: of every pair, one side dials.
     `places` is empty for a team on loopback; `transport` is a key of `PROTOCOLS`; `solver` is
     None for the mission's. `insecure`: its members have no keys. With `routers` its robots are
-    clients of these, and have no endpoints of their own. `record`: its robots record what they know
-    and do, with `record_beats` also every heartbeat.
+    clients of these, and have no endpoints of their own. `metrics_ports`: where robots serve
+    metrics, on loopback; empty: nowhere. `record`: its robots record what they know and do, with
+    `record_beats` also every heartbeat.
     """
 
     mission_path: str
@@ -76,6 +79,7 @@ class RunInfo:
     routers: tuple[str, ...] = ()
     record: bool = False
     record_beats: bool = False
+    metrics_ports: Mapping[str, int] = field(default_factory=dict)
 
 
 def state_dir() -> Path:
@@ -140,8 +144,15 @@ class RunDir:
         write_atomically(state_dir() / "latest", str(self.path.resolve()))
 
     def save(self, info: RunInfo) -> None:
-        """Write run.json."""
+        """Write run.json, and where metrics are served."""
         write_atomically(self.path / RUN_FILE, json.dumps(asdict(info), indent=2))
+        if info.metrics_ports:
+            labels = {"mission": info.mission_name, "run": info.run}
+            targets = [
+                {"targets": [f"127.0.0.1:{port}"], "labels": labels | {"robot": robot}}
+                for robot, port in info.metrics_ports.items()
+            ]
+            write_atomically(self.metrics_targets_path, json.dumps(targets, indent=2) + "\n")
 
     def info(self) -> RunInfo:
         """Read run.json; raises RunDirError if it is damaged."""
@@ -174,6 +185,11 @@ class RunDir:
     def launcher_lock_path(self) -> Path:
         """What the launcher of the robots locks."""
         return self.path / LOCK_FILE
+
+    @property
+    def metrics_targets_path(self) -> Path:
+        """Where the robots serve metrics."""
+        return self.path / TARGETS_FILE
 
     @property
     def keys_path(self) -> Path:

@@ -43,6 +43,7 @@ END_TIMEOUT_S = 3.0
 # So many robots are started at once, and so long waited for them before the next ones.
 STARTED_AT_ONCE = 8
 UP_TIMEOUT_S, UP_LOOK_S = 5.0, 0.02
+MAX_PORT = 65_535
 # Exit statuses of a robot: its mission has failed, it refuses its input.
 FAILED, REFUSED = 1, 2
 
@@ -63,9 +64,11 @@ def new_run(
     routers: Sequence[str] = (),
     record: bool = False,
     record_beats: bool = False,
+    metrics_port: int | None = None,
 ) -> RunInfo:
     """A run of its own: fresh ids and free endpoints.
 
+    `metrics_port`: where the first robot serves metrics, the others on the ports that follow.
     `places`: where each robot runs that takes part or may join later; default: on loopback.
     `routers`: endpoints of those that all its robots are clients of. `record`,
     `record_beats`: as in RunInfo. Raises AddressError for what does not fit together,
@@ -101,9 +104,20 @@ def new_run(
         routers=tuple(routers),
         record=record,
         record_beats=record_beats,
+        metrics_ports=_metrics_ports(robots, metrics_port),
     )
     timing_of(beat_s, detection_s, mission)
     return info
+
+
+def _metrics_ports(robots: Sequence[str], first: int | None) -> dict[str, int]:
+    if first is None:
+        return {}
+    if first + len(robots) - 1 > MAX_PORT:
+        raise AddressError(
+            f"{len(robots)} robots have no ports from {first} on: {MAX_PORT} is the last"
+        )
+    return {robot: first + number for number, robot in enumerate(robots)}
 
 
 def _check_routers(routers: Sequence[str], transport: str) -> None:

@@ -27,7 +27,7 @@ from mrbt_mesh.sim.engine.network import NetworkKnobs
 from mrbt_mesh.sim.engine.scenario import Scenario
 from mrbt_mesh.sim.engine.setup import AgentOptions, Beginning, Setup
 from mrbt_mesh.sim.engine.sharing import shared_engine
-from mrbt_mesh.sim.engine.world import World
+from mrbt_mesh.sim.engine.world import LookOn, World
 
 DEFAULT_TIMEOUT_US = 600_000_000
 
@@ -88,14 +88,15 @@ def simulate(
     keep_log: bool = False,
     record: Path | None = None,
     begin: Beginning | None = None,
+    look_on: LookOn | None = None,
 ) -> SimulationResult:
     """Run `mission` with the robots (all of the file by default) in virtual time.
 
     The same arguments give the same run, effect for effect; what they mean: `Setup`. Without
     `inspect` nothing is checked and no effect log is kept, which is faster and changes nothing
-    else. `keep_log`: keep the log's lines, not only their digest. `record`: the folder in which
-    every robot, and the observer, records what it knows and does. `begin`: what
-    has been before. Raises ValueError for a robot
+    else. `keep_log`: keep the log's lines, not only their digest. `look_on` is shown the observer
+    whenever that has seen something. `record`: the folder in which every robot, and the observer,
+    records what it knows and does. `begin`: what has been before. Raises ValueError for a robot
     that the mission does not have and for a router that the network has not, SimulationError if an
     agent breaks, OSError where nothing can be recorded.
     """
@@ -127,7 +128,7 @@ def simulate(
         record=record,
         begin=begin,
     )
-    world = _inspected(setup, keep_log) if inspect else _unseen(setup)
+    world = _inspected(setup, keep_log, look_on) if inspect else _unseen(setup, look_on)
     _run(world)
     return _result(world)
 
@@ -140,6 +141,7 @@ def run_scenario(
     engine: Engine | None = None,
     keep_log: bool = False,
     record: Path | None = None,
+    look_on: LookOn | None = None,
 ) -> SimulationResult:
     """`simulate` with the faults, the network and the robots of a scenario."""
     agents = AgentOptions(
@@ -159,19 +161,20 @@ def run_scenario(
         speed=scenario.speed,
         keep_log=keep_log,
         record=record,
+        look_on=look_on,
     )
 
 
-def _inspected(setup: Setup, keep_log: bool) -> World:
+def _inspected(setup: Setup, keep_log: bool, look_on: LookOn | None) -> World:
     """What is checked, each robot must have computed for itself."""
     comparison = PlanComparison(setup.agents.engine)
     checked = _with_engine(setup, comparison.engine)
-    return World(checked, lambda world: FullInspection(world, comparison, keep_log))
+    return World(checked, lambda world: FullInspection(world, comparison, keep_log), look_on)
 
 
-def _unseen(setup: Setup) -> World:
+def _unseen(setup: Setup, look_on: LookOn | None) -> World:
     shared = _with_engine(setup, shared_engine(setup.header, setup.agents.engine))
-    return World(shared, lambda world: Inspection())
+    return World(shared, lambda world: Inspection(), look_on)
 
 
 def _with_engine(setup: Setup, engine: Engine) -> Setup:

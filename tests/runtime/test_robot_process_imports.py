@@ -24,10 +24,12 @@ exit_now, os._exit = os._exit, end
 from mrbt_mesh.cli.main import main
 main()
 """
-# YAML and its checks; arrays and solvers; what only people see; keys; other processes; metadata.
+# YAML and its checks; arrays and solvers; what only people see; keys; other processes; metadata;
+# what only extras need.
 HEAVY = {
     *("pydantic", "pydantic_core", "ruamel", "numpy", "ortools", "rich", "pygments"),
     *("cryptography", "multiprocessing", "email", "importlib_metadata", "hypothesis"),
+    *("prometheus_client", "wsgiref", "zmq"),
 }
 
 

@@ -143,6 +143,7 @@ def test_make_as_a_word_is_no_target(tree: Tree) -> None:
         ("    mrbt tree show x.xml --json", "mrbt tree show --json"),
         ("    mrbt up; mrbt stop a", "mrbt stop"),
         ("    mrbt up -x", "mrbt up -x"),
+        ("    mrbt up2 -x", "mrbt up2"),
         ("`mrbt --hlep`", "mrbt  --hlep"),
     ],
 )

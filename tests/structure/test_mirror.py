@@ -11,7 +11,10 @@ from tests.support.structure.source import settle
 
 Tree = Callable[[dict[str, str]], Path]
 
-PACKAGES = ("analysis", "cli", "core", "drills", "formats", "recording", "replay", "runtime", "sim")
+PACKAGES = (
+    *("adapters", "analysis", "cli", "core", "drills", "formats"),
+    *("recording", "replay", "runtime", "sim"),
+)
 HOMES = {name: f"mrbt_mesh/{name}" for name in PACKAGES}
 HOMES |= {name: name for name in ("agents", "benchmarks", "paper")}
 

@@ -13,6 +13,7 @@ PANELS = {
         "up": "Start one process per robot and watch the mission.",
         "watch": "Watch a team that runs already, or is yet to come; ending the view leaves it "
         "alone.",
+        "groot2": "Show a team's tree live in Groot2, or in any other monitor of BehaviorTree.CPP.",
         "status": "Tell who does what, what is blocked, and whether all agree.",
         "join": "Start one more robot of the running mission, or a dead one again.",
         "agent": "Run one robot, anywhere on the network.",

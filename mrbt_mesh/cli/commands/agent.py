@@ -8,6 +8,7 @@ from typing import Annotated
 
 from mrbt_mesh.cli.framework.declare import Given, option
 from mrbt_mesh.cli.options import ProgramOption, RecordBeatsOption, SolverOption, SpeedOption
+from mrbt_mesh.cli.team.metrics_options import MetricsOptions
 from mrbt_mesh.cli.team.network_options import TeamNetworkOptions, warn_insecure
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S, MISSION_VARIABLE
@@ -69,6 +70,7 @@ def agent(
         option("Endpoint to listen on; quic/IP:PORT if it is wireless.", "tcp/IP:PORT"),
     ] = (),
     network: TeamNetworkOptions,
+    metrics: MetricsOptions,
     given: Given,
 ) -> None:
     """Run one robot, anywhere on the network.
@@ -112,5 +114,6 @@ def agent(
         record_beats=robot.record_beats,
         expect=tuple(start.expect.split(",")) if start.expect is not None else None,
         gather_s=start.gather,
+        metrics=metrics.address(given),
     )
     run_robot(wanted, partial(network.locate, robot=robot.robot, listen=listen))

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from mrbt_mesh.cli.exporting import RunFileOptions
 from mrbt_mesh.cli.framework.declare import Given, option
 from mrbt_mesh.cli.options import (
     JsonOption,
@@ -28,6 +29,7 @@ _network = partial(option, panel="The network")
 _chance = partial(_network, least=0, most=1, step=0.001)
 _delay = partial(_network, least=0, step=0.001)
 Faults = tuple[str, ...]
+FILES = ("--events", "--log", "--record", "--btlog", "--py-trees-js")
 
 
 @dataclass(frozen=True)
@@ -85,27 +87,6 @@ class NetworkOptions:
         )
 
 
-@dataclass(frozen=True)
-class WrittenOptions:
-    """What is written of the run."""
-
-    events: Annotated[Path | None, option("Write what the robots did, as JSON lines.", "FILE")] = (
-        None
-    )
-    log: Annotated[Path | None, option("Write every effect of every agent.", "FILE")] = None
-    record: Annotated[
-        Path | None, option("Record what robots know and do; docs/recording.md.", "DIR")
-    ] = None
-
-    def check(self) -> None:
-        """Raise InputError, before anything is run, for what cannot be written."""
-        from mrbt_mesh.cli.framework.terminal import check_folder, check_new_folder
-
-        check_folder("--events", self.events)
-        check_folder("--log", self.log)
-        check_new_folder("--record", self.record)
-
-
 def sim(
     *,
     mission: OptionalMissionArgument = None,
@@ -115,7 +96,7 @@ def sim(
     schedule: Annotated[
         Path | None, option("Replay the faults and the network that mrbt chaos wrote.", "FILE")
     ] = None,
-    written: WrittenOptions,
+    files: RunFileOptions,
     as_json: JsonOption = False,
     given: Given,
 ) -> None:
@@ -145,18 +126,13 @@ def sim(
     from mrbt_mesh.sim.engine.setup import AgentOptions
     from mrbt_mesh.sim.run import run_scenario, simulate
 
-    written.check()
-    tell = partial(
-        run_and_tell,
-        events=written.events,
-        log=written.log,
-        record=written.record,
-        as_json=as_json,
-    )
+    files.check()
+    tell = partial(run_and_tell, files=files, as_json=as_json)
     if schedule is not None:
-        own = ("MISSION", "--schedule", "--program", "--events", "--log", "--record", "--json")
+        own = ("MISSION", "--schedule", "--program", *FILES, "--json")
         given.refuse_all_but(own, "not beside --schedule, whose file says it")
-        tell(partial(run_scenario, *read_schedule(schedule, mission, run.program)), ())
+        read = read_schedule(schedule, mission, run.program)
+        tell(partial(run_scenario, *read), read[0], ())
     if mission is None:
         raise InputError("give a MISSION, or the --schedule of a run to replay")
     loaded = load_mission(mission)
@@ -175,4 +151,4 @@ def sim(
         speed=run.speed,
         agents=AgentOptions(solver=solver_for(loaded, run.solver)),
     )
-    tell(once, named)
+    tell(once, loaded, named)

@@ -19,7 +19,7 @@ from mrbt_mesh.cli.team.show_options import ShowOptions
 from mrbt_mesh.runtime.settings import DEFAULT_BEAT_S, DEFAULT_DETECTION_S
 
 
-# Attributes: one option each.
+# Attributes: an option each.
 @dataclass(frozen=True)
 class LaunchOptions:
     """What is started, and how its robots talk."""
@@ -52,6 +52,15 @@ class LaunchOptions:
     detection: Annotated[
         float, option("Silence until a robot is dead.", "SECONDS", above=0, most=3600)
     ] = DEFAULT_DETECTION_S
+    metrics_port: Annotated[
+        int | None,
+        option(
+            "Robots serve metrics for Prometheus, on this port and those that follow.",
+            "PORT",
+            least=1,
+            most=65_535,
+        ),
+    ] = None
 
 
 def up(mission: MissionArgument, launch: LaunchOptions, show: ShowOptions, given: Given) -> None:
@@ -96,6 +105,7 @@ def up(mission: MissionArgument, launch: LaunchOptions, show: ShowOptions, given
         routers=endpoints_of(launch.router),
         record=not launch.no_record,
         record_beats=launch.record_beats,
+        metrics_port=launch.metrics_port,
     )
     if launch.insecure:
         warn_insecure()

@@ -11,7 +11,7 @@ import anyio
 import click
 
 from mrbt_mesh.cli.framework.exits import SUCCESS, end_process
-from mrbt_mesh.cli.framework.terminal import errors, labelled
+from mrbt_mesh.cli.framework.terminal import errors, labelled, note
 from mrbt_mesh.cli.team.show_options import ShowOptions
 from mrbt_mesh.cli.team.watching import watch
 from mrbt_mesh.cli.views.overload_view import overload_text
@@ -70,6 +70,10 @@ async def _run(run_dir: RunDir, mission: Mission, show: ShowOptions | None) -> i
     if too_many is not None:
         text = labelled("warning", "yellow", overload_text(too_many))
         errors.print(text, soft_wrap=not errors.is_terminal)
+    if info.metrics_ports:
+        first, last = min(info.metrics_ports.values()), max(info.metrics_ports.values())
+        ports = f"ports {first} to {last}" if first < last else f"port {first}"
+        note(f"metrics on {ports} of 127.0.0.1: {run_dir.metrics_targets_path} says whose")
     if show is None:
         await team.start_all()
         click.echo(f"{mission.name}: {len(info.robots)} robots run; see mrbt status")
@@ -79,8 +83,8 @@ async def _run(run_dir: RunDir, mission: Mission, show: ShowOptions | None) -> i
         try:
             await team.start_all()
             record = RecordTo(observer_file(run_dir.path), "", info.record_beats, info.speed)
-            address = address_of(run_dir)
-            return await watch(address, team, show, too_many, record if info.record else None)
+            to = record if info.record else None
+            return await watch(address_of(run_dir), team, show, too_many, record=to)
         finally:
             with anyio.CancelScope(shield=True):
                 await team.end()

@@ -13,8 +13,10 @@ import anyio
 import click
 from rich.live import Live
 
+from mrbt_mesh.cli.exporting import LookOn
 from mrbt_mesh.cli.framework.exits import BAD_INPUT, EXIT_OF_RESULT
 from mrbt_mesh.cli.framework.terminal import console, errors, print_json
+from mrbt_mesh.cli.team.sharing import Share, shares_nothing
 from mrbt_mesh.cli.team.show_options import ShowOptions
 from mrbt_mesh.cli.views.live_view import render_live
 from mrbt_mesh.cli.views.overload_view import overload_line
@@ -39,22 +41,24 @@ async def watch(
     team: Team | None,
     show: ShowOptions,
     too_many: Overload | None = None,
+    share: Share = shares_nothing,
     record: RecordTo | None = None,
 ) -> int:
     """Watch until the mission is over, time is up, nobody is left, or the operator stops it.
 
     `team`: its processes, if they are of this machine; of others robots may yet come. `too_many`:
-    what was found of a team that is too large for this machine. `record`: where to record what is
-    heard. Returns the exit status. Raises TransportError if there is no way to attach, InputError
-    if nothing can be recorded.
+    what was found of a team that is too large for this machine. `share` is open meanwhile.
+    `record`: where to record what is heard. Returns the exit status. Raises TransportError if there is no way
+    to attach, InputError if nothing can be recorded.
     """
     async with watching(address, record) as watcher:
-        async with anyio.create_task_group() as group:
-            if team is not None:
-                group.start_soon(team.note_exits, watcher)
-            display = _display(watcher, show, "" if too_many is None else overload_line(too_many))
-            why = await _until_over(team, watcher, show, display)
-            group.cancel_scope.cancel()
+        display = _display(watcher, show, "" if too_many is None else overload_line(too_many))
+        with share(watcher) as look_on:
+            async with anyio.create_task_group() as group:
+                if team is not None:
+                    group.start_soon(team.note_exits, watcher)
+                why = await _until_over(team, watcher, show, display, look_on)
+                group.cancel_scope.cancel()
         return _report(team, watcher, show, why, too_many)
 
 
@@ -93,7 +97,11 @@ async def _display(
 
 
 async def _until_over(
-    team: Team | None, watcher: Watcher, show: ShowOptions, display: Display
+    team: Team | None,
+    watcher: Watcher,
+    show: ShowOptions,
+    display: Display,
+    look_on: LookOn,
 ) -> str | None:
     """Why watching ended before the mission did, or None if the mission is over."""
     checked = anyio.current_time()
@@ -111,6 +119,7 @@ async def _until_over(
         why: str | None = None
         while watcher.observer.record.result is None and why is None:
             await watcher.wait_for_change(FRAME_S)
+            look_on(watcher.observer, boottime_us())
             refresh()
             now = anyio.current_time()
             if now >= deadline:
@@ -123,6 +132,7 @@ async def _until_over(
                     why = "no robot is left"
         # Who came late may know the result before what led to it.
         await watcher.catch_up(CATCH_UP_S)
+        look_on(watcher.observer, boottime_us())
         refresh()
         group.cancel_scope.cancel()
     return why

@@ -6,34 +6,37 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NoReturn
 
+from mrbt_mesh.cli.exporting import RunFileOptions
 from mrbt_mesh.cli.framework.exits import EXIT_OF_RESULT, FAILURE, fail
 from mrbt_mesh.cli.framework.terminal import console, errors, labelled, note, print_json, reason
 from mrbt_mesh.cli.views.summary_view import render_summary
 from mrbt_mesh.cli.virtual.named_faults import NamedFault, missed
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.sim.run import SimulationError, SimulationResult
 
 
 def run_and_tell(
     run: Callable[..., SimulationResult],
+    mission: Mission,
     named: Sequence[NamedFault],
     *,
-    events: Path | None,
-    log: Path | None,
-    record: Path | None,
+    files: RunFileOptions,
     as_json: bool,
 ) -> NoReturn:
     """Make a run, write its files, print its summary, and end with its exit status.
 
-    `run` takes `keep_log` and `record`. Raises InputError for files that cannot be written.
+    `run` takes `keep_log`, `look_on` and `record`. Times in exported files count from 0. Raises
+    InputError for files that cannot be written.
     """
     try:
-        result = run(keep_log=log is not None, record=record)
+        with files.export.writing(mission, 0, 0) as look_on:
+            result = run(keep_log=files.log is not None, look_on=look_on, record=files.record)
     except OSError as error:
-        raise InputError(f"--record {record}: cannot be written: {reason(error)}") from None
+        raise InputError(f"--record {files.record}: cannot be written: {reason(error)}") from None
     except SimulationError as error:
         fail(str(error), FAILURE)
-    _write_files(result, events, log)
+    _write_files(result, files.events, files.log)
     if as_json:
         extra = {"effect_log_digest": result.effect_log_digest, "seed": result.seed}
         print_json({**result.summary, **extra, "violations": result.violations})

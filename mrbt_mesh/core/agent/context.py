@@ -62,6 +62,11 @@ class Context:
     # -- what holds ---------------------------------------------------------------------------
 
     @property
+    def has_place(self) -> bool:
+        """Whether it has joined in this life, though it may have to catch up."""
+        return self.joining is None or self.joining.keeps_life
+
+    @property
     def is_new(self) -> bool:
         """Whether it has yet to join in this life: what it wrote now might not stand."""
         return self.joining is not None and self.joining.is_first
@@ -89,7 +94,7 @@ class Context:
     def ask(self, peers: Iterable[str], now_us: int) -> None:
         """Ask these peers for the facts that this robot lacks."""
         alive = bytes(DIGEST_BYTES)
-        if self.joining is None:
+        if self.has_place:
             alive = self.membership.alive_digest(self.replica.incarnation)
         for peer in peers:
             self.replica.anti_entropy.mark_asked(peer, now_us)

@@ -65,6 +65,7 @@ class FollowUp:
         self._reads_reports = False
         # Until when others that join are waited for, None if nobody does.
         self._joining_until_us: int | None = None
+        self._alive_changes = 0
         # When the last plan was made, and before when none is made, None if one may be.
         self._planned_us = now_us
         self._plans_at_us: int | None = None
@@ -120,12 +121,13 @@ class FollowUp:
         """Whether a plan would be too early: in a large team, while others are about to join.
 
         Each of them changes the plan, and nobody begins before they have it too. They are waited
-        for no longer than agreement is.
+        for no longer than agreement is, from the last one that did.
         """
         membership = self._context.membership
-        if membership.neighbourhood.is_complete or not membership.is_anybody_joining:
+        if membership.neighbourhood.is_complete or not membership.newcomers:
             self._joining_until_us = None
-        elif self._joining_until_us is None:
+        elif self._joining_until_us is None or self._alive_changes != membership.alive_changes:
+            self._alive_changes = membership.alive_changes
             self._joining_until_us = now_us + self._context.config.timing.grace_us
         return self._joining_until_us is not None and now_us < self._joining_until_us
 
@@ -196,6 +198,7 @@ class FollowUp:
             self._plans_at_us,
             joining.deadline_us if joining is not None else None,
             joining.gathers_until_us if joining is not None else None,
+            joining.yields_until_us if joining is not None else None,
             self._executor.grace_ends_us if is_waiting else None,
             done_us + context.config.timing.heartbeat_us if done_us is not None else None,
         )

@@ -86,11 +86,11 @@ class Heartbeats:
         context, plan, leases = self._context, self._planner.plan, self._executor.leases
         digest, result = (plan.digest, plan.result) if plan else (b"", Status.RUNNING)
         is_small = context.membership.neighbourhood.is_complete
-        if not is_small and context.membership.is_anybody_joining:
+        if not is_small and context.membership.newcomers:
             digest = b""  # nobody begins before all have joined, and each changes the plan
         granted = tuple([(grant.coalition, grant.member) for grant in leases.grantor.grants()])
         accusations = context.membership.suspicions()
-        is_joined, is_leaving = context.joining is None, context.is_leaving
+        is_joined, is_leaving = context.has_place, context.is_leaving
         return Urgent(
             digest,
             result,
@@ -140,7 +140,9 @@ class Heartbeats:
         others.update(grant.member for grant in self._executor.leases.grantor.grants())
         if is_aside:
             return tuple(sorted(others - {context.me}))
-        heard_by = context.membership.neighbourhood.audience(number, context.mission.robots, others)
+        heard_by = context.membership.neighbourhood.audience(
+            number, context.mission.robots, others, seeks=context.is_new
+        )
         return None if is_to_all or urgent.sought is not None else heard_by
 
     def _send(self, urgent: Urgent, now_us: int, is_last: bool = False) -> None:

@@ -131,8 +131,12 @@ class Inbound:
         """In a large team, where not everybody hears everybody, also of who is alive."""
         context = self._context
         theirs, mine = beat.fact_digest, context.facts.map.digest()
-        membership, has_place = context.membership, context.joining is None
-        if has_place and beat.report.has_joined and not membership.neighbourhood.is_complete:
+        membership = context.membership
+        if (
+            context.has_place
+            and beat.report.has_joined
+            and not membership.neighbourhood.is_complete
+        ):
             theirs += beat.alive_digest
             mine += membership.alive_digest(context.replica.incarnation)
         context.replica.compare_digest(source, theirs, now_us, mine)

@@ -194,7 +194,7 @@ Input: TypeAlias = (
 
 
 # So much, at most, is taken in together: a few milliseconds' work.
-AT_ONCE = 100
+AT_ONCE = 25
 
 
 def together(waiting: Iterable[Input]) -> Iterator[Input]:

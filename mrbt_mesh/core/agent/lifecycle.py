@@ -7,7 +7,7 @@ from mrbt_mesh.core.agent.effects import DeclareToken
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import OrderKind
+from mrbt_mesh.core.facts.records import OrderKind, Phase
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
 from mrbt_mesh.core.membership.joining import Joining
@@ -48,13 +48,32 @@ class Lifecycle:
         timing = context.config.timing
         if lag_us > timing.heartbeat_us // 2:
             context.membership.allow_for_own_lag(lag_us, now_us)
+            context.replica.anti_entropy.allow_for_own_lag(lag_us)
         silent_us = now_us - self._schedule.last_sent_us
         if silent_us > timing.fence_us and context.joining is None:
-            context.log("warning", "fenced", silent_s=silent_us / 1e6)
+            expected = frozenset(context.membership.alive_set())
+            keeps_life = self._has_nothing_to_lose()
+            event = "catches_up" if keeps_life else "fenced"
+            context.log("warning", event, silent_s=silent_us / 1e6)
+            if keeps_life:
+                if context.work.claim is not None:
+                    context.write([(records.CLAIM, None)], now_us)
+                self._join_again(expected, False, now_us, keeps_life=True)
+                return
             context.emit(DeclareToken(context.replica.next_incarnation(0)))
-            self._join_again(frozenset(context.membership.alive_set()), False, now_us)
+            self._join_again(expected, False, now_us)
             # On disk before it is beaten out: no later process may take this incarnation again.
             context.write([(records.CLAIM, None)], now_us)
+
+    def _has_nothing_to_lose(self) -> bool:
+        """Whether nobody can have taken over anything from this robot.
+
+        A new life is news for everybody: where many robots are slow together, as when a large team
+        starts on one machine, it would make more of the load that made them slow.
+        """
+        work = self._context.work
+        has_begun = work.claim is not None and work.claim.phase is not Phase.CLAIMED
+        return not has_begun and work.is_idle and self._leases.is_idle
 
     def step(self, now_us: int) -> bool:
         """Notice a later life of this robot; take a place in the team: whether it just has."""
@@ -78,10 +97,14 @@ class Lifecycle:
             context.log("warning", "later_life_found", incarnation=str(later))
             self._join_again(frozenset({context.me}), True, now_us)
 
-    def _join_again(self, expected: frozenset[str], first: bool, now_us: int) -> None:
+    def _join_again(
+        self, expected: frozenset[str], first: bool, now_us: int, *, keeps_life: bool = False
+    ) -> None:
         context = self._context
         context.emit(*context.work.drop())
-        context.joining = Joining(context.config.timing, expected, now_us, first)
+        context.joining = Joining(
+            context.config.timing, expected, now_us, first, keeps_life=keeps_life
+        )
         self._duplicates.restart()
         self._planner.forget()
 
@@ -101,12 +124,19 @@ class Lifecycle:
         team_is_there = bool(context.membership.alive_set())
         if wanted or not joining.is_done(awaited, team_is_there, now_us):
             return False
+        if not joining.keeps_life and not around.is_complete:
+            ahead = sum(robot < context.me for robot in context.membership.newcomers)
+            if not joining.is_its_turn(ahead, context.membership.alive_changes, now_us):
+                return False
         if joining.is_first:
             if joining.refusal and not peers:
                 context.stop(2, f"the team runs something else: {joining.refusal}")
                 return False
             self._begin_new_life(joining)
         context.joining = None
+        if joining.keeps_life:
+            context.log("info", "caught_up")
+            return True
         context.log("info", "joined", incarnation=str(context.replica.incarnation))
         member = (records.MEMBER, context.description.to_value(context.is_leaving))
         context.write([member, (records.CLAIM, None)], now_us)

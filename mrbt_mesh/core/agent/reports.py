@@ -206,7 +206,7 @@ class Reports:
             context.log("error", "capability_unknown", reason=problem)
             return problem
         context.log("warning", "capabilities_changed", **description.changes())
-        if context.joining is None:
+        if context.has_place:
             context.write(
                 [(records.MEMBER, context.description.to_value(context.is_leaving))], now_us
             )
@@ -222,7 +222,7 @@ class Reports:
         claim = context.work.claim
         writes = self._executor.given_up(claim) if claim is not None else []
         context.emit(*context.work.drop())
-        if context.joining is None:
+        if context.has_place:
             member = (records.MEMBER, context.description.to_value(context.is_leaving))
             context.write([*writes, member, (records.CLAIM, None)], now_us)
         self._schedule.make_due(now_us)

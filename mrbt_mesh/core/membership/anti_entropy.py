@@ -4,7 +4,8 @@ Every heartbeat tells a digest of its sender's facts. Where it differs from one'
 than a message may take, facts were lost on the way, and the peer is asked for them (`replica`
 writes and answers the pulls). Few are asked at a time: one answer holds all that is lacking. A
 peer that still has the facts that this replica had a while ago is asked later, since it is the one
-to ask.
+to ask. While no answers come, ever fewer are asked: where all are too slow to answer, questions
+would make it worse.
 
 Source: Demers et al., Epidemic algorithms for replicated database maintenance, 1987.
 """
@@ -20,6 +21,8 @@ from mrbt_mesh.core.membership.timing import NEVER_US, Timing
 # How many peers are asked at a time; messages may get lost, so as many more every
 # `Timing.repair_us`.
 PULLS_AT_A_TIME = 3
+# After so many questions without an answer twice as long is waited; so often at most.
+IN_VAIN, MAX_DOUBLED = 2 * PULLS_AT_A_TIME, 4
 PAST_DIGESTS = 64
 
 
@@ -50,6 +53,28 @@ class AntiEntropy:
         # Nobody is to be asked before, if anybody is.
         self._not_before_us = 0
         self._changed_us = 0
+        self._asked_in_vain = 0
+
+    @property
+    def _repair_us(self) -> int:
+        return self._timing.repair_us << self._doubled
+
+    @property
+    def _ask_timeout_us(self) -> int:
+        return self._timing.ask_timeout_us << self._doubled
+
+    @property
+    def _doubled(self) -> int:
+        return min(MAX_DOUBLED, self._asked_in_vain // IN_VAIN)
+
+    def allow_for_own_lag(self, lag_us: int) -> None:
+        """This robot was late by `lag_us`: what it lacks, and answers, may wait unread."""
+        self._changed_us += lag_us
+        for difference in self._differences.values():
+            if difference.since_us is not None:
+                difference.since_us += lag_us
+            if difference.asked_us is not None:
+                difference.asked_us += lag_us
 
     def note_change(self, now_us: int) -> None:
         """The own facts have changed."""
@@ -72,7 +97,7 @@ class AntiEntropy:
         if difference.since_us is None:
             difference.since_us = now_us
         if before != (difference.since_us, difference.is_behind):
-            self._ask_from(now_us + self._timing.repair_us)
+            self._ask_from(now_us + self._repair_us)
 
     def peers_to_ask(self, now_us: int) -> list[str]:
         """Peers to ask now: their facts have differed for a while, or their answer is overdue."""
@@ -80,19 +105,19 @@ class AntiEntropy:
             return []
         due = []
         # Who has to wait for others is looked at again soon.
-        self._not_before_us = self.next_ask_us = now_us + self._timing.ask_timeout_us
+        self._not_before_us = self.next_ask_us = now_us + self._ask_timeout_us
         for peer, difference in self._differences.items():
             deadline_us = self._deadline_us(difference)
             if deadline_us is not None and deadline_us <= now_us:
                 due.append(peer)
-                deadline_us = now_us + self._timing.repair_us
+                deadline_us = now_us + self._repair_us
             if deadline_us is not None:
                 self._ask_from(deadline_us)
         return self.choose_to_ask(due, now_us)
 
     def choose_to_ask(self, peers: Iterable[str], now_us: int) -> list[str]:
         """Those of the peers to ask now: few at a time, first who was not asked for longest."""
-        just_us = now_us - self._timing.repair_us
+        just_us = now_us - self._repair_us
         free = PULLS_AT_A_TIME - sum(
             difference.asked_us is not None and difference.asked_us > just_us
             for difference in self._differences.values()
@@ -110,12 +135,13 @@ class AntiEntropy:
         difference = self._differences.get(peer)
         if difference is None or difference.asked_us is None:
             return False
-        return now_us < difference.asked_us + self._timing.ask_timeout_us
+        return now_us < difference.asked_us + self._ask_timeout_us
 
     def mark_asked(self, peer: str, now_us: int) -> None:
         """A pull goes out to this peer."""
         self._differences.setdefault(peer, _Difference(now_us)).asked_us = now_us
         self.next_ask_us = self._not_before_us
+        self._asked_in_vain += 1
 
     def mark_answered(self, peer: str, now_us: int) -> None:
         """The last page of this peer's answer has arrived.
@@ -124,6 +150,7 @@ class AntiEntropy:
         They say so again, to some robot at least, if it was not.
         """
         self.forget(peer)
+        self._asked_in_vain = 0
         before_us = now_us - self._timing.overdue_us
         for other, difference in list(self._differences.items()):
             if difference.heard_us < before_us and not self.is_asking(other, now_us):
@@ -152,10 +179,9 @@ class AntiEntropy:
         """
         if difference.since_us is None:
             return None
-        timing = self._timing
-        wait_us = timing.ask_timeout_us if difference.is_behind else timing.repair_us
+        wait_us = self._ask_timeout_us if difference.is_behind else self._repair_us
         calm_us = max(difference.since_us, self._changed_us) + wait_us
-        calm_us = min(calm_us, difference.since_us + max(wait_us, 4 * timing.repair_us))
+        calm_us = min(calm_us, difference.since_us + max(wait_us, 4 * self._repair_us))
         if difference.asked_us is not None:
-            return max(calm_us, difference.asked_us + timing.ask_timeout_us)
+            return max(calm_us, difference.asked_us + self._ask_timeout_us)
         return calm_us

@@ -82,8 +82,9 @@ class FailureDetector:
         """The robots that are dead, sorted.
 
         Of those that it judges, suspects that have been silent for too long or whose token is gone
-        everywhere. Of others, `accused`, those that most of their neighbours have declared dead;
-        one of these is enough if the token is gone here as well.
+        everywhere. Of others, `accused`, those that most of their neighbours have declared dead.
+        One who has is enough if the token is gone here as well, but in a team of neighbours, where
+        each hears of the tokens of all himself.
         """
         extra_us = self._extra_us(around.judged)
         dead = []
@@ -98,6 +99,7 @@ class FailureDetector:
                 is_dead = peer.state is State.SUSPECT and (
                     silent_us >= self._limit_us(peer, peers) + extra_us
                     or _has_everybody_lost_token(robot, around, peers)
+                    or (not around.is_complete and _is_confirmed(peer, peers))
                 )
             if is_dead:
                 dead.append(robot)
@@ -110,8 +112,7 @@ class FailureDetector:
 
     def _limit_us(self, peer: Peer, peers: Mapping[str, Peer]) -> int:
         """The silence after which a suspect is dead: less if another robot has declared it dead."""
-        others = map(peers.get, peer.declared_dead_by)
-        if any(other is not None and other.state.is_alive for other in others):
+        if _accusers(peer, peers):
             return max(self._timing.detection_us, peer.probe_after_us)
         return peer.silence_limit_us
 
@@ -159,8 +160,16 @@ def _is_given_up(robot: str, around: Neighbourhood, peers: Mapping[str, Peer]) -
     """Whether those who judge a robot have declared it dead: most of them, or one at least if its
     token is gone here too.
     """
-    peer = peers[robot]
-    accusers = [name for name in peer.declared_dead_by if name in peers]
-    believed = sum(peers[name].state.is_alive for name in accusers)
-    needed = 1 if peer.is_token_lost else len(around.monitors(robot)) // 2 + 1
-    return believed >= needed
+    believed = _accusers(peers[robot], peers)
+    return _is_confirmed(peers[robot], peers) or believed > len(around.monitors(robot)) // 2
+
+
+def _is_confirmed(peer: Peer, peers: Mapping[str, Peer]) -> bool:
+    """Whether a robot in good standing has declared it dead, and its token is gone here too."""
+    return peer.is_token_lost and _accusers(peer, peers) > 0
+
+
+def _accusers(peer: Peer, peers: Mapping[str, Peer]) -> int:
+    """How many robots in good standing have declared it dead."""
+    others = map(peers.get, peer.declared_dead_by)
+    return sum(other is not None and other.state.is_alive for other in others)

@@ -14,15 +14,19 @@ from collections.abc import Collection, Mapping
 from mrbt_mesh.core.membership.peer import Peer
 from mrbt_mesh.core.membership.timing import Timing
 
+# Of a large team so many join at a time: each is news for everybody.
+JOINS_AT_A_TIME = 8
+
 
 class Joining:
     """Done once facts were exchanged with every peer that is heard, and either all expected
     robots were heard or one detection time has passed.
 
-    `is_first`: the process has just started (not: it fenced itself). `refusal` is why the last
-    incompatible message was refused. `gather_us`: while nobody has joined yet, the expected robots
-    are waited for so long, if that is longer: how long processes take to start has nothing to do
-    with how soon a silent one is dead.
+    `is_first`: the process has just started (not: it fenced itself). `keeps_life`: it was silent
+    for long and has nothing that others could have taken over, so it only catches up. `refusal` is
+    why the last incompatible message was refused. `gather_us`: while nobody has joined yet, the
+    expected robots are waited for so long, if that is longer: how long processes take to start has
+    nothing to do with how soon a silent one is dead.
     """
 
     def __init__(
@@ -32,15 +36,21 @@ class Joining:
         now_us: int,
         is_first: bool = True,
         gather_us: int = 0,
+        keeps_life: bool = False,
     ) -> None:
         self.deadline_us = now_us + timing.detection_us
         self.gathers_until_us = max(self.deadline_us, now_us + gather_us)
         self.is_first = is_first
+        self.keeps_life = keeps_life
         self.refusal = ""
         self._ask_until_us = now_us + timing.max_silence_us
         self._expected = expected
+        self._timing = timing
         self._heard: set[str] = set()
         self._answered: set[str] = set()
+        # Until when it lets others go first, and how many changes of who is alive there were then.
+        self.yields_until_us: int | None = None
+        self._changes_seen = -1
 
     def mark_heard(self, robot: str) -> None:
         """A heartbeat of `robot` itself arrived."""
@@ -69,6 +79,19 @@ class Joining:
             and peer.state.is_live
             and not (has_caught_up and _tells(peer, digest))
         ]
+
+    def is_its_turn(self, ahead: int, alive_changes: int, now_us: int) -> bool:
+        """Whether it may join now, while `ahead` others of lower id are about to join too.
+
+        All robots of a team that starts are ready at the same time. If all joined at once, none of
+        them would have time for its heartbeats. It lets others go first for as long as they do.
+        """
+        if ahead < JOINS_AT_A_TIME:
+            return True
+        if self.yields_until_us is None or alive_changes != self._changes_seen:
+            self._changes_seen = alive_changes
+            self.yields_until_us = now_us + self._timing.detection_us
+        return now_us >= self.yields_until_us
 
     def is_done(self, is_other_life_relayed: bool, is_team_there: bool, now_us: int) -> bool:
         """Whether the robot may take its place in the team, if nobody's facts are needed.

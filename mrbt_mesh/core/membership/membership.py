@@ -13,7 +13,7 @@ Source: SWIM (Das, Gupta, Motivala 2002); relays on heartbeats are its indirect 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from itertools import chain
 from typing import Any
 
@@ -223,8 +223,12 @@ class Membership:
                 self.news_changes += 1
 
     def receive_token(self, robot: str, incarnation: Incarnation, is_held: bool) -> None:
-        """A liveliness token came (`is_held`) or went. Its presence proves nothing."""
+        """A liveliness token came (`is_held`) or went. Its presence proves nothing, but its robot
+        can be reached now: one that was not heard yet hears from this one.
+        """
         peer = self.peers.get(robot)
+        if is_held and (peer is None or peer.incarnation < incarnation):
+            self._neighbourhood.answer(robot)
         if peer is not None and peer.incarnation == incarnation:
             peer.is_token_lost = not is_held
             set_member(self._token_lost, robot, not is_held)
@@ -346,9 +350,9 @@ class Membership:
         return True
 
     @property
-    def is_anybody_joining(self) -> bool:
-        """Whether a robot in good standing has yet to join."""
-        return bool(self._alive.newcomers)
+    def newcomers(self) -> Collection[str]:
+        """The robots in good standing that have yet to join."""
+        return self._alive.newcomers
 
     def all_report_result(self, result: int) -> bool:
         """Whether every robot of the alive set that this one judges reports this mission status.

@@ -7,20 +7,22 @@ not everybody anyway:
   team that were cut off from each other find out, and whoever has missed a change hears of it;
 - whoever judges this robot, or is new, by its own last heartbeat: two robots that see different
   rings hear each other;
+- while it is about to join, some that it has not heard yet;
 - robots that are *checked*: others say otherwise of them than is known here.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from mrbt_mesh.core.membership.peer import Peer, State, set_member
 from mrbt_mesh.core.membership.ring import Ring
 from mrbt_mesh.core.membership.timing import Timing
 
-# So many robots are checked at a time.
+# So many robots are checked at a time, and so many sought by a newcomer.
 MAX_CHECKED = 16
+SOUGHT_AT_A_TIME = 4
 
 
 class Neighbourhood:
@@ -129,11 +131,16 @@ class Neighbourhood:
         self._to_answer.add(robot)
 
     def audience(
-        self, number: int, mission: Iterable[str], others: Iterable[str]
+        self,
+        number: int,
+        mission: Iterable[str],
+        others: Iterable[str],
+        seeks: bool = False,
     ) -> tuple[str, ...] | None:
         """Who gets heartbeat `number`, sorted; None: everybody. Those that wait have an answer.
 
         `mission`: the robots that may be there, heard or not. `others`: who is to have it, besides.
+        `seeks`: it is about to join, so it looks for those that it has not heard yet.
         """
         answered, self._to_answer = self._to_answer, set()
         if self.is_complete:
@@ -145,11 +152,20 @@ class Neighbourhood:
         if self._in_turn is None:
             left = {robot for robot, peer in self._peers.items() if peer.state is State.LEFT}
             self._in_turn = sorted({*self._peers, *mission} - left - {self.me})
-        if self._in_turn:
-            # Robots that started together begin with different ones, not all with the same.
-            begin = bisect_left(self._in_turn, self.me)
-            wanted.add(self._in_turn[(begin + number) % len(self._in_turn)])
+        wanted.update(self._of_all(self._in_turn, number, 1))
+        if seeks:
+            known = {robot for robot, peer in self._peers.items() if peer.heartbeat is not None}
+            unheard = [robot for robot in self._in_turn if robot not in known]
+            wanted.update(self._of_all(unheard, number, SOUGHT_AT_A_TIME))
         return tuple(sorted(robot for robot in wanted if not self._has_left(robot)))
+
+    def _of_all(self, robots: Sequence[str], number: int, count: int) -> list[str]:
+        """So many of these robots, others for each number.
+
+        Robots that started together begin with different ones, not all with the same.
+        """
+        begin = bisect_left(robots, self.me) + number * count
+        return [robots[(begin + k) % len(robots)] for k in range(min(count, len(robots)))]
 
     def _has_left(self, robot: str) -> bool:
         """Whether a robot is gone on purpose, or is this one."""

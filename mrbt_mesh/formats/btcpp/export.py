@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 from mrbt_mesh.core.bt.tree import LEAVES as CORE_LEAVES
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec
@@ -153,8 +152,9 @@ def _guessed_model(name: str, uses: list[Element]) -> Element:
 def with_ids(library: Library) -> Document:
     """One <BehaviorTree> per SubTree in use, with `_fullpath`, and `_uid` at every node.
 
-    This is how BehaviorTree.CPP tells a monitor which node is which. Raises TreeFileError without
-    a main tree, and for a tree that cannot be expanded.
+    As BehaviorTree.CPP tells a monitor which node is which: nodes are numbered from 1, depth first,
+    those of a SubTree right after it. Raises TreeFileError without a main tree, and for a tree that
+    cannot be expanded.
     """
     first = library.documents[0]
     main = library.main_tree
@@ -164,25 +164,31 @@ def with_ids(library: Library) -> Document:
     # Refuses trees that contain themselves, or that are too large.
     expand(library, main)
     root = Element("root", {"BTCPP_format": "4", "main_tree_to_execute": main})
-    waiting: deque[tuple[TreeSource, str]] = deque([(library.trees[main], "")])
-    uid = 0
-    while waiting:
-        source, path = waiting.popleft()
+
+    def begin(source: TreeSource, path: str) -> tuple[Iterator[Element], str]:
         tree = Element(TREE, {"ID": source.id, "_fullpath": path})
         tree.content = [child.copy() for child in source.element.children]
         root.content.append(tree)
-        for element in [element for child in tree.children for element in child.walk()]:
-            uid += 1
-            _make_explicit(element, library)
+        return (element for child in tree.children for element in child.walk()), path
+
+    uid, open_trees = 0, [begin(library.trees[main], "")]
+    while open_trees:
+        elements, path = open_trees[-1]
+        element = next(elements, None)
+        if element is None:
+            open_trees.pop()
+            continue
+        uid += 1
+        _make_explicit(element, library)
+        element.attributes["_uid"] = str(uid)
+        if element.tag != SUBTREE:
             element.attributes.setdefault("name", instance_name(element))
-            element.attributes["_uid"] = str(uid)
-            if element.tag != SUBTREE:
-                continue
-            inner = element.get("ID")
-            own = element.get("name") if element.get("name") != inner else f"{inner}::{uid}"
-            element.attributes["_fullpath"] = full = f"{path}/{own}" if path else own
-            if inner in library.trees:
-                waiting.append((library.trees[inner], full))
+            continue
+        inner = element.get("ID")
+        own = element.get("name") or f"{inner}::{uid}"
+        element.attributes["_fullpath"] = full = f"{path}/{own}" if path else own
+        if inner in library.trees:
+            open_trees.append(begin(library.trees[inner], full))
     document = Document(first.file, [root])
     _add_models(document, library)
     return document
@@ -216,7 +222,9 @@ class _CoreWriter:
             return self.leaf(spec)
         if spec.kind is Kind.SUBTREE:
             attributes = {"ID": self.subtree(spec)}
-            return Element(SUBTREE, attributes | ({"name": spec.name} if spec.name else {}))
+            if spec.name not in ("", attributes["ID"]):
+                attributes["name"] = spec.name
+            return Element(SUBTREE, attributes)
         element = Element(_OF_KIND[spec.kind, spec.memory])
         if spec.name:
             element.attributes["name"] = spec.name

@@ -41,11 +41,13 @@ class World:
     """Everything that is there, and what happens when. One instance is one run.
 
     It stands between the parts: a process tells it what it does, and it tells those whom that
-    concerns. `inspect` makes what looks on. `events`: what the robots have recorded themselves.
+    concerns. `inspect` makes what checks it. `events`: what the robots have recorded themselves.
+    `look_on` is shown the observer whenever that has seen something.
     """
 
-    def __init__(self, setup: Setup, inspect: Inspect) -> None:
+    def __init__(self, setup: Setup, inspect: Inspect, look_on: LookOn | None = None) -> None:
         self.setup = setup
+        self._look_on = look_on
         self.timing = setup.timing
         self.clock = VirtualClock()
         self.network = Network(setup.network, setup.seed)
@@ -208,6 +210,8 @@ class World:
         self.observer.update(self.clock.now_us)
         if self.recordings is not None:
             self.recordings.observed(self.clock.now_us)
+        if self._look_on is not None:
+            self._look_on(self.observer, self.clock.now_us)
         self.ending.look()
 
     def _observe_regularly(self) -> None:
@@ -220,5 +224,7 @@ class World:
         self.clock.at(self.clock.now_us + self.timing.heartbeat_us, self._observe_regularly)
 
 
-# Makes what looks on in a world: nobody, or the checkers.
+# Makes what checks a world: nothing, or the checkers.
 Inspect: TypeAlias = Callable[[World], Inspection]
+# Is told at which virtual time, in microseconds, the observer has seen what it has.
+LookOn: TypeAlias = Callable[[Observer, int], None]

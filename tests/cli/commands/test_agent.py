@@ -12,6 +12,7 @@ from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime import robot_process
 from mrbt_mesh.runtime.key_folder import KeyFolder
+from mrbt_mesh.runtime.metrics.server import MetricsAddress
 from mrbt_mesh.runtime.robot_process import RobotStart
 from mrbt_mesh.runtime.team_address import TeamAddress
 from tests.support.command import EXPLORE, mrbt
@@ -91,6 +92,17 @@ def test_a_robot_has_keys_or_is_told_that_it_needs_none(
     keys = KeyFolder.create(tmp_path / "keys", {"R1": Role.ROBOT}).path
     assert mrbt(*words, MRBT_KEYS=str(keys)) == (0, "", "")
     assert [address.keys for _, address in started] == [keys]
+
+
+def test_metrics_are_for_this_machine_unless_said_otherwise(started: list[Started]) -> None:
+    words = ("agent", "--mission", EXPLORE, "--robot", "R1", "--insecure")
+    assert mrbt(*words, "--metrics-port", "9464")[0] == 0
+    assert mrbt(*words, "--metrics-port", "9464", "--metrics-host", "0.0.0.0")[0] == 0
+    found = [start.metrics for start, _ in started]
+    assert found == [MetricsAddress(9464, "127.0.0.1"), MetricsAddress(9464, "0.0.0.0")]
+    code, _, problems = mrbt(*words, "--metrics-host", "0.0.0.0")
+    assert (code, "--metrics-host: give --metrics-port too" in problems) == (2, True)
+    assert mrbt(*words, "--metrics-port", "0")[0] == 2
 
 
 def test_variables_stand_for_options_and_options_win(

@@ -218,7 +218,8 @@ def test_convert_with_ids(old: Path, tmp_path: Path) -> None:
     assert tree("convert", old, target, "--ids")[0] == 0
     document = read_document(target)
     assert [t.get("_fullpath") for t in document.trees] == ["", "Go::2"]
-    assert [e.get("_uid") for e in document.root.walk() if e.get("_uid")] == ["1", "2", "3", "4"]
+    # As BehaviorTree.CPP counts: what stands in a SubTree comes right after it.
+    assert [e.get("_uid") for e in document.root.walk() if e.get("_uid")] == ["1", "2", "4", "3"]
 
 
 def test_convert_merges_included_files(tmp_path: Path) -> None:

@@ -35,18 +35,33 @@ def test_a_team_that_is_never_quiet_is_repaired_all_the_same() -> None:
     assert mine.anti_entropy.peers_to_ask(4 * TIMING.repair_us) == ["B"]
 
 
-def test_few_are_asked_at_a_time_and_more_while_none_has_answered() -> None:
+def test_few_are_asked_at_a_time_and_ever_fewer_while_none_has_answered() -> None:
     mine = replica("A")
-    for peer in "BCDEFGH":
+    for peer in "BCDEFGHIJKLMNOPQRS":
         mine.compare_digest(peer, b"another!", 0)
-    asked: list[str] = []
-    for now_us in range(0, 5 * TIMING.repair_us, TIMING.repair_us):
-        peers = mine.anti_entropy.peers_to_ask(now_us)
-        assert len(peers) <= 3
+    asked = []
+    for step in range(16):
+        peers = mine.anti_entropy.peers_to_ask(step * TIMING.repair_us)
         for peer in peers:
-            mine.anti_entropy.mark_asked(peer, now_us)
-        asked += peers
-    assert asked == list("BCDEFGH")
+            mine.anti_entropy.mark_asked(peer, step * TIMING.repair_us)
+        asked.append("".join(peers))
+    # Six are asked in vain, then it waits twice as long, and after six more four times.
+    assert [step for step, peers in enumerate(asked) if peers] == [1, 2, 5, 7, 13]
+    assert "".join(asked) == "BCDEFGHIJKLMNOP"
+    mine.anti_entropy.mark_answered("P", 16 * TIMING.repair_us)
+    assert mine.anti_entropy.choose_to_ask("QRS", 16 * TIMING.repair_us) == ["Q", "R", "S"]
+
+
+def test_who_was_slow_himself_may_have_what_he_lacks_unread() -> None:
+    mine = replica("A")
+    mine.compare_digest("B", b"another!", 0)
+    mine.compare_digest("C", b"another!", 0)
+    mine.anti_entropy.mark_asked("B", 0)
+    lag_us = 10 * TIMING.ask_timeout_us
+    mine.anti_entropy.allow_for_own_lag(lag_us)
+    assert mine.anti_entropy.peers_to_ask(lag_us) == []
+    assert mine.anti_entropy.is_asking("B", lag_us)
+    assert mine.anti_entropy.peers_to_ask(lag_us + TIMING.repair_us) == ["C"]
 
 
 def test_who_was_not_asked_comes_before_who_did_not_answer() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mrbt_mesh.core.facts.store import Incarnation
-from mrbt_mesh.core.membership.joining import Joining
+from mrbt_mesh.core.membership.joining import JOINS_AT_A_TIME, Joining
 from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport
@@ -93,3 +93,14 @@ def test_a_team_that_gathers_waits_longer_and_a_newcomer_to_one_that_is_there_do
     assert joining.is_done(False, False, 5_000 * MS)
     assert not joining.is_done(False, True, 999 * MS)
     assert joining.is_done(False, True, 1_000 * MS)
+
+
+def test_many_newcomers_of_a_large_team_join_a_few_at_a_time() -> None:
+    joining = Joining(TIMING, frozenset(), 0)
+    assert joining.is_its_turn(JOINS_AT_A_TIME - 1, 0, 0)
+    assert not joining.is_its_turn(JOINS_AT_A_TIME, 0, 0)
+    # As long as others join it waits for them, and no longer.
+    assert not joining.is_its_turn(JOINS_AT_A_TIME, 1, 900 * MS)
+    assert not joining.is_its_turn(JOINS_AT_A_TIME, 1, 1_899 * MS)
+    assert joining.yields_until_us == 1_900 * MS
+    assert joining.is_its_turn(JOINS_AT_A_TIME, 1, 1_900 * MS)

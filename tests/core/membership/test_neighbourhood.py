@@ -6,8 +6,12 @@ import pytest
 
 from benchmarks.membership.team import SteppedTeam
 from mrbt_mesh.core.agent.planner import Planner
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.membership import Membership
+from mrbt_mesh.core.membership.neighbourhood import SOUGHT_AT_A_TIME
 from mrbt_mesh.core.membership.ring import Ring
 from mrbt_mesh.core.membership.timing import SECOND_US, Timing
+from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport
 from mrbt_mesh.sim.engine.network import LinkKnobs, NetworkKnobs
 from tests.support.patrols import GOOD, MS, NO_TOKENS, alive, patrol, started
 
@@ -53,6 +57,27 @@ def test_a_frozen_robot_is_found_in_the_detection_time_and_found_again(robots: i
     team.thaw(victim)
     team.run_until(team.now_us + 2 * timing.detection_us)
     assert alive(team) == {robots: robots}
+
+
+def test_a_newcomer_looks_for_those_that_it_has_not_heard() -> None:
+    robots = [f"R{number:02}" for number in range(40)]
+    members = Membership("R00", Timing().of_team(40))
+    beat = Heartbeat(
+        SelfReport(Incarnation(0, "n"), 1, bytes(8), False, 0), False, bytes(8), (0,) * 4, 0, (), {}
+    )
+    for robot in robots[1:21]:
+        members.receive_heartbeat(robot, beat, 0)
+    sought: set[str] = set()
+    for number in range(1, 6):
+        found = members.neighbourhood.audience(number, robots, (), seeks=True)
+        assert found is not None
+        plain = members.neighbourhood.audience(number, robots, ())
+        assert plain is not None
+        if number > 1:  # all that are new have had their answer
+            assert len(set(found) - set(plain)) <= SOUGHT_AT_A_TIME
+            assert len(set(found) - set(robots[1:21])) >= SOUGHT_AT_A_TIME
+        sought |= set(found)
+    assert sought >= set(robots[21:])
 
 
 def test_who_begins_together_is_planned_for_together(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,13 @@ from mrbt_mesh.cli.views.tree_shapes import file_shapes
 from mrbt_mesh.cli.views.tree_svg import render_svg
 from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
 from mrbt_mesh.formats.btcpp.check import check_file
-from mrbt_mesh.formats.btcpp.document import CONDITIONS, parse_document, read_document, type_id
+from mrbt_mesh.formats.btcpp.document import (
+    CONDITIONS,
+    Category,
+    parse_document,
+    read_document,
+    type_id,
+)
 from mrbt_mesh.formats.btcpp.expand import expand
 from mrbt_mesh.formats.btcpp.export import compact, explicit, with_ids
 from mrbt_mesh.formats.btcpp.findings import Findings
@@ -111,10 +117,14 @@ def test_numbered_for_monitors(path: Path) -> None:
     if library.main_tree is None:
         return
     document = with_ids(library)
-    uids = [e.get("_uid") for e in document.root.walk() if "_uid" in e.attributes]
-    assert uids == [str(number + 1) for number in range(len(uids))]
+    numbered = {int(e.get("_uid")): e for e in document.root.walk() if "_uid" in e.attributes}
     expanded = list(expand(library, library.main_tree).root.walk())
-    assert len(uids) == len(expanded)
+    assert sorted(numbered) == list(range(1, len(expanded) + 1))
+    # Depth first, the nodes of a SubTree right after it.
+    for uid, node in enumerate(expanded, 1):
+        expected = "SubTree" if node.category is Category.SUBTREE else node.type
+        assert numbered[uid].tag == node.category
+        assert expected in ("SubTree", type_id(numbered[uid]))
     paths = [tree.get("_fullpath") for tree in document.trees]
     assert paths[0] == ""
     assert len(set(paths)) == len(paths)

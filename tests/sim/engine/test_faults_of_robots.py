@@ -142,10 +142,16 @@ def test_a_suspended_robot_fences_itself_and_its_work_is_cancelled(run: Run, fau
     assert sum('"fenced"' in line for line in result.effect_log) == 1
 
 
-def test_a_boot_time_clock_that_jumps_fences_its_robot(run: Run) -> None:
-    schedule = [(4 * SECOND_US, ClockJump("A1", 30 * SECOND_US))]
+@pytest.mark.parametrize(("at_s", "event"), [(6, "fenced"), (4, "catches_up")])
+def test_a_boot_time_clock_that_jumps_fences_a_robot_at_work(
+    run: Run, at_s: int, event: str
+) -> None:
+    at_work = any(s.start_s < at_s < s.end_s for s in undisturbed(3) if s.robot == "A1")
+    assert at_work == (event == "fenced")
+    schedule = [(at_s * SECOND_US, ClockJump("A1", 30 * SECOND_US))]
     result = run("vehicle_repair", 3, schedule=schedule, keep_log=True)
-    assert sum('"fenced"' in line for line in result.effect_log) == 1
+    found = [e for line in result.effect_log for e in ("fenced", "catches_up") if f'"{e}"' in line]
+    assert found == [event]
 
 
 def test_clocks_that_run_five_percent_apart_harm_nobody(run: Run) -> None:

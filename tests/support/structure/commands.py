@@ -14,7 +14,7 @@ from tests.support.structure.source import Finding
 Commands = Mapping[str, Collection[str]]
 
 _TARGET = re.compile(r"^([A-Za-z][\w-]*)\s*:(?!=)", re.MULTILINE)
-_WORD = re.compile(r"^[a-z][a-z-]*$")
+_WORD = re.compile(r"^[a-z][a-z0-9-]*$")
 _OPTION = re.compile(r"^--?[A-Za-z][\w-]*")
 _ENDS = {";", "&&", "||", "|", "&", ">", ")"}
 

@@ -1,0 +1,43 @@
+"""Files with every change of a tree's statuses, as BehaviorTree.CPP's FileLogger2 writes them.
+
+`BTCPP4-FileLogger2`, the version 1 in one byte, the length of the tree's XML in four and the XML,
+the time of the beginning in eight (Unix microseconds), then 9 bytes for each change. Numbers are
+little-endian.
+"""
+
+from __future__ import annotations
+
+import struct
+
+from mrbt_mesh.adapters.groot2.full_tree import FullTree
+from mrbt_mesh.adapters.groot2.protocol import transition
+from mrbt_mesh.adapters.node_statuses import ObservedTree
+from mrbt_mesh.core.observer.observer import Observer
+
+MAGIC = b"BTCPP4-FileLogger2"
+VERSION = 1
+
+
+class Btlog:
+    """The bytes of one file, piece by piece; times are microseconds since its beginning."""
+
+    def __init__(self, observed: ObservedTree) -> None:
+        """Raises InputError for a tree of more nodes than such a file can number."""
+        self._observed = observed
+        self._xml = FullTree(observed.tree, observed.title).xml.encode()
+        self._statuses = bytes(len(observed.tree.nodes))
+
+    def header(self, began_unix_us: int) -> bytes:
+        """What the file begins with."""
+        length = struct.pack("<i", len(self._xml))
+        return MAGIC + bytes([VERSION]) + length + self._xml + struct.pack("<q", began_unix_us)
+
+    def changes(self, observer: Observer, at_us: int) -> bytes:
+        """What has changed since the last call, in the order of the nodes."""
+        statuses = self._observed.statuses(observer)
+        before, self._statuses = self._statuses, statuses
+        return b"".join(
+            transition(at_us, index + 1, status)
+            for index, status in enumerate(statuses)
+            if status != before[index]
+        )

@@ -1,0 +1,56 @@
+"""Serves a tree to Groot2 over ZeroMQ, beside the event loop that watches the team."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import anyio.lowlevel
+
+from mrbt_mesh.adapters.groot2.monitored import MonitoredTree
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.fencing import boottime_us
+
+if TYPE_CHECKING:
+    import zmq.asyncio
+
+# Requests are a few bytes; names of blackboards may be longer.
+MAX_REQUEST_BYTES = 1 << 16
+EXTRA = "Groot2's protocol needs the extra `groot2`: pip install 'mrbt-mesh[groot2]'"
+
+
+@contextmanager
+def listening(host: str, port: int) -> Iterator[tuple[zmq.asyncio.Socket, int]]:
+    """A socket for monitors, and its port (`port` 0: any that is free).
+
+    Raises InputError without the library, and where it cannot listen.
+    """
+    try:
+        import zmq
+        import zmq.asyncio
+    except ImportError:
+        raise InputError(EXTRA) from None
+    context = zmq.asyncio.Context()
+    socket = context.socket(zmq.REP)
+    try:
+        socket.setsockopt(zmq.LINGER, 0)
+        socket.setsockopt(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
+        try:
+            socket.bind(f"tcp://{host}:{port or '*'}")
+        except zmq.ZMQError as error:
+            raise InputError(f"{host}:{port}: cannot listen for Groot2: {error.strerror}") from None
+        endpoint = socket.getsockopt_string(zmq.LAST_ENDPOINT)
+        yield socket, int(endpoint.rpartition(":")[2])
+    finally:
+        socket.close()
+        context.term()
+
+
+async def answer_all(socket: zmq.asyncio.Socket, monitored: MonitoredTree) -> None:
+    """Answer one request after the other; never returns."""
+    while True:
+        request = await socket.recv_multipart()
+        await socket.send_multipart(monitored.answer(request, boottime_us()))
+        # Many requests at once must not keep the team's messages waiting.
+        await anyio.lowlevel.checkpoint()

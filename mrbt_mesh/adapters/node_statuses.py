@@ -1,0 +1,127 @@
+"""A tree of a mission with the statuses of its nodes, as an observer sees them.
+
+T_G is the same for all robots. T_i of one robot has T_A, T_G and T_Li below it; what a robot does
+with T_A and T_Li it tells nobody, and both follow from the facts that all hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from mrbt_mesh.core.bt.evaluation import OwnFacts
+from mrbt_mesh.core.bt.evaluator import Evaluator, parallel_status
+from mrbt_mesh.core.bt.robot_tree import (
+    ASSIGN_AGENTS,
+    ASSIGNED,
+    CHECK_CONSISTENCY,
+    NEW_GLOBAL_TASK_EXECUTED,
+    assignment_tree,
+    local_tree,
+)
+from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, Tree, build_tree
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.errors import InputError
+
+T_A, T_G, T_LI = "T_A", "T_G", "T_Li"
+
+
+class ObservedTree(Protocol):
+    """A tree, and a status for each of its nodes."""
+
+    @property
+    def tree(self) -> Tree: ...
+
+    @property
+    def title(self) -> str:
+        """What it is, for people."""
+        ...
+
+    def statuses(self, observer: Observer) -> bytes:
+        """One byte for each node, the value of its `Status`; all idle while nobody is known."""
+        ...
+
+
+@dataclass(frozen=True)
+class GlobalTree:
+    """T_G."""
+
+    mission: Mission
+
+    @property
+    def tree(self) -> Tree:
+        """The mission's own."""
+        return self.mission.tree
+
+    @property
+    def title(self) -> str:
+        """Of which mission."""
+        return f"{T_G} of {self.mission.name}"
+
+    def statuses(self, observer: Observer) -> bytes:
+        """As the observer's plan has them, which is the team's."""
+        plan = observer.plan
+        if plan is None or not observer.robots():
+            return bytes(len(self.tree.nodes))
+        return plan.evaluation.statuses
+
+
+class RobotTrees:
+    """T_i of one robot. A local task that is a tree of its own is one leaf of T_Li."""
+
+    def __init__(self, mission: Mission, robot: str, capabilities: Mapping[str, int]) -> None:
+        self.robot = robot
+        self.title = f"T_i of {robot} ({mission.name})"
+        self._names = frozenset(type_name(name) for name in capabilities)
+        self._assignment = Evaluator(assignment_tree())
+        self._global = GlobalTree(mission)
+        self._local = Evaluator(local_tree(self._names))
+        parts = (
+            (T_A, self._assignment.tree.spec()),
+            (T_G, mission.tree.spec()),
+            (T_LI, self._local.tree.spec()),
+        )
+        children = tuple(NodeSpec(Kind.SUBTREE, (spec,), name) for name, spec in parts)
+        spec = NodeSpec(Kind.PARALLEL, children, f"T_{robot}", limit=len(parts))
+        self.tree = build_tree(spec)
+
+    def statuses(self, observer: Observer) -> bytes:
+        """Those of T_A and T_Li as they follow from the facts; all idle unless the robot lives."""
+        plan = observer.plan
+        if plan is None or not observer.robot_state(self.robot).is_live:
+            return bytes(len(self.tree.nodes))
+        parts = (
+            self._assignment.evaluate(_assignment_facts(plan)).statuses,
+            self._global.statuses(observer),
+            self._local.evaluate(self._local_facts(observer)).statuses,
+        )
+        whole = parallel_status(tuple(Status(part[0]) for part in parts), len(parts))
+        return bytes([whole]) + b"".join(part[:1] + part for part in parts)
+
+    def _local_facts(self, observer: Observer) -> OwnFacts:
+        claim = observer.claim(self.robot)
+        if claim is None:
+            return OwnFacts(frozenset())
+        name = type_name(claim.local_task)
+        return OwnFacts(frozenset({ASSIGNED, f"{ASSIGNED}({name})"}))
+
+
+def _assignment_facts(plan: Plan) -> OwnFacts:
+    """What the leaves of T_A returned when this plan was made."""
+    holding = {NEW_GLOBAL_TASK_EXECUTED, *([CHECK_CONSISTENCY] if plan.consistent else [])}
+    solved = Status.SUCCESS if plan.feasible else Status.FAILURE
+    return OwnFacts(frozenset(holding), {ASSIGN_AGENTS: solved})
+
+
+def observed_tree(mission: Mission, robot: str | None) -> ObservedTree:
+    """T_G, or T_i of a robot of the mission file; raises InputError for one that it lacks."""
+    if robot is None:
+        return GlobalTree(mission)
+    if robot not in mission.robots:
+        known = ", ".join(mission.robots)
+        raise InputError(f"mission {mission.name} has no robot {robot!r} (it has {known})")
+    return RobotTrees(mission, robot, mission.robots[robot].capabilities)

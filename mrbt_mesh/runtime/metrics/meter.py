@@ -1,0 +1,187 @@
+"""Counts what goes into one agent and comes out of it, beside the driver; it changes nothing."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
+
+from mrbt_mesh.core.agent.effects import (
+    Ask,
+    Effect,
+    Log,
+    Persist,
+    Publish,
+    Reply,
+    StartAction,
+)
+from mrbt_mesh.core.agent.inputs import (
+    AnswerReceived,
+    Input,
+    MessageReceived,
+    NewsReceived,
+    QueryReceived,
+)
+from mrbt_mesh.core.assignment.problem import Solver
+from mrbt_mesh.core.bt.evaluator import Evaluator
+from mrbt_mesh.core.engine import Engine, PlanFunction
+from mrbt_mesh.core.facts.records import Claim, Outcome
+from mrbt_mesh.core.facts.store import Entry, Incarnation
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.membership.wire import MessageKind
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.runtime.metrics.families import Distribution
+
+# What a name stands for that the mission does not have: labels must stay few.
+OTHER = "other"
+
+
+REPLY = "reply"
+
+
+class Traffic:
+    """How many messages and bytes there were, by kind."""
+
+    def __init__(self) -> None:
+        # Written with every message, so each kind has its list of two numbers.
+        self._counts = {kind: [0, 0] for kind in MessageKind}
+        self._replies = [0, 0]
+
+    def count(self, kind: MessageKind, data: bytes) -> None:
+        """One more message."""
+        counts = self._counts[kind]
+        counts[0] += 1
+        counts[1] += len(data)
+
+    def count_reply(self, data: bytes) -> None:
+        """One more answer to a question or a command: whoever sends it need not know which."""
+        self._replies[0] += 1
+        self._replies[1] += len(data)
+
+    def by_kind(self) -> dict[str, tuple[int, int]]:
+        """Kind -> (messages, bytes), of those that there were."""
+        named = {kind.name.lower(): counts for kind, counts in self._counts.items()}
+        named[REPLY] = self._replies
+        return {name: (count, size) for name, (count, size) in named.items() if count}
+
+
+# Attributes: one for each thing that is counted.
+class Meter:
+    """What one robot's process has counted since it began.
+
+    `claims`: facts about its work, by local task and phase; `outcomes`: by local task and result.
+    `suspicions` and `deaths`: what it has said of others, by robot. `plan_s`, `lag_s` and `sync_s`
+    are durations: of making a plan, by which the event loop was late, of a synced write to the
+    journal. `started_s` is when the running local task began, on `time.monotonic`. `agreed_since`:
+    since when, in Unix seconds, it has agreed with all, or not.
+    """
+
+    def __init__(self, robot: str, mission: Mission) -> None:
+        self.robot = robot
+        self.mission = mission
+        self.received = Traffic()
+        self.sent = Traffic()
+        self.claims: Counter[tuple[str, str]] = Counter()
+        self.outcomes: Counter[tuple[str, str]] = Counter()
+        self.suspicions: Counter[str] = Counter()
+        self.deaths: Counter[str] = Counter()
+        self.fencings = 0
+        self.dropped = 0
+        self.plan_s = Distribution()
+        self.lag_s = Distribution()
+        self.sync_s = Distribution()
+        self.started_s = 0.0
+        self._agrees: bool | None = None
+        self.agreed_since_s = 0.0
+
+    def robot_label(self, name: str) -> str:
+        """A robot's name, if the mission lists it."""
+        return name if name in self.mission.robots else OTHER
+
+    def task_label(self, local_task: str) -> str:
+        """The type of a local task, if the mission has it."""
+        name = type_name(local_task)
+        return name if name in self.mission.local_tasks else OTHER
+
+    # -- what passes the driver ---------------------------------------------------------------
+
+    def take(self, event: Input) -> None:
+        """An input that is handed to the agent."""
+        if isinstance(event, MessageReceived):  # most are
+            self.received.count(event.kind, event.data)
+        elif isinstance(event, NewsReceived):
+            for each in event.news:
+                self.take(each)
+        elif isinstance(event, QueryReceived):
+            self.received.count(event.kind, event.data)
+        elif isinstance(event, AnswerReceived) and event.data is not None:
+            self.received.count_reply(event.data)
+
+    def carry_out(self, effect: Effect) -> None:
+        """An effect that the driver carries out."""
+        if isinstance(effect, Publish):  # most are
+            self.sent.count(effect.kind, effect.data)
+            return
+        match effect:
+            case Ask(_, data):
+                self.sent.count(MessageKind.PULL, data)
+            case Reply(_, pages):
+                for page in pages:
+                    self.sent.count_reply(page)
+            case Persist(entries):
+                for entry in entries:
+                    if entry.author == self.robot:
+                        self._wrote(entry)
+            case StartAction():
+                self.started_s = time.monotonic()
+            case Log(_, event, fields):
+                self._logged(event, fields)
+            case _:
+                pass
+
+    def _wrote(self, entry: Entry) -> None:
+        match entry.record:
+            case Claim(_, _, local_task, phase):
+                self.claims[self.task_label(local_task), phase.name.lower()] += 1
+            case Outcome(success):
+                result = "success" if success else "failure"
+                self.outcomes[self.task_label(entry.parts[2]), result] += 1
+            case _:
+                pass
+
+    def _logged(self, event: str, fields: Mapping[str, object]) -> None:
+        if event == "fenced":
+            self.fencings += 1
+        elif event in ("robot_suspect", "robot_dead"):
+            counter = self.suspicions if event == "robot_suspect" else self.deaths
+            counter[self.robot_label(str(fields["robot"]))] += 1
+
+    # -- what is looked at regularly ----------------------------------------------------------
+
+    def look(self, lag_s: float, agrees: bool) -> None:
+        """The event loop came so late; whether all agree with this robot."""
+        self.lag_s.observe(max(0.0, lag_s))
+        if agrees is not self._agrees:
+            self._agrees = agrees
+            self.agreed_since_s = time.time()
+
+    # -- plans --------------------------------------------------------------------------------
+
+    def timed(self, engine: Engine) -> Engine:
+        """The same engine, which also says how long each plan took."""
+
+        def timed_planning(mission: Mission, evaluator: Evaluator, solver: Solver) -> PlanFunction:
+            make_plan = engine.plan_making(mission, evaluator, solver)
+
+            def timed_plan(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
+                began_s = time.perf_counter()
+                plan = make_plan(facts, alive)
+                self.plan_s.observe(time.perf_counter() - began_s)
+                return plan
+
+            return timed_plan
+
+        return replace(engine, plan_making=timed_planning)

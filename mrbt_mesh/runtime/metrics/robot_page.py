@@ -1,0 +1,133 @@
+"""What one robot tells Prometheus: itself, its work, and the team as it sees it."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator
+
+from mrbt_mesh import __version__
+from mrbt_mesh.core.agent.view import AgentView
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.membership.peer import State
+from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.runtime.metrics.families import (
+    Family,
+    FamilyKind,
+    Labels,
+    labelled,
+    one_of,
+    single,
+)
+from mrbt_mesh.runtime.metrics.meter import Meter, Traffic
+from mrbt_mesh.runtime.metrics.refusals import refusals_by_class
+
+GAUGE, COUNTER = FamilyKind.GAUGE, FamilyKind.COUNTER
+HISTOGRAM, INFO = FamilyKind.HISTOGRAM, FamilyKind.INFO
+STATUSES = tuple(status.name.lower() for status in Status)
+STATES = tuple(map(str, State))
+
+
+def robot_page(view: AgentView, meter: Meter) -> list[Family]:
+    """All families of one robot; call it where the agent may be looked at."""
+    return [
+        *_itself(view, meter),
+        *_work(view, meter),
+        *_team(view, meter),
+        *_messages(view, meter),
+    ]
+
+
+def _itself(view: AgentView, meter: Meter) -> Iterator[Family]:
+    mission = view.mission
+    me = (view.robot, mission.name, view.header.run, __version__)
+    labels = ("robot", "mission", "run", "version")
+    yield Family(INFO, "mrbt_robot", "Which robot this is.", labels, ((me, 1.0),))
+    text = "Whether the robot has its place in the team."
+    yield single(GAUGE, "mrbt_joined", text, float(not view.is_joining))
+    text = "Number of its incarnation: grows when it starts again and when it fences itself."
+    yield single(GAUGE, "mrbt_incarnation", text, float(view.incarnation.counter))
+    text = "How often it fenced itself after a silence of its own."
+    yield single(COUNTER, "mrbt_fencings", text, float(meter.fencings))
+    text = "Capabilities that it has lost."
+    yield single(GAUGE, "mrbt_lost_capabilities", text, float(len(view.lost)))
+    text = "By how much the event loop was late."
+    yield single(HISTOGRAM, "mrbt_event_loop_lag_seconds", text, meter.lag_s)
+    text = "Time of a write to the journal that is synced to disk."
+    yield single(HISTOGRAM, "mrbt_journal_sync_duration_seconds", text, meter.sync_s)
+    text = "Facts that it holds, of all authors."
+    yield single(GAUGE, "mrbt_facts", text, float(len(view.facts.map)))
+
+
+def _work(view: AgentView, meter: Meter) -> Iterator[Family]:
+    plan, action = view.plan, view.action
+    text = "Time to make a plan; its count is that of plans made."
+    yield single(HISTOGRAM, "mrbt_plan_duration_seconds", text, meter.plan_s)
+    status = plan.result if plan is not None else Status.IDLE
+    text = "Status of the mission by this robot's plan."
+    yield one_of("mrbt_mission_status", text, "status", STATUSES, status.name.lower())
+    text = "Requests of T_G: served, waiting for busy robots, or blocked for lack of robots."
+    yield labelled(GAUGE, "mrbt_requests", text, ("state",), requests_by_state(plan).items())
+    text = "What it wrote of its work, by phase: claimed, ready, running."
+    yield labelled(COUNTER, "mrbt_claims", text, ("local_task", "phase"), meter.claims.items())
+    text = "Outcomes of its local tasks."
+    yield labelled(COUNTER, "mrbt_outcomes", text, ("local_task", "result"), meter.outcomes.items())
+    running: dict[Labels, float] = {}
+    if action is not None:
+        running[(meter.task_label(action.local_task),)] = time.monotonic() - meter.started_s
+    text = "For how long the local task has been running that runs now; none: no sample."
+    yield labelled(GAUGE, "mrbt_local_task_running_seconds", text, ("local_task",), running.items())
+
+
+def requests_by_state(plan: Plan | None) -> dict[Labels, float]:
+    """How many requests are served, waiting and blocked."""
+    waiting = plan.waiting if plan is not None else ()
+    blocked = sum(each.is_blocked for each in waiting)
+    served = len(plan.evaluation.requests) - len(waiting) if plan is not None else 0
+    counts = {"served": max(0, served), "waiting": len(waiting) - blocked, "blocked": blocked}
+    return {(state,): float(count) for state, count in counts.items()}
+
+
+def _team(view: AgentView, meter: Meter) -> Iterator[Family]:
+    text = "Whether all robots in good standing report this robot's plan."
+    yield single(GAUGE, "mrbt_agreement", text, float(view.agrees()))
+    text = "When it began to agree with all, or ceased to, in Unix time."
+    name = "mrbt_agreement_changed_timestamp_seconds"
+    yield single(GAUGE, name, text, meter.agreed_since_s)
+    states = Counter(str(peer.state) for peer in view.peers.values())
+    by_state = {(state,): float(states[state]) for state in STATES}
+    text = "Other robots by state, as this one sees them."
+    yield labelled(GAUGE, "mrbt_peers", text, ("state",), by_state.items())
+    dead: Counter[Labels] = Counter({(robot,): 0 for robot in view.mission.robots})
+    dead.pop((view.robot,), None)
+    for robot, peer in view.peers.items():
+        dead[(meter.robot_label(robot),)] += peer.state is State.DEAD
+    text = "Whether this robot holds another one for dead (`other`: how many that are not listed)."
+    yield labelled(GAUGE, "mrbt_peer_dead", text, ("peer",), dead.items())
+    for counts, name, text in (
+        (meter.suspicions, "mrbt_suspicions", "How often it began to suspect a robot."),
+        (meter.deaths, "mrbt_deaths_declared", "How often it declared a robot dead."),
+    ):
+        by_peer = {(peer,): float(count) for peer, count in counts.items()}
+        yield labelled(COUNTER, name, text, ("peer",), by_peer.items())
+
+
+def _messages(view: AgentView, meter: Meter) -> Iterator[Family]:
+    for traffic, way, text in (
+        (meter.received, "received", "handed to the agent"),
+        (meter.sent, "sent", "sent; what goes to several robots counts once"),
+    ):
+        yield from _traffic(traffic, way, text)
+    text = "Messages that were refused, by where they said they came from, and why."
+    labels = ("source", "reason")
+    refused = refusals_by_class(meter, view.refused)
+    yield labelled(COUNTER, "mrbt_refused_messages", text, labels, refused.items())
+    text = "Messages that were dropped because too many waited."
+    yield single(COUNTER, "mrbt_inbox_dropped_messages", text, float(meter.dropped))
+
+
+def _traffic(traffic: Traffic, way: str, text: str) -> Iterator[Family]:
+    for column, what in enumerate(("messages", "bytes")):
+        by_kind = {(kind,): float(each[column]) for kind, each in traffic.by_kind().items()}
+        help_text = f"{what.capitalize()} {text}, by kind."
+        yield labelled(COUNTER, f"mrbt_{way}_{what}", help_text, ("kind",), by_kind.items())

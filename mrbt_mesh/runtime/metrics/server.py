@@ -1,0 +1,153 @@
+"""Serves families to Prometheus over HTTP, as OpenMetrics or in Prometheus' text format.
+
+The page is written on a thread of its own; what it says is read in the event loop, where nothing
+changes meanwhile. One request is answered at a time, and a slow one given up: whoever asks too much
+waits, and the robot does not.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import concurrent.futures
+import socketserver
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
+
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.metrics.families import Distribution, Family, FamilyKind, single
+
+if TYPE_CHECKING:
+    from wsgiref.types import WSGIApplication
+
+    from prometheus_client.core import Metric
+
+LOOP_TIMEOUT_S = 2.0
+REQUEST_TIMEOUT_S = 2.0
+# How often the server looks whether it is to end, which is waited for.
+END_LOOK_S = 0.1
+LOCALHOST = "127.0.0.1"
+RESPONDS = "mrbt_event_loop_responds"
+
+ReadFamilies = Callable[[], list[Family]]
+
+
+@dataclass(frozen=True)
+class MetricsAddress:
+    """Where metrics are served: the port, and the address of the interface."""
+
+    port: int
+    host: str = LOCALHOST
+
+    def __str__(self) -> str:
+        return f"{self.host}:{self.port}"
+
+
+def read_in_loop(loop: asyncio.AbstractEventLoop, read: ReadFamilies) -> list[Family]:
+    """What `read` returns in the loop, and whether the loop answers in time; from any thread."""
+    answer: concurrent.futures.Future[list[Family]] = concurrent.futures.Future()
+
+    def call() -> None:
+        try:
+            answer.set_result(read())
+        except Exception as error:  # of whatever kind: it is for the thread that asked
+            answer.set_exception(error)
+
+    found: list[Family] = []
+    try:
+        loop.call_soon_threadsafe(call)
+        found = answer.result(LOOP_TIMEOUT_S)
+        responds = True
+    except (TimeoutError, RuntimeError):  # it hangs, or has ended
+        responds = False
+    text = f"Whether the event loop answered within {LOOP_TIMEOUT_S:g} s."
+    return [single(FamilyKind.GAUGE, RESPONDS, text, float(responds)), *found]
+
+
+def metrics_app(read: ReadFamilies) -> WSGIApplication:
+    """A web page for Prometheus, to be mounted wherever there is a server.
+
+    Raises InputError without the library.
+    """
+    try:
+        from prometheus_client import CollectorRegistry, make_wsgi_app
+    except ImportError:
+        text = "metrics need the extra `metrics`: pip install 'mrbt-mesh[metrics]'"
+        raise InputError(text) from None
+
+    class Collector:
+        def describe(self) -> Iterable[Metric]:
+            return ()  # or the registry would read everything once before anybody has asked
+
+        def collect(self) -> Iterator[Metric]:
+            return map(_metric, read())
+
+    registry = CollectorRegistry()
+    registry.register(Collector())
+    return make_wsgi_app(registry)
+
+
+def _metric(family: Family) -> Metric:
+    from prometheus_client import core
+
+    name, text, labels = family.name, family.help, list(family.labels)
+    if family.kind is FamilyKind.HISTOGRAM:
+        histogram = core.HistogramMetricFamily(name, text, labels=labels)
+        for values, value in family.samples:
+            assert isinstance(value, Distribution)
+            histogram.add_metric(list(values), value.buckets(), value.sum_s)
+        return histogram
+    if family.kind is FamilyKind.INFO:
+        info = core.InfoMetricFamily(name, text)
+        for values, _ in family.samples:
+            info.add_metric([], dict(zip(labels, values, strict=True)))
+        return info
+    make: Any = core.CounterMetricFamily
+    if family.kind is FamilyKind.GAUGE:
+        make = core.GaugeMetricFamily
+    found: Metric = make(name, text, labels=labels)
+    for values, value in family.samples:
+        found.add_metric(list(values), value)  # type: ignore[attr-defined]
+    return found
+
+
+class _Handler(WSGIRequestHandler):
+    timeout = REQUEST_TIMEOUT_S
+
+    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002
+        pass
+
+
+class _Server(WSGIServer):
+    def server_bind(self) -> None:
+        # As the base class does, which also asks the domain name system for its own name.
+        socketserver.TCPServer.server_bind(self)
+        self.server_name, self.server_port = str(self.server_address[0]), self.server_address[1]
+        self.setup_environ()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        pass  # whoever asked has gone, or says nothing
+
+
+@contextmanager
+def serving(address: MetricsAddress, app: WSGIApplication) -> Iterator[int]:
+    """Serve a page while the block runs; yields the port. Raises InputError if it cannot listen."""
+    try:
+        server = _Server((address.host, address.port), _Handler)
+    except (OSError, OverflowError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"metrics cannot be served on {address}: {reason}") from None
+    server.set_app(app)
+    thread = threading.Thread(
+        target=server.serve_forever, args=(END_LOOK_S,), name="metrics", daemon=True
+    )
+    thread.start()
+    try:
+        yield server.server_address[1]
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()

@@ -1,0 +1,101 @@
+"""The trees of a mission with the statuses of their nodes, as an observer sees them."""
+
+from __future__ import annotations
+
+import pytest
+
+from mrbt_mesh.adapters.node_statuses import GlobalTree, ObservedTree, RobotTrees, observed_tree
+from mrbt_mesh.core.bt.tree import Kind, Status
+from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.errors import InputError
+from tests.support.script import Script
+
+TEAM = """
+robot A weld lift
+robot B weld*0.5 lift
+robot C look
+task cover lift 2..2
+tree Sequence("weld", "cover")
+observe
+start A B C
+pass 200
+"""
+
+
+def watched(*commands: str) -> tuple[Script, Observer]:
+    script = Script()
+    script.block([*TEAM.strip().splitlines(), *commands])
+    assert script.team.observer is not None
+    return script, script.team.observer
+
+
+def shown(tree: ObservedTree, observer: Observer) -> dict[str, Status]:
+    """Path of a node -> its status; of several with one path the last."""
+    statuses = tree.statuses(observer)
+    nodes = tree.tree.nodes
+    assert len(statuses) == len(nodes)
+    return {tree.tree.path(node.index): Status(statuses[node.index]) for node in nodes}
+
+
+def test_t_g_is_that_of_the_plan() -> None:
+    _, observer = watched("succeed A", "pass 200")
+    tree = GlobalTree(observer.mission)
+    assert list(shown(tree, observer).values()) == [Status.RUNNING, Status.SUCCESS, Status.RUNNING]
+    assert tree.title == "T_G of m"
+
+
+def test_nothing_is_said_of_a_team_of_which_nobody_is_heard() -> None:
+    script = Script()
+    script.block(TEAM.strip().splitlines()[:-2])
+    observer = script.team.observer
+    assert observer is not None
+    observer.update(0)
+    assert set(GlobalTree(observer.mission).statuses(observer)) == {Status.IDLE}
+    assert set(observed_tree(observer.mission, "A").statuses(observer)) == {Status.IDLE}
+
+
+@pytest.mark.parametrize("robot", ["A", "B", "C"])
+@pytest.mark.parametrize(
+    "commands",
+    [[], ["succeed A", "pass 500"], ["succeed A", "pass 300", "kill B", "pass 3000"]],
+)
+def test_t_i_has_the_statuses_that_the_robot_itself_has(robot: str, commands: list[str]) -> None:
+    """Whatever the observer works out from facts, the robot's own T_i says the same."""
+    script, observer = watched(*commands)
+    if robot not in script.team.processes:
+        return
+    tree = observed_tree(observer.mission, robot)
+    statuses = tree.statuses(observer)
+    nodes = tree.tree.nodes
+    assert nodes[0].kind is Kind.PARALLEL
+    mine = tuple(Status(statuses[index]) for index in (0, *nodes[0].children))
+    assert mine == script.team.processes[robot].agent.view.statuses
+
+
+def test_what_a_robot_works_on_runs_in_its_t_li() -> None:
+    _, observer = watched()
+    found = shown(observed_tree(observer.mission, "A"), observer)
+    running = [path for path, status in found.items() if status is Status.RUNNING]
+    assert any("T_Li" in path and path.endswith("/weld") for path in running)
+    idle = shown(observed_tree(observer.mission, "C"), observer)
+    assert not any("T_Li" in p and s is Status.RUNNING for p, s in idle.items())
+
+
+def test_a_dead_robot_has_no_statuses() -> None:
+    _, observer = watched("kill B", "pass 3000")
+    assert set(observed_tree(observer.mission, "B").statuses(observer)) == {Status.IDLE}
+
+
+def test_a_subtree_has_the_status_of_what_it_names() -> None:
+    _, observer = watched("succeed A", "pass 200")
+    tree = RobotTrees(observer.mission, "A", observer.mission.robots["A"].capabilities)
+    statuses = tree.statuses(observer)
+    for node in tree.tree.nodes:
+        if node.kind is Kind.SUBTREE:
+            assert statuses[node.index] == statuses[node.children[0]]
+
+
+def test_a_robot_that_the_mission_lacks_is_said() -> None:
+    _, observer = watched()
+    with pytest.raises(InputError, match=r"mission m has no robot 'X' \(it has A, B, C\)"):
+        observed_tree(observer.mission, "X")

@@ -1,0 +1,72 @@
+"""A team of real processes in monitors of BehaviorTree.CPP, and in the files that they read."""
+
+from __future__ import annotations
+
+import json
+import signal
+from xml.etree import ElementTree
+
+import msgpack
+import pytest
+
+from tests.support.groot2 import monitoring, read_btlog
+from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
+
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
+RUNNING, SUCCESS = 1, 2
+
+
+def listening_on(process: object) -> int:
+    """The port of `mrbt groot2 --json`, once it has said it."""
+    text = ""
+    while not text.endswith("}\n"):
+        line = process.stdout.readline()  # type: ignore[attr-defined]
+        assert line, text
+        text += line
+    return int(json.loads(text)["port"])
+
+
+def test_monitors_and_files_tell_what_the_team_does(team: Team) -> None:
+    team.hold("R1", "R2")
+    team.up(EXPLORE)
+    team.wait_for_event("explore")
+    where = ("--run-dir", str(team.run_dir), "--port", "0", "--json")
+    whole, one = team.start("groot2", *where), team.start("groot2", *where, "--robot", "R1")
+    log, lines = team.folder / "run.btlog", team.folder / "run.jsonl"
+    files = ("--btlog", str(log), "--py-trees-js", str(lines))
+    watch = team.start("watch", "--run-dir", str(team.run_dir), "--headless", *files)
+    with monitoring(listening_on(whole)) as monitor, monitoring(listening_on(one)) as robot:
+        (xml,) = monitor.ask("T")
+        uids = {
+            e.get("name"): int(e.attrib["_uid"])
+            for e in ElementTree.fromstring(xml).iter()
+            if "_uid" in e.attrib
+        }
+        first, root = uids["explore_area(A)"], 1
+        team.wait_until(lambda: monitor.statuses()[first] == RUNNING, "the task runs")
+        # T_i runs, with T_A, T_G and T_Li below it.
+        team.wait_until(lambda: robot.statuses()[1] == RUNNING, "the robot runs")
+        (board,) = monitor.ask("B", b"MainTree")
+        assert isinstance(msgpack.unpackb(board)["MainTree"], dict)
+        team.wait_until(lambda: log.exists() and read_btlog(log.read_bytes()).changes, "changes")
+        team.release()
+        assert team.end()[0] == 0
+        # The team is gone; what became of it is still shown.
+        team.wait_until(lambda: monitor.statuses()[root] == SUCCESS, "the mission has succeeded")
+    _, problems = watch.communicate(timeout=60)
+    assert (watch.returncode, problems) == (0, "")
+    changes = read_btlog(log.read_bytes()).changes
+    assert (root, SUCCESS) in [(uid, status) for _, uid, status in changes]
+    last = json.loads(lines.read_text().splitlines()[-1])
+    assert last["behaviours"]["1"]["status"] == "SUCCESS"
+    for process in (whole, one):
+        process.send_signal(signal.SIGINT)
+        _, problems = process.communicate(timeout=60)
+        assert (process.returncode, problems) == (0, "")
+
+
+def test_what_cannot_be_shown_is_said(team: Team) -> None:
+    done = team.command("groot2", "--mission", str(EXPLORE), "--robot", "X")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "mission explore has no robot 'X' (it has R1, R2)" in done.stderr
+    assert "Traceback" not in done.stderr

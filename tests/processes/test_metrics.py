@@ -1,0 +1,79 @@
+"""Metrics of a team of real processes: of each robot, and of the team by one who watches."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+from urllib.request import urlopen
+
+import pytest
+from prometheus_client.parser import text_string_to_metric_families as parse
+
+from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
+
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
+
+
+def free_ports(count: int) -> int:
+    """The first of so many ports in a row that are free now."""
+    while True:
+        with contextlib.ExitStack() as stack, contextlib.suppress(OSError):
+            first = stack.enter_context(socket.socket())
+            first.bind(("127.0.0.1", 0))
+            port = int(first.getsockname()[1])
+            for number in range(1, count):
+                stack.enter_context(socket.socket()).bind(("127.0.0.1", port + number))
+            return port
+
+
+def page(address: str) -> dict[tuple[str, ...], float]:
+    """(series, label values...) -> value; empty while nobody answers."""
+    with contextlib.suppress(OSError):
+        text = urlopen(f"http://{address}/metrics", timeout=10).read().decode()
+        return {(s.name, *s.labels.values()): s.value for f in parse(text) for s in f.samples}
+    return {}
+
+
+def test_robots_and_who_watches_serve_metrics(team: Team) -> None:
+    port = free_ports(4)
+    team.hold("R1", "R2")
+    team.up(EXPLORE, "--robots", "R1,R2", "--metrics-port", str(port))
+    path = team.run_dir / "metrics-targets.json"
+    targets = json.loads(team.wait_until(lambda: path.exists() and path.read_text(), "targets"))
+    where = {target["labels"]["robot"]: target["targets"][0] for target in targets}
+    assert where == {"R1": f"127.0.0.1:{port}", "R2": f"127.0.0.1:{port + 1}"}
+
+    def agree() -> bool:
+        pages = [page(address) for address in where.values()]
+        return all(found.get(("mrbt_agreement",)) == 1 for found in pages)
+
+    team.wait_until(agree, "both robots serve metrics, and agree")
+    watched = f"127.0.0.1:{port + 3}"
+    watch = team.start(
+        *("watch", "--run-dir", str(team.run_dir), "--headless", "--metrics-port", str(port + 3))
+    )
+    team.wait_until(lambda: page(watched).get(("mrbt_team_robots", "alive")) == 2, "both are seen")
+
+    team.mrbt("kill", "R2", "--run-dir", str(team.run_dir))
+    team.wait_until(lambda: page(where["R1"]).get(("mrbt_peer_dead", "R2")) == 1, "R1 sees it")
+    team.wait_until(
+        lambda: page(watched).get(("mrbt_team_faults_total", "major")) == 1, "the fault"
+    )
+    assert page(where["R2"]) == {}
+    team.release()
+    team.end()
+    _, problems = watch.communicate(timeout=60)
+    assert problems == ""
+
+
+def test_a_port_that_is_taken_ends_the_robot_with_a_message(team: Team) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        words = ("--mission", str(EXPLORE), "--robot", "R1", "--insecure")
+        done = team.command("agent", *words, "--metrics-port", str(port))
+    assert done.returncode == 2
+    assert f"mrbt agent: metrics cannot be served on 127.0.0.1:{port}: Address" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,138 @@
+"""Metrics over HTTP, read with the library's own parser."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import subprocess
+import sys
+import threading
+from urllib.request import Request, urlopen
+
+import anyio.to_thread
+import pytest
+from prometheus_client.openmetrics.parser import text_string_to_metric_families as parse_openmetrics
+from prometheus_client.parser import text_string_to_metric_families as parse_text
+
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.metrics import server
+from mrbt_mesh.runtime.metrics.families import Distribution, Family, FamilyKind, labelled, single
+from mrbt_mesh.runtime.metrics.robot_page import robot_page
+from mrbt_mesh.runtime.metrics.server import (
+    LOCALHOST,
+    MetricsAddress,
+    metrics_app,
+    read_in_loop,
+    serving,
+)
+from mrbt_mesh.runtime.metrics.team_page import team_page
+from tests.support.metered import MeteredTeam
+
+OPENMETRICS = "application/openmetrics-text; version=1.0.0"
+
+
+def families() -> list[Family]:
+    durations = Distribution((0.1, 1.0))
+    durations.observe(0.5)
+    counts = {("A",): 3.0, ('odd "name"\n',): 1.0}
+    return [
+        single(FamilyKind.GAUGE, "mrbt_g", "A gauge.", 1.5),
+        labelled(FamilyKind.COUNTER, "mrbt_c", "A counter.", ("robot",), counts.items()),
+        Family(FamilyKind.INFO, "mrbt_i", "Info.", ("a", "b"), ((("1", "2"), 1.0),)),
+        single(FamilyKind.HISTOGRAM, "mrbt_h_seconds", "Durations.", durations),
+    ]
+
+
+def fetch(port: int, accept: str = "text/plain") -> tuple[str, str]:
+    request = Request(f"http://{LOCALHOST}:{port}/metrics", headers={"Accept": accept})
+    with urlopen(request, timeout=10) as answer:
+        return answer.read().decode(), answer.headers["Content-Type"]
+
+
+def test_what_is_served_is_what_was_said() -> None:
+    with serving(MetricsAddress(0), metrics_app(families)) as port:
+        text, _ = fetch(port)
+        precise, kind = fetch(port, OPENMETRICS)
+    assert kind.startswith("application/openmetrics-text")
+    for found in (parse_text(text), parse_openmetrics(precise)):
+        samples = {(s.name, *sorted(s.labels.items())): s.value for f in found for s in f.samples}
+        assert samples["mrbt_g",] == 1.5
+        assert samples["mrbt_c_total", ("robot", "A")] == 3
+        assert samples["mrbt_c_total", ("robot", 'odd "name"\n')] == 1
+        assert samples["mrbt_i_info", ("a", "1"), ("b", "2")] == 1
+        assert samples["mrbt_h_seconds_bucket", ("le", "0.1")] == 0
+        assert samples["mrbt_h_seconds_bucket", ("le", "1.0")] == 1
+        assert samples["mrbt_h_seconds_count",] == 1
+        assert samples["mrbt_h_seconds_sum",] == 0.5
+
+
+def test_the_pages_of_robots_and_teams_are_openmetrics() -> None:
+    team = MeteredTeam("succeed A", "pass 300", "kill B", "pass 2000")
+    read = lambda: [*robot_page(team.view, team.meter), *team_page(team.observer)]  # noqa: E731
+    with serving(MetricsAddress(0), metrics_app(read)) as port:
+        text, _ = fetch(port, OPENMETRICS)
+    names = {family.name for family in parse_openmetrics(text)}
+    assert {family.name for family in read()} <= names
+
+
+def test_a_port_that_is_taken_is_said() -> None:
+    with socket.socket() as taken:
+        taken.bind((LOCALHOST, 0))
+        taken.listen()
+        address = MetricsAddress(taken.getsockname()[1])
+        with (
+            pytest.raises(InputError, match=f"served on {address}: Address already in use"),
+            serving(address, metrics_app(families)),
+        ):
+            pass
+
+
+def test_who_connects_and_says_nothing_holds_up_others_only_for_a_while(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(server._Handler, "timeout", 0.05)
+    with (
+        serving(MetricsAddress(0), metrics_app(families)) as port,
+        socket.create_connection((LOCALHOST, port)),
+    ):
+        assert "mrbt_g" in fetch(port)[0]
+
+
+async def test_families_are_read_in_the_loop() -> None:
+    here, found = threading.get_ident(), []
+
+    def read() -> list[Family]:
+        found.append(threading.get_ident())
+        return families()
+
+    loop = asyncio.get_running_loop()
+    page = await anyio.to_thread.run_sync(read_in_loop, loop, read)
+    assert found == [here]
+    assert [(family.name, family.samples[0][1]) for family in page[:1]] == [(server.RESPONDS, 1.0)]
+    assert len(page) == 1 + len(families())
+
+
+def test_a_loop_that_hangs_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "LOOP_TIMEOUT_S", 0.01)
+    loop = asyncio.new_event_loop()  # it never runs
+    try:
+        (only,) = read_in_loop(loop, families)
+    finally:
+        loop.close()
+    assert (only.name, only.samples) == (server.RESPONDS, (((), 0.0),))
+    (after,) = read_in_loop(loop, families)
+    assert after.samples == (((), 0.0),)
+
+
+def test_without_the_library_it_is_said_how_to_get_it() -> None:
+    program = (
+        "import sys; sys.modules['prometheus_client'] = None\n"
+        "from mrbt_mesh.errors import InputError\n"
+        "from mrbt_mesh.runtime.metrics.server import metrics_app\n"
+        "try: metrics_app(list)\n"
+        "except InputError as error: print(error)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert "pip install 'mrbt-mesh[metrics]'" in done.stdout

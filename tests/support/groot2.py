@@ -1,0 +1,167 @@
+"""Monitors of BehaviorTree.CPP: a team whose tree is served, and a client for it.
+
+The client is written from the protocol's description, and knows nothing of the server's code.
+"""
+
+from __future__ import annotations
+
+import struct
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import anyio
+import zmq
+
+from mrbt_mesh.adapters.groot2.monitored import MonitoredTree
+from mrbt_mesh.adapters.groot2.serve import answer_all, listening
+from mrbt_mesh.adapters.node_statuses import observed_tree
+from mrbt_mesh.core.observer.observer import Observer
+from tests.support.script import Script
+
+TIMEOUT_MS = 10_000
+TEAM = """
+robot A weld lift
+robot B weld*0.5 lift
+task cover lift 2..2
+tree Sequence(Fallback("?done", "weld"), "cover")
+observe
+start A B
+"""
+
+
+def header(kind: str, number: int = 7) -> bytes:
+    return struct.pack("<BBI", 2, ord(kind), number)
+
+
+class Desk:
+    """A team in memory and the tree that is served."""
+
+    def __init__(self, robot: str | None = None) -> None:
+        self.script = Script()
+        self.script.block(TEAM.strip().splitlines())
+        observer = self.script.team.observer
+        assert observer is not None
+        self.observer: Observer = observer
+        self.monitored = MonitoredTree(observed_tree(observer.mission, robot), observer)
+
+    def go(self, *commands: str) -> None:
+        self.script.block(list(commands))
+        self.monitored.update(self.script.team.now_us)
+
+    def ask(self, kind: str, *more: bytes) -> list[bytes]:
+        """What follows the header."""
+        parts = self.monitored.answer([header(kind), *more], self.script.team.now_us)
+        assert parts[0][:6] == header(kind), parts
+        assert len(parts[0]) == 22
+        return parts[1:]
+
+    def error(self, kind: str, *more: bytes) -> str:
+        first, text = self.monitored.answer([header(kind), *more], 0)
+        assert first == b"error"
+        return text.decode()
+
+    def statuses(self) -> list[int]:
+        (data,) = self.ask("S")
+        assert [uid for uid, _ in struct.iter_unpack("<HB", data)] == [1, 2, 3, 4, 5]
+        return [status for _, status in struct.iter_unpack("<HB", data)]
+
+
+@contextmanager
+def served(monitored: MonitoredTree) -> Iterator[int]:
+    """Serve a tree from a thread; yields the port."""
+    ports: list[int] = []
+    scopes: list[anyio.CancelScope] = []
+    ready = threading.Event()
+
+    async def main() -> None:
+        with listening("127.0.0.1", 0) as (socket, port), anyio.CancelScope() as scope:
+            ports.append(port)
+            scopes.append(scope)
+            tokens.append(anyio.lowlevel.current_token())
+            ready.set()
+            await answer_all(socket, monitored)
+
+    tokens: list[anyio.lowlevel.EventLoopToken] = []
+    thread = threading.Thread(target=anyio.run, args=(main,))
+    thread.start()
+    assert ready.wait(10)
+    try:
+        yield ports[0]
+    finally:
+        anyio.from_thread.run_sync(scopes[0].cancel, token=tokens[0])
+        thread.join()
+
+
+@dataclass(frozen=True)
+class LogFile:
+    """A .btlog file as it was read: `changes` are (microseconds, uid, status)."""
+
+    xml: bytes
+    began_unix_us: int
+    changes: list[tuple[int, int, int]]
+
+
+def read_btlog(data: bytes) -> LogFile:
+    """Read a file as its format is described, and see that nothing is left over."""
+    magic = b"BTCPP4-FileLogger2"
+    assert data[: len(magic)] == magic
+    at = len(magic)
+    assert data[at] == 1
+    (length,) = struct.unpack_from("<i", data, at + 1)
+    xml = data[at + 5 : at + 5 + length]
+    at += 5 + length
+    (began,) = struct.unpack_from("<q", data, at)
+    rest = data[at + 8 :]
+    assert len(rest) % 9 == 0
+    changes = [
+        (int.from_bytes(rest[n : n + 6], "little"), *struct.unpack_from("<HB", rest, n + 6))
+        for n in range(0, len(rest), 9)
+    ]
+    return LogFile(xml, began, changes)
+
+
+class Monitor:
+    """Speaks to a publisher as Groot2 does."""
+
+    def __init__(self, port: int) -> None:
+        self._context = zmq.Context()
+        self._socket = self._context.socket(zmq.REQ)
+        self._socket.setsockopt(zmq.LINGER, 0)
+        self._socket.setsockopt(zmq.RCVTIMEO, TIMEOUT_MS)
+        self._socket.connect(f"tcp://127.0.0.1:{port}")
+
+    def close(self) -> None:
+        self._socket.close()
+        self._context.term()
+
+    def raw(self, *parts: bytes) -> list[bytes]:
+        """One message and its answer, as they are."""
+        self._socket.send_multipart(parts)
+        return list(self._socket.recv_multipart())
+
+    def ask(self, kind: str, *more: bytes, number: int = 0xDEADBEEF) -> list[bytes]:
+        """A request; returns what follows the header of the answer, which must fit."""
+        request = bytes([2, ord(kind)]) + struct.pack("<I", number)
+        answer = self.raw(request, *more)
+        assert answer[0] != b"error", answer[1]
+        assert len(answer[0]) == 22
+        assert answer[0][:6] == request
+        return answer[1:]
+
+    def statuses(self) -> dict[int, int]:
+        """uid -> status byte."""
+        (data,) = self.ask("S")
+        assert len(data) % 3 == 0
+        return dict(struct.iter_unpack("<HB", data))
+
+
+@contextmanager
+def monitoring(port: int) -> Iterator[Monitor]:
+    """A client of a publisher."""
+    monitor = Monitor(port)
+    try:
+        yield monitor
+    finally:
+        monitor.close()
