@@ -48,8 +48,8 @@ async def watch(
 
     `team`: its processes, if they are of this machine; of others robots may yet come. `too_many`:
     what was found of a team that is too large for this machine. `share` is open meanwhile.
-    `record`: where to record what is heard. Returns the exit status. Raises TransportError if there is no way
-    to attach, InputError if nothing can be recorded.
+    `record`: where to record what is heard. Returns the exit status. Raises TransportError if there
+    is no way to attach, InputError if nothing can be recorded.
     """
     async with watching(address, record) as watcher:
         display = _display(watcher, show, "" if too_many is None else overload_line(too_many))
