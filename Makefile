@@ -7,7 +7,8 @@ READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-long test-plain test-slow test-docker test-interop tolerance lint check-lock lock drills soak \
-	test-browser screenshots bench-page clean bench bench-scale bench-security bench-failover bench-resume bench-membership bench-estimate bench-robustness bench-metrics walk paper
+	test-browser screenshots bench-page clean bench bench-scale bench-security bench-failover bench-resume \
+	bench-membership bench-estimate bench-robustness bench-metrics bench-recording verify-recordings walk paper
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
@@ -32,6 +33,8 @@ help:
 	@echo "make bench-robustness robots that die of their work, against published figures"
 	@echo "make bench-page      frame times of the live page with 2,000 nodes, and what mrbt web costs"
 	@echo "make bench-metrics   what it costs a robot to be measured"
+	@echo "make bench-recording what recording costs a robot, beside all that its process does"
+	@echo "make verify-recordings 200 recorded runs of chaos, and all drills, verified: no false alarm"
 	@echo "make walk            through how many files an event goes, and how often from one to another"
 	@echo "make paper           the paper's example, run again: docs/paper.md and its pictures"
 	@echo "make soak            chaos in the simulator on seeds of its own, MINUTES=30"
@@ -131,6 +134,14 @@ bench-robustness: $(READY)
 
 bench-metrics: $(READY)
 	$(BIN)/python -m benchmarks.metrics --json metrics.json
+
+bench-recording: $(READY)
+	$(BIN)/python -m benchmarks.recording
+
+# Recordings of good runs, proved: simulated ones and those of real processes; 200 falsified ones, found.
+verify-recordings: $(READY)
+	MRBT_LONG=1 $(BIN)/pytest -n auto tests/replay/test_verify.py
+	$(BIN)/python -m benchmarks.verified_drills
 
 walk: $(READY)
 	$(BIN)/python -m benchmarks.walk

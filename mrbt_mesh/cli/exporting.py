@@ -90,14 +90,18 @@ class RunFileOptions:
         None
     )
     log: Annotated[Path | None, option("Write every effect of every agent.", "FILE")] = None
+    record: Annotated[
+        Path | None, option("Record what robots know and do; docs/recording.md.", "DIR")
+    ] = None
     export: ExportOptions = field(default_factory=ExportOptions)
 
     def check(self) -> None:
         """Raise InputError, before long work begins, for files that cannot be written."""
-        from mrbt_mesh.cli.framework.terminal import check_folder
+        from mrbt_mesh.cli.framework.terminal import check_folder, check_new_folder
 
         check_folder("--events", self.events)
         check_folder("--log", self.log)
+        check_new_folder("--record", self.record)
         self.export.check()
 
 

@@ -27,6 +27,7 @@ from mrbt_mesh.cli.main import main
 # What a robot loads before it knows more than its command line.
 LOADED_ONCE = (
     "anyio._backends._asyncio",
+    "mcap.writer",
     "mrbt_mesh.cli.commands.agent",
     "mrbt_mesh.runtime.manifest_watch",
     "mrbt_mesh.runtime.robot_process",

@@ -36,6 +36,10 @@ SpeedOption = Annotated[
     float, option("Simulated robots work this many times faster.", least=0.01, most=1000)
 ]
 
+# -- what is recorded -----------------------------------------------------------------------
+
+RecordBeatsOption = Annotated[bool, option("Record every heartbeat as well.")]
+
 # -- in virtual time ------------------------------------------------------------------------
 
 SeedOption = Annotated[int, option("The same seed gives the same result.", least=0)]

@@ -125,6 +125,7 @@ def _new_run(
         transport=profile,
         places=found,
         routers=between.endpoints if between is not None else (),
+        record=True,
     )
 
 

@@ -49,6 +49,7 @@ from mrbt_mesh.runtime.launcher_lock import LauncherWatch
 from mrbt_mesh.runtime.link_watch import LinkWatch, Sighting
 from mrbt_mesh.runtime.log import robot_logger
 from mrbt_mesh.runtime.program import RobotProgram
+from mrbt_mesh.runtime.recording import RecordTo, robot_recording
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.session_config import TransportConfig, TransportError
 from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
@@ -74,7 +75,8 @@ SILENT_BEATS = 5
 class RobotSetup:
     """What a robot's process is made of. Without `run_dir`, it keeps no journal and no events.
 
-    `meter` counts what happens, served at `metrics`.
+    `record`: where it records what it knows and does, None: nowhere. `meter` counts what happens,
+    served at `metrics`.
     """
 
     mission: Mission
@@ -87,6 +89,7 @@ class RobotSetup:
     manifest: ManifestWatch | None = None
     meter: Meter | None = None
     metrics: MetricsAddress | None = None
+    record: RecordTo | None = None
 
 
 # Attributes: one part for each thing that a robot's process deals with.
@@ -100,6 +103,9 @@ class Driver:
         self._agent = Agent(setup.mission, setup.config, boottime_us())
         self._meter = setup.meter
         self._journal = JournalWriter(setup.journal, self._meter.sync_s if self._meter else None)
+        self._recording = robot_recording(
+            setup.record, setup.mission, setup.config, self._agent.view, self.log
+        )
         self._timer: asyncio.TimerHandle | None = None
         self._stop: Stop | None = None
         self._is_ready = False
@@ -169,6 +175,8 @@ class Driver:
             if self._timer is not None:
                 self._timer.cancel()
             self._journal.close()
+            if self._recording is not None:
+                self._recording.close()
             self._transport.close(CLOSE_TIMEOUT_S)
         assert self._stop is not None
         return self._stop
@@ -185,7 +193,11 @@ class Driver:
         if self._meter is not None:
             self._meter.take(event)
         now_us = boottime_us()
-        for effect in self._agent.handle(event, now_us):
+        effects = self._agent.handle(event, now_us)
+        if self._recording is not None:
+            # What is said has been written down, whatever becomes of this process.
+            self._recording.step(event, effects, now_us)
+        for effect in effects:
             if self._meter is not None:
                 self._meter.carry_out(effect)
             self._carry_out(effect)

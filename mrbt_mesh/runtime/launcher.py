@@ -20,6 +20,7 @@ import anyio
 import anyio.abc
 import psutil
 
+from mrbt_mesh.recording.folder import robot_file
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.launcher_lock import is_launched
 from mrbt_mesh.runtime.run_dir import RunDir, RunDirError, RunInfo
@@ -139,6 +140,10 @@ def agent_arguments(
         command += ["--program", info.program]
     if info.solver is not None:
         command += ["--solver", info.solver]
+    if info.record:
+        command += ["--record", str(robot_file(run_dir.path, robot))]
+    if info.record_beats:
+        command.append("--record-beats")
     if robot in info.metrics_ports:
         command += ["--metrics-port", str(info.metrics_ports[robot])]
     if robot_type is not None:

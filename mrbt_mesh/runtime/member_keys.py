@@ -97,10 +97,7 @@ class MemberKeys:
         return member is not None and _verifies(member.sign, data, signature)
 
     def was_signed(self, name: str, data: bytes, signature: bytes) -> bool:
-        member = self.manifest.members.get(name)
-        if member is None or member.role is not Role.ROBOT:
-            return False
-        return any(_verifies(key, data, signature) for key in (member.sign, *member.former))
+        return was_signed(self.manifest, name, data, signature)
 
     def tag(self, name: str, data: bytes) -> bytes | None:
         key = self._shared.get(name)
@@ -114,6 +111,14 @@ class MemberKeys:
                 return None  # no point of the curve that a secret could come of
             key = self._shared[name] = _derived(agreed, b"mrbt tag")
         return hashlib.blake2b(data, key=key, digest_size=TAG_BYTES).digest()
+
+
+def was_signed(manifest: Manifest, name: str, data: bytes, signature: bytes) -> bool:
+    """Whether a robot signed this, with any key that it has or had: see `Keys.was_signed`."""
+    member = manifest.members.get(name)
+    if member is None or member.role is not Role.ROBOT:
+        return False
+    return any(_verifies(key, data, signature) for key in (member.sign, *member.former))
 
 
 def _verifies(public: bytes, data: bytes, signature: bytes) -> bool:

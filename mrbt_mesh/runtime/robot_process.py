@@ -29,6 +29,7 @@ from mrbt_mesh.runtime.journal import Journal, journal_path
 from mrbt_mesh.runtime.launcher_lock import LauncherWatch
 from mrbt_mesh.runtime.log import configure_log, robot_logger
 from mrbt_mesh.runtime.program_loader import check_program, load_program
+from mrbt_mesh.runtime.recording import RecordTo
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S
 from mrbt_mesh.runtime.solver_loader import solver_for
@@ -57,6 +58,7 @@ class RobotStart:
     `expect`: robots that it waits for, for `gather_s` if no team is there (None: all of the
     mission). `run_dir`: folder for its journal, log and events. `takeover`: it replaces a live
     robot of the same id. `while_locked`: a file; it leaves once nobody holds a lock on it.
+    `record`: where it records what it knows and does, with `record_beats` also every heartbeat.
     `metrics`: where it serves metrics.
     """
 
@@ -72,6 +74,8 @@ class RobotStart:
     takeover: bool = False
     exit_when_done: bool = False
     while_locked: Path | None = None
+    record: Path | None = None
+    record_beats: bool = False
     metrics: MetricsAddress | None = None
 
 
@@ -143,6 +147,10 @@ def make_driver(start: RobotStart, locate: Locate) -> Driver:
         keys=keys,
         life=time.time_ns() // 1_000,
     )
+    record = None
+    if start.record is not None:
+        chosen = start.solver or ""
+        record = RecordTo(start.record, chosen, start.record_beats, start.speed)
     setup = RobotSetup(
         mission,
         config,
@@ -154,6 +162,7 @@ def make_driver(start: RobotStart, locate: Locate) -> Driver:
         manifest,
         meter,
         start.metrics,
+        record,
     )
     return Driver(setup)
 

@@ -9,6 +9,8 @@ keys/               the keys of all members (see `key_folder`)
 <robot>.log         its log, JSON lines; <robot>.out: what it printed
 fork_server.out     what was printed by the process that forks the robots: nothing, unless it fails
 events.jsonl        the physical truth, written by the robots
+recordings/         what each robot knew and did (see `recording.folder`)
+run.mcap            what `up` heard of it
 summary.json        written by `up` at the end
 metrics-targets.json  where robots serve metrics, as Prometheus reads it (file_sd_configs)
 """
@@ -54,7 +56,8 @@ class RunInfo:
     `places` is empty for a team on loopback; `transport` is a key of `PROTOCOLS`; `solver` is
     None for the mission's. `insecure`: its members have no keys. With `routers` its robots are
     clients of these, and have no endpoints of their own. `metrics_ports`: where robots serve
-    metrics, on loopback; empty: nowhere.
+    metrics, on loopback; empty: nowhere. `record`: its robots record what they know and do, with
+    `record_beats` also every heartbeat.
     """
 
     mission_path: str
@@ -74,6 +77,8 @@ class RunInfo:
     solver: str | None = None
     insecure: bool = False
     routers: tuple[str, ...] = ()
+    record: bool = False
+    record_beats: bool = False
     metrics_ports: Mapping[str, int] = field(default_factory=dict)
 
 

@@ -62,14 +62,17 @@ def new_run(
     solver: str | None = None,
     insecure: bool = False,
     routers: Sequence[str] = (),
+    record: bool = False,
+    record_beats: bool = False,
     metrics_port: int | None = None,
 ) -> RunInfo:
     """A run of its own: fresh ids and free endpoints.
 
     `metrics_port`: where the first robot serves metrics, the others on the ports that follow.
     `places`: where each robot runs that takes part or may join later; default: on loopback.
-    `routers`: endpoints of those that all its robots are clients of. Raises AddressError for what
-    does not fit together, TransportError for routers that its robots cannot be clients of.
+    `routers`: endpoints of those that all its robots are clients of. `record`,
+    `record_beats`: as in RunInfo. Raises AddressError for what does not fit together,
+    TransportError for routers that its robots cannot be clients of.
     """
     if transport == WIRELESS and insecure:
         raise AddressError("the transport wireless is encrypted, and so needs keys: no --insecure")
@@ -99,6 +102,8 @@ def new_run(
         solver=solver,
         insecure=insecure,
         routers=tuple(routers),
+        record=record,
+        record_beats=record_beats,
         metrics_ports=_metrics_ports(robots, metrics_port),
     )
     timing_of(beat_s, detection_s, mission)

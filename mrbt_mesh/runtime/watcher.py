@@ -31,6 +31,7 @@ from mrbt_mesh.runtime.engine_choice import chosen_engine
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.flood_gate import Deliver, FloodGate
 from mrbt_mesh.runtime.inbox import Inbox
+from mrbt_mesh.runtime.recording import RecordTo, observer_recording
 from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
 
@@ -46,13 +47,17 @@ MANIFEST_US = SECOND_US // 4
 class Watcher:
     """Use it as `async with watching(...) as watcher`; then read `watcher.observer`."""
 
-    def __init__(self, address: TeamAddress) -> None:
+    def __init__(self, address: TeamAddress, record: RecordTo | None = None) -> None:
+        """Raises InputError for a recording that cannot be written, KeysError."""
         self.address = address
         self.timing = address.timing
         self._guard, self._manifest = _keys_of(address)
         keys = self._guard.keys if self._guard is not None else None
         self.observer = Observer(
             address.mission, address.run, address.timing, default_solver, chosen_engine(), keys
+        )
+        self._recording = observer_recording(
+            record, self.observer, address.run, keys is not None, self.observer.record.say
         )
         self.changed = anyio.Event()
         self._asked: set[tuple[str, Incarnation]] = set()
@@ -72,8 +77,10 @@ class Watcher:
         self._transport.declare_token(Incarnation(0, secrets.token_hex(4)))
 
     def close(self) -> None:
-        """Close the session, without waiting for long."""
+        """Close the session, without waiting for long, and end the recording."""
         self._transport.close(CLOSE_TIMEOUT_S)
+        if self._recording is not None:
+            self._recording.close()
 
     def refresh(self) -> None:
         """Bring the observer up to date, and ask for facts that it lacks."""
@@ -81,6 +88,8 @@ class Watcher:
         self._look_at_manifest(now_us)
         replica = self.observer.replica
         self.observer.update(now_us)
+        if self._recording is not None:
+            self._recording.update(now_us)
         peers = self.observer.membership.peers
         fresh = [
             r for r, p in peers.items() if p.heartbeat and (r, p.incarnation) not in self._asked
@@ -128,7 +137,7 @@ class Watcher:
         observer = self.observer
         match event:
             case MessageReceived(kind, source, data):
-                self._open(data, kind, source, partial(observer.message, kind, source), now_us)
+                self._open(data, kind, source, partial(self._message, kind, source), now_us)
             case TokenChanged(robot, incarnation, held, router):
                 if observer.token(robot, incarnation, held, router):
                     self._transport.ask_router(AskRouter(robot, incarnation, router))
@@ -138,6 +147,11 @@ class Watcher:
                 self._open(data, MessageKind.STATE, peer, partial(observer.state, peer), now_us)
             case _:
                 pass
+
+    def _message(self, kind: MessageKind, source: str, data: bytes, now_us: int) -> None:
+        self.observer.message(kind, source, data, now_us)
+        if self._recording is not None:
+            self._recording.message(kind, source, data, now_us)
 
     def _sealed(self, data: bytes, to: str) -> bytes:
         return self._guard.seal(data, (to,)) if self._guard is not None else data
@@ -214,9 +228,12 @@ def _keys_of(address: TeamAddress) -> tuple[Guard | None, ManifestWatch | None]:
 
 
 @asynccontextmanager
-async def watching(address: TeamAddress) -> AsyncIterator[Watcher]:
-    """An open Watcher; raises TransportError if the session cannot be opened."""
-    watcher = Watcher(address)
+async def watching(address: TeamAddress, record: RecordTo | None = None) -> AsyncIterator[Watcher]:
+    """An open Watcher, which records what it hears if that is wanted.
+
+    Raises TransportError if the session cannot be opened, InputError if nothing can be recorded.
+    """
+    watcher = Watcher(address, record)
     await watcher.open()
     try:
         yield watcher

@@ -25,7 +25,7 @@ from mrbt_mesh.sim.engine.faults import EndRouter, Schedule, StartRouter
 from mrbt_mesh.sim.engine.inspection import Inspection
 from mrbt_mesh.sim.engine.network import NetworkKnobs
 from mrbt_mesh.sim.engine.scenario import Scenario
-from mrbt_mesh.sim.engine.setup import AgentOptions, Setup
+from mrbt_mesh.sim.engine.setup import AgentOptions, Beginning, Setup
 from mrbt_mesh.sim.engine.sharing import shared_engine
 from mrbt_mesh.sim.engine.world import LookOn, World
 
@@ -86,6 +86,8 @@ def simulate(
     stop_when_stuck: bool = False,
     inspect: bool = True,
     keep_log: bool = False,
+    record: Path | None = None,
+    begin: Beginning | None = None,
     look_on: LookOn | None = None,
 ) -> SimulationResult:
     """Run `mission` with the robots (all of the file by default) in virtual time.
@@ -93,9 +95,10 @@ def simulate(
     The same arguments give the same run, effect for effect; what they mean: `Setup`. Without
     `inspect` nothing is checked and no effect log is kept, which is faster and changes nothing
     else. `keep_log`: keep the log's lines, not only their digest. `look_on` is shown the observer
-    whenever that has seen something. Raises ValueError for a robot
+    whenever that has seen something. `record`: the folder in which every robot, and the observer,
+    records what it knows and does. `begin`: what has been before. Raises ValueError for a robot
     that the mission does not have and for a router that the network has not, SimulationError if an
-    agent breaks.
+    agent breaks, OSError where nothing can be recorded.
     """
     team = tuple(sorted(mission.robots if robots is None else set(robots)))
     steps = tuple(schedule)
@@ -122,6 +125,8 @@ def simulate(
         agents=agents or AgentOptions(),
         speed=speed,
         stop_when_stuck=stop_when_stuck,
+        record=record,
+        begin=begin,
     )
     world = _inspected(setup, keep_log, look_on) if inspect else _unseen(setup, look_on)
     _run(world)
@@ -135,6 +140,7 @@ def run_scenario(
     *,
     engine: Engine | None = None,
     keep_log: bool = False,
+    record: Path | None = None,
     look_on: LookOn | None = None,
 ) -> SimulationResult:
     """`simulate` with the faults, the network and the robots of a scenario."""
@@ -154,6 +160,7 @@ def run_scenario(
         timeout_us=scenario.timeout_us,
         speed=scenario.speed,
         keep_log=keep_log,
+        record=record,
         look_on=look_on,
     )
 
@@ -182,6 +189,9 @@ def _run(world: World) -> None:
         at_s = world.clock.now_us / 1e6
         text = f"seed {world.setup.seed}, at {at_s:.6f} s: {type(error).__name__}: {error}"
         raise SimulationError(text) from error
+    finally:
+        if world.recordings is not None:
+            world.recordings.close()
 
 
 def _result(world: World) -> SimulationResult:

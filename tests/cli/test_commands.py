@@ -42,7 +42,8 @@ ALL = list(commands())
 
 def test_there_is_a_file_for_each_command_and_a_command_for_each_file() -> None:
     files = {path.stem for path in COMMANDS.glob("*.py")} | {"keys", "tree"}
-    assert files - {"__init__"} == {name for lines in PANELS.values() for name in lines}
+    named = {name.replace("-", "_") for lines in PANELS.values() for name in lines}
+    assert files - {"__init__"} == named
     for group in ("keys", "tree"):
         inner = {path.stem for path in (COMMANDS / group).glob("*.py")} - {"__init__"}
         assert inner == {path[1] for path, _ in ALL if len(path) == 2 and path[0] == group}

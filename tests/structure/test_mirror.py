@@ -12,8 +12,8 @@ from tests.support.structure.source import settle
 Tree = Callable[[dict[str, str]], Path]
 
 PACKAGES = (
-    *("adapters", "analysis", "cli", "core", "drills", "formats", "runtime", "sim"),
-    *("viewmodel", "web"),
+    *("adapters", "analysis", "cli", "core", "drills", "formats"),
+    *("recording", "replay", "runtime", "sim", "viewmodel", "web"),
 )
 HOMES = {name: f"mrbt_mesh/{name}" for name in PACKAGES}
 HOMES |= {name: name for name in ("agents", "benchmarks", "paper")}

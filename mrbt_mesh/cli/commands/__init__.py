@@ -47,6 +47,11 @@ PANELS = {
         "keys": "Make and change the keys by which a team knows who says what.",
     },
     "Prove it": {
+        "replay": "Show a recorded run again, at any speed, forwards and back.",
+        "verify": "Prove from the recordings of a run what its robots did, and find what was "
+        "falsified.",
+        "what-if": "Go on from a moment of a recorded run in the simulator, with faults that did "
+        "not happen.",
         "chaos": "Run a mission with random faults, many times, and check what must always hold.",
         "drill": "Run drills: real processes, faults at chosen moments, verdicts from what was "
         "done.",

@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Annotated
 
 from mrbt_mesh.cli.framework.declare import Given, option
-from mrbt_mesh.cli.options import ProgramOption, SolverOption, SpeedOption
+from mrbt_mesh.cli.options import ProgramOption, RecordBeatsOption, SolverOption, SpeedOption
 from mrbt_mesh.cli.team.metrics_options import MetricsOptions
 from mrbt_mesh.cli.team.network_options import TeamNetworkOptions, warn_insecure
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S, MISSION_VARIABLE
 
 
+# Attributes: one option each.
 @dataclass(frozen=True)
 class RobotOptions:
     """Which robot it is, and what it does."""
@@ -31,6 +32,10 @@ class RobotOptions:
     solver: SolverOption = None
     speed: SpeedOption = 1.0
     run_dir: Annotated[Path | None, option("Folder for journal, log and events.", "DIR")] = None
+    record: Annotated[
+        Path | None, option("Record what it knows and does; docs/recording.md.", "FILE.mcap")
+    ] = None
+    record_beats: RecordBeatsOption = False
     takeover: Annotated[bool, option("Replace a live robot of the same id.")] = False
     exit_when_done: Annotated[bool, option("Stop once the team has the result.")] = False
     while_locked: Annotated[
@@ -92,6 +97,8 @@ def agent(
             f"`mrbt keys init DIR --robots {robot.robot},...` and copied to every robot, "
             "or --insecure to believe whoever reaches this robot's port"
         )
+    if robot.record_beats and robot.record is None:
+        raise InputError("--record-beats needs the --record of which they are a part")
     wanted = RobotStart(
         robot.mission,
         robot.robot,
@@ -103,6 +110,8 @@ def agent(
         takeover=robot.takeover,
         exit_when_done=robot.exit_when_done,
         while_locked=robot.while_locked,
+        record=robot.record,
+        record_beats=robot.record_beats,
         expect=tuple(start.expect.split(",")) if start.expect is not None else None,
         gather_s=start.gather,
         metrics=metrics.address(given),

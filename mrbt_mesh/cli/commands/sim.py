@@ -29,7 +29,7 @@ _network = partial(option, panel="The network")
 _chance = partial(_network, least=0, most=1, step=0.001)
 _delay = partial(_network, least=0, step=0.001)
 Faults = tuple[str, ...]
-FILES = ("--events", "--log", "--btlog", "--py-trees-js")
+FILES = ("--events", "--log", "--record", "--btlog", "--py-trees-js")
 
 
 @dataclass(frozen=True)
@@ -104,9 +104,8 @@ def sim(
 
     Seconds of work take milliseconds, and the same options give the same run, to the byte. The
     agents and your robots' own code are the real ones; what must always hold is checked. Many runs
-    with random faults: `mrbt chaos`. How likely the mission succeeds: `mrbt estimate`.
-
-    Times count from the launch of the team.
+    with random faults: `mrbt chaos`. How likely the mission succeeds: `mrbt estimate`. Times count
+    from the launch of the team.
 
     Exit status: 0 the mission succeeded, 1 it failed or an invariant broke, 2 bad input, 3 not
     finished in time or blocked at the end. Of a mission that never ends, its last round that has

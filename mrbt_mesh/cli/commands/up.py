@@ -10,6 +10,7 @@ from mrbt_mesh.cli.framework.declare import Given, option
 from mrbt_mesh.cli.options import (
     MissionArgument,
     ProgramOption,
+    RecordBeatsOption,
     RobotsOption,
     SolverOption,
     SpeedOption,
@@ -41,6 +42,8 @@ class LaunchOptions:
         str | None,
         option("Routers to be clients of, in place of links to one another.", "tcp/IP:PORT,..."),
     ] = None
+    no_record: Annotated[bool, option("Write no recordings; docs/recording.md.")] = False
+    record_beats: RecordBeatsOption = False
     insecure: Annotated[
         bool, option("Without keys: whoever reaches a robot's port may say anything.")
     ] = False
@@ -94,6 +97,8 @@ def up(
         given.refuse(("--web",), "with --detach nobody watches the run; see mrbt web")
     if not web:
         given.refuse(("--port", "--host", "--control"), "of the live page: give --web as well")
+    if launch.no_record:
+        given.refuse(["--record-beats"], "with --no-record nothing is recorded")
     served = page.page() if web else None
     loaded = load_mission(mission)
     robots = chosen_robots("--robots", launch.robots, loaded)
@@ -111,6 +116,8 @@ def up(
         solver=launch.solver,
         insecure=launch.insecure,
         routers=endpoints_of(launch.router),
+        record=not launch.no_record,
+        record_beats=launch.record_beats,
         metrics_port=launch.metrics_port,
     )
     if launch.insecure:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Annotated
+
 from mrbt_mesh.cli.exporting import ExportOptions
-from mrbt_mesh.cli.framework.declare import Given
+from mrbt_mesh.cli.framework.declare import Given, option
+from mrbt_mesh.cli.options import RecordBeatsOption
 from mrbt_mesh.cli.team.metrics_options import MetricsOptions
 from mrbt_mesh.cli.team.options import TeamOptions
 from mrbt_mesh.cli.team.show_options import ShowOptions
+from mrbt_mesh.errors import InputError
 
 
 def watch(
@@ -15,6 +20,10 @@ def watch(
     metrics: MetricsOptions,
     export: ExportOptions,
     given: Given,
+    record: Annotated[
+        Path | None, option("Record what is heard; docs/recording.md.", "FILE.mcap")
+    ] = None,
+    record_beats: RecordBeatsOption = False,
 ) -> None:
     """Watch a team that runs already, or is yet to come; ending the view leaves it alone.
 
@@ -29,13 +38,18 @@ def watch(
     from mrbt_mesh.cli.framework.exits import end_process
     from mrbt_mesh.cli.team import watching
     from mrbt_mesh.cli.team.sharing import sharing
+    from mrbt_mesh.runtime.recording import RecordTo
     from mrbt_mesh.runtime.team import Team
 
     export.check()
+    if record_beats and record is None:
+        raise InputError("--record-beats needs the --record of which they are a part")
     address = team.find(given)
     found = address.run_dir
     processes = Team(found, found.info(), address.mission) if found is not None else None
+    to = RecordTo(record, "", record_beats) if record is not None else None
     if processes is None:
         watching.say_where(address, show)
     share = partial(sharing, metrics.address(given), export)
-    end_process(anyio.run(watching.watch, address, processes, show, None, share))
+    watched = partial(watching.watch, address, processes, show, share=share, record=to)
+    end_process(anyio.run(watched))

@@ -16,7 +16,7 @@ Panels = Mapping[str, Mapping[str, str]]
 
 
 class CommandGroup(click.Group):
-    """The command `x` is the function, or the group, `x` in the module `x` of `package`."""
+    """The command `x-y` is the function, or the group, `x_y` in the module `x_y` of `package`."""
 
     def __init__(self, name: str, package: str, panels: Panels, text: str, example: str) -> None:
         self.panels = panels
@@ -33,7 +33,8 @@ class CommandGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in self.commands:
             return None
-        found = getattr(importlib.import_module(f"{self._package}.{cmd_name}"), cmd_name)
+        module = cmd_name.replace("-", "_")
+        found = getattr(importlib.import_module(f"{self._package}.{module}"), module)
         return found if isinstance(found, click.Command) else command(found)
 
     def get_help(self, ctx: click.Context) -> str:

@@ -54,3 +54,9 @@ def check_folder(option: str, path: Path | None) -> None:
     if path is not None and (path.is_dir() or not path.parent.is_dir()):
         what = "is a folder; name a file" if path.is_dir() else f"there is no folder {path.parent}"
         raise InputError(f"{option} {path}: {what}")
+
+
+def check_new_folder(option: str, path: Path | None) -> None:
+    """Raise InputError if a folder that is to be made is there already, and not empty."""
+    if path is not None and path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise InputError(f"{option} {path}: is there already; name a new folder")

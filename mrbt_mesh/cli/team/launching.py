@@ -18,8 +18,10 @@ from mrbt_mesh.cli.views.overload_view import overload_text
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
+from mrbt_mesh.recording.folder import observer_file
 from mrbt_mesh.runtime.capacity import Machine, overload
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
+from mrbt_mesh.runtime.recording import RecordTo
 from mrbt_mesh.runtime.run_dir import RunDir, RunInfo, state_dir
 from mrbt_mesh.runtime.team import Team, address_of
 
@@ -90,7 +92,9 @@ async def _run(
     with launched_from_here(run_dir):
         try:
             await team.start_all()
-            return await watch(address_of(run_dir), team, show, too_many, page=page)
+            record = RecordTo(observer_file(run_dir.path), "", info.record_beats, info.speed)
+            to = record if info.record else None
+            return await watch(address_of(run_dir), team, show, too_many, record=to, page=page)
         finally:
             with anyio.CancelScope(shield=True):
                 await team.end()

@@ -24,6 +24,7 @@ from mrbt_mesh.cli.views.summary_view import render_summary
 from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.runtime.capacity import Overload
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.recording import RecordTo
 from mrbt_mesh.runtime.run_dir import SUMMARY_FILE, write_atomically
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.team_address import TeamAddress
@@ -45,16 +46,21 @@ async def watch(
     show: ShowOptions,
     too_many: Overload | None = None,
     share: Share = shares_nothing,
+    record: RecordTo | None = None,
     page: PageOptions | None = None,
 ) -> int:
     """Watch until the mission is over, time is up, nobody is left, or the operator stops it.
 
     `team`: its processes, if they are of this machine; of others robots may yet come. `too_many`:
-    what was found of a team that is too large for this machine. `share` is open meanwhile. `page`:
-    also in a browser. Returns the exit status. Raises TransportError if there is no way to attach,
-    InputError if there is none to serve the page.
+    what was found of a team that is too large for this machine. `share` is open meanwhile.
+    `record`: where to record what is heard. `page`: also in a browser. Returns the exit status.
+    Raises TransportError if there is no way to attach, InputError if nothing can be recorded, or
+    there is nothing to serve the page.
     """
-    async with watching(address) as watcher, _page(watcher, team, page, show) as (shown, feed):
+    async with (
+        watching(address, record) as watcher,
+        _page(watcher, team, page, show) as (shown, feed),
+    ):
         warning = "" if too_many is None else overload_line(too_many)
         display = _display(watcher, show, LiveNotes(warning, shown), feed)
         with share(watcher) as look_on:

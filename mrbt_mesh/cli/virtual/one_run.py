@@ -26,12 +26,14 @@ def run_and_tell(
 ) -> NoReturn:
     """Make a run, write its files, print its summary, and end with its exit status.
 
-    `run` takes `keep_log` and `look_on`. Times in exported files count from 0. Raises InputError
-    for files that cannot be written.
+    `run` takes `keep_log`, `look_on` and `record`. Times in exported files count from 0. Raises
+    InputError for files that cannot be written.
     """
     try:
         with files.export.writing(mission, 0, 0) as look_on:
-            result = run(keep_log=files.log is not None, look_on=look_on)
+            result = run(keep_log=files.log is not None, look_on=look_on, record=files.record)
+    except OSError as error:
+        raise InputError(f"--record {files.record}: cannot be written: {reason(error)}") from None
     except SimulationError as error:
         fail(str(error), FAILURE)
     _write_files(result, files.events, files.log)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, TypeAlias
 
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import Forget, MakePlan
@@ -23,6 +23,9 @@ from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.planning.deadlines import Deadlines
 from mrbt_mesh.core.planning.plan import Plan
 
+# Is told each plan that this robot takes up, with the alive set that it was made for.
+PlanListener: TypeAlias = Callable[[Plan, Mapping[str, Incarnation]], None]
+
 
 @dataclass(frozen=True, slots=True)
 class Awaited:
@@ -33,6 +36,7 @@ class Awaited:
     alive: Mapping[str, Incarnation]
 
 
+# Attributes: the plan, what it was made with and from, and whoever is told.
 class Planner:
     """Ticks T_A, whose leaves are here: each change of facts or of the alive set has it plan.
 
@@ -57,6 +61,18 @@ class Planner:
         self.awaited: Awaited | None = None
         # How many outcomes there were, and what the alive set was, when T_A last planned.
         self._finished: tuple[int, int] | None = None
+        self._listeners: list[PlanListener] = []
+
+    def subscribe(self, listener: PlanListener) -> None:
+        """Have `listener` called with each plan, while the facts are those that it follows from."""
+        self._listeners.append(listener)
+
+    def _take_up(
+        self, plan: Plan, alive: Mapping[str, Incarnation], state: tuple[int, int]
+    ) -> None:
+        self.plan, self._planned = plan, state
+        for listener in self._listeners:
+            listener(plan, alive)
 
     def _plans_with(self, solver: Solver) -> PlanFunction:
         context = self._context
@@ -122,7 +138,7 @@ class Planner:
         awaited = self.awaited
         if awaited is not None and number == awaited.number:
             self.awaited = None
-            self.plan, self._planned = plan, awaited.state
+            self._take_up(plan, awaited.alive, awaited.state)
             self._robot_tree.end_assignment(_solved(plan))
             latches = self._latches(plan, awaited.alive)
             if latches:
@@ -154,8 +170,9 @@ class Planner:
             self.awaited = Awaited(self._number, state, alive)
             context.emit(MakePlan(self._number, partial(self._make, alive)))
             return True
-        self.plan, self._planned = self._make(alive), state
-        return self.plan.consistent
+        plan = self._make(alive)
+        self._take_up(plan, alive, state)
+        return plan.consistent
 
     def _assign_agents(self) -> Status:
         """Running while the plan is made elsewhere; its second half says how that ended."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.executor import Executor
-from mrbt_mesh.core.agent.planner import Planner
+from mrbt_mesh.core.agent.planner import PlanListener, Planner
 from mrbt_mesh.core.agent.work import Ticket
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Claim
@@ -84,6 +84,11 @@ class AgentView:
         """Two numbers that grow with each change of its facts and of who is alive."""
         return self._context.facts.changes, self._context.membership.alive_changes
 
+    @property
+    def suspicion_changes(self) -> int:
+        """Grows with every token that comes or goes, and with every suspicion of others."""
+        return self._context.membership.suspicion_changes
+
     def alive(self) -> dict[str, Incarnation]:
         """The alive set of its plan, itself included."""
         return self._context.alive()
@@ -109,6 +114,10 @@ class AgentView:
     def statuses(self) -> tuple[Status, Status, Status, Status]:
         """Those of T_i, T_A, T_G and T_Li after the last tick."""
         return self._executor.tree.statuses
+
+    def subscribe_to_plans(self, listener: PlanListener) -> None:
+        """Have `listener` called with each new plan, between the changes of facts around it."""
+        self._planner.subscribe(listener)
 
     @property
     def is_plan_current(self) -> bool:

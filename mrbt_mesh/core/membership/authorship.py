@@ -6,7 +6,8 @@ older batch; those that still stand keep its proof, and it is passed on with the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
 
 import msgpack
 
@@ -19,19 +20,17 @@ RECENT = 1_024
 NOT_AUTHENTIC = "not signed by its author"
 
 
-class Authorship:
-    """Signs the batches of one robot and checks those of all, in one run."""
+# Whether a member, by its name, signed data: as `Keys.was_signed`.
+WasSigned: TypeAlias = Callable[[str, bytes, bytes], bool]
 
-    def __init__(self, keys: Keys, run: str) -> None:
-        self._keys = keys
+
+class AuthorshipCheck:
+    """Checks the batches of all authors of one run."""
+
+    def __init__(self, was_signed: WasSigned, run: str) -> None:
+        self._was_signed = was_signed
         self._run = run
         self._good: set[tuple[str, Version, bytes, bytes]] = set()
-
-    def sign(self, proof: BatchProof, entries: Sequence[Entry]) -> None:
-        """Complete the proof that the entries of a new batch have in common, at least one."""
-        first = entries[0]
-        proof.hashes = b"".join([_hash(entry) for entry in entries])
-        proof.signature = self._keys.sign(self._content(first, proof.hashes))
 
     def is_authentic(self, entry: Entry) -> bool:
         """Whether the author of an entry has signed it."""
@@ -42,7 +41,7 @@ class Authorship:
         if key in self._good:
             return True
         content = self._content(entry, proof.hashes)
-        if not self._keys.was_signed(entry.author, content, proof.signature):
+        if not self._was_signed(entry.author, content, proof.signature):
             return False
         if len(self._good) >= RECENT:
             self._good.clear()
@@ -53,6 +52,20 @@ class Authorship:
         (counter, nonce), sequence = entry.version
         head = ["mrbt batch", self._run, entry.author, counter, nonce, sequence]
         return bytes(msgpack.packb(head)) + hashes
+
+
+class Authorship(AuthorshipCheck):
+    """Signs the batches of one robot as well."""
+
+    def __init__(self, keys: Keys, run: str) -> None:
+        super().__init__(keys.was_signed, run)
+        self._keys = keys
+
+    def sign(self, proof: BatchProof, entries: Sequence[Entry]) -> None:
+        """Complete the proof that the entries of a new batch have in common, at least one."""
+        first = entries[0]
+        proof.hashes = b"".join([_hash(entry) for entry in entries])
+        proof.signature = self._keys.sign(self._content(first, proof.hashes))
 
 
 def _hash(entry: Entry) -> bytes:

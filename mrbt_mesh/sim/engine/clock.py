@@ -147,13 +147,23 @@ class Gate:
     """Holds back the timers of one robot's code while the robot does not run.
 
     Code belongs to the gate that `current_gate` shows in its context; tasks inherit it. `clock`
-    is the robot's: its code's waits are timed by it.
+    is the robot's: its code's waits are timed by it. `ahead_us`: so much of its next waits is over
+    already, since the work that it begins was under way before.
     """
 
     def __init__(self, clock: LocalClock) -> None:
         self.clock = clock
         self.is_closed = False
+        self.ahead_us = 0
         self._held: list[Callable[[], None]] = []
+
+    def waited(self, due_us: int) -> int:
+        """When a wait ends that would end at `due_us` if all of it were still to come."""
+        if not self.ahead_us:
+            return due_us
+        over_us = min(self.ahead_us, max(0, due_us - self.clock.monotonic_us))
+        self.ahead_us -= over_us
+        return due_us - over_us
 
     def close(self) -> None:
         self.is_closed = True
@@ -218,7 +228,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         gate = current_gate.get()
         if gate is None or when == math.inf:
             return super().call_at(when, callback, *args, context=context)
-        due_us = round(when * MICRO)
+        due_us = gate.waited(round(when * MICRO))
         handles: list[asyncio.TimerHandle] = []
 
         def release() -> None:

@@ -26,6 +26,7 @@ from mrbt_mesh.core.agent.effects import (
 from mrbt_mesh.core.agent.inputs import ActionFinished, Input, PlanMade, TimerFired
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.sim.engine.clock import MICRO, Gate, LocalClock, VirtualClock
 from mrbt_mesh.sim.engine.journal import SimJournal, SimJournalWriter
 from mrbt_mesh.sim.engine.pace import Pace
@@ -66,6 +67,8 @@ class Environment(Protocol):
     def declared(self, process: SimProcess, incarnation: Incarnation) -> None: ...
     def stopped(self, process: SimProcess) -> None: ...
     def recorded(self, process: SimProcess, event: Mapping[str, Any]) -> None: ...
+    def recorder_of(self, process: SimProcess) -> RobotRecorder | None: ...
+    def begun_before_us(self, process: SimProcess, effect: StartAction) -> int: ...
 
 
 class Program(Protocol):
@@ -76,6 +79,7 @@ class Program(Protocol):
     def end(self) -> None: ...
 
 
+# Attributes: the agent, and what stands for a process around it.
 class SimProcess:
     """Drives one agent and its program; the simulator's counterpart of the runtime's driver.
 
@@ -104,6 +108,7 @@ class SimProcess:
         self._journal = SimJournalWriter(journal, environment.clock, self._pace)
         self._ran_us = 0
         self._timer_us: int | None = None
+        self._recorder: RobotRecorder | None = None
 
     @property
     def is_over(self) -> bool:
@@ -131,6 +136,7 @@ class SimProcess:
             return
         self._ran_us = self.local.boottime_us
         self.agent = self._make_agent(self._ran_us)
+        self._recorder = self._environment.recorder_of(self)
         program.begin()
         self._environment.inspection.booted(self)
         self.deliver(TIMER_FIRED)
@@ -156,6 +162,8 @@ class SimProcess:
         if inspection.watches_steps:
             inspection.handling(self, event)
         effects = agent.handle(event, now_us)
+        if self._recorder is not None:
+            self._recorder.step(event, effects, self._environment.clock.now_us)
         for effect in effects:
             self._carry_out(effect)
         if inspection.watches_steps:
@@ -183,8 +191,7 @@ class SimProcess:
                 due_us = self._environment.clock.now_us + self._environment.plan_delay_us
                 self._environment.clock.at(due_us, partial(self._make_plan, effect))
             case StartAction() | CancelAction() | RequestBid():
-                assert self._program is not None
-                self._program.carry_out(effect)
+                self._work(effect)
             case DeclareToken(incarnation):
                 self._environment.declared(self, incarnation)
             case Stop():
@@ -194,6 +201,12 @@ class SimProcess:
                 self._environment.stopped(self)
             case Log():
                 pass  # it is in the effect log
+
+    def _work(self, effect: StartAction | CancelAction | RequestBid) -> None:
+        assert self._program is not None
+        if isinstance(effect, StartAction):
+            self.gate.ahead_us = self._environment.begun_before_us(self, effect)
+        self._program.carry_out(effect)
 
     def _make_plan(self, effect: MakePlan) -> None:
         awaited = self.agent.view.awaited_plan if self.agent is not None else None

@@ -50,6 +50,11 @@ class Robots:
         self._journals: dict[str, SimJournal] = {}
         self._clocks: dict[str, LocalClock] = {}
         self._start_program: StartProgram | None = None
+        if setup.begin is not None:
+            for robot in setup.robots:
+                journal = self._journals[robot] = SimJournal()
+                journal.put(setup.begin.facts)
+                journal.commit()
 
     @property
     def processes(self) -> dict[str, SimProcess]:

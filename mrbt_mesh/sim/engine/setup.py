@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.engine import Engine
+from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Header
 from mrbt_mesh.core.mission.mission import Mission
@@ -37,12 +39,27 @@ class AgentOptions:
 
 
 @dataclass(frozen=True)
+class Beginning:
+    """Where a run goes on that has begun elsewhere: its id, and what its robots know.
+
+    `under_way`: for how long, in microseconds, a robot has been at a local task of an activation;
+    if it is given the same again it goes on from there.
+    """
+
+    run: str
+    facts: tuple[Entry, ...]
+    under_way: Mapping[tuple[str, str, str], int]
+
+
+# Attributes: all that a run may be asked for, each under its own name.
+@dataclass(frozen=True)
 class Setup:
     """One run. `robots` are launched at the start, within `start_spread_us`.
 
     `failures` come by chance, besides the faults of the `schedule`. `speed` shortens the robots'
     work. `timeout_us` counts from the launch. `stop_when_stuck`: end a run of which nothing more
-    will come.
+    will come. `record`: the folder for what each robot and the observer record.
+    `begin`: what has been before.
     """
 
     mission: Mission
@@ -57,6 +74,8 @@ class Setup:
     speed: float = 1.0
     stop_when_stuck: bool = False
     start_spread_us: int = 20_000
+    record: Path | None = None
+    begin: Beginning | None = None
 
     @property
     def timing(self) -> Timing:
@@ -66,7 +85,7 @@ class Setup:
     @property
     def run(self) -> str:
         """The id of the run."""
-        return f"sim{self.seed}"
+        return self.begin.run if self.begin is not None else f"sim{self.seed}"
 
     @property
     def header(self) -> Header:

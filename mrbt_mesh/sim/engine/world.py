@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import anyio
 import anyio.abc
 
-from mrbt_mesh.core.agent.effects import Ask, AskRouter, Publish, Reply
+from mrbt_mesh.core.agent.effects import Ask, AskRouter, Publish, Reply, StartAction
 from mrbt_mesh.core.agent.inputs import ActionFinished
 from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.assignment.solvers import default_solver
@@ -19,6 +19,7 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import Mission, MissionEnd
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.runtime.actions import RobotIdentity
 from mrbt_mesh.sim.engine.clock import VirtualClock
 from mrbt_mesh.sim.engine.ending import GIVE_UP_DETECTIONS, Ending
@@ -29,6 +30,7 @@ from mrbt_mesh.sim.engine.network import Network
 from mrbt_mesh.sim.engine.process import SimProcess
 from mrbt_mesh.sim.engine.program_tasks import run_program
 from mrbt_mesh.sim.engine.random_failures import RandomFailures
+from mrbt_mesh.sim.engine.recordings import Recordings
 from mrbt_mesh.sim.engine.robots import Robots
 from mrbt_mesh.sim.engine.routers import Routers
 from mrbt_mesh.sim.engine.setup import Setup
@@ -57,6 +59,13 @@ class World:
         )
         self.ending = Ending(setup, self.robots, self.observer, self._is_awaiting)
         self.events: list[dict[str, Any]] = []
+        self._under_way: dict[tuple[str, str, str], int] = {}
+        if setup.begin is not None:
+            self._under_way.update(setup.begin.under_way)
+            self.observer.read(setup.begin.facts, self.clock.now_us)
+        self.recordings: Recordings | None = None
+        if setup.record is not None:
+            self.recordings = Recordings(setup, setup.record, self.observer)
         self._is_observing = False
         self.inspection = inspect(self)
         self.injector = Injector(setup, self.bus, self.robots, self.inspection, self._has_result)
@@ -176,6 +185,15 @@ class World:
     def recorded(self, process: SimProcess, event: Mapping[str, Any]) -> None:
         self.events.append(dict(event))
 
+    def recorder_of(self, process: SimProcess) -> RobotRecorder | None:
+        if self.recordings is None or process.agent is None:
+            return None
+        return self.recordings.begin(process.agent.view, self.clock.now_us)
+
+    def begun_before_us(self, process: SimProcess, effect: StartAction) -> int:
+        place = (process.robot, effect.activation, effect.local_task)
+        return self._under_way.pop(place, 0)
+
     # -- the observer -------------------------------------------------------------------------
 
     def _token_changed(self, robot: str, incarnation: Incarnation, held: bool) -> None:
@@ -190,6 +208,8 @@ class World:
     def _observe(self) -> None:
         self._is_observing = False
         self.observer.update(self.clock.now_us)
+        if self.recordings is not None:
+            self.recordings.observed(self.clock.now_us)
         if self._look_on is not None:
             self._look_on(self.observer, self.clock.now_us)
         self.ending.look()

@@ -48,6 +48,7 @@ def test_every_option_arrives(started: list[Started], tmp_path: Path) -> None:
     words = ["--type", "explorer", "--program", "p.py", "--solver", "cp_sat", "--speed", "2"]
     words += ["--run-dir", str(tmp_path), "--takeover", "--exit-when-done", "--expect", "R1,R2"]
     words += ["--while-locked", "launcher.lock", "--keys", str(keys)]
+    words += ["--record", "r.mcap", "--record-beats"]
     words += ["--gather", "3", "--team", "t", "--run", "r", "--listen", "tcp/127.0.0.1:1"]
     words += ["--connect", "tcp/127.0.0.1:2", "--connect", "tcp/127.0.0.1:3", "--beat", "0.1"]
     code, _, problems = mrbt(
@@ -67,6 +68,8 @@ def test_every_option_arrives(started: list[Started], tmp_path: Path) -> None:
         speed=2,
         takeover=True,
         while_locked=Path("launcher.lock"),
+        record=Path("r.mcap"),
+        record_beats=True,
         exit_when_done=True,
     )
     assert (address.transport.team, address.run, address.keys) == ("t", "r", keys)
@@ -139,3 +142,11 @@ def test_what_cannot_be_is_refused(started: list[Started], words: list[str], mes
     code, output, problems = mrbt("agent", *words)
     assert (code, output, started) == (2, "", [])
     assert message in problems
+
+
+def test_heartbeats_are_a_part_of_a_recording(started: list[Started]) -> None:
+    words = ("agent", "--mission", EXPLORE, "--robot", "R1", "--insecure", "--record-beats")
+    code, _, problems = mrbt(*words)
+    assert code == 2
+    assert "--record-beats needs the --record of which they are a part" in problems
+    assert not started

@@ -1,0 +1,44 @@
+"""Which recordings a command line means."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from mrbt_mesh.core.membership.authorship import WasSigned
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.recording.folder import observer_files, robot_files
+from mrbt_mesh.recording.reader import Recording, read_recording
+from mrbt_mesh.runtime.run_dir import KEYS_FOLDER, RunDir
+
+
+def chosen(paths: Sequence[Path]) -> tuple[list[Recording], Path | None]:
+    """The recordings of files and run directories, by default of the run started last; and the
+    folder of its keys, if it has one.
+
+    Raises InputError for a folder without any, RecordingError for what is none.
+    """
+    files: list[Path] = []
+    keys: Path | None = None
+    for path in paths or (RunDir.find(None).path,):
+        if not path.is_dir():
+            files.append(path)
+            continue
+        found = [*robot_files(path), *observer_files(path)]
+        if not found:
+            raise InputError(f"{path} holds no recordings: was its run started with --no-record?")
+        files += found
+        if (path / KEYS_FOLDER).is_dir():
+            keys = path / KEYS_FOLDER
+    return [read_recording(file) for file in files], keys
+
+
+def signature_check(folder: Path | None) -> WasSigned | None:
+    """What knows who signed what, by the manifest in the folder; raises KeysError."""
+    if folder is None:
+        return None
+    from mrbt_mesh.runtime.key_folder import KeyFolder
+    from mrbt_mesh.runtime.member_keys import was_signed
+
+    return partial(was_signed, KeyFolder(folder).manifest())

@@ -1,0 +1,281 @@
+"""The channels of a recording: what a message on each of them says, as a JSON Schema."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+# Of everything here. A reader refuses recordings with another one.
+FORMAT = "1"
+
+FACTS, DROPPED, ALIVE, PLANS = "/facts", "/dropped", "/alive", "/plans"
+STATUSES, ACTIONS, LIFE, ROBOTS = "/statuses", "/actions", "/life", "/robots"
+FAULTS, BEATS = "/faults", "/beats"
+
+_TEXT: dict[str, Any] = {"type": "string"}
+_NUMBER: dict[str, Any] = {"type": "integer", "minimum": 0}
+_TRUTH: dict[str, Any] = {"type": "boolean"}
+_HEX: dict[str, Any] = {"type": "string", "pattern": "^([0-9a-f]{2})*$"}
+_BASE64: dict[str, Any] = {"type": "string", "contentEncoding": "base64"}
+_LIVES: dict[str, Any] = {"type": "object", "additionalProperties": _TEXT}
+_STATUS: dict[str, Any] = {"enum": ["idle", "running", "success", "failure"]}
+_STATE: dict[str, Any] = {"enum": ["alive", "suspect", "dead", "left"]}
+
+
+def _list(of: Mapping[str, Any]) -> dict[str, Any]:
+    return {"type": "array", "items": of}
+
+
+def _object(fields: Mapping[str, Any], optional: tuple[str, ...] = ()) -> dict[str, Any]:
+    return {
+        "type": "object",
+        "properties": dict(fields),
+        "required": [name for name in fields if name not in optional],
+        "additionalProperties": False,
+    }
+
+
+@dataclass(frozen=True)
+class Channel:
+    """`schema` is a JSON Schema of its messages, `example` one of them, without their `check`."""
+
+    topic: str
+    name: str
+    purpose: str
+    schema: Mapping[str, Any]
+    example: Mapping[str, Any]
+
+
+def _channel(
+    topic: str,
+    name: str,
+    purpose: str,
+    fields: Mapping[str, Any],
+    example: Mapping[str, Any],
+    optional: tuple[str, ...] = (),
+) -> Channel:
+    schema = _object({**fields, "check": _HEX}, optional)
+    return Channel(topic, name, purpose, {"title": name, **schema}, example)
+
+
+_VERSION = _object({"counter": _NUMBER, "nonce": _TEXT, "sequence": _NUMBER})
+_LINE = _object(
+    {
+        **dict.fromkeys(("activation", "global_task", "local_task"), _TEXT),
+        "performance": {"type": "number"},
+        "pinned": _TRUTH,
+        "leader": {"type": ["string", "null"]},
+        "round": _NUMBER,
+    }
+)
+_WAITING = _object({"activation": _TEXT, "global_task": _TEXT, "blocked": _TRUTH, "reason": _TEXT})
+_BIDDING = _object(
+    {
+        **dict.fromkeys(("activation", "global_task", "local_task"), _TEXT),
+        "bids": {"type": "object", "additionalProperties": {"type": ["number", "null"]}},
+        "silent": _list(_TEXT),
+        "open": _TRUTH,
+    }
+)
+_TASK = dict.fromkeys(("activation", "global_task", "local_task"), _TEXT)
+
+_ALL = (
+    _channel(
+        FACTS,
+        "mrbt.Fact",
+        "a fact was taken in, from others or as this robot's own",
+        {
+            "number": _NUMBER,
+            "author": _TEXT,
+            "name": _TEXT,
+            "version": _VERSION,
+            "value": {},
+            "packed": _BASE64,
+            "hash": _HEX,
+            "proof": _object({"hashes": _BASE64, "signature": _BASE64}),
+        },
+        {
+            "number": 3,
+            "author": "A1",
+            "name": "outcome/explore.north/scan",
+            "version": {"counter": 1, "nonce": "5e0c12aa", "sequence": 4},
+            "value": [True, None],
+            "packed": "ksPA",
+            "hash": "6f0a8c3b52d1f0e79a4dbe1c0d2e3f40",
+        },
+        ("proof",),
+    ),
+    _channel(
+        DROPPED,
+        "mrbt.Dropped",
+        "a fact was dropped: nothing can ask for it any more",
+        {"number": _NUMBER, "author": _TEXT, "name": _TEXT},
+        {"number": 9, "author": "A1", "name": "outcome/explore.north/scan"},
+    ),
+    _channel(
+        ALIVE,
+        "mrbt.Alive",
+        "the robots that plans count on are others now, with their incarnations",
+        {"robots": _LIVES},
+        {"robots": {"A1": "1.5e0c12aa", "B1": "2.77ab0c1d"}},
+    ),
+    _channel(
+        PLANS,
+        "mrbt.Plan",
+        "a plan was made, from all facts before it and this alive set",
+        {
+            "number": _NUMBER,
+            "facts": _NUMBER,
+            "facts_digest": _HEX,
+            "alive": _LIVES,
+            "digest": _HEX,
+            "hash": _HEX,
+            "result": _STATUS,
+            "order": {"enum": ["resume", "pause", "abort"]},
+            "feasible": _TRUTH,
+            "requests": _list(_list(_TEXT)),
+            "lines": {"type": "object", "additionalProperties": _LINE},
+            "idle": _LIVES,
+            "waiting": _list(_WAITING),
+            "bids": _list(_BIDDING),
+            "pending_verdicts": _list(_TEXT),
+            "pending_losses": _list(_TEXT),
+        },
+        {
+            "number": 2,
+            "facts": 6,
+            "facts_digest": "1b5a90cc1e2f3041",
+            "alive": {"A1": "1.5e0c12aa"},
+            "digest": "90aa12ffee010203",
+            "hash": "0c2b5e2f8f5c4a3e9d1f1b2a3c4d5e6f",
+            "result": "running",
+            "order": "resume",
+            "feasible": True,
+            "requests": [["explore", "explore.north"]],
+            "lines": {
+                "A1": {
+                    "activation": "explore.north",
+                    "global_task": "explore",
+                    "local_task": "scan",
+                    "performance": 1.0,
+                    "pinned": False,
+                    "leader": None,
+                    "round": 0,
+                }
+            },
+            "idle": {},
+            "waiting": [],
+            "bids": [],
+            "pending_verdicts": [],
+            "pending_losses": [],
+        },
+    ),
+    _channel(
+        STATUSES,
+        "mrbt.Statuses",
+        "nodes have other statuses: of T_G by the plan of this number, of T_i as it was ticked",
+        {
+            "plan": _NUMBER,
+            "nodes": {"type": "string", "pattern": "^[-RSF]*$"},
+            **dict.fromkeys(("T_i", "T_A", "T_G", "T_Li"), _STATUS),
+        },
+        {
+            "plan": 2,
+            "nodes": "RSR-",
+            "T_i": "running",
+            "T_A": "success",
+            "T_G": "running",
+            "T_Li": "running",
+        },
+        ("T_i", "T_A", "T_G", "T_Li"),
+    ),
+    _channel(
+        ACTIONS,
+        "mrbt.Action",
+        "this robot's own action started, came so far (percent), ended, was cancelled or stopped",
+        {
+            "event": {"enum": ["started", "progress", "finished", "cancelled", "stopped"]},
+            "ticket": _NUMBER,
+            **_TASK,
+            "coalition": _TEXT,
+            "partners": _list(_TEXT),
+            "performance": {"type": "number"},
+            "percent": _NUMBER,
+            "success": _TRUTH,
+            "error": _TEXT,
+        },
+        {
+            "event": "started",
+            "ticket": 1,
+            "activation": "explore.north",
+            "global_task": "explore",
+            "local_task": "scan",
+            "coalition": "",
+            "partners": [],
+            "performance": 1.0,
+        },
+        ("coalition", "partners", "performance", "percent", "success", "error"),
+    ),
+    _channel(
+        LIFE,
+        "mrbt.Life",
+        "this robot joined, was fenced off, found a later life of its own, leaves or stopped",
+        {
+            "event": {"enum": ["joined", "fenced", "later_life_found", "leaving", "stopped"]},
+            "incarnation": _TEXT,
+            "code": {"type": "integer"},
+            "reason": _TEXT,
+        },
+        {"event": "joined", "incarnation": "1.5e0c12aa"},
+        ("code", "reason"),
+    ),
+    _channel(
+        ROBOTS,
+        "mrbt.Robot",
+        "what is known of another robot has changed; observers also note what it reports",
+        {
+            "robot": _TEXT,
+            "incarnation": _TEXT,
+            "state": _STATE,
+            "joined": _TRUTH,
+            "plan": _HEX,
+            "statuses": _list(_STATUS),
+            "percent": _NUMBER,
+        },
+        {
+            "robot": "B1",
+            "incarnation": "2.77ab0c1d",
+            "state": "suspect",
+            "joined": True,
+        },
+        ("plan", "statuses", "percent"),
+    ),
+    _channel(
+        FAULTS,
+        "mrbt.Fault",
+        "a fault, or its end: a robot suspect, dead or heard again, its token, its capabilities",
+        {
+            "event": {
+                "enum": [
+                    *("suspect", "dead", "alive", "left", "token_lost", "token_shown"),
+                    *("capabilities_lost", "capabilities_restored", "grants_ran_out"),
+                ]
+            },
+            "robot": _TEXT,
+            "incarnation": _TEXT,
+            "capabilities": _list(_TEXT),
+        },
+        {"event": "dead", "robot": "B1", "incarnation": "2.77ab0c1d"},
+        ("capabilities",),
+    ),
+    _channel(
+        BEATS,
+        "mrbt.Beat",
+        "a heartbeat, as its bytes; only with --record-beats",
+        {"source": _TEXT, "sent": _TRUTH, "data": _BASE64},
+        {"source": "B1", "sent": False, "data": "lwGk"},
+    ),
+)
+
+CHANNELS: Mapping[str, Channel] = {channel.topic: channel for channel in _ALL}

@@ -1,0 +1,97 @@
+"""What a recording says of itself: whose it is, of which run of which mission."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.formats.compiled import compile_mission, mission_from_compiled
+from mrbt_mesh.recording.channels import FORMAT
+
+# The name of the record of metadata.
+METADATA = "mrbt"
+# What stands where a robot's name would, in the recording of whoever watches.
+OBSERVER = ""
+
+_TIMES = tuple(each.name for each in fields(Timing))
+
+
+@dataclass(frozen=True)
+class RunMetadata:
+    """`robot` is empty for an observer's recording; `mission` is the compiled mission's text.
+
+    `epoch_ns`: the Unix time at which the clock of the recording's owner was 0. `has_keys`: facts
+    are signed. `solver`: the robot's own choice, empty for the mission's. `speed`: so many times
+    faster simulated robots work.
+    """
+
+    robot: str
+    run: str
+    mission: str
+    mission_digest: str
+    timing: Timing
+    epoch_ns: int
+    version: str
+    solver: str = ""
+    has_keys: bool = False
+    speed: float = 1.0
+
+    @staticmethod
+    def of(
+        mission: Mission, robot: str, run: str, timing: Timing, epoch_ns: int, version: str
+    ) -> RunMetadata:
+        """That of a run without keys, with the mission's solver."""
+        return RunMetadata(
+            robot, run, compile_mission(mission), mission.digest, timing, epoch_ns, version
+        )
+
+    def to_values(self) -> dict[str, str]:
+        """As MCAP has it: text alone."""
+        timing = {name: getattr(self.timing, name) for name in _TIMES}
+        return {
+            "format": FORMAT,
+            "robot": self.robot,
+            "run": self.run,
+            "mission": self.mission,
+            "mission_digest": self.mission_digest,
+            "timing": json.dumps(timing),
+            "epoch_ns": str(self.epoch_ns),
+            "version": self.version,
+            "solver": self.solver,
+            "has_keys": str(self.has_keys).lower(),
+            "speed": repr(self.speed),
+        }
+
+    @staticmethod
+    def from_values(values: Mapping[str, str]) -> RunMetadata:
+        """The inverse of `to_values`; raises ValueError for anything else."""
+        if values.get("format") != FORMAT:
+            found = values.get("format", "none")
+            raise ValueError(f"its format is {found}, this version of mrbt reads {FORMAT}")
+        try:
+            timing: dict[str, Any] = json.loads(values["timing"])
+            return RunMetadata(
+                values["robot"],
+                values["run"],
+                values["mission"],
+                values["mission_digest"],
+                Timing(**{name: int(timing[name]) for name in _TIMES}),
+                int(values["epoch_ns"]),
+                values["version"],
+                values["solver"],
+                {"true": True, "false": False}[values["has_keys"]],
+                float(values["speed"]),
+            )
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"its metadata are damaged: {error!r}") from None
+
+    def read_mission(self, file: str) -> Mission:
+        """The mission; raises MissionError if its text was damaged, ValueError if it is another."""
+        mission = mission_from_compiled(self.mission, file)
+        if mission.digest != self.mission_digest:
+            raise ValueError("the mission in its metadata is not that of its digest")
+        return mission

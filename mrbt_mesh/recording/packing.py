@@ -1,0 +1,154 @@
+"""Facts and plans as plain data in recordings, and facts of plain data again."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import hashlib
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import msgpack
+
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.planning.plan import Plan
+
+LETTERS = "-RSF"
+_NAMES = tuple(status.name.lower() for status in Status)
+
+
+def readable(value: Any) -> Any:
+    """A fact's value as JSON can show it; what is exact is the fact's packed value."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    if isinstance(value, bytes):
+        return value.hex()
+    if isinstance(value, list | tuple):
+        return [readable(each) for each in value]
+    if isinstance(value, Mapping):
+        return {str(key): readable(each) for key, each in value.items()}
+    if value is None or isinstance(value, str | int | float):
+        return value
+    return str(value)
+
+
+def pack_fact(entry: Entry, number: int) -> dict[str, Any]:
+    """A message of the channel of facts."""
+    (counter, nonce), sequence = entry.version
+    data: dict[str, Any] = {
+        "number": number,
+        "author": entry.author,
+        "name": entry.name,
+        "version": {"counter": counter, "nonce": nonce, "sequence": sequence},
+        "value": readable(entry.value),
+        "packed": _text(entry.packed),
+        "hash": f"{entry.hash:032x}",
+    }
+    if entry.proof is not None:
+        proof = entry.proof
+        data["proof"] = {"hashes": _text(proof.hashes), "signature": _text(proof.signature)}
+    return data
+
+
+def unpack_fact(data: Mapping[str, Any]) -> Entry:
+    """The fact of such a message, made of its packed value; raises ValueError for a malformed one,
+    or one whose other fields say something else.
+    """
+    try:
+        version = data["version"]
+        incarnation = Incarnation(int(version["counter"]), str(version["nonce"]))
+        packed = _bytes(data["packed"])
+        value = msgpack.unpackb(packed, strict_map_key=False)
+        proof = None
+        if "proof" in data:
+            shown = data["proof"]
+            proof = BatchProof(_bytes(shown["hashes"]), _bytes(shown["signature"]))
+        made = Version(incarnation, int(version["sequence"]))
+        entry = make_entry(data["author"], data["name"], made, value, proof)
+        number = data["number"]
+    except (KeyError, TypeError, AttributeError, ValueError, msgpack.UnpackException) as error:
+        raise ValueError(f"the fact is malformed: {error}") from None
+    wanted = pack_fact(entry, number)
+    for field, said in data.items():
+        if not same(wanted.get(field), said):
+            raise ValueError(f"the fact's {field} is not that of the rest of it")
+    return entry
+
+
+def same(left: Any, right: Any) -> bool:
+    """Whether two plain values are the same, and of the same types: 1 is neither 1.0 nor true."""
+    if type(left) is not type(right):
+        return False
+    if isinstance(left, dict):
+        return list(left) == list(right) and all(same(left[key], right[key]) for key in left)
+    if isinstance(left, list):
+        return len(left) == len(right) and all(map(same, left, right))
+    return bool(left == right)
+
+
+def pack_alive(alive: Mapping[str, Incarnation]) -> dict[str, str]:
+    """Robot -> incarnation, sorted."""
+    return {robot: str(alive[robot]) for robot in sorted(alive)}
+
+
+def unpack_alive(data: Mapping[str, str]) -> dict[str, Incarnation]:
+    """The inverse of `pack_alive`; raises ValueError."""
+    return {robot: read_incarnation(text) for robot, text in data.items()}
+
+
+def read_incarnation(text: str) -> Incarnation:
+    """The inverse of `str(incarnation)`; raises ValueError."""
+    counter, point, nonce = text.partition(".")
+    if not point:
+        raise ValueError(f"{text!r} is no incarnation")
+    return Incarnation(int(counter), nonce)
+
+
+def pack_plan(
+    plan: Plan, number: int, facts: int, digest: bytes, alive: Mapping[str, Incarnation]
+) -> dict[str, Any]:
+    """A message of the channel of plans; what T_G's nodes return stands in that of statuses.
+
+    `facts`: the number of the last change of facts that it was made from, `digest` that of the map.
+    """
+    said = plan.to_json()
+    # That is `plan.packed`, which nobody else asks for.
+    whole = hashlib.blake2b(msgpack.packb(said), digest_size=16).hexdigest()
+    del said["statuses"]
+    return {
+        "number": number,
+        "facts": facts,
+        "facts_digest": digest.hex(),
+        "alive": pack_alive(alive),
+        "digest": plan.digest.hex(),
+        "hash": whole,
+        **said,
+    }
+
+
+def pack_nodes(plan: Plan) -> str:
+    """The statuses of T_G's nodes, a letter each, in the order of the tree's nodes."""
+    return "".join([LETTERS[status] for status in plan.evaluation.statuses])
+
+
+def status_name(status: int) -> str:
+    """A status as it stands in recordings."""
+    return _NAMES[status]
+
+
+def _text(data: bytes) -> str:
+    return base64.b64encode(data).decode()
+
+
+def _bytes(text: str) -> bytes:
+    try:
+        return base64.b64decode(text, validate=True)
+    except binascii.Error as error:
+        raise ValueError(str(error)) from None
+
+
+def pack_beat(source: str, data: bytes, sent: bool) -> dict[str, Any]:
+    """A message of the channel of heartbeats."""
+    return {"source": source, "sent": sent, "data": _text(data)}

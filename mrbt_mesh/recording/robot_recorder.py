@@ -1,0 +1,218 @@
+"""Records one agent: what it took in, what it planned, what it did, in the order of its steps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, TypeAlias
+
+from mrbt_mesh.core.agent.effects import CancelAction, Effect, Log, Publish, StartAction, Stop
+from mrbt_mesh.core.agent.inputs import (
+    ActionFinished,
+    ActionStopped,
+    Input,
+    MessageReceived,
+    NewsReceived,
+    ProgressReported,
+    TokenChanged,
+)
+from mrbt_mesh.core.agent.view import AgentView
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.peer import State
+from mrbt_mesh.core.membership.wire import MessageKind
+from mrbt_mesh.core.mission.mission import MICRO
+from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.recording import channels
+from mrbt_mesh.recording.fact_log import FactLog
+from mrbt_mesh.recording.packing import (
+    pack_alive,
+    pack_beat,
+    pack_nodes,
+    pack_plan,
+    status_name,
+)
+from mrbt_mesh.recording.writer import RecordingWriter
+
+# Progress is told again once it has come so much further.
+PERCENT_STEP = 10
+
+_TREES = ("T_i", "T_A", "T_G", "T_Li")
+_LIFE = ("joined", "fenced", "later_life_found", "leaving")
+_STATES = tuple(f"robot_{state}" for state in State)
+
+_Message: TypeAlias = tuple[str, Mapping[str, Any]]
+
+
+# Attributes: what of each channel was told last.
+class RobotRecorder:
+    """Call `step` after each `Agent.handle`, before its effects are carried out: what a robot has
+    said, it has also written down.
+
+    `beats`: heartbeats are recorded as well.
+    """
+
+    def __init__(
+        self, writer: RecordingWriter, view: AgentView, now_us: int, *, beats: bool = False
+    ) -> None:
+        self._writer = writer
+        self._view = view
+        self._beats = beats
+        self._facts = FactLog(view.facts.map)
+        self._plans = 0
+        self._alive: dict[str, Incarnation] = {}
+        self._is_alive_known = False
+        self._version: tuple[int, int] = (-1, -1)
+        self._robots: dict[str, tuple[Incarnation, State, bool]] = {}
+        self._statuses: tuple[Any, ...] = ()
+        self._nodes = ""
+        self._lost = view.lost
+        self._action: StartAction | None = None
+        self._percent = 0
+        view.subscribe_to_plans(self._planned)
+        self._write(self._facts.take(), now_us)
+        writer.flush()
+
+    def _planned(self, plan: Plan, alive: Mapping[str, Incarnation]) -> None:
+        """Between the changes of facts around it."""
+        facts = self._facts
+        self._tell_alive(alive)
+        self._is_alive_known = False  # a plan that was made elsewhere is for those of before
+        self._plans += 1
+        digest = self._view.facts.map.digest()
+        said = pack_plan(plan, self._plans, facts.number, digest, alive)
+        facts.add(channels.PLANS, said)
+        self._nodes = pack_nodes(plan)
+
+    def _tell_alive(self, alive: Mapping[str, Incarnation]) -> None:
+        if alive != self._alive:
+            self._alive = dict(alive)
+            self._facts.add(channels.ALIVE, {"robots": pack_alive(alive)})
+
+    def step(self, event: Input, effects: Sequence[Effect], now_us: int) -> None:
+        """Write what has changed by an input, and what is to be done. Raises OSError."""
+        taken = event.news if isinstance(event, NewsReceived) else (event,)
+        for each in taken:
+            self._write(self._inputs(each), now_us)
+        view = self._view
+        version = (view.version[1], view.suspicion_changes)
+        if version != self._version:
+            self._version = version
+            self._write(self._changed_robots(), now_us)
+            self._is_alive_known = False
+        if not self._is_alive_known and not view.is_joining:
+            self._is_alive_known = True
+            self._tell_alive(view.alive())
+        self._write(self._facts.take(), now_us)
+        statuses = (self._nodes, *view.statuses)
+        if self._plans and statuses != self._statuses:
+            self._statuses = statuses
+            of_trees = dict(zip(_TREES, map(status_name, view.statuses), strict=True))
+            said = {"plan": self._plans, "nodes": self._nodes, **of_trees}
+            self._write([(channels.STATUSES, said)], now_us)
+        for effect in effects:
+            self._write(self._effects(effect), now_us)
+        if effects:
+            # What was only taken in can wait until something follows from it.
+            self._writer.flush()
+
+    def abandon(self) -> None:
+        """Leave the recording as it is: it could not be written."""
+        self._writer.abandon()
+
+    def close(self) -> None:
+        """End the recording. Raises OSError."""
+        self._writer.close()
+
+    def _write(self, messages: Iterator[_Message] | Sequence[_Message], now_us: int) -> None:
+        for topic, data in messages:
+            self._writer.write(topic, now_us, data)
+
+    # -- what came in -------------------------------------------------------------------------
+
+    def _inputs(self, event: Input) -> Iterator[_Message]:
+        match event:
+            case MessageReceived(MessageKind.HEARTBEAT, source, data) if self._beats:
+                yield channels.BEATS, pack_beat(source, data, False)
+            case TokenChanged(robot, incarnation, held):
+                what = "token_shown" if held else "token_lost"
+                yield _fault(what, robot, str(incarnation))
+            case ProgressReported(ticket, percent) if abs(percent - self._percent) >= PERCENT_STEP:
+                self._percent = percent
+                yield from self._own("progress", ticket, percent=percent)
+            case ActionFinished(ticket, success, _, _, error):
+                yield from self._own("finished", ticket, success=success, error=error)
+            case ActionStopped(ticket):
+                yield from self._own("stopped", ticket)
+
+    def _own(self, event: str, ticket: int, **more: Any) -> Iterator[_Message]:
+        action = self._action
+        if action is not None and action.ticket == ticket:
+            yield channels.ACTIONS, {"event": event, **_of(action), **more}
+
+    def _capabilities(self) -> Iterator[_Message]:
+        before, after = self._lost, self._view.lost
+        self._lost = after
+        me = (self._view.robot, str(self._view.incarnation))
+        for what, names in (
+            ("capabilities_lost", [name for name in after if name not in before]),
+            ("capabilities_restored", [name for name in before if name not in after]),
+        ):
+            if names:
+                yield _fault(what, *me, capabilities=names)
+
+    # -- what follows -------------------------------------------------------------------------
+
+    def _changed_robots(self) -> Iterator[_Message]:
+        for robot, peer in sorted(self._view.peers.items()):
+            has_joined = peer.report.has_joined
+            known = (peer.incarnation, peer.state, has_joined)
+            if self._robots.get(robot) == known:
+                continue
+            self._robots[robot] = known
+            yield (
+                channels.ROBOTS,
+                {
+                    "robot": robot,
+                    "incarnation": str(peer.incarnation),
+                    "state": str(peer.state),
+                    "joined": has_joined,
+                },
+            )
+
+    def _effects(self, effect: Effect) -> Iterator[_Message]:
+        me = self._view.robot
+        match effect:
+            case StartAction():
+                self._action, self._percent = effect, 0
+                more = {
+                    "coalition": effect.coalition,
+                    "partners": list(effect.partners),
+                    "performance": effect.performance / MICRO,
+                }
+                yield channels.ACTIONS, {"event": "started", **_of(effect), **more}
+            case CancelAction(ticket):
+                yield from self._own("cancelled", ticket)
+            case Publish(MessageKind.HEARTBEAT, data) if self._beats:
+                yield channels.BEATS, pack_beat(me, data, True)
+            case Log(_, event, fields) if event in _STATES:
+                robot = str(fields["robot"])
+                incarnation = str(self._view.peers[robot].incarnation)
+                yield _fault(event.removeprefix("robot_"), robot, incarnation)
+            case Log(_, "capabilities_changed"):
+                yield from self._capabilities()
+            case Log(_, "grants_ran_out"):
+                yield _fault("grants_ran_out", me, str(self._view.incarnation))
+            case Log(_, event) if event in _LIFE:
+                said = {"event": event, "incarnation": str(self._view.incarnation)}
+                yield channels.LIFE, said
+            case Stop(code, reason):
+                said = {"event": "stopped", "incarnation": str(self._view.incarnation)}
+                yield channels.LIFE, {**said, "code": code, "reason": reason}
+
+
+def _of(action: StartAction) -> dict[str, Any]:
+    names = ("ticket", "activation", "global_task", "local_task")
+    return {name: getattr(action, name) for name in names}
+
+
+def _fault(event: str, robot: str, incarnation: str, **more: Any) -> _Message:
+    return channels.FAULTS, {"event": event, "robot": robot, "incarnation": incarnation, **more}

@@ -1,0 +1,149 @@
+"""Plays a recording: what its owner knew at any time, and the team as one who watched would see it.
+
+The team is shown by an observer to which the recording is told, as messages would tell it.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Mapping
+from typing import Any
+
+from mrbt_mesh.core.assignment.solvers import default_solver
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.engine import FASTEST
+from mrbt_mesh.core.membership.arrival_history import ArrivalHistory
+from mrbt_mesh.core.membership.peer import Peer, State
+from mrbt_mesh.core.membership.timing import NEVER_US
+from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport
+from mrbt_mesh.core.mission.mission import MissionEnd
+from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.recording import channels
+from mrbt_mesh.recording.packing import read_incarnation
+from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError
+from mrbt_mesh.replay.recorded_state import RecordedState
+
+_OVER = (Status.SUCCESS, Status.FAILURE)
+_NO_DIGEST = bytes(8)
+
+
+class Player:
+    """`state` and `observer` are as they were at `now_us`, which is the time of the recording.
+
+    Raises RecordingError where the recording is damaged: `mrbt verify` tells how.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self.recording = recording
+        if recording.damage:
+            first = recording.damage[0]
+            self._refuse(f"record {first.number}: {first.text}")
+        try:
+            self.mission = recording.metadata.read_mission(str(recording.path))
+        except ValueError as error:
+            self._refuse(str(error))
+        self._times = [record.at_us for record in recording.records]
+        self._rewind()
+
+    def _refuse(self, text: str) -> None:
+        raise RecordingError(f"{self.recording.path}: {text}: `mrbt verify` tells all")
+
+    def _rewind(self) -> None:
+        metadata = self.recording.metadata
+        self.observer = Observer(
+            self.mission, metadata.run, metadata.timing, default_solver, FASTEST
+        )
+        self.state = RecordedState(self.observer.facts)
+        self._plan = FASTEST.plan_making(self.mission, self.observer.evaluator, default_solver)
+        self._next = 0
+        self.now_us = self.begin_us
+
+    @property
+    def begin_us(self) -> int:
+        """When the recording begins."""
+        return self.recording.begin_us
+
+    @property
+    def end_us(self) -> int:
+        """The time of its last record."""
+        return max(self._times, default=0)
+
+    def seek(self, at_us: int) -> None:
+        """Go to a time of the recording, forwards or back."""
+        wanted = bisect_right(self._times, at_us)
+        if wanted < self._next:
+            self._rewind()
+        while self._next < wanted:
+            record = self.recording.records[self._next]
+            self._next += 1
+            try:
+                self._play(record)
+            except ValueError as error:
+                self._refuse(f"record {record.number}: {error}")
+        self.now_us = at_us
+
+    def _play(self, record: RecordedMessage) -> None:
+        at_us, data, seen = record.at_us, record.data, self.observer.record
+        entry = self.state.apply(record)
+        if entry is not None:
+            seen.fact(entry, at_us)
+        elif record.topic == channels.ROBOTS:
+            self._robot(data["robot"], data, at_us)
+        elif record.topic == channels.PLANS:
+            self._planned(data, at_us)
+        elif record.topic in (channels.STATUSES, channels.ACTIONS):
+            self._myself(at_us)
+        elif record.topic == channels.FAULTS and data["event"] == "dead":
+            seen.verdict(data["robot"], read_incarnation(data["incarnation"]), at_us)
+
+    def _planned(self, data: Mapping[str, Any], at_us: int) -> None:
+        observer = self.observer
+        plan = self._plan(observer.facts, self.state.alive)
+        if plan.digest.hex() != data["digest"]:
+            raise ValueError("its plan does not follow from its facts")
+        observer.plan = plan
+        observer.record.plan(plan, at_us, bool(self.state.alive))
+        self._myself(at_us)
+        if self.mission.ends is MissionEnd.ONCE and plan.result in _OVER:
+            observer.record.over(plan.result, at_us)
+
+    # -- the robots ---------------------------------------------------------------------------
+
+    def _myself(self, at_us: int) -> None:
+        """The robot that recorded is one of the team, too."""
+        me, state = self.recording.metadata.robot, self.state
+        if not me or me not in state.alive:
+            return
+        said = state.statuses or {}
+        data = {
+            "incarnation": str(state.alive[me]),
+            "state": "alive",
+            "joined": True,
+            "plan": state.plan["digest"] if state.plan is not None else "",
+            "statuses": [said[name] for name in ("T_i", "T_A", "T_G", "T_Li") if name in said],
+            "percent": state.percent,
+        }
+        self._robot(me, data, at_us)
+
+    def _robot(self, robot: str, data: Mapping[str, Any], at_us: int) -> None:
+        incarnation, state = read_incarnation(data["incarnation"]), State(data["state"])
+        # A robot does not record what others report.
+        own = self.state.plan["digest"] if self.state.plan is not None else ""
+        digest = bytes.fromhex(data.get("plan", own))
+        report = SelfReport(incarnation, 0, digest, data["joined"], int(Status.RUNNING))
+        known = self.observer.membership.peers.get(robot)
+        if known is None or known.incarnation != incarnation:
+            timing = self.recording.metadata.timing
+            history = ArrivalHistory.of_new_robot(timing)
+            known = Peer(incarnation, report, at_us, history, NEVER_US, NEVER_US)
+            self.observer.membership.peers[robot] = known
+        if "statuses" in data:
+            statuses = tuple(int(Status[name.upper()]) for name in data["statuses"])
+            known.heartbeat = Heartbeat(
+                report, False, _NO_DIGEST, statuses, data["percent"], (), {}
+            )
+        before, known.state, known.report = known.state, state, report
+        if data["joined"]:
+            self.observer.record.robot_seen(robot, incarnation, at_us)
+        if before is not state:
+            self.observer.record.state(robot, state, at_us, at_us)

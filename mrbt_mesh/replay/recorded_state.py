@@ -1,0 +1,108 @@
+"""What a robot knew at one place of its recording: facts, alive set, plan, and what it did."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from mrbt_mesh.core.facts.store import Entry, Incarnation
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.facts.validation import refusal_reason
+from mrbt_mesh.recording import channels
+from mrbt_mesh.recording.packing import pack_alive, pack_fact, unpack_alive, unpack_fact
+from mrbt_mesh.recording.reader import RecordedMessage
+
+
+class RecordedState:
+    """Apply the records of a recording in their order; then it holds what its owner did.
+
+    `plan`, `statuses`, `action` and `robots` are the last messages of their channels, `action` None
+    once it has ended, `robots` by name. `changes`: how many changes of facts there were.
+    """
+
+    def __init__(self, facts: TeamFacts) -> None:
+        """`facts` are empty, and of the recording's mission and run."""
+        self.facts = facts
+        self.changes = 0
+        self.alive: dict[str, Incarnation] = {}
+        self.plan: Mapping[str, Any] | None = None
+        self.statuses: Mapping[str, Any] | None = None
+        self.action: Mapping[str, Any] | None = None
+        self.robots: dict[str, Mapping[str, Any]] = {}
+        self.percent = 0
+
+    def apply(self, record: RecordedMessage) -> Entry | None:
+        """Take in one record; returns the fact that it brought. Raises ValueError if it cannot
+        follow on those before.
+        """
+        data = record.data
+        match record.topic:
+            case channels.FACTS:
+                return self._fact(data)
+            case channels.DROPPED:
+                self._number(data)
+                if self.facts.map.get(data["author"], data["name"]) is None:
+                    raise ValueError(f"{data['author']}'s {data['name']} is dropped, but not there")
+                self.facts.map.drop(data["author"], data["name"])
+            case channels.ALIVE:
+                self.alive = unpack_alive(data["robots"])
+            case channels.PLANS:
+                self.plan = data
+            case channels.STATUSES:
+                self.statuses = data
+            case channels.ROBOTS:
+                self.robots[data["robot"]] = data
+            case channels.ACTIONS:
+                self._action(data)
+        return None
+
+    def _fact(self, data: Mapping[str, Any]) -> Entry:
+        entry = unpack_fact(data)
+        self._number(data)
+        refused = refusal_reason(entry, self.facts.mission, self.facts.run)
+        if refused is not None:
+            raise ValueError(f"no robot takes this fact: {refused}")
+        if self.facts.map.merge([entry]) != [entry]:
+            raise ValueError(f"{entry.author}'s {entry.name} changes nothing that was known")
+        return entry
+
+    def _number(self, data: Mapping[str, Any]) -> None:
+        expected, self.changes = self.changes + 1, data["number"]
+        if data["number"] != expected:
+            raise ValueError(f"change {data['number']} of facts where {expected} is due")
+
+    def _action(self, data: Mapping[str, Any]) -> None:
+        if data["event"] in ("finished", "stopped"):
+            self.action, self.percent = None, 0
+        elif data["event"] == "started":
+            self.action, self.percent = data, 0
+        elif data["event"] == "progress":
+            self.percent = data["percent"]
+
+    def to_json(self) -> dict[str, Any]:
+        """All of it as plain data."""
+        return {
+            **team_state(self.facts, self.alive, self.plan),
+            "statuses": self.statuses,
+            "action": None if self.action is None else {**self.action, "percent": self.percent},
+            "robots": {robot: self.robots[robot] for robot in sorted(self.robots)},
+        }
+
+
+def team_state(
+    facts: TeamFacts, alive: Mapping[str, Incarnation], plan: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    """Facts, alive set and plan, as a recording has them; equal where they are equal."""
+    rows = [{k: v for k, v in pack_fact(e, 0).items() if k != "number"} for e in facts.map]
+    return {
+        "facts": rows,
+        "facts_digest": facts.map.digest().hex(),
+        "alive": pack_alive(alive),
+        "plan": plan,
+    }
+
+
+def state_text(state: Mapping[str, Any]) -> str:
+    """The same state is the same text."""
+    return json.dumps(state, sort_keys=True, indent=2)

@@ -1,0 +1,147 @@
+"""Recordings of real processes. They never stop who records: a disk that is full ends them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from mrbt_mesh import __version__
+from mrbt_mesh.core.agent.config import AgentConfig
+from mrbt_mesh.core.agent.effects import Effect
+from mrbt_mesh.core.agent.inputs import Input
+from mrbt_mesh.core.agent.view import AgentView
+from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.membership.wire import MessageKind
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.recording.metadata import OBSERVER, RunMetadata
+from mrbt_mesh.recording.observer_recorder import ObserverRecorder
+from mrbt_mesh.recording.robot_recorder import RobotRecorder
+from mrbt_mesh.recording.writer import RecordingWriter
+from mrbt_mesh.runtime.fencing import boottime_us
+
+
+@dataclass(frozen=True)
+class RecordTo:
+    """What is to be recorded where: `solver` is the robot's own choice, `beats` every heartbeat.
+
+    `speed`: so many times faster simulated robots work.
+    """
+
+    path: Path
+    solver: str = ""
+    beats: bool = False
+    speed: float = 1.0
+
+
+class RobotRecording:
+    """What one robot's process records; `log` is told if it ends early."""
+
+    def __init__(self, recorder: RobotRecorder, log: Callable[..., None]) -> None:
+        self._recorder: RobotRecorder | None = recorder
+        self._log = log
+
+    def step(self, event: Input, effects: Sequence[Effect], now_us: int) -> None:
+        """The agent has taken in an input, and wants these effects."""
+        if self._recorder is not None:
+            try:
+                self._recorder.step(event, effects, now_us)
+            except OSError as error:
+                self._give_up(error)
+
+    def close(self) -> None:
+        """End the recording."""
+        if self._recorder is not None:
+            try:
+                self._recorder.close()
+            except OSError as error:
+                self._give_up(error)
+
+    def _give_up(self, error: OSError) -> None:
+        if self._recorder is not None:
+            self._recorder.abandon()
+            self._recorder = None
+        self._log("error", "recording_ended", reason=error.strerror or str(error))
+
+
+class ObserverRecording:
+    """What one who watches records; `say` is told if it ends early."""
+
+    def __init__(self, recorder: ObserverRecorder, say: Callable[[int, str], None]) -> None:
+        self._recorder: ObserverRecorder | None = recorder
+        self._say = say
+
+    def message(self, kind: MessageKind, source: str, data: bytes, now_us: int) -> None:
+        """A message has been taken in."""
+        self._do(now_us, lambda recorder: recorder.message(kind, source, data, now_us))
+
+    def update(self, now_us: int) -> None:
+        """The observer has been brought up to date."""
+        self._do(now_us, lambda recorder: recorder.update(now_us))
+
+    def close(self) -> None:
+        """End the recording."""
+        self._do(boottime_us(), ObserverRecorder.close)
+
+    def _do(self, now_us: int, step: Callable[[ObserverRecorder], None]) -> None:
+        if self._recorder is not None:
+            try:
+                step(self._recorder)
+            except OSError as error:
+                self._recorder.abandon()
+                self._recorder = None
+                self._say(now_us, f"nothing is recorded any more: {error.strerror or error}")
+
+
+def robot_recording(
+    to: RecordTo | None,
+    mission: Mission,
+    config: AgentConfig,
+    view: AgentView,
+    log: Callable[..., Any],
+) -> RobotRecording | None:
+    """Begin to record a robot, before its first step; raises InputError if that cannot be."""
+    if to is None:
+        return None
+    metadata = _metadata(mission, config.robot, config.run, config.timing)
+    has_keys = config.keys is not None
+    metadata = replace(metadata, solver=to.solver, has_keys=has_keys, speed=to.speed)
+    try:
+        writer = RecordingWriter(to.path, metadata, beats=to.beats)
+        recorder = RobotRecorder(writer, view, boottime_us(), beats=to.beats)
+    except OSError as error:
+        raise InputError(_cannot(to.path, error)) from None
+    return RobotRecording(recorder, log)
+
+
+def observer_recording(
+    to: RecordTo | None,
+    observer: Observer,
+    run: str,
+    has_keys: bool,
+    say: Callable[[int, str], None],
+) -> ObserverRecording | None:
+    """Begin to record what an observer hears; raises InputError if that cannot be."""
+    if to is None:
+        return None
+    timing = observer.membership.timing
+    metadata = _metadata(observer.mission, OBSERVER, run, timing)
+    metadata = replace(metadata, has_keys=has_keys, speed=to.speed)
+    try:
+        writer = RecordingWriter(to.path, metadata, beats=to.beats)
+    except OSError as error:
+        raise InputError(_cannot(to.path, error)) from None
+    return ObserverRecording(ObserverRecorder(writer, observer, beats=to.beats), say)
+
+
+def _metadata(mission: Mission, robot: str, run: str, timing: Timing) -> RunMetadata:
+    epoch_ns = time.time_ns() - boottime_us() * 1_000
+    return RunMetadata.of(mission, robot, run, timing, epoch_ns, __version__)
+
+
+def _cannot(path: Path, error: OSError) -> str:
+    return f"--record {path}: cannot be written: {error.strerror or error}"

@@ -1,0 +1,44 @@
+"""mrbt replay: one state as JSON, and what happened as lines."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.support.command import EXPLORE, mrbt
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("replay") / "run"
+    assert mrbt("sim", EXPLORE, "--seed", "3", "--record", str(made))[0] == 0
+    return made
+
+
+def test_a_state_as_json(folder: Path) -> None:
+    file = str(folder / "recordings" / "R1.mcap")
+    code, output, _ = mrbt("replay", file, "--json")
+    end = json.loads(output)
+    assert (code, end["robot"], end["run"]) == (0, "R1", "sim3")
+    assert end["at_s"] == end["ends_at_s"]
+    assert end["plan"]["result"] == "success"
+    early = json.loads(mrbt("replay", file, "--at", "1", "--json")[1])
+    assert early["at_s"] == 1
+    assert early["plan"]["result"] == "running"
+    assert len(early["facts"]) <= len(end["facts"])
+    assert early["action"]["event"] == "started"
+
+
+def test_what_happened_as_lines(folder: Path) -> None:
+    lines = mrbt("replay", str(folder / "run.mcap"))[1].splitlines()
+    assert any("mission: success" in line for line in lines)
+    later = mrbt("replay", str(folder / "run.mcap"), "--at", "1")[1].splitlines()
+    assert later == [line for line in lines if float(line.split()[0]) >= 1]
+
+
+def test_a_time_behind_the_end(folder: Path) -> None:
+    code, _, problems = mrbt("replay", str(folder / "run.mcap"), "--at", "9999", "--json")
+    assert code == 2
+    assert "--at 9999: the recording ends at" in problems

@@ -1,0 +1,109 @@
+"""Recordings of real robots: nothing that one has said is lost with it, and all of it is proved."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import anyio
+import pytest
+
+from mrbt_mesh.recording.channels import BEATS
+from mrbt_mesh.recording.folder import observer_file, robot_file, robot_files
+from mrbt_mesh.recording.packing import unpack_fact
+from mrbt_mesh.recording.reader import Recording, read_recording
+from mrbt_mesh.replay.player import Player
+from mrbt_mesh.replay.recorded_state import state_text, team_state
+from mrbt_mesh.runtime.journal import read_journals
+from mrbt_mesh.runtime.recording import RecordTo
+from mrbt_mesh.runtime.run_dir import RunDir
+from mrbt_mesh.runtime.team import address_of
+from mrbt_mesh.runtime.watcher import watching
+from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
+
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
+
+
+def at_the_end(recording: Recording) -> Player:
+    player = Player(recording)
+    player.seek(player.end_us)
+    return player
+
+
+def facts_by(recording: Recording, author: str) -> set[int]:
+    """The hashes of all facts of one author in a recording."""
+    entries = [unpack_fact(each.data) for each in recording.records if each.topic == "/facts"]
+    return {entry.hash for entry in entries if entry.author == author}
+
+
+def test_a_killed_robot_has_recorded_all_that_others_heard_of_it(team: Team) -> None:
+    team.hold("replace_hw")
+    team.up()
+    team.wait_for_event("replace_hw", "start")
+    team.mrbt("kill", "A1", "--run-dir", str(team.run_dir))
+    team.wait_for_line("A1 is dead")
+    team.release()
+    code, summary = team.end()
+    assert (code, summary["result"]) == (0, "success"), team.logs()
+    killed = read_recording(robot_file(team.run_dir, "A1"))
+    assert killed.cut_off_at is not None
+    assert killed.damage == ()
+    own = facts_by(killed, "A1")
+    assert own
+    for path in robot_files(team.run_dir):
+        assert facts_by(read_recording(path), "A1") <= own, path
+    told = json.loads(team.mrbt("verify", str(team.run_dir), "--json"))
+    assert told["verified"]
+    assert len(told["files"]) == 7
+    assert told["counts"]["signatures"] == told["counts"]["facts"]
+    assert any("A1.mcap: ends without its end" in note for note in told["notes"])
+    info = RunDir(team.run_dir).info()
+    robots = [robot for robot in info.robots if robot != "A1"]
+    mission = killed.metadata.mission_digest
+    journals = read_journals(team.run_dir, robots, mission, info.run)
+    for robot in robots:
+        facts = at_the_end(read_recording(robot_file(team.run_dir, robot))).state.facts.map
+        kept = {(e.author, e.name, e.version, e.packed) for e in journals[robot]}
+        assert {(e.author, e.name, e.version, e.packed) for e in facts} == kept, robot
+
+
+def test_one_who_watches_records_the_state_that_it_holds(team: Team) -> None:
+    team.hold("explore")
+    team.up(EXPLORE, "--no-record")
+    team.wait_for_event("explore", "start")
+    assert not robot_files(team.run_dir)
+    assert not observer_file(team.run_dir).exists()
+    file = team.folder / "watched.mcap"
+
+    async def watch() -> tuple[str, str]:
+        to = RecordTo(file, beats=True)
+        async with watching(address_of(RunDir(team.run_dir)), to) as watcher:
+            while not (watcher.observer.caught_up and watcher.observer.claim("R1")):
+                await watcher.wait_for_change(0.1)
+            team.release()
+            while watcher.observer.record.result is None:
+                await watcher.wait_for_change(0.1)
+            live = watcher.observer
+            assert live.plan is not None
+            alive = live.membership.alive_set()
+            return state_text(team_state(live.facts, alive, None)), live.plan.digest.hex()
+
+    text, digest = anyio.run(watch)
+    team.end()
+    recording = read_recording(file)
+    state = at_the_end(recording).state
+    assert recording.cut_off_at is None
+    assert state_text(team_state(state.facts, state.alive, None)) == text
+    assert state.plan is not None
+    assert state.plan["digest"] == digest
+    beats = {each.data["source"] for each in recording.records if each.topic == BEATS}
+    assert beats == {"R1", "R2"}
+
+
+def test_a_recording_that_cannot_be_written_is_refused(team: Team, tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.write_text("")
+    words = ("agent", "--mission", str(EXPLORE), "--robot", "R1", "--insecure", "--record")
+    done = team.command(*words, str(file / "R1.mcap"))
+    assert done.returncode == 2
+    assert f"--record {file}/R1.mcap: cannot be written" in done.stderr

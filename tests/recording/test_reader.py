@@ -1,0 +1,66 @@
+"""What is no recording is refused with a message; nothing that is read can end the reader."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.recording.metadata import RunMetadata
+from mrbt_mesh.recording.reader import RecordingError, parse_recording, read_recording
+from mrbt_mesh.recording.writer import RecordingWriter
+from tests.support.build import action, make_mission, task
+
+MISSION = make_mission(action("a1"), {"A": {"t": 1}}, [task("a1", ("t", 1, 1))])
+
+
+@pytest.fixture(scope="session")
+def content(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """A recording of one message."""
+    path = tmp_path_factory.mktemp("reader") / "a.mcap"
+    recording = RecordingWriter(path, RunMetadata.of(MISSION, "A", "r1", Timing(), 0, "1"))
+    recording.write("/alive", 1, {"robots": {"A": "1.x"}})
+    recording.close()
+    return path.read_bytes()
+
+
+def test_a_file_that_is_none(tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    other.write_text("no recording")
+    with pytest.raises(RecordingError, match=r"other: is no recording of mrbt: not a valid MCAP"):
+        read_recording(other)
+    with pytest.raises(RecordingError, match="cannot be read: No such file"):
+        read_recording(tmp_path / "missing")
+
+
+def test_another_format_is_refused(content: bytes) -> None:
+    changed = content.replace(
+        b"\x06\x00\x00\x00format\x01\x00\x00\x001", b"\x06\x00\x00\x00format\x01\x00\x00\x009"
+    )
+    assert changed != content
+    with pytest.raises(RecordingError, match="its format is 9, this version of mrbt reads 1"):
+        parse_recording(changed, Path("x"))
+
+
+def test_a_schema_that_was_changed_is_told(content: bytes) -> None:
+    changed = content.replace(b'"title": "mrbt.Alive"', b'"title": "mrbt.Alife"', 1)
+    (damage,) = parse_recording(changed, Path("x")).damage
+    assert "the schema of /alive" in damage.text
+
+
+@given(at=st.integers(0), bits=st.integers(1, 255))
+def test_no_byte_ends_the_reader(content: bytes, at: int, bits: int) -> None:
+    changed = bytearray(content)
+    changed[at % len(changed)] ^= bits
+    with contextlib.suppress(RecordingError):
+        assert len(parse_recording(bytes(changed), Path("x")).records) <= 1
+
+
+@given(st.binary(max_size=200))
+def test_no_bytes_behind_a_recording_end_the_reader(content: bytes, more: bytes) -> None:
+    cut = content[: content.rindex(b',"check":"')]
+    assert len(parse_recording(cut + more, Path("x")).records) <= 1

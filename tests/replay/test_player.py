@@ -1,0 +1,80 @@
+"""Seeking in a recording: any way to a time leads to the same state."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from rich.console import Console
+
+from mrbt_mesh.cli.views.live_view import render_live
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.membership.peer import State
+from mrbt_mesh.recording.folder import observer_file, robot_file
+from mrbt_mesh.recording.reader import Recording, RecordingError, parse_recording, read_recording
+from mrbt_mesh.replay.player import Player
+from mrbt_mesh.replay.recorded_state import state_text
+from mrbt_mesh.sim import Kill
+from tests.support.recorded import record_example
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run in which a robot dies at work."""
+    made = tmp_path_factory.mktemp("played")
+    record_example(made, "vehicle_repair", 7, [(12_500_000, Kill("A1"))])
+    return made
+
+
+@pytest.fixture(scope="module")
+def watched(folder: Path) -> Recording:
+    return read_recording(observer_file(folder))
+
+
+@settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=4))
+def test_any_way_leads_to_the_same_state(watched: Recording, places: list[float]) -> None:
+    player = Player(watched)
+    length_us = player.end_us - player.begin_us
+    for place in places:
+        player.seek(player.begin_us + round(place * length_us))
+    fresh = Player(watched)
+    fresh.seek(player.now_us)
+    assert state_text(player.state.to_json()) == state_text(fresh.state.to_json())
+    assert player.observer.record.timeline == fresh.observer.record.timeline
+
+
+def test_before_and_after_a_death(folder: Path, watched: Recording) -> None:
+    for recording in (watched, read_recording(robot_file(folder, "B1"))):
+        player = Player(recording)
+        player.seek(12_400_000)
+        assert player.observer.robot_state("A1") is State.ALIVE
+        claim = player.observer.claim("A1")
+        assert claim is not None
+        player.seek(13_000_000)
+        assert player.observer.robot_state("A1") is State.DEAD
+        assert player.observer.claim("A1") is None
+        (fault,) = player.observer.record.major
+        assert (fault.robot, fault.replacement) == ("A1", "B1")
+        player.seek(player.end_us)
+        assert player.observer.record.result is Status.SUCCESS
+
+
+def test_the_live_view_shows_a_recording(folder: Path) -> None:
+    player = Player(read_recording(robot_file(folder, "B1")))
+    player.seek(13_000_000)
+    console = Console(width=140, height=40, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    with console.file:
+        console.print(render_live(player.observer, player.now_us, 40, "paused"))
+        shown = console.export_text()
+    for wanted in ("vehicle_repair", "A1 ", "dead", "B1: replace_hw(2)", "paused"):
+        assert wanted in shown
+
+
+def test_a_damaged_recording_is_refused(watched: Recording) -> None:
+    content = bytearray(watched.path.read_bytes())
+    content[content.index(b'"lines"') + 20] ^= 1
+    with pytest.raises(RecordingError, match=r"run\.mcap: record \d+: .* `mrbt verify` tells all"):
+        Player(parse_recording(bytes(content), watched.path))

@@ -1,0 +1,107 @@
+"""Recordings of processes: what cannot be written ends the recording, and nothing else."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.agent.config import AgentConfig
+from mrbt_mesh.core.agent.inputs import TimerFired
+from mrbt_mesh.core.assignment.solvers import default_solver
+from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.recording.reader import read_recording
+from mrbt_mesh.recording.writer import RecordingWriter
+from mrbt_mesh.runtime.recording import RecordTo, observer_recording, robot_recording
+from tests.support.build import action, make_mission
+
+MISSION = make_mission(action("a1"))
+CONFIG = AgentConfig(
+    robot="R1", type="T", capabilities={"a1": 1}, run="r1", nonce="n1", solver=default_solver
+)
+
+
+def full(*_: Any) -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_full_disk_ends_the_recording_and_is_told_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[tuple[str, str, Any]] = []
+    agent = Agent(MISSION, CONFIG, 0)
+    to = RecordTo(tmp_path / "a.mcap", solver="mine", speed=2.0)
+    recording = robot_recording(
+        to,
+        MISSION,
+        CONFIG,
+        agent.view,
+        lambda level, event, **more: told.append((level, event, more)),
+    )
+    assert recording is not None
+    for now_us in (1_000, 2_000_000, 4_000_000):
+        event = TimerFired()
+        recording.step(event, agent.handle(event, now_us), now_us)
+    with monkeypatch.context() as broken:
+        broken.setattr(RecordingWriter, "flush", full)
+        broken.setattr(RecordingWriter, "write", full)
+        for now_us in (6_000_000, 8_000_000):
+            event = TimerFired()
+            recording.step(event, agent.handle(event, now_us), now_us)
+    recording.close()
+    assert told == [("error", "recording_ended", {"reason": "No space left on device"})]
+    found = read_recording(to.path)
+    assert (found.metadata.robot, found.metadata.solver, found.metadata.speed) == ("R1", "mine", 2)
+    assert {each.topic for each in found.records} >= {"/facts", "/plans", "/life"}
+    assert found.damage == ()
+
+
+def test_one_who_watches_says_that_nothing_is_recorded_any_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+    observer = Observer(MISSION, "r1", Timing(), default_solver)
+    to = RecordTo(tmp_path / "run.mcap")
+    recording = observer_recording(to, observer, "r1", True, lambda _, text: said.append(text))
+    assert recording is not None
+    recording.update(1)
+    monkeypatch.setattr(RecordingWriter, "flush", full)
+    recording.update(2)
+    recording.update(3)
+    recording.close()
+    assert said == ["nothing is recorded any more: No space left on device"]
+    metadata = read_recording(to.path).metadata
+    assert (metadata.robot, metadata.has_keys) == ("", True)
+
+
+def test_a_place_that_cannot_be_written_is_bad_input(tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.write_text("")
+    agent = Agent(MISSION, CONFIG, 0)
+    with pytest.raises(InputError, match=r"--record .*file/a\.mcap: cannot be written: "):
+        robot_recording(RecordTo(file / "a.mcap"), MISSION, CONFIG, agent.view, full)
+
+
+def test_nothing_is_recorded_where_nothing_is_asked_for() -> None:
+    agent = Agent(MISSION, CONFIG, 0)
+    assert robot_recording(None, MISSION, CONFIG, agent.view, full) is None
+    observer = Observer(MISSION, "r1", Timing(), default_solver)
+    assert observer_recording(None, observer, "r1", False, full) is None
+
+
+def test_heartbeats_are_recorded_on_request(tmp_path: Path) -> None:
+    agent = Agent(MISSION, CONFIG, 0)
+    to = RecordTo(tmp_path / "a.mcap", beats=True)
+    recording = robot_recording(to, MISSION, CONFIG, agent.view, full)
+    assert recording is not None
+    for now_us in range(0, 4_000_000, 200_000):
+        recording.step(TimerFired(), agent.handle(TimerFired(), now_us), now_us)
+    recording.close()
+    beats = [each.data for each in read_recording(to.path).records if each.topic == "/beats"]
+    assert len(beats) >= 3
+    assert all(each["source"] == "R1" and each["sent"] for each in beats)

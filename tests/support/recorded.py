@@ -1,0 +1,28 @@
+"""Recorded runs in virtual time, for tests."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mrbt_mesh.recording.folder import observer_files, robot_files
+from mrbt_mesh.recording.reader import Recording, read_recording
+from mrbt_mesh.sim import Schedule, SimulationResult, simulate
+from tests.support.runs import example
+
+
+def record_example(
+    folder: Path, name: str, seed: int, schedule: Schedule = (), plan_delay_us: int | None = None
+) -> SimulationResult:
+    """Simulate an example, and record it in a folder."""
+    from mrbt_mesh.sim import AgentOptions
+
+    mission, program = example(name)
+    options = AgentOptions(plan_delay_us=plan_delay_us)
+    return simulate(
+        mission, program, seed=seed, schedule=list(schedule), agents=options, record=folder
+    )
+
+
+def read_all(folder: Path) -> list[Recording]:
+    """The recordings of one run: its robots', then the observer's."""
+    return [read_recording(path) for path in [*robot_files(folder), *observer_files(folder)]]
