@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
 import anyio
+import psutil
 import uvicorn
 
 from mrbt_mesh.errors import InputError
@@ -22,6 +23,7 @@ from mrbt_mesh.web.feed import FRAME_US, Feed
 from mrbt_mesh.web.protection import hosts, new_token
 
 LOOPBACK = "127.0.0.1"
+ANYWHERE = ("0.0.0.0", "::")
 CLOSE_TIMEOUT_S = 1
 
 
@@ -57,7 +59,7 @@ async def serving(
     feed = Feed(watcher.observer, boottime_us)
     with _bound(options) as bound:
         port = bound.getsockname()[1]
-        names = {options.host, LOOPBACK, "localhost"}
+        names = {options.host, LOOPBACK, "localhost", *names_of(options.host)}
         token = new_token()
         async with anyio.create_task_group() as group:
             control = Control(watcher, team, group) if options.has_control else None
@@ -85,6 +87,15 @@ async def serving(
                     while server.servers and any(s.is_serving() for s in server.servers):
                         await anyio.sleep(0.01)
                 group.cancel_scope.cancel()
+
+
+def names_of(host: str) -> set[str]:
+    """Under which names this machine is reached, where the page is served on all its addresses."""
+    if host not in ANYWHERE:
+        return set()
+    found = {address.address for each in psutil.net_if_addrs().values() for address in each}
+    # Addresses of one link are said with the link's name.
+    return {name.partition("%")[0].lower() for name in found} | {socket.gethostname().lower()}
 
 
 def _bound(options: PageOptions) -> socket.socket:
