@@ -188,6 +188,8 @@ class SteppedTeam:
 class _HeldActions:
     """A program whose actions go on until they are cancelled. `action`: the ticket that runs."""
 
+    runs_by_itself = False
+
     def __init__(self, process: SimProcess) -> None:
         self.action: int | None = None
         self._process = process

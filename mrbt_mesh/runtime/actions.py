@@ -191,6 +191,8 @@ class ActionRunner:
         self._scopes: dict[int, anyio.CancelScope] = {}
         self._bids: list[BidMade] = []
         self._own = OwnConditions(mission.local_condition_default)
+        # How many of the program's sensors run.
+        self.backgrounds = 0
 
     def carry_out(self, effect: StartAction | CancelAction | RequestBid) -> None:
         """Do what the agent wants of the program."""
@@ -207,6 +209,7 @@ class ActionRunner:
     def start_background(self) -> None:
         """Start the program's sensors."""
         for function in self._program.backgrounds:
+            self.backgrounds += 1
             self._group.start_soon(self._background, function)
 
     async def _run(self, effect: StartAction, scope: anyio.CancelScope) -> None:
@@ -319,6 +322,8 @@ class ActionRunner:
             name = getattr(function, "__name__", repr(function))
             text = traceback.format_exc(limit=-8)[-MAX_ERROR:]
             self._host.log("error", "background_failed", function=name, error=text)
+        finally:
+            self.backgrounds -= 1
 
     def _context(
         self, effect: StartAction, name: str, arguments: tuple[str, ...], port: _Port

@@ -74,7 +74,7 @@ class Ending:
         has worked or had anything to do, no deadline ran, and no fact has changed.
         """
         changes = self._observer.facts.changes
-        if self._is_awaited() or self._setup.program.backgrounds or not self._rests():
+        if self._is_awaited() or not self._rests():
             changes = -1
         if changes != self._stuck_since[0]:
             self._stuck_since = (changes, now_us)
@@ -83,8 +83,9 @@ class Ending:
         return changes >= 0 and self._stuck_since[1] + patience_us <= now_us
 
     def _rests(self) -> bool:
-        agents = [process.agent.view for process in self._robots.living() if process.agent]
-        return all(
+        living = self._robots.living()
+        agents = [process.agent.view for process in living if process.agent]
+        return not any(process.runs_by_itself for process in living) and all(
             not agent.is_joining
             and agent.plan is not None
             and not agent.plan.lines

@@ -74,6 +74,8 @@ class Environment(Protocol):
 class Program(Protocol):
     """What carries out a robot's local tasks."""
 
+    @property
+    def runs_by_itself(self) -> bool: ...
     def begin(self) -> None: ...
     def carry_out(self, effect: StartAction | CancelAction | RequestBid) -> None: ...
     def end(self) -> None: ...
@@ -109,6 +111,11 @@ class SimProcess:
         self._ran_us = 0
         self._timer_us: int | None = None
         self._recorder: RobotRecorder | None = None
+
+    @property
+    def runs_by_itself(self) -> bool:
+        """Whether its program does something that is no local task."""
+        return self._program is not None and self._program.runs_by_itself
 
     @property
     def is_over(self) -> bool:

@@ -44,6 +44,11 @@ class ProgramTasks:
         """What the program does by itself, from the start of the process on."""
         self._context.run(self._runner.start_background)
 
+    @property
+    def runs_by_itself(self) -> bool:
+        """Whether something of the program goes on that is no local task."""
+        return self._runner.backgrounds > 0
+
     def carry_out(self, effect: StartAction | CancelAction | RequestBid) -> None:
         """Start or cancel an action, or ask for a bid."""
         self._context.run(self._runner.carry_out, effect)
