@@ -48,6 +48,8 @@ PANELS = {
     },
     "Prove it": {
         "replay": "Show a recorded run again, at any speed, forwards and back.",
+        "report": "Report on runs: what came of them, who worked and waited when, faults and "
+        "takeovers.",
         "verify": "Prove from the recordings of a run what its robots did, and find what was "
         "falsified.",
         "what-if": "Go on from a moment of a recorded run in the simulator, with faults that did "

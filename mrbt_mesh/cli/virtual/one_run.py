@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import NoReturn
 
 from mrbt_mesh.cli.exporting import RunFileOptions
 from mrbt_mesh.cli.framework.exits import EXIT_OF_RESULT, FAILURE, fail
-from mrbt_mesh.cli.framework.terminal import console, errors, labelled, note, print_json, reason
+from mrbt_mesh.cli.framework.terminal import (
+    console,
+    errors,
+    json_text,
+    labelled,
+    note,
+    print_json,
+    reason,
+)
 from mrbt_mesh.cli.views.summary_view import render_summary
 from mrbt_mesh.cli.virtual.named_faults import NamedFault, missed
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.run_dir import SUMMARY_FILE
 from mrbt_mesh.sim.run import SimulationError, SimulationResult
 
 
@@ -36,7 +44,7 @@ def run_and_tell(
         raise InputError(f"--record {files.record}: cannot be written: {reason(error)}") from None
     except SimulationError as error:
         fail(str(error), FAILURE)
-    _write_files(result, files.events, files.log)
+    _write_files(result, files)
     if as_json:
         extra = {"effect_log_digest": result.effect_log_digest, "seed": result.seed}
         print_json({**result.summary, **extra, "violations": result.violations})
@@ -51,12 +59,15 @@ def run_and_tell(
     raise SystemExit(FAILURE if result.violations else EXIT_OF_RESULT[result.result])
 
 
-def _write_files(result: SimulationResult, events: Path | None, log: Path | None) -> None:
+def _write_files(result: SimulationResult, files: RunFileOptions) -> None:
     try:
-        if events is not None:
-            result.write_events(events)
-        if log is not None:
+        if files.events is not None:
+            result.write_events(files.events)
+        if files.log is not None:
             lines = "".join(f"{line}\n" for line in result.effect_log)
-            log.write_text(lines, encoding="utf-8")
+            files.log.write_text(lines, encoding="utf-8")
+        if files.record is not None:
+            # Beside its recordings, as in a run directory of `mrbt up`.
+            (files.record / SUMMARY_FILE).write_text(json_text(result.summary), encoding="utf-8")
     except OSError as error:
         raise InputError(f"{error.filename}: cannot be written: {reason(error)}") from None

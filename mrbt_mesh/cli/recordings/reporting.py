@@ -1,0 +1,183 @@
+"""What a report is about, and the files that it is written to."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from mrbt_mesh.cli.framework.terminal import reason, write_file
+from mrbt_mesh.cli.views.report_html import report_html
+from mrbt_mesh.cli.views.report_markdown import report_markdown
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.recording.folder import observer_files, robot_files
+from mrbt_mesh.recording.reader import read_recording
+from mrbt_mesh.replay.report.model import CampaignReport, RunReport, RunsReport
+from mrbt_mesh.replay.report.recorded import report_recording
+from mrbt_mesh.replay.report.told import (
+    drill_expectations,
+    report_campaign,
+    report_drill,
+    report_summary,
+)
+from mrbt_mesh.runtime.run_dir import SUMMARY_FILE
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+ENDINGS = (".html", ".md", ".pdf", ".png")
+MOST_BYTES = 1 << 28
+PICTURE_WIDTH, MOST_HEIGHT = 1440, 16_000
+BROWSER_TIMEOUT_S = 60
+
+
+def read_report(paths: Iterable[Path]) -> RunsReport:
+    """Recordings, run directories, and what commands told with --json; raises InputError."""
+    runs: list[RunReport] = []
+    campaigns: list[CampaignReport] = []
+    for path in paths:
+        if path.is_dir():
+            runs.append(_run_dir(path))
+        elif path.suffix == ".mcap":
+            runs.append(report_recording(read_recording(path), path.stem))
+        else:
+            for each in _told(path):
+                (campaigns if isinstance(each, CampaignReport) else runs).append(each)  # type: ignore[arg-type]
+    return RunsReport(tuple(_named_apart(runs)), tuple(campaigns))
+
+
+def _run_dir(path: Path) -> RunReport:
+    summary = path / SUMMARY_FILE
+    told = _object(summary) if summary.exists() else None
+    files = [*observer_files(path), *robot_files(path)]
+    title = path.resolve().name
+    if files:
+        try:
+            return report_recording(read_recording(files[0]), title, told)
+        except (KeyError, TypeError) as error:
+            raise InputError(f"{summary}: is no summary of a run: {error!r}") from None
+    if told is None:
+        raise InputError(f"{path} holds neither recordings nor {SUMMARY_FILE}: it is no run's")
+    try:
+        return report_summary(told, title)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"{summary}: is no summary of a run: {error!r}") from None
+
+
+def _object(path: Path) -> Mapping[str, Any]:
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise InputError(f"{path}: more than {MOST_BYTES >> 20} MiB of JSON")
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {reason(error)}") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: is neither a recording (.mcap) nor JSON: {error}") from None
+    if not isinstance(data, dict):
+        raise InputError(f"{path}: is not what `mrbt sim`, `drill` or `chaos` tell with --json")
+    return data
+
+
+def _told(path: Path) -> Iterator[RunReport | CampaignReport]:
+    data = _object(path)
+    try:
+        if "runs" in data and "green" in data:
+            yield from [_drill(each) for each in data["runs"]]
+        elif "checks" in data and "seeds" in data:
+            yield report_campaign(data, path.stem)
+        else:
+            yield report_summary(data, path.stem)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        tell = "is not what `mrbt sim`, `up`, `drill` or `chaos` tell with --json"
+        raise InputError(f"{path}: {tell}: {error!r}") from None
+
+
+def _drill(told: Mapping[str, Any]) -> RunReport:
+    """A drill's run, by its recording where that is still there."""
+    title = f"{told['drill']} ({told['transport']})"
+    run_dir = Path(told["run_dir"]) if told["run_dir"] else None
+    if run_dir is None or not observer_files(run_dir):
+        return report_drill(told, title)
+    found = report_recording(read_recording(observer_files(run_dir)[0]), title, told)
+    verdict, expected = str(told["verdict"]), drill_expectations(told)
+    return replace(found, verdict=verdict, expectations=expected)
+
+
+def _named_apart(runs: list[RunReport]) -> Iterator[RunReport]:
+    seen: dict[str, int] = {}
+    for run in runs:
+        seen[run.title] = number = seen.get(run.title, 0) + 1
+        yield run if number == 1 else replace(run, title=f"{run.title} ({number})")
+
+
+def check_output(path: Path) -> None:
+    """Raise InputError, before long work begins, for what cannot be written."""
+    if path.suffix not in ENDINGS:
+        raise InputError(f"-o {path}: the ending says what is written: {', '.join(ENDINGS)}")
+    if path.suffix in (".pdf", ".png"):
+        _browser()
+
+
+def write_report(report: RunsReport, path: Path) -> None:
+    """Write it as its ending says; raises InputError."""
+    if path.suffix == ".md":
+        write_file(path, report_markdown(report))
+    elif path.suffix == ".html":
+        write_file(path, report_html(report))
+    else:
+        _print(report_html(report), path)
+
+
+def _browser() -> str:
+    found = next((at for name in BROWSERS if (at := shutil.which(name))), None)
+    if found is None:
+        raise InputError(
+            "PDF and PNG are made by Chromium, which is not installed (Debian: apt install "
+            "chromium); -o report.html can be printed by any browser"
+        )
+    return found
+
+
+def _print(page: str, path: Path) -> None:
+    """Have a headless browser print the page."""
+    with tempfile.TemporaryDirectory(prefix="mrbt-report-") as folder:
+        source, target = Path(folder) / "report.html", Path(folder) / f"report{path.suffix}"
+        source.write_text(page, encoding="utf-8")
+        common = [_browser(), "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
+        common += [f"--user-data-dir={folder}/profile", "--disable-dev-shm-usage"]
+        if path.suffix == ".pdf":
+            _run([*common, "--no-pdf-header-footer", f"--print-to-pdf={target}", source.as_uri()])
+        else:
+            # A window as high as the page: what the page itself says of its height.
+            asking = Path(folder) / "asking.html"
+            asking.write_text(page.replace("</body>", _MEASURE + "</body>"), encoding="utf-8")
+            window = f"--window-size={PICTURE_WIDTH},900"
+            told = _run([*common, window, "--dump-dom", asking.as_uri()])
+            height = min(MOST_HEIGHT, int(told.rpartition(_MARK)[2].partition('"')[0]))
+            window = f"--window-size={PICTURE_WIDTH},{height}"
+            _run([*common, window, f"--screenshot={target}", source.as_uri()])
+        try:
+            shutil.copyfile(target, path)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written: {reason(error)}") from None
+
+
+_MARK = 'data-height="'
+_MEASURE = (
+    "<script>document.body.dataset.height=document.documentElement.scrollHeight;"
+    "document.body.append(Object.assign(document.createElement('i'),{hidden:true}));"
+    "document.body.lastChild.dataset.height=document.documentElement.scrollHeight</script>"
+)
+
+
+def _run(command: list[str]) -> str:
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=BROWSER_TIMEOUT_S, check=True
+        )
+    except (OSError, subprocess.SubprocessError) as error:
+        raise InputError(f"{command[0]} could not make the file: {error}") from None
+    return done.stdout

@@ -1,0 +1,223 @@
+"""The figures of a report. Times are in seconds from the start of the run, when the first robot
+joined; `_ms` count from a fault.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field
+from statistics import median
+from typing import Any
+
+
+@dataclass(frozen=True)
+class ReportedWork:
+    """One claim of a robot. `running_s`: when its action began; None: never.
+
+    `to_s`: its end, or that of the run. `end`: done, failed, dropped or died; None: it went on.
+    """
+
+    robot: str
+    global_task: str
+    local_task: str
+    from_s: float
+    running_s: float | None
+    to_s: float
+    end: str | None
+
+
+@dataclass(frozen=True)
+class ReportedFault:
+    """A robot's death (`lost` is empty) or the capabilities that it lost. `until_s` None: for good.
+
+    `why` tells of the takeover in sentences, as things stood when it happened.
+    """
+
+    robot: str
+    at_s: float
+    until_s: float | None
+    lost: tuple[str, ...] = ()
+    detected_ms: float | None = None
+    taken_over_ms: float | None = None
+    held: str | None = None
+    replacement: str | None = None
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class RobotUse:
+    """How a robot spent its time: `present_s` alive in the team; of that `working_s` running local
+    tasks and `starting_s` with a claim that it had not started yet. `done`: local tasks.
+    """
+
+    robot: str
+    type: str
+    state: str
+    present_s: float
+    working_s: float
+    starting_s: float
+    done: int
+
+    @property
+    def utilisation(self) -> float | None:
+        """The share of its time in which it worked, 0 to 1; None: it was never there."""
+        return self.working_s / self.present_s if self.present_s > 0 else None
+
+
+class WaitKind(enum.StrEnum):
+    """TASK: a global task that was requested and not served. START: a robot with a claim that it
+    could not start yet. IDLE: a robot without one.
+    """
+
+    TASK = "task"
+    START = "start"
+    IDLE = "idle"
+
+
+@dataclass(frozen=True)
+class Wait:
+    """Who or what (`who`) waited, for which robots, as far as can be told, and why."""
+
+    kind: WaitKind
+    who: str
+    from_s: float
+    to_s: float
+    reason: str
+    robots: tuple[str, ...] = ()
+
+    @property
+    def seconds(self) -> float:
+        """For how long."""
+        return self.to_s - self.from_s
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """A time during which robots reported different plans; `robots`: those unlike most."""
+
+    from_s: float
+    to_s: float
+    robots: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class TaskEnd:
+    """What became of a global task, and who took part."""
+
+    name: str
+    status: str
+    robots: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """What a drill expected, and what was found."""
+
+    expected: str
+    holds: bool
+    found: str
+
+
+# Attributes: a section of the page each.
+@dataclass(frozen=True)
+class RunReport:
+    """One run. `differences` is None where nobody recorded what robots reported; so are `work`,
+    `waits` where only a summary is left, and `robots` then say only type and state.
+
+    `verdict`: a drill's. `notes`: what the figures do not have, and why.
+    """
+
+    title: str
+    mission: str
+    result: str
+    duration_s: float
+    robots: tuple[RobotUse, ...] = ()
+    faults: tuple[ReportedFault, ...] = ()
+    tasks: tuple[TaskEnd, ...] = ()
+    work: tuple[ReportedWork, ...] | None = None
+    waits: tuple[Wait, ...] | None = None
+    differences: tuple[Disagreement, ...] | None = None
+    verdict: str | None = None
+    expectations: tuple[Expectation, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def deaths(self) -> list[ReportedFault]:
+        """Major faults only."""
+        return [fault for fault in self.faults if not fault.lost]
+
+    @property
+    def utilisation(self) -> float | None:
+        """That of all robots together; None where their work is not known."""
+        present_s = sum(robot.present_s for robot in self.robots)
+        worked_s = sum(robot.working_s for robot in self.robots)
+        return worked_s / present_s if self.work is not None and present_s > 0 else None
+
+    @property
+    def differing_s(self) -> float | None:
+        """How long not all robots reported the same plan."""
+        if self.differences is None:
+            return None
+        return sum(each.to_s - each.from_s for each in self.differences)
+
+    def waited_s(self, kind: WaitKind) -> float | None:
+        """How long all of one kind have waited together."""
+        if self.waits is None:
+            return None
+        return sum(wait.seconds for wait in self.waits if wait.kind is kind)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data, with what follows from it."""
+        data = asdict(self)
+        for robot, told in zip(self.robots, data["robots"], strict=True):
+            told["utilisation"] = None if self.work is None else robot.utilisation
+        for wait, told in zip(self.waits or (), data["waits"] or (), strict=True):
+            told["seconds"] = wait.seconds
+        return {
+            **data,
+            "utilisation": self.utilisation,
+            "differing_s": self.differing_s,
+            "detected_ms": spread(fault.detected_ms for fault in self.deaths),
+            "taken_over_ms": spread(fault.taken_over_ms for fault in self.deaths),
+        }
+
+
+@dataclass(frozen=True)
+class CampaignReport:
+    """What `mrbt chaos` found: `results` and `checks` by name; `failures` of seeds, as texts."""
+
+    title: str
+    seeds: int
+    took_s: float
+    results: dict[str, int]
+    checks: dict[str, int]
+    failures: dict[int, tuple[str, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class RunsReport:
+    """All that was given, in that order."""
+
+    runs: tuple[RunReport, ...]
+    campaigns: tuple[CampaignReport, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        return {
+            "runs": [run.to_json() for run in self.runs],
+            "campaigns": [asdict(each) for each in self.campaigns],
+        }
+
+
+def spread(values: Iterable[float | None]) -> dict[str, float] | None:
+    """Smallest, median and largest of those that are known; None: none is."""
+    known = [value for value in values if value is not None]
+    if not known:
+        return None
+    return {"least": min(known), "median": median(known), "most": max(known)}
+
+
+def milliseconds(seconds: float | None) -> float | None:
+    """Seconds of a summary as milliseconds."""
+    return None if seconds is None else round(seconds * 1e3, 3)

@@ -1,0 +1,139 @@
+"""mrbt report, on runs of mrbt sim --record and on what commands told."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from tests.support.command import EXPLORE, mrbt
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """`run`, a run directory, and `sim.json`, what was told of it."""
+    made = tmp_path_factory.mktemp("reports")
+    code, output, _ = mrbt(
+        *("sim", EXPLORE, "--seed", "3", "--kill", "R1@3", "--record", str(made / "run"), "--json")
+    )
+    assert code in (0, 3)
+    (made / "sim.json").write_text(output)
+    return made
+
+
+def test_a_page_is_one_file_that_needs_nothing(folder: Path) -> None:
+    page = folder / "report.html"
+    assert mrbt("report", str(folder / "run"), "-o", str(page)) == (0, "", "")
+    text = page.read_text()
+    for unwanted in ("<script", "http:", "https:", "src=", "@import", "url("):
+        assert unwanted not in text
+    for wanted in ("Who did what when", "R1 died at", "prefers-color-scheme: dark", "@media print"):
+        assert wanted in text
+    chart = text[text.index("<svg") : text.index("</svg>") + 6]
+    ElementTree.fromstring(chart)
+
+
+def test_the_figures_as_json_are_those_of_the_summary(folder: Path) -> None:
+    code, output, _ = mrbt("report", str(folder / "run"), str(folder / "sim.json"), "--json")
+    assert code == 0
+    recorded, told = json.loads(output)["runs"]
+    summary = json.loads((folder / "sim.json").read_text())
+    assert recorded["result"] == told["result"] == summary["result"]
+    assert (recorded["title"], told["title"]) == ("run", "sim")
+    assert recorded["detected_ms"] == told["detected_ms"]
+    (takeover,) = summary["takeovers"]
+    assert recorded["detected_ms"]["most"] == pytest.approx(1e3 * takeover["detected_s"])
+    assert 0 < recorded["utilisation"] <= 1
+    assert told["work"] is None
+
+
+def test_markdown_compares_runs(folder: Path) -> None:
+    code, output, _ = mrbt("report", str(folder / "run"), str(folder / "run" / "run.mcap"))
+    assert code == 0
+    assert output.startswith("# 2 runs\n\n| run | mission |")
+    assert "# run: " in output
+    assert "# run (2): " in output
+    assert "> when robots died is not in a recording" in output
+
+
+def test_drills_and_chaos(folder: Path) -> None:
+    takeover = {"robot": "R1", "at_s": 1, "detected_s": 0.2, "reassigned_s": 0.3}
+    run = {
+        "drill": "a<b>",
+        "transport": "direct",
+        "verdict": "green",
+        "result": "success",
+        "duration_s": 2.0,
+        "skipped": None,
+        "run_dir": str(folder / "run"),
+        "expectations": [{"expected": "ends", "holds": True, "found": "<script>"}],
+        "takeovers": [{**takeover, "held": "scan", "replacement": "R2"}],
+    }
+    gone = {**run, "run_dir": None, "verdict": "red"}
+    (folder / "drills.json").write_text(json.dumps({"green": 1, "runs": [run, gone]}))
+    chaos = {"seeds": 2, "took_s": 1, "results": {}, "checks": {"I1": 3}, "failures": []}
+    (folder / "chaos.json").write_text(json.dumps(chaos))
+    page = folder / "all.html"
+    given = (str(folder / "drills.json"), str(folder / "chaos.json"))
+    assert mrbt("report", *given, "-o", str(page))[0] == 0
+    text = page.read_text()
+    assert "a&lt;b&gt; (direct)" in text
+    assert "&lt;script&gt;" in text
+    assert "<script" not in text
+    assert text.count("<svg") == 1, "only one of both has its recording still"
+    assert "no invariant broken" in text
+    markdown = mrbt("report", *given)[1]
+    assert "a\\<b\\> (direct)" in markdown
+    assert "✔ ends: \\<script\\>" in markdown
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        ("{", "is neither a recording (.mcap) nor JSON"),
+        ("[]", "is not what `mrbt sim`"),
+        ("{}", "is not what `mrbt sim`"),
+        ('{"green": 1, "runs": [3]}', "is not what `mrbt sim`"),
+        ('{"seeds": 1, "checks": 3}', "is not what `mrbt sim`"),
+    ],
+)
+def test_what_is_no_finding_ends_with_status_2(tmp_path: Path, content: str, problem: str) -> None:
+    path = tmp_path / "told.json"
+    path.write_text(content)
+    code, output, problems = mrbt("report", str(path))
+    assert (code, output) == (2, "")
+    assert "told.json" in problems
+    assert problem in " ".join(problems.split())
+
+
+def test_what_cannot_be_read_or_written_ends_with_status_2(folder: Path, tmp_path: Path) -> None:
+    for given, problem in (
+        ([str(tmp_path)], "holds neither recordings nor summary.json"),
+        ([str(tmp_path / "none.json")], "cannot be read"),
+        ([str(folder / "run"), "-o", "report.doc"], "the ending says what is written"),
+        ([str(folder / "run"), "-o", str(tmp_path / "no" / "report.md")], "cannot"),
+    ):
+        code, output, problems = mrbt("report", *given)
+        assert (code, output) == (2, ""), problems
+        assert problem in " ".join(problems.split())
+
+
+def test_without_chromium_pictures_are_refused(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    code, _, problems = mrbt("report", str(folder / "run"), "-o", str(tmp_path / "report.pdf"))
+    assert code == 2
+    assert "Chromium, which is not installed" in " ".join(problems.split())
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs Chromium: apt install chromium")
+@pytest.mark.parametrize(("ending", "magic"), [("png", b"\x89PNG"), ("pdf", b"%PDF")])
+def test_chromium_prints_the_page(folder: Path, ending: str, magic: bytes) -> None:
+    path = folder / f"report.{ending}"
+    assert mrbt("report", str(folder / "run"), "-o", str(path))[0] == 0
+    assert path.read_bytes().startswith(magic)
