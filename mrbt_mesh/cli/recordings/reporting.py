@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import tempfile
@@ -146,8 +147,10 @@ def _print(page: str, path: Path) -> None:
     with tempfile.TemporaryDirectory(prefix="mrbt-report-") as folder:
         source, target = Path(folder) / "report.html", Path(folder) / f"report{path.suffix}"
         source.write_text(page, encoding="utf-8")
-        common = [_browser(), "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
+        common = [_browser(), "--headless", "--disable-gpu", "--hide-scrollbars"]
         common += [f"--user-data-dir={folder}/profile", "--disable-dev-shm-usage"]
+        if os.geteuid() == 0:
+            common.append("--no-sandbox")  # Chromium has no sandbox for root.
         if path.suffix == ".pdf":
             _run([*common, "--no-pdf-header-footer", f"--print-to-pdf={target}", source.as_uri()])
         else:
@@ -156,7 +159,7 @@ def _print(page: str, path: Path) -> None:
             asking.write_text(page.replace("</body>", _MEASURE + "</body>"), encoding="utf-8")
             window = f"--window-size={PICTURE_WIDTH},900"
             told = _run([*common, window, "--dump-dom", asking.as_uri()])
-            height = min(MOST_HEIGHT, int(told.rpartition(_MARK)[2].partition('"')[0]))
+            height = min(MOST_HEIGHT, int(told.partition(_MARK)[2].partition('"')[0]))
             window = f"--window-size={PICTURE_WIDTH},{height}"
             _run([*common, window, f"--screenshot={target}", source.as_uri()])
         try:
@@ -165,12 +168,8 @@ def _print(page: str, path: Path) -> None:
             raise InputError(f"{path}: cannot be written: {reason(error)}") from None
 
 
-_MARK = 'data-height="'
-_MEASURE = (
-    "<script>document.body.dataset.height=document.documentElement.scrollHeight;"
-    "document.body.append(Object.assign(document.createElement('i'),{hidden:true}));"
-    "document.body.lastChild.dataset.height=document.documentElement.scrollHeight</script>"
-)
+_MARK = '<body data-height="'
+_MEASURE = "<script>document.body.dataset.height=document.documentElement.scrollHeight</script>"
 
 
 def _run(command: list[str]) -> str:

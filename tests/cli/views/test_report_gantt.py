@@ -1,0 +1,115 @@
+"""The Gantt chart: where its bars are, and names that come from files."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import pytest
+
+from mrbt_mesh.cli.views.report_gantt import LEFT, WIDTH, gantt, kinds, ticks
+from mrbt_mesh.cli.views.report_html import report_html
+from mrbt_mesh.cli.views.report_markdown import report_markdown
+from mrbt_mesh.replay.report.model import (
+    ReportedFault,
+    ReportedWork,
+    RobotUse,
+    RunReport,
+    RunsReport,
+    TaskEnd,
+)
+
+HOSTILE = "<b onload=x>|`&\"'"
+RUN = RunReport(
+    "run",
+    "explore",
+    "success",
+    20.0,
+    (RobotUse("A1", "A", "dead", 10.0, 4.0, 1.0, 0), RobotUse("B1", "B", "alive", 20.0, 5.0, 0, 1)),
+    (ReportedFault("A1", 10.0, None, (), 50.0, 1000.0, "scan(1)", "B1"),),
+    (TaskEnd("look", "success", ("B1",)),),
+    (
+        ReportedWork("A1", "look", "scan(1)", 5.0, 6.0, 10.0, "died"),
+        ReportedWork("B1", "look", "scan(1)", 10.5, 11.0, 16.0, "done"),
+        ReportedWork("B1", "look", "move", 16.0, None, 16.5, "dropped"),
+    ),
+)
+
+
+def bars(run: RunReport, kind: str) -> list[tuple[float, float]]:
+    """From when to when, in s, as the bars of this class are drawn."""
+    svg = ElementTree.fromstring(gantt(run))
+    found = [rect for rect in svg.iter("rect") if kind in rect.attrib["class"].split()]
+    scale = run.duration_s / (WIDTH - LEFT - 8)
+    spans = [(float(r.attrib["x"]) - LEFT, float(r.attrib["width"])) for r in found]
+    return [(x * scale, (x + width) * scale) for x, width in spans]
+
+
+def test_bars_are_drawn_to_scale() -> None:
+    for kind, wanted in (
+        ("work", [(6, 10), (11, 16)]),
+        ("starting", [(5, 6), (10.5, 11), (16, 16.5)]),
+        ("away", [(10, 20)]),
+        ("detection", [(10, 10.05)]),
+        ("takeover", [(10.05, 11)]),
+    ):
+        assert bars(RUN, kind) == [pytest.approx(each, abs=0.02) for each in wanted], kind
+
+
+def test_a_robot_that_is_back_is_away_only_until_then() -> None:
+    back = replace(RUN, faults=(replace(RUN.faults[0], until_s=14.0),))
+    assert bars(back, "away") == [pytest.approx((10, 14), abs=0.02)]
+
+
+def test_every_local_task_has_its_colour() -> None:
+    assert kinds(RUN) == ["scan", "move"]
+
+
+def test_without_work_there_is_no_chart() -> None:
+    assert gantt(replace(RUN, work=None)) == gantt(replace(RUN, duration_s=0.0)) == ""
+
+
+@pytest.mark.parametrize("duration_s", [0.004, 0.3, 1, 7, 25.5, 60, 999, 86_400])
+def test_ticks_are_round_and_few(duration_s: float) -> None:
+    found = ticks(duration_s)
+    steps = {round(b - a, 6) for a, b in itertools.pairwise(found)}
+    assert found[0] == 0
+    assert 4 <= len(found) - 1 <= 10
+    assert len(steps) == 1
+    assert found[-1] <= duration_s < found[-1] + max(steps) * 1.001
+
+
+def test_names_from_files_mean_nothing_to_html_and_markdown() -> None:
+    run = RunReport(
+        HOSTILE,
+        HOSTILE,
+        HOSTILE,
+        20.0,
+        (RobotUse(HOSTILE, HOSTILE, HOSTILE, 10.0, 4.0, 1.0, 0),),
+        (ReportedFault(HOSTILE, 1.0, None, (), None, None, HOSTILE, HOSTILE, HOSTILE),),
+        (TaskEnd(HOSTILE, HOSTILE, (HOSTILE,)),),
+        (ReportedWork(HOSTILE, HOSTILE, HOSTILE, 5.0, 6.0, 10.0, "died"),),
+        verdict=HOSTILE,
+        notes=(HOSTILE,),
+    )
+    report = RunsReport((run, run))
+    page = report_html(report)
+    assert "<b onload" not in page
+    ElementTree.fromstring(page[page.index("<main>") : page.index("</main>") + 7])
+    for line in report_markdown(report).splitlines():
+        assert "<b onload" not in line.replace("\\<", "")
+        if line.startswith("|"):
+            # A cell's own bars are escaped: all rows of a table have the same cells.
+            assert line.endswith("|")
+
+
+def test_a_table_of_markdown_keeps_its_columns() -> None:
+    run = replace(RUN, title="a|b", robots=(replace(RUN.robots[0], type="x|y"),))
+    table = [
+        line.replace("\\|", "").count("|")
+        for line in report_markdown(RunsReport((run,))).split("## Robots")[1].splitlines()
+        if line.startswith("|")
+    ][:3]
+    assert len(table) == 3
+    assert len(set(table)) == 1
