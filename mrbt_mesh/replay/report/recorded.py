@@ -34,7 +34,8 @@ TIMES_UNKNOWN = (
 def report_recording(
     recording: Recording, title: str, told: Mapping[str, Any] | None = None
 ) -> RunReport:
-    """Play the recording once and count; `told` is the run's summary, if there is one.
+    """Play the recording once and count; `told` is the run's summary, if there is one. `takeovers`
+    in it may have no `at_s`, where its times count from something else.
 
     Raises RecordingError for a recording that is damaged.
     """
@@ -134,10 +135,14 @@ def _faults(
         known = exact.get(fault.robot, [])
         timed = known.pop(0) if known else {}
         at_s = timed.get("at_s")
+        if at_s is None:
+            # The word of it came when it was detected.
+            word_s = record.seconds(fault.at_us) or 0.0
+            at_s = max(0.0, word_s - (timed.get("detected_s") or 0.0))
         major.append(
             ReportedFault(
                 fault.robot,
-                (record.seconds(fault.at_us) or 0.0) if at_s is None else at_s,
+                at_s,
                 record.seconds(fault.until_us),
                 (),
                 milliseconds(timed.get("detected_s")),

@@ -169,6 +169,15 @@ def test_a_bare_recording_does_not_know_when_a_robot_died(
     assert report.notes[0].startswith("as B1 saw it")
 
 
+def test_times_that_count_from_something_else_are_not_used(tmp_path: Path) -> None:
+    result = record_example(tmp_path, "vehicle_repair", 7, FAULTS["killed"])
+    told = [{**each, "at_s": None} for each in result.summary["takeovers"]]
+    recording = read_recording(observer_file(tmp_path))
+    (fault,) = report_recording(recording, "run", {"takeovers": told}).deaths
+    assert fault.at_s == pytest.approx(result.summary["takeovers"][0]["at_s"], abs=LATE_S)
+    assert fault.detected_ms == pytest.approx(1e3 * told[0]["detected_s"])
+
+
 @pytest.mark.parametrize(
     ("cut", "left"),
     [
