@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
-from mrbt_mesh.cli.views.live_view import LiveNotes, render_live
+from mrbt_mesh.cli.views.live_view import LiveNotes, LiveView
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.recording.folder import observer_file, robot_file
@@ -67,7 +67,9 @@ def test_the_live_view_shows_a_recording(folder: Path) -> None:
     player.seek(13_000_000)
     console = Console(width=140, height=40, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
     with console.file:
-        console.print(render_live(player.observer, player.now_us, 40, LiveNotes(warning="paused")))
+        notes = LiveNotes(warning="paused")
+        frame = LiveView().render(player.observer, player.now_us, (140, 40), notes)
+        console.print(frame)
         shown = console.export_text()
     for wanted in ("vehicle_repair", "A1 ", "dead", "B1: replace_hw(2)", "paused"):
         assert wanted in shown

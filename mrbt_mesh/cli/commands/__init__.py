@@ -14,6 +14,8 @@ PANELS = {
         "watch": "Watch a team that runs already, or is yet to come; ending the view leaves it "
         "alone.",
         "web": "Show a team in the browser: its tree, robots, timeline, and why; until Ctrl-C.",
+        "top": "Show a team in this terminal, by keys: its tree, robots, timeline, and why; q ends "
+        "it.",
         "groot2": "Show a team's tree live in Groot2, or in any other monitor of BehaviorTree.CPP.",
         "status": "Tell who does what, what is blocked, and whether all agree.",
         "join": "Start one more robot of the running mission, or a dead one again.",

@@ -15,7 +15,7 @@ from rich.live import Live
 from rich.text import Text
 
 from mrbt_mesh.cli.framework.terminal import console
-from mrbt_mesh.cli.views.live_view import LiveNotes, render_live
+from mrbt_mesh.cli.views.live_view import LiveNotes, LiveView
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.replay.player import Player
@@ -94,13 +94,13 @@ class Playing:
 
 def show_live(player: Player, at_s: float, speed: float) -> None:
     """The live view, until its viewer ends it."""
-    playing = Playing(player, at_s, speed)
+    playing, view = Playing(player, at_s, speed), LiveView()
     with _keys() as pressed, Live(console=console, screen=True, auto_refresh=False) as live:
         before_s = time.monotonic()
         while not playing.is_over:
             seen = player.observer if player.observer.record.started_us is not None else None
             frame = (
-                render_live(seen, playing.at_us, console.height, LiveNotes(warning=playing.line()))
+                view.render(seen, playing.at_us, console.size, LiveNotes(warning=playing.line()))
                 if seen is not None
                 else Text(playing.line())
             )

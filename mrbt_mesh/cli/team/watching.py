@@ -18,7 +18,7 @@ from mrbt_mesh.cli.framework.exits import BAD_INPUT, EXIT_OF_RESULT
 from mrbt_mesh.cli.framework.terminal import console, errors, print_json
 from mrbt_mesh.cli.team.sharing import Share, shares_nothing
 from mrbt_mesh.cli.team.show_options import ShowOptions
-from mrbt_mesh.cli.views.live_view import LiveNotes, render_live
+from mrbt_mesh.cli.views.live_view import LiveNotes, LiveView
 from mrbt_mesh.cli.views.overload_view import overload_line
 from mrbt_mesh.cli.views.summary_view import render_summary
 from mrbt_mesh.core.observer.summary import run_summary
@@ -119,8 +119,9 @@ async def _terminal(
     observer = watcher.observer
     if _is_live(show):
         with Live(console=console, screen=True, auto_refresh=False) as live:
+            view = LiveView()
             yield lambda: live.update(
-                render_live(observer, boottime_us(), console.height, notes), refresh=True
+                view.render(observer, boottime_us(), console.size, notes), refresh=True
             )
         return
     printed = 0

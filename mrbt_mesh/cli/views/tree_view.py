@@ -9,13 +9,7 @@ from rich.tree import Tree as RichTree
 
 from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.tree import LEAVES, Kind, Node, Status, Tree
-
-MARKS = {
-    Status.IDLE: ("·", "dim"),
-    Status.RUNNING: ("▶", "bold cyan"),
-    Status.SUCCESS: ("✔", "green"),
-    Status.FAILURE: ("✘", "red"),
-}
+from mrbt_mesh.top.marks import MARKS
 
 
 def mark(status: Status, text: str = "") -> Text:

@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console, RenderableType
 
 from mrbt_mesh.cli.team.status import status_data
-from mrbt_mesh.cli.views.live_view import LiveNotes, render_live
+from mrbt_mesh.cli.views.live_view import LiveNotes, LiveView
 from mrbt_mesh.cli.views.overload_view import overload_line, overload_text
 from mrbt_mesh.cli.views.status_view import render_status
 from mrbt_mesh.cli.views.summary_view import render_summary
@@ -35,15 +35,16 @@ def run(
     return simulate(mission, program, seed=1, schedule=schedule, timeout_us=timeout_us)
 
 
-def drawn(view: RenderableType, height: int = 40) -> str:
-    console = Console(width=140, height=height, record=True, file=None, force_terminal=False)
+def drawn(view: RenderableType, height: int = 40, width: int = 140) -> str:
+    console = Console(width=width, height=height, record=True, file=None, force_terminal=False)
     with console.capture() as captured:
         console.print(view)
     return captured.get()
 
 
-def live(result: SimulationResult, until_s: float, height: int = 40) -> str:
-    return drawn(render_live(result.observer, round(until_s * SECOND), height), height)
+def live(result: SimulationResult, until_s: float, height: int = 40, width: int = 140) -> str:
+    frame = LiveView().render(result.observer, round(until_s * SECOND), (width, height))
+    return drawn(frame, height, width)
 
 
 def line_of(text: str, part: str) -> str:
@@ -68,7 +69,7 @@ def test_the_live_view_shows_a_warning_as_long_as_it_runs() -> None:
     assert found is not None
     result = run(8.0)
     notes = LiveNotes(overload_line(found), "http://127.0.0.1:8000/")
-    lines = drawn(render_live(result.observer, 8 * SECOND, 40, notes)).splitlines()
+    lines = drawn(LiveView().render(result.observer, 8 * SECOND, (140, 40), notes)).splitlines()
     assert "vehicle_repair" in lines[0]
     assert "page: http://127.0.0.1:8000/" in lines[1]
     assert "90 robots are more than this machine carries" in lines[2]
@@ -100,6 +101,34 @@ def test_the_live_view_fits_a_small_terminal() -> None:
     text = live(run(8.0), 8.0, height=24)
     assert len(text.splitlines()) <= 24
     assert "B2 B" in text
+
+
+def test_the_live_view_has_a_timeline_with_faults() -> None:
+    text = live(run(13.0, (7 * SECOND, Kill("A1"))), 13.0)
+    title = next(i for i, line in enumerate(text.splitlines()) if "─ timeline" in line)
+    assert "✖ A1 at 7.0 s: known +" in text.splitlines()[title]
+    lanes = {line.split("│ ")[-1][:2]: line for line in text.splitlines()[title + 1 :][:6]}
+    assert list(lanes) == ["A1", "A2", "B1", "B2", "C1", "C2"]
+    assert "━✖···" in lanes["A1"]
+    assert "┣move_f" in lanes["C1"]
+    assert "╵10 s" in text
+
+
+@pytest.mark.parametrize(("width", "height"), [(80, 24), (120, 40), (200, 70)])
+def test_the_live_view_uses_the_window(width: int, height: int) -> None:
+    text = live(run(13.0, (7 * SECOND, Kill("A1"))), 13.0, height, width)
+    lines = text.splitlines()
+    assert len(lines) == height
+    assert {len(line) for line in lines} == {width}
+    assert lines[-1].startswith("╰")
+    assert all(f" {robot}" in text for robot in ("A1", "A2", "B1", "B2", "C1", "C2"))
+    assert "more" not in text
+
+
+def test_robots_that_do_not_fit_are_counted() -> None:
+    text = live(run(8.0), 8.0, height=18)
+    assert len(text.splitlines()) == 18
+    assert "… 4 more" in text
 
 
 def test_a_subtree_is_shown_with_its_own_name_and_its_childs_children() -> None:
