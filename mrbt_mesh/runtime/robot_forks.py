@@ -11,6 +11,8 @@ import os
 import select
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -24,6 +26,8 @@ CHUNK = 1 << 16
 # The end of a robot that is gone is told at once; only a server that hangs is not waited for.
 NEWS_TIMEOUT_S = 2.0
 START_TIMEOUT_S = 120.0
+# Who starts robots looks so often whether another thread has read what is awaited.
+LOOK_S = 0.1
 
 
 class ForkedRobot:
@@ -63,6 +67,7 @@ class RobotForks:
         """
         self._run_dir = run_dir
         self._waiting = b""
+        self._reading = threading.Lock()
         self._robots: dict[int, ForkedRobot] = {}
         self._started: dict[str, ForkedRobot] = {}
         command = [sys.executable, "-m", "mrbt_mesh.cli.fork_server", str(run_dir.path)]
@@ -95,14 +100,19 @@ class RobotForks:
                 self._server.stdin.write(json.dumps(request).encode() + b"\n")
         except BrokenPipeError:
             pass  # it has ended, which is noticed below
+        until_s = time.monotonic() + START_TIMEOUT_S
         while not self._started.keys() >= arguments.keys():
-            if not self.take_news(START_TIMEOUT_S):
+            is_there = self.take_news(LOOK_S) or self._server.poll() is None
+            if not is_there or time.monotonic() > until_s:
                 path = self._run_dir.fork_server_output_path
                 raise RunDirError(f"the robots cannot be started: {path} may say why")
         return {robot: self._started[robot] for robot in arguments}
 
     def take_news(self, timeout_s: float) -> bool:
-        """Take in what has been said, waiting for it so long; whether there was something."""
+        """Take in what has been said, waiting for it so long; whether there was something.
+
+        Several threads may do so.
+        """
         assert self._server.stdout is not None
         if self._server.stdout.closed:
             return False
@@ -110,10 +120,13 @@ class RobotForks:
         poll.register(self._server.stdout, select.POLLIN)
         if not poll.poll(1e3 * timeout_s):
             return False
-        data = os.read(self._server.stdout.fileno(), CHUNK)
-        *lines, self._waiting = (self._waiting + data).split(b"\n")
-        for line in lines:
-            self._take(json.loads(line))
+        with self._reading:
+            if not poll.poll(0):
+                return True  # another thread has read it just now
+            data = os.read(self._server.stdout.fileno(), CHUNK)
+            *lines, self._waiting = (self._waiting + data).split(b"\n")
+            for line in lines:
+                self._take(json.loads(line))
         return bool(data)
 
     def _take(self, news: dict[str, Any]) -> None:

@@ -55,6 +55,27 @@ def test_each_runs_what_it_is_told_and_its_end_is_known(
     assert "--mission" in RunDir(tmp_path).output_path("A2").read_text()
 
 
+def test_another_thread_may_read_the_answer_that_is_awaited(
+    forks: Callable[..., RobotForks], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever asks how robots ended reads what is said to whoever starts some."""
+    server, read_before = forks(RUNS=os.devnull), []
+    program = tmp_path / "robot.py"
+    program.write_text(BLOCKED)
+    words = ["agent", "--mission", str(mission_file("explore")), "--robot", "R1", "--insecure"]
+    take_news = RobotForks.take_news
+
+    def late(self: RobotForks, timeout_s: float) -> bool:
+        if not read_before:
+            read_before.append(take_news(self, 60))
+        return take_news(self, timeout_s)
+
+    monkeypatch.setattr(RobotForks, "take_news", late)
+    (robot,) = server.start({"R1": [*words, "--program", str(program)]}).values()
+    assert read_before == [True]
+    os.kill(robot.pid, signal.SIGKILL)
+
+
 def test_a_robot_is_started_again(forks: Callable[..., RobotForks], tmp_path: Path) -> None:
     server = forks()
     pids = []
