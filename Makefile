@@ -61,8 +61,7 @@ lint: $(READY)
 # Teams of real processes wait most of the time: two at once, after everything else.
 test: lint
 	$(BIN)/pytest -n auto -m "not processes"
-	$(BIN)/pytest -n 2 -m "processes and not docker and not slow and not browser"
-	$(BIN)/pytest -m browser -rs tests/browser
+	$(BIN)/pytest -n 2 -rs -m "processes and not docker and not slow"
 
 # The same with more seeds and more examples of every property.
 test-long: $(READY)
