@@ -11,9 +11,11 @@ import pytest
 
 from mrbt_mesh.core.agent.commands import answer_body
 from mrbt_mesh.core.agent.inputs import AnswerReceived, Input, MessageReceived
+from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.envelope import Guard
 from mrbt_mesh.core.membership.keys import Role
-from mrbt_mesh.core.membership.wire import MessageKind, encode
+from mrbt_mesh.core.membership.peer import State
+from mrbt_mesh.core.membership.wire import Heartbeat, MessageKind, SelfReport, encode
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime import watcher as watcher_module
@@ -40,7 +42,9 @@ class Wire:
     def declare_token(self, _: Any) -> None:
         pass
 
-    def ask(self, peer: str, _: Any, __: bytes, ___: float, deliver: Deliver) -> None:
+    def ask(self, peer: str, _: Any, __: bytes, ___: float, deliver: Deliver | None = None) -> None:
+        if deliver is None:
+            return
         for answer in self.answers:
             deliver(AnswerReceived(peer, answer), None)
         deliver(AnswerReceived(peer, None), None)
@@ -132,3 +136,30 @@ def test_a_manifest_of_another_team_is_told_and_not_taken_over(desk: Desk, tmp_p
     anyio.run(look)
     ((_, text),) = desk.watcher.observer.record.timeline
     assert "the new manifest is refused" in text
+
+
+@pytest.mark.parametrize(("late_us", "state"), [(0, State.SUSPECT), (1_000_000, State.ALIVE)])
+def test_who_watches_and_was_slow_suspects_nobody_for_it(
+    desk: Desk, late_us: int, state: State
+) -> None:
+    """Silence that it has heard itself counts; what came while it did not look is unread."""
+    beat_us = desk.address.timing.heartbeat_us
+    report = SelfReport(Incarnation(1, "n"), 1, bytes(8), True, 0)
+    beat = Heartbeat(report, False, bytes(8), (0,) * 4, 0, (), {})
+
+    async def watch() -> State:
+        watcher = desk.watcher
+        await watcher.open()
+        watcher.changed.set()
+        await watcher.wait_for_change(beat_us / 1e6)
+        members = watcher.observer.membership
+        members.receive_heartbeat("R1", beat, desk.now_us)
+        silent_us, step_us = 1_000_000, late_us or beat_us
+        while silent_us > 0:
+            silent_us -= step_us
+            desk.now_us += step_us
+            watcher.changed.set()
+            await watcher.wait_for_change(beat_us / 1e6)
+        return members.peers["R1"].state
+
+    assert anyio.run(watch) is state

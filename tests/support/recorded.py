@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.recording.folder import observer_files, robot_files
 from mrbt_mesh.recording.reader import Recording, read_recording
 from mrbt_mesh.sim import Schedule, SimulationResult, simulate
@@ -19,7 +20,13 @@ def record_example(
     mission, program = example(name)
     options = AgentOptions(plan_delay_us=plan_delay_us)
     return simulate(
-        mission, program, seed=seed, schedule=list(schedule), agents=options, record=folder
+        mission,
+        program,
+        seed=seed,
+        schedule=list(schedule),
+        agents=options,
+        record=folder,
+        timeout_us=60 * SECOND_US,
     )
 
 
