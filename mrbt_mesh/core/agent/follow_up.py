@@ -66,7 +66,7 @@ class FollowUp:
         self._reads_reports = False
         # Until when others that join are waited for, None if nobody does.
         self._joining_until_us: int | None = None
-        self._alive_changes = 0
+        self._most_joined = 0
         # When the last plan was made, and before when none is made, None if one may be.
         self._planned_us = now_us
         self._plans_at_us: int | None = None
@@ -127,8 +127,8 @@ class FollowUp:
         membership = self._context.membership
         if membership.neighbourhood.is_complete or not membership.newcomers:
             self._joining_until_us = None
-        elif self._joining_until_us is None or self._alive_changes != membership.alive_changes:
-            self._alive_changes = membership.alive_changes
+        elif self._joining_until_us is None or membership.joined_count > self._most_joined:
+            self._most_joined = membership.joined_count
             self._joining_until_us = now_us + self._context.config.timing.grace_us
         return self._joining_until_us is not None and now_us < self._joining_until_us
 

@@ -51,19 +51,28 @@ class Lifecycle:
             context.replica.anti_entropy.allow_for_own_lag(lag_us)
         silent_us = now_us - self._schedule.last_sent_us
         if silent_us > timing.fence_us and context.joining is None:
-            expected = frozenset(context.membership.alive_set())
-            keeps_life = self._has_nothing_to_lose()
-            event = "catches_up" if keeps_life else "fenced"
-            context.log("warning", event, silent_s=silent_us / 1e6)
-            if keeps_life:
-                if context.work.claim is not None:
-                    context.write([(records.CLAIM, None)], now_us)
-                self._join_again(expected, False, now_us, keeps_life=True)
-                return
-            context.emit(DeclareToken(context.replica.next_incarnation(0)))
-            self._join_again(expected, False, now_us)
-            # On disk before it is beaten out: no later process may take this incarnation again.
+            if self._has_nothing_to_lose():
+                self._catch_up(silent_us, now_us)
+            else:
+                self._fence(silent_us, now_us)
+
+    def _fence(self, silent_us: int, now_us: int) -> None:
+        """Begin a new life: what this robot has begun may have been taken over."""
+        context = self._context
+        context.log("warning", "fenced", silent_s=silent_us / 1e6)
+        context.emit(DeclareToken(context.replica.next_incarnation(0)))
+        self._join_again(frozenset(context.membership.alive_set()), False, now_us)
+        # On disk before it is beaten out: no later process may take this incarnation again.
+        context.write([(records.CLAIM, None)], now_us)
+
+    def _catch_up(self, silent_us: int, now_us: int) -> None:
+        """Hear the others and their facts before it takes part again, in the same life."""
+        context = self._context
+        context.log("warning", "catches_up", silent_s=silent_us / 1e6)
+        if context.work.claim is not None:
             context.write([(records.CLAIM, None)], now_us)
+        expected = frozenset(context.membership.alive_set())
+        self._join_again(expected, False, now_us, keeps_life=True)
 
     def _has_nothing_to_lose(self) -> bool:
         """Whether nobody can have taken over anything from this robot.
@@ -126,7 +135,7 @@ class Lifecycle:
             return False
         if not joining.keeps_life and not around.is_complete:
             ahead = sum(robot < context.me for robot in context.membership.newcomers)
-            if not joining.is_its_turn(ahead, context.membership.alive_changes, now_us):
+            if joining.yields(ahead, context.membership.joined_count, now_us):
                 return False
         if joining.is_first:
             if joining.refusal and not peers:

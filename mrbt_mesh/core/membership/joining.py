@@ -48,9 +48,9 @@ class Joining:
         self._timing = timing
         self._heard: set[str] = set()
         self._answered: set[str] = set()
-        # Until when it lets others go first, and how many changes of who is alive there were then.
+        # Until when it lets others go first, and how many had joined when that was last put off.
         self.yields_until_us: int | None = None
-        self._changes_seen = -1
+        self._most_joined = -1
 
     def mark_heard(self, robot: str) -> None:
         """A heartbeat of `robot` itself arrived."""
@@ -80,18 +80,19 @@ class Joining:
             and not (has_caught_up and _tells(peer, digest))
         ]
 
-    def is_its_turn(self, ahead: int, alive_changes: int, now_us: int) -> bool:
-        """Whether it may join now, while `ahead` others of lower id are about to join too.
+    def yields(self, ahead: int, joined: int, now_us: int) -> bool:
+        """Whether it lets others go first: `ahead` of lower id are about to join too, `joined`
+        have done so.
 
         All robots of a team that starts are ready at the same time. If all joined at once, none of
-        them would have time for its heartbeats. It lets others go first for as long as they do.
+        them would have time for its heartbeats. It waits as long as more and more do join.
         """
         if ahead < JOINS_AT_A_TIME:
-            return True
-        if self.yields_until_us is None or alive_changes != self._changes_seen:
-            self._changes_seen = alive_changes
+            return False
+        if self.yields_until_us is None or joined > self._most_joined:
+            self._most_joined = joined
             self.yields_until_us = now_us + self._timing.detection_us
-        return now_us >= self.yields_until_us
+        return now_us < self.yields_until_us
 
     def is_done(self, is_other_life_relayed: bool, is_team_there: bool, now_us: int) -> bool:
         """Whether the robot may take its place in the team, if nobody's facts are needed.

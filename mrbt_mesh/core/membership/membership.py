@@ -223,12 +223,8 @@ class Membership:
                 self.news_changes += 1
 
     def receive_token(self, robot: str, incarnation: Incarnation, is_held: bool) -> None:
-        """A liveliness token came (`is_held`) or went. Its presence proves nothing, but its robot
-        can be reached now: one that was not heard yet hears from this one.
-        """
+        """A liveliness token came (`is_held`) or went. Its presence proves nothing."""
         peer = self.peers.get(robot)
-        if is_held and (peer is None or peer.incarnation < incarnation):
-            self._neighbourhood.answer(robot)
         if peer is not None and peer.incarnation == incarnation:
             peer.is_token_lost = not is_held
             set_member(self._token_lost, robot, not is_held)
@@ -348,6 +344,11 @@ class Membership:
             if peer.state.is_alive and not (report.has_joined and report.plan_digest == digest):
                 return False
         return True
+
+    @property
+    def joined_count(self) -> int:
+        """How many others the alive set has."""
+        return len(self._alive.joined)
 
     @property
     def newcomers(self) -> Collection[str]:

@@ -97,10 +97,11 @@ def test_a_team_that_gathers_waits_longer_and_a_newcomer_to_one_that_is_there_do
 
 def test_many_newcomers_of_a_large_team_join_a_few_at_a_time() -> None:
     joining = Joining(TIMING, frozenset(), 0)
-    assert joining.is_its_turn(JOINS_AT_A_TIME - 1, 0, 0)
-    assert not joining.is_its_turn(JOINS_AT_A_TIME, 0, 0)
-    # As long as others join it waits for them, and no longer.
-    assert not joining.is_its_turn(JOINS_AT_A_TIME, 1, 900 * MS)
-    assert not joining.is_its_turn(JOINS_AT_A_TIME, 1, 1_899 * MS)
+    assert not joining.yields(JOINS_AT_A_TIME - 1, 0, 0)
+    assert joining.yields(JOINS_AT_A_TIME, 0, 0)
+    # As long as others join it waits for them, and no longer, whoever dies and comes back.
+    assert joining.yields(JOINS_AT_A_TIME, 2, 900 * MS)
+    assert joining.yields(JOINS_AT_A_TIME, 1, 1_500 * MS)
+    assert joining.yields(JOINS_AT_A_TIME, 2, 1_899 * MS)
     assert joining.yields_until_us == 1_900 * MS
-    assert joining.is_its_turn(JOINS_AT_A_TIME, 1, 1_900 * MS)
+    assert not joining.yields(JOINS_AT_A_TIME, 2, 1_900 * MS)

@@ -80,6 +80,22 @@ def test_a_newcomer_looks_for_those_that_it_has_not_heard() -> None:
     assert sought >= set(robots[21:])
 
 
+def test_tokens_that_anybody_can_show_have_nobody_spoken_to() -> None:
+    robots = [f"R{number:02}" for number in range(40)]
+    members = Membership("R00", Timing().of_team(40))
+    beat = Heartbeat(
+        SelfReport(Incarnation(1, "n"), 1, bytes(8), True, 0), False, bytes(8), (0,) * 4, 0, (), {}
+    )
+    for robot in robots[1:]:
+        members.receive_heartbeat(robot, beat, 0)
+    members.neighbourhood.audience(1, robots, ())
+    before = members.neighbourhood.audience(2, robots, ())
+    for number in range(1_000):
+        members.receive_token(f"X{number}", Incarnation(1, "n"), True)
+        members.receive_token(robots[number % 39 + 1], Incarnation(number, "x"), True)
+    assert members.neighbourhood.audience(2, robots, ()) == before
+
+
 def test_who_begins_together_is_planned_for_together(monkeypatch: pytest.MonkeyPatch) -> None:
     robots, plans = 24, 0
     assign = Planner._assign_agents
