@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import subprocess
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -84,17 +84,25 @@ def test_a_kill_by_its_button_its_detection_and_why(team: Team, browser: Browser
     assert late.get_attribute("#result", "data-status") == "success"
 
 
-@pytest.mark.parametrize(
-    ("size", "scheme"), [(WIDE, "light"), (WIDE, "dark"), (PHONE, "light"), (PHONE, "dark")]
-)
-def test_everybody_can_use_it(
-    team: Team, browser: Browser, size: tuple[int, int], scheme: Any
-) -> None:
+def test_everybody_can_use_it(team: Team, browser: Browser) -> None:
     """axe-core finds nothing, nothing is wider than the window, and a late page has the past."""
     url, robot = at_work(team)
     first, _ = opened(browser, url)
     killed(team, first, robot)
-    page, problems = opened(browser, url, size, scheme)
+    for size in (WIDE, PHONE):
+        for scheme in ("light", "dark"):
+            page, problems = opened(browser, url, size, scheme)
+            use(page)
+            picture(page, f"robot-{'wide' if size == WIDE else 'phone'}-{scheme}")
+            page.click('button:has-text("Drills…")')
+            page.wait_for_selector('#drills-list li:has-text("kill_at_work")')
+            assert accessibility_violations(page) == []
+            assert problems == []
+            page.close()
+
+
+def use(page: Page) -> None:
+    """Look at what has happened, and at a robot."""
     page.wait_for_selector(TAKEN_OVER)
     page.click("#happened summary")
     page.wait_for_selector("#events li >> nth=5")
@@ -102,11 +110,6 @@ def test_everybody_can_use_it(
     page.wait_for_selector("#why-body .own")
     assert accessibility_violations(page) == []
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
-    picture(page, f"robot-{'wide' if size == WIDE else 'phone'}-{scheme}")
-    page.click('button:has-text("Drills…")')
-    page.wait_for_selector('#drills-list li:has-text("kill_at_work")')
-    assert accessibility_violations(page) == []
-    assert problems == []
 
 
 def test_the_tree_by_keyboard_and_by_search(team: Team, browser: Browser) -> None:
