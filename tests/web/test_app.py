@@ -12,21 +12,12 @@ import httpx2 as httpx
 import pytest
 from starlette.testclient import TestClient
 
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.web.app import STATIC, Page
 from mrbt_mesh.web.control import OrderError
 from mrbt_mesh.web.feed import Feed
 from mrbt_mesh.web.protection import hosts
-from tests.support.script import Script
+from tests.support.watched import WELD, watched
 
-TEAM = """
-robot A weld
-robot B weld*0.5
-tree "weld"
-observe
-start A B
-pass 200
-"""
 TOKEN = "a-token"
 HOST = "127.0.0.1:8000"
 GOOD = {"x-mrbt-token": TOKEN, "content-type": "application/json"}
@@ -57,10 +48,8 @@ def orders() -> Orders:
 
 
 def client(orders: Orders | None) -> TestClient:
-    script = Script()
-    script.block(TEAM.strip().splitlines())
-    assert isinstance(script.team.observer, Observer)
-    feed = Feed(script.team.observer, lambda: script.team.now_us)
+    script, observer = watched(WELD)
+    feed = Feed(observer, lambda: script.team.now_us)
     feed.update()
     own_hosts = hosts(["127.0.0.1", "localhost", "::1"], 8000)
     page = Page(feed, own_hosts, orders, TOKEN)  # type: ignore[arg-type]

@@ -6,28 +6,15 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.web.control import Control, OrderError
-from tests.support.script import Script
-
-TEAM = """
-robot A weld
-robot B weld*0.5
-tree "weld"
-observe
-start A B
-pass 200
-"""
+from tests.support.watched import WELD, watched
 
 
 class Watcher:
     """Remembers the words that robots are told."""
 
     def __init__(self, *commands: str) -> None:
-        script = Script()
-        script.block([*TEAM.strip().splitlines(), *commands])
-        assert isinstance(script.team.observer, Observer)
-        self.observer = script.team.observer
+        _, self.observer = watched(WELD, *commands)
         self.said: list[tuple[str, str, str]] = []
         self.answer = True, "done"
 
