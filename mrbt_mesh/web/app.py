@@ -16,10 +16,10 @@ from starlette.responses import HTMLResponse, JSONResponse, Response, StreamingR
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
+from mrbt_mesh.drills.control import Control, OrderError
 from mrbt_mesh.viewmodel.mission_view import mission_view
 from mrbt_mesh.viewmodel.own_trees import own_trees
 from mrbt_mesh.viewmodel.why import why_robot, why_task
-from mrbt_mesh.web.control import Control, OrderError
 from mrbt_mesh.web.feed import Feed
 from mrbt_mesh.web.protection import Protection, policy, why_no_order
 
@@ -105,7 +105,10 @@ class Page:
         return self._control
 
     async def _drills(self, request: Request) -> Response:
-        return JSONResponse(await self._controlled(request).drills())
+        try:
+            return JSONResponse(await self._controlled(request).drills())
+        except OrderError as error:
+            raise HTTPException(409, str(error)) from error
 
     async def _order(self, request: Request) -> Response:
         control = self._controlled(request)

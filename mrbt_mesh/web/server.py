@@ -13,12 +13,12 @@ import anyio
 import psutil
 import uvicorn
 
+from mrbt_mesh.drills.control import Control
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.watcher import Watcher
 from mrbt_mesh.web.app import Page
-from mrbt_mesh.web.control import Control
 from mrbt_mesh.web.feed import FRAME_US, Feed
 from mrbt_mesh.web.protection import hosts, new_token
 

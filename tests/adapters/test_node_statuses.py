@@ -9,24 +9,7 @@ from mrbt_mesh.core.bt.tree import Kind, Status
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.errors import InputError
 from tests.support.script import Script
-
-TEAM = """
-robot A weld lift
-robot B weld*0.5 lift
-robot C look
-task cover lift 2..2
-tree Sequence("weld", "cover")
-observe
-start A B C
-pass 200
-"""
-
-
-def watched(*commands: str) -> tuple[Script, Observer]:
-    script = Script()
-    script.block([*TEAM.strip().splitlines(), *commands])
-    assert script.team.observer is not None
-    return script, script.team.observer
+from tests.support.watched import COVER, watched
 
 
 def shown(tree: ObservedTree, observer: Observer) -> dict[str, Status]:
@@ -38,7 +21,7 @@ def shown(tree: ObservedTree, observer: Observer) -> dict[str, Status]:
 
 
 def test_t_g_is_that_of_the_plan() -> None:
-    _, observer = watched("succeed A", "pass 200")
+    _, observer = watched(COVER, "succeed A", "pass 200")
     tree = GlobalTree(observer.mission)
     assert list(shown(tree, observer).values()) == [Status.RUNNING, Status.SUCCESS, Status.RUNNING]
     assert tree.title == "T_G of m"
@@ -46,7 +29,7 @@ def test_t_g_is_that_of_the_plan() -> None:
 
 def test_nothing_is_said_of_a_team_of_which_nobody_is_heard() -> None:
     script = Script()
-    script.block(TEAM.strip().splitlines()[:-2])
+    script.block(COVER[:-2])
     observer = script.team.observer
     assert observer is not None
     observer.update(0)
@@ -61,7 +44,7 @@ def test_nothing_is_said_of_a_team_of_which_nobody_is_heard() -> None:
 )
 def test_t_i_has_the_statuses_that_the_robot_itself_has(robot: str, commands: list[str]) -> None:
     """Whatever the observer works out from facts, the robot's own T_i says the same."""
-    script, observer = watched(*commands)
+    script, observer = watched(COVER, *commands)
     if robot not in script.team.processes:
         return
     tree = observed_tree(observer.mission, robot)
@@ -73,7 +56,7 @@ def test_t_i_has_the_statuses_that_the_robot_itself_has(robot: str, commands: li
 
 
 def test_what_a_robot_works_on_runs_in_its_t_li() -> None:
-    _, observer = watched()
+    _, observer = watched(COVER)
     found = shown(observed_tree(observer.mission, "A"), observer)
     running = [path for path, status in found.items() if status is Status.RUNNING]
     assert any("T_Li" in path and path.endswith("/weld") for path in running)
@@ -82,12 +65,12 @@ def test_what_a_robot_works_on_runs_in_its_t_li() -> None:
 
 
 def test_a_dead_robot_has_no_statuses() -> None:
-    _, observer = watched("kill B", "pass 3000")
+    _, observer = watched(COVER, "kill B", "pass 3000")
     assert set(observed_tree(observer.mission, "B").statuses(observer)) == {Status.IDLE}
 
 
 def test_a_subtree_has_the_status_of_what_it_names() -> None:
-    _, observer = watched("succeed A", "pass 200")
+    _, observer = watched(COVER, "succeed A", "pass 200")
     tree = RobotTrees(observer.mission, "A", observer.mission.robots["A"].capabilities)
     statuses = tree.statuses(observer)
     for node in tree.tree.nodes:
@@ -96,6 +79,6 @@ def test_a_subtree_has_the_status_of_what_it_names() -> None:
 
 
 def test_a_robot_that_the_mission_lacks_is_said() -> None:
-    _, observer = watched()
+    _, observer = watched(COVER)
     with pytest.raises(InputError, match=r"mission m has no robot 'X' \(it has A, B, C\)"):
         observed_tree(observer.mission, "X")

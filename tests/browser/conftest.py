@@ -25,8 +25,5 @@ def browser() -> Iterator[Browser]:
 @pytest.fixture
 def team(tmp_path: Path) -> Iterator[Team]:
     """A team that is ended whatever happens."""
-    result = Team(tmp_path)
-    try:
-        yield result
-    finally:
-        result.clean()
+    with Team(tmp_path) as found:
+        yield found

@@ -8,7 +8,7 @@ from __future__ import annotations
 import struct
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 
 import anyio
@@ -157,11 +157,6 @@ class Monitor:
         return dict(struct.iter_unpack("<HB", data))
 
 
-@contextmanager
-def monitoring(port: int) -> Iterator[Monitor]:
+def monitoring(port: int) -> closing[Monitor]:
     """A client of a publisher."""
-    monitor = Monitor(port)
-    try:
-        yield monitor
-    finally:
-        monitor.close()
+    return closing(Monitor(port))

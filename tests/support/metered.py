@@ -14,16 +14,7 @@ from mrbt_mesh.runtime.metrics.families import Distribution, Family
 from mrbt_mesh.runtime.metrics.meter import Meter
 from tests.support import harness
 from tests.support.script import Script
-
-TEAM = """
-robot A weld lift
-robot B weld*0.5 lift
-robot C look
-task cover lift 2..2
-tree Sequence("weld", "cover")
-observe
-start A B C
-"""
+from tests.support.watched import COVER
 
 
 class MeteredAgent(Agent):
@@ -47,7 +38,7 @@ class MeteredTeam:
     def __init__(self, *commands: str) -> None:
         self.script = Script()
         with patch.object(harness, "Agent", MeteredAgent):
-            self.script.block(TEAM.strip().splitlines())
+            self.script.block(COVER[:-1])
         agent = self.script.team.processes["A"].agent
         assert isinstance(agent, MeteredAgent)
         self.view, self.meter = agent.view, agent.meter

@@ -5,7 +5,7 @@ A block is a few commands, a line `----` and what followed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -60,7 +60,7 @@ class Script:
         self._lives = 0
         self._intruders = Intruders(self.team)
 
-    def block(self, commands: list[str]) -> str:
+    def block(self, commands: Sequence[str]) -> str:
         """What followed from some commands."""
         self.team.story.clear()
         for line in commands:

@@ -248,6 +248,12 @@ class Team:
         found = psutil.process_iter(["cmdline", "name"])
         return [p for p in found if str(self.folder) in " ".join(p.info["cmdline"] or ())]
 
+    def __enter__(self) -> Team:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.clean()
+
     def clean(self) -> None:
         """End every process that this team started."""
         for started in (*self._started, *([self._up] if self._up else [])):

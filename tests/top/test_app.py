@@ -21,7 +21,7 @@ from mrbt_mesh.sim import Kill, Lose
 from mrbt_mesh.top.app import Orders, TeamTop
 from mrbt_mesh.top.panes import Lanes, TimelinePane, TreePane
 from tests.support.runs import run_example
-from tests.support.script import Script
+from tests.support.watched import ALONE, watched
 
 SECOND = 1_000_000
 FAULTS = [(7 * SECOND, Kill("A1")), (2 * SECOND, Lose("B1", "do_diagnosis"))]
@@ -224,22 +224,9 @@ async def test_one_pane_alone() -> None:
         assert "robots" in on_screen(app)[1]
 
 
-TEAM = """
-robot A weld
-robot C look
-task weld weld 1..1
-tree "weld"
-observe
-start A C
-pass 200
-"""
-
-
 async def test_what_is_new_is_drawn() -> None:
-    script = Script()
-    script.block(TEAM.strip().splitlines())
-    assert script.team.observer is not None
-    app = TeamTop(script.team.observer, lambda: script.team.now_us)
+    script, observer = watched(ALONE)
+    app = TeamTop(observer, lambda: script.team.now_us)
     async with app.run_test(size=SMALL) as pilot:
         await pilot.pause()
         assert "▶ weld  A  running" in on_screen(app)[2]

@@ -7,24 +7,11 @@ import pytest
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.viewmodel.own_trees import own_trees
-from tests.support.script import Script
-
-TEAM = """
-robot A weld lift
-robot C look
-task weld weld 1..1
-tree "weld"
-observe
-start A C
-pass 200
-"""
+from tests.support.watched import ALONE, watched
 
 
 def observed(*commands: str) -> Observer:
-    script = Script()
-    script.block([*TEAM.strip().splitlines(), *commands])
-    assert script.team.observer is not None
-    return script.team.observer
+    return watched(ALONE, *commands)[1]
 
 
 def reported(observer: Observer, robot: str) -> tuple[int, ...]:

@@ -6,34 +6,18 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.viewmodel.team_view import TeamView
 from tests.support.runs import run_example
-from tests.support.script import Script
-
-TEAM = """
-robot A weld lift
-robot B weld*0.5 lift
-robot C look
-task cover lift 2..2
-tree Sequence("weld", "cover")
-observe
-start A B C
-pass 200
-"""
+from tests.support.watched import COVER, watched
 
 
 class Page:
     """What a page holds that asks after every command."""
 
     def __init__(self, *commands: str) -> None:
-        self.script = Script()
-        self.script.block(TEAM.strip().splitlines())
-        observer = self.script.team.observer
-        assert observer is not None
-        self.observer: Observer = observer
-        self.view = TeamView(observer)
+        self.script, self.observer = watched(COVER)
+        self.view = TeamView(self.observer)
         self.items: dict[str, Any] = {}
         self._seen = 0
         self.look()

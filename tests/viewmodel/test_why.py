@@ -6,25 +6,11 @@ import pytest
 
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.viewmodel.why import candidates, why_robot, why_takeover, why_task
-from tests.support.script import Script
-
-TEAM = """
-robot A weld lift
-robot B weld*0.5 lift
-robot C look
-task cover lift 2..2
-tree Sequence("weld", "cover")
-observe
-start A B C
-pass 200
-"""
+from tests.support.watched import COVER, watched
 
 
 def observed(*commands: str) -> Observer:
-    script = Script()
-    script.block([*TEAM.strip().splitlines(), *commands])
-    assert script.team.observer is not None
-    return script.team.observer
+    return watched(COVER, *commands)[1]
 
 
 def test_a_robot_at_work_and_who_else_could() -> None:

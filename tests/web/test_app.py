@@ -12,21 +12,12 @@ import httpx2 as httpx
 import pytest
 from starlette.testclient import TestClient
 
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.drills.control import OrderError
 from mrbt_mesh.web.app import STATIC, Page
-from mrbt_mesh.web.control import OrderError
 from mrbt_mesh.web.feed import Feed
 from mrbt_mesh.web.protection import hosts
-from tests.support.script import Script
+from tests.support.watched import WELD, watched
 
-TEAM = """
-robot A weld
-robot B weld*0.5
-tree "weld"
-observe
-start A B
-pass 200
-"""
 TOKEN = "a-token"
 HOST = "127.0.0.1:8000"
 GOOD = {"x-mrbt-token": TOKEN, "content-type": "application/json"}
@@ -37,11 +28,14 @@ class Orders:
 
     def __init__(self) -> None:
         self.taken: list[Any] = []
+        self.problem = ""
 
     def offers(self) -> dict[str, Any]:
         return {"robot": {}, "team": {}, "drills": True}
 
     async def drills(self) -> list[dict[str, Any]]:
+        if self.problem:
+            raise OrderError(self.problem)
         return [{"label": "one"}]
 
     async def carry_out(self, order: Any) -> str:
@@ -57,10 +51,8 @@ def orders() -> Orders:
 
 
 def client(orders: Orders | None) -> TestClient:
-    script = Script()
-    script.block(TEAM.strip().splitlines())
-    assert isinstance(script.team.observer, Observer)
-    feed = Feed(script.team.observer, lambda: script.team.now_us)
+    script, observer = watched(WELD)
+    feed = Feed(observer, lambda: script.team.now_us)
     feed.update()
     own_hosts = hosts(["127.0.0.1", "localhost", "::1"], 8000)
     page = Page(feed, own_hosts, orders, TOKEN)  # type: ignore[arg-type]
@@ -169,6 +161,12 @@ def test_drills_are_listed_for_those_who_may(orders: Orders) -> None:
     assert page.get("/drills", headers=GOOD).json() == [{"label": "one"}]
     assert page.get("/drills").status_code == 403
     assert page.get("/orders", headers=GOOD).status_code == 405
+
+
+def test_why_no_drills_can_be_listed(orders: Orders) -> None:
+    orders.problem = "wrong.yaml: line 1"
+    answer = client(orders).get("/drills", headers=GOOD)
+    assert (answer.status_code, answer.text) == (409, "wrong.yaml: line 1")
 
 
 def test_what_is_no_order(orders: Orders) -> None:

@@ -7,28 +7,15 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.web.feed import Feed
-from tests.support.script import Script
-
-TEAM = """
-robot A weld
-robot B weld*0.5
-tree "weld"
-observe
-start A B
-pass 200
-"""
+from tests.support.watched import WELD, watched
 
 
 class Watched:
     """A scripted team and the feed of its observer, on the script's clock."""
 
     def __init__(self) -> None:
-        self.script = Script()
-        self.script.block(TEAM.strip().splitlines())
-        observer = self.script.team.observer
-        assert isinstance(observer, Observer)
+        self.script, observer = watched(WELD)
         self.feed = Feed(observer, lambda: self.script.team.now_us)
         self.feed.update()
 

@@ -8,12 +8,12 @@ from typing import Any
 import anyio
 
 from mrbt_mesh.cli.framework.exits import SUCCESS
+from mrbt_mesh.drills.control import Control, OrderError
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.runtime.watcher import Watcher, watching
 from mrbt_mesh.top.app import LOOK_S, Orders, TeamTop
-from mrbt_mesh.web.control import Control, OrderError
 
 
 async def show(address: TeamAddress, has_control: bool) -> int:

@@ -41,9 +41,9 @@ def make_plan(
     evaluation, order = steps.evaluate(facts), facts.order()
     capabilities = steps.capabilities(facts, alive)
     team = capabilities.team
-    leaving = {robot: "leaving" for robot in sorted(alive) if robot not in team}
+    outside = {r: _why_outside(facts, r, alive[r]) for r in sorted(alive) if r not in team}
     if reason := _nothing_to_do(facts, order):
-        idle = dict.fromkeys(team, reason) | leaving
+        idle = dict.fromkeys(team, reason) | outside
         return Plan(evaluation, order, {}, idle, (), ended=facts.result())
 
     # What that asks of the team.
@@ -91,7 +91,7 @@ def make_plan(
         evaluation,
         order,
         _with_leaders(facts, lines, team),
-        idle | leaving,
+        idle | outside,
         tuple(waiting.values()),
         is_consistent,
         assigned is not None,
@@ -100,6 +100,13 @@ def make_plan(
         tuple(pending.values()),
         pending_losses(facts, team),
     )
+
+
+def _why_outside(facts: TeamFacts, robot: str, incarnation: Incarnation) -> str:
+    """Why a robot that is alive is no part of the team that the plan may use."""
+    known = facts.members.get(robot)
+    is_described = known is not None and known.incarnation == incarnation
+    return "leaving" if is_described else "what it can do is not known yet"
 
 
 def _nothing_to_do(facts: TeamFacts, order: OrderKind) -> str:

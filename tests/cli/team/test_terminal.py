@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("textual", reason="pip install 'mrbt-mesh[top]'")
 
 from mrbt_mesh.cli.team.terminal import orders_of
-from mrbt_mesh.web.control import FAULTS, ORDERS, Control, OrderError
+from mrbt_mesh.drills.control import FAULTS, ORDERS, Control, OrderError
 
 
 class Refusing(Control):

@@ -14,25 +14,9 @@ from mrbt_mesh.core.membership.wire import MessageKind, encode
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.summary import run_summary
 from tests.support.script import Script
+from tests.support.watched import COVER, watched
 
-TEAM = """
-robot A weld lift
-robot B weld*0.5 lift
-robot C look
-task cover lift 2..2
-tree Sequence("weld", "cover")
-observe
-start A B C
-pass 200
-"""
-
-
-def watched(*commands: str) -> tuple[Script, Observer]:
-    script = Script()
-    script.block([*TEAM.strip().splitlines(), *commands])
-    observer = script.team.observer
-    assert observer is not None
-    return script, observer
+UNSEEN = [line for line in COVER if line != "observe"]
 
 
 def summary(script: Script, observer: Observer) -> dict[str, Any]:
@@ -40,7 +24,7 @@ def summary(script: Script, observer: Observer) -> dict[str, Any]:
 
 
 def test_an_observer_comes_to_the_same_plan_as_the_robots() -> None:
-    script, observer = watched("succeed A", "pass 500")
+    script, observer = watched(COVER, "succeed A", "pass 500")
     plan = script.team.processes["A"].agent.view.plan
     assert plan is not None
     assert observer.plan is not None
@@ -51,13 +35,13 @@ def test_an_observer_comes_to_the_same_plan_as_the_robots() -> None:
 
 def test_robots_do_not_notice_an_observer() -> None:
     unseen = Script()
-    unseen.block([*TEAM.replace("observe\n", "").strip().splitlines(), "kill A", "pass 900"])
-    seen, _ = watched("kill A", "pass 900")
+    unseen.block([*UNSEEN, "kill A", "pass 900"])
+    seen, _ = watched(COVER, "kill A", "pass 900")
     assert seen.team.story == unseen.team.story
 
 
 def test_a_kill_and_the_takeover_are_recorded() -> None:
-    script, observer = watched("kill A", "pass 100")
+    script, observer = watched(COVER, "kill A", "pass 100")
     (takeover,) = summary(script, observer)["takeovers"]
     assert takeover == {
         "robot": "A",
@@ -74,7 +58,7 @@ def test_a_kill_and_the_takeover_are_recorded() -> None:
 
 def test_a_blocked_request_is_an_episode_with_its_reason() -> None:
     script, observer = watched(
-        "succeed A", "kill B", "pass 1500", "start B", "pass 1500", "succeed A", "succeed B"
+        COVER, "succeed A", "kill B", "pass 1500", "start B", "pass 1500", "succeed A", "succeed B"
     )
     script.block(["pass 200"])
     (episode,) = summary(script, observer)["blocked"]
@@ -85,7 +69,7 @@ def test_a_blocked_request_is_an_episode_with_its_reason() -> None:
 
 
 def test_the_result_is_the_teams_and_says_who_took_part() -> None:
-    script, observer = watched("succeed A")
+    script, observer = watched(COVER, "succeed A")
     assert observer.team_result is None
     script.block(["succeed A", "succeed B", "pass 200"])
     assert observer.team_result is Status.SUCCESS
@@ -97,14 +81,16 @@ def test_the_result_is_the_teams_and_says_who_took_part() -> None:
 
 
 def test_minor_faults_have_a_beginning_and_an_end() -> None:
-    script, observer = watched("tell A fault weld", "pass 300", "tell A restore weld", "pass 100")
+    script, observer = watched(
+        COVER, "tell A fault weld", "pass 300", "tell A restore weld", "pass 100"
+    )
     (fault,) = summary(script, observer)["faults"]
     assert (fault["kind"], fault["robot"], fault["local_tasks"]) == ("minor", "A", ["weld"])
     assert round(fault["until_s"] - fault["at_s"], 6) == 0.3
 
 
 def test_what_a_robot_does_worse_is_told_with_the_time() -> None:
-    script, observer = watched("tell A perform weld=0.25", "pass 100")
+    script, observer = watched(COVER, "tell A perform weld=0.25", "pass 100")
     assert summary(script, observer)["robots"]["A"]["performances"] == {"weld": 0.25}
     assert summary(script, observer)["faults"] == []
     assert "A: weld at 0.25" in [text for _, text in observer.record.timeline]
@@ -116,13 +102,13 @@ def test_what_a_robot_does_worse_is_told_with_the_time() -> None:
 
 
 def test_a_robot_that_left_is_no_fault() -> None:
-    script, observer = watched("leave C", "pass 3000")
+    script, observer = watched(COVER, "leave C", "pass 3000")
     assert observer.robot_state("C") is State.LEFT
     assert summary(script, observer)["faults"] == []
 
 
 def test_claims_of_the_living_are_shown() -> None:
-    script, observer = watched()
+    script, observer = watched(COVER)
     claim = observer.claim("A")
     assert claim is not None
     assert claim.local_task == "weld"
@@ -134,7 +120,7 @@ def test_claims_of_the_living_are_shown() -> None:
 def test_a_late_observer_of_a_finished_mission_reports_nothing_as_blocked() -> None:
     """Nothing is left to do, so its plan without any facts is the robots' plan."""
     script = Script()
-    script.block(TEAM.replace("observe\n", "").strip().splitlines())
+    script.block(UNSEEN)
     script.block(["succeed A", "pass 100", "succeed A", "succeed B", "pass 500"])
     script.block(["observe", "pass 500"])
     observer = script.team.observer
@@ -145,7 +131,7 @@ def test_a_late_observer_of_a_finished_mission_reports_nothing_as_blocked() -> N
 
 
 def test_who_watches_another_run_is_told_so_once_per_robot() -> None:
-    script, observer = watched()
+    script, observer = watched(COVER)
     stranger = Observer(observer.mission, "another", Timing(), min_cost_flow)
     message = encode(observer.replica.header, MessageKind.FACT, [])
     for _ in range(3):
@@ -158,7 +144,7 @@ def test_who_watches_another_run_is_told_so_once_per_robot() -> None:
 
 
 def test_noise_is_noted_and_harms_nothing() -> None:
-    script, observer = watched()
+    script, observer = watched(COVER)
     before = observer.facts.map.digest()
     for kind in ("beat", "fact"):
         observer.message(kind, "Z", b"noise", script.team.now_us)  # type: ignore[arg-type]
@@ -169,11 +155,11 @@ def test_noise_is_noted_and_harms_nothing() -> None:
 
 def test_a_run_that_ends_before_its_team_has_gathered_has_not_started() -> None:
     """Whatever was seen by then: no robot, one that looks for the others, or that one's end."""
-    _, seen = watched()
+    _, seen = watched(COVER)
     observer = Observer(seen.mission, seen.facts.run, Timing(), min_cost_flow)
     assert observer.result(anybody_lives=True) == "not_started"
     script = Script()
-    script.block([*TEAM.strip().splitlines()[:-2], "start A", "pass 200"])
+    script.block([*COVER[:-2], "start A", "pass 200"])
     alone = script.team.observer
     assert alone is not None
     assert alone.robots() == ["A"], "heard, and still waiting for B and C"
@@ -184,12 +170,12 @@ def test_a_run_that_ends_before_its_team_has_gathered_has_not_started() -> None:
 
 
 def test_a_run_that_ends_on_its_way_is_blocked_where_nobody_can_go_on() -> None:
-    _, observer = watched()
+    _, observer = watched(COVER)
     assert observer.result(anybody_lives=True) == "timeout"
     assert observer.result(anybody_lives=False) == "blocked"
-    _, observer = watched("succeed A", "kill B", "pass 1500")
+    _, observer = watched(COVER, "succeed A", "kill B", "pass 1500")
     assert observer.result(anybody_lives=True) == "blocked"
-    _, observer = watched("succeed A", "kill B", "pass 1500", "start B", "pass 1500")
+    _, observer = watched(COVER, "succeed A", "kill B", "pass 1500", "start B", "pass 1500")
     assert observer.result(anybody_lives=True) == "timeout"
 
 
@@ -204,7 +190,7 @@ def test_a_run_that_ends_on_its_way_is_blocked_where_nobody_can_go_on() -> None:
 def test_what_a_team_left_behind_tells_the_result_of_a_run_that_nobody_saw(
     steps: tuple[str, ...], result: str
 ) -> None:
-    script, seen = watched(*steps, "pass 1000")
+    script, seen = watched(COVER, *steps, "pass 1000")
     left_behind = list(script.team.processes["A"].agent.view.facts.map)
     observer = Observer(seen.mission, seen.facts.run, seen.membership.timing, min_cost_flow)
     observer.read(left_behind, 5)

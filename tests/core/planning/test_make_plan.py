@@ -141,6 +141,15 @@ def test_every_robot_without_a_task_learns_why() -> None:
     assert world.plan().idle["A1"] == "nothing is requested"
 
 
+def test_a_robot_that_nobody_has_heard_describe_itself_is_not_leaving() -> None:
+    world = World(make_mission(action("a"), {"R1": {"a": 1}, "R2": {"a": 1}}))
+    world.alive["R3"] = Incarnation(1, "n")
+    assert world.plan().idle["R3"] == "what it can do is not known yet"
+    life = world.alive["R2"]
+    world.alive["R2"] = Incarnation(life.counter + 1, life.nonce)
+    assert world.plan().idle["R2"] == "what it can do is not known yet", "of this life"
+
+
 def test_a_robot_that_is_not_needed_any_more_learns_for_what() -> None:
     lift = task("lift", ("lift", 1, 1))
     world = World(make_mission(action("lift"), {n: {"lift": 1.0} for n in "AB"}, [lift]))

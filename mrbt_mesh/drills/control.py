@@ -1,22 +1,23 @@
-"""What the page may do to a team: faults to processes of this machine, words to robots, drills."""
+"""What may be done by hand to a team that is watched: faults to processes of this machine, words to
+robots, drills. The live page and `mrbt top` offer it.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
 import anyio.abc
-import psutil
 
 from mrbt_mesh.core.agent.commands import FAULT, LEAVE, ORDER, RESTORE
 from mrbt_mesh.core.facts.records import OrderKind
 from mrbt_mesh.drills.inject import DrillInjector
 from mrbt_mesh.drills.model import StepModel
 from mrbt_mesh.drills.triggers import Sight
+from mrbt_mesh.drills.watched import REFUSALS, TeamDrills
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.watcher import Watcher
-from mrbt_mesh.web.drilling import TeamDrills
 
 # What can be done to a process of this machine: order -> key of a drill's step, what it says.
 FAULTS = {
@@ -42,7 +43,7 @@ class OrderError(Exception):
 
 
 class Control:
-    """Carries out what the page asks for. `team` is None where no process is of this machine."""
+    """Carries out what is ordered. `team` is None where no process is of this machine."""
 
     def __init__(self, watcher: Watcher, team: Team | None, group: anyio.abc.TaskGroup) -> None:
         self._watcher = watcher
@@ -58,8 +59,11 @@ class Control:
         return {"robot": robots, "team": team, "drills": self._drills is not None}
 
     async def drills(self) -> list[dict[str, Any]]:
-        """The drill files that fit this team."""
-        return [] if self._drills is None else await self._drills.known()
+        """The drills that fit this team; raises OrderError if a drill file is wrong."""
+        try:
+            return [] if self._drills is None else await self._drills.known()
+        except InputError as error:
+            raise OrderError(str(error)) from error
 
     async def carry_out(self, order: Any) -> str:
         """Do it and say what was done; raises OrderError."""
@@ -99,7 +103,7 @@ class Control:
         try:
             sight = Sight.of(self._watcher.observer, (), boottime_us())
             await injector.carry_out(step, sight)
-        except (InputError, psutil.Error) as error:
+        except REFUSALS as error:
             raise OrderError(str(error)) from error
         if injector.deeds.problems:
             raise OrderError("; ".join(injector.deeds.problems))

@@ -1,33 +1,25 @@
-"""What the page may ask of a team, and what it is told when that cannot be done."""
+"""What may be ordered by hand, and what is told when that cannot be done."""
 
 from __future__ import annotations
 
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import anyio
 import pytest
 
-from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.web.control import Control, OrderError
-from tests.support.script import Script
-
-TEAM = """
-robot A weld
-robot B weld*0.5
-tree "weld"
-observe
-start A B
-pass 200
-"""
+from mrbt_mesh.drills import watched as drills_watched
+from mrbt_mesh.drills.control import Control, OrderError
+from mrbt_mesh.drills.model import StepModel
+from tests.support.watched import WELD, watched
 
 
 class Watcher:
     """Remembers the words that robots are told."""
 
     def __init__(self, *commands: str) -> None:
-        script = Script()
-        script.block([*TEAM.strip().splitlines(), *commands])
-        assert isinstance(script.team.observer, Observer)
-        self.observer = script.team.observer
+        _, self.observer = watched(WELD, *commands)
         self.said: list[tuple[str, str, str]] = []
         self.answer = True, "done"
 
@@ -94,3 +86,44 @@ def test_only_what_can_be_done_is_offered() -> None:
     assert offers["robot"].keys() == {"lose", "restore", "leave"}
     assert offers["team"].keys() == {"pause", "resume", "abort"}
     assert not offers["drills"]
+
+
+class FullDisk:
+    """A team of this machine, whose robots cannot be started again."""
+
+    def process(self, robot: str) -> None:
+        return None
+
+    async def start(self, robot: str) -> None:
+        raise OSError(28, "No space left on device")
+
+
+async def test_what_the_system_refuses_is_told() -> None:
+    refusing = Control(Watcher(), FullDisk(), None)  # type: ignore[arg-type]
+    with pytest.raises(OrderError, match="No space left"):
+        await refusing.carry_out({"act": "join", "robot": "A"})
+
+
+async def test_a_drill_that_the_system_refuses_ends_and_nothing_else(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    step = StepModel.model_validate({"after": 0, "restart": "A"})
+    found = SimpleNamespace(label="one", steps=[step])
+    monkeypatch.setattr(drills_watched, "fitting_drills", lambda mission: {"one": found})
+    watcher = Watcher()
+    async with anyio.create_task_group() as group:
+        refusing = Control(watcher, FullDisk(), group)  # type: ignore[arg-type]
+        assert await refusing.carry_out({"act": "drill", "label": "one"}) == (
+            "one: 1 steps, each at its moment"
+        )
+    assert "drill one: [Errno 28] No space left on device" in watcher.observer.record.timeline[-1]
+
+
+async def test_a_drill_file_that_is_wrong_is_told(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "wrong.yaml").write_text("name: [")
+    monkeypatch.setattr(drills_watched, "drill_folder", lambda: tmp_path)
+    wrong = Control(Watcher(), FullDisk(), None)  # type: ignore[arg-type]
+    with pytest.raises(OrderError, match=r"wrong\.yaml"):
+        await wrong.drills()

@@ -23,6 +23,8 @@ from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.watcher import Watcher
 
 LOOK_S = 0.05
+# What may go wrong with one fault; the team and whoever watches it go on.
+REFUSALS = (InputError, OSError, psutil.Error)
 
 
 def fitting_drills(mission: Mission) -> dict[str, Drill]:
@@ -54,7 +56,10 @@ class TeamDrills:
         return self._known
 
     async def known(self) -> list[dict[str, Any]]:
-        """Label, file, description and steps of each drill that fits the team."""
+        """Label, file, description and steps of each drill that fits the team.
+
+        Raises InputError if a drill file is wrong.
+        """
         return [
             {
                 "label": drill.label,
@@ -93,7 +98,7 @@ class TeamDrills:
                     continue
                 await injector.carry_out(step, sight)
                 schedule.carried_out(sight.now_us)
-        except (InputError, psutil.Error) as error:
+        except REFUSALS as error:
             problem = str(error)
         finally:
             self._running = None
