@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-from mrbt_mesh.core.membership.peer import Peer
 from mrbt_mesh.core.observer.run_record import RunRecord
-from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.core.observer.work_log import WorkEnd, WorkSpan
 from mrbt_mesh.recording.reader import Recording
 from mrbt_mesh.replay.player import Player
@@ -45,11 +43,10 @@ def report_recording(
         player.seek(at_us)
         if record.ended_us is None:
             following.look(player.observer, at_us)
-    observer = player.observer
     end_us = player.end_us if record.ended_us is None else record.ended_us
     following.end(end_us)
-    result = observer.result(anybody_lives=any(p.state.is_live for p in _peers(player)))
-    summary = run_summary(record, result, player.end_us)
+    summary = player.summary()
+    result = summary["result"]
     robot = recording.metadata.robot
     notes = [f"as {robot} saw it; what others reported of their plans is in run.mcap"] * bool(robot)
     if record.major and told is None:
@@ -76,10 +73,6 @@ def report_recording(
         None if robot else following.differences(start_us),
         notes=tuple(notes),
     )
-
-
-def _peers(player: Player) -> Iterable[Peer]:
-    return player.observer.membership.peers.values()
 
 
 def _work(span: WorkSpan, start_us: int, end_us: int) -> ReportedWork:
