@@ -20,6 +20,7 @@ from mrbt_mesh.replay.report.model import (
     WaitKind,
     milliseconds,
 )
+from mrbt_mesh.replay.report.told import seconds
 
 AGREED = "until all had agreed on the plan"
 NOT_READY = "its partners were not there yet"
@@ -35,7 +36,7 @@ def report_recording(
     """Play the recording once and count; `told` is the run's summary, if there is one. `takeovers`
     in it may have no `at_s`, where its times count from something else.
 
-    Raises RecordingError for a recording that is damaged.
+    Raises RecordingError for a recording that is damaged; for a strange summary as `told`.
     """
     player, following = Player(recording), Following()
     record = player.observer.record
@@ -127,19 +128,19 @@ def _faults(
     for index, fault in enumerate(record.major):
         known = exact.get(fault.robot, [])
         timed = known.pop(0) if known else {}
-        at_s = timed.get("at_s")
+        at_s, detected_s = seconds(timed.get("at_s")), seconds(timed.get("detected_s"))
         if at_s is None:
             # The word of it came when it was detected.
             word_s = record.seconds(fault.at_us) or 0.0
-            at_s = max(0.0, word_s - (timed.get("detected_s") or 0.0))
+            at_s = max(0.0, word_s - (detected_s or 0.0))
         major.append(
             ReportedFault(
                 fault.robot,
                 at_s,
                 record.seconds(fault.until_us),
                 (),
-                milliseconds(timed.get("detected_s")),
-                milliseconds(timed.get("reassigned_s")),
+                milliseconds(detected_s),
+                milliseconds(seconds(timed.get("reassigned_s"))),
                 fault.held.local_task if fault.held else None,
                 fault.replacement,
                 following.takeovers.get(index, ""),
