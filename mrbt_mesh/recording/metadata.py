@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
@@ -74,6 +75,9 @@ class RunMetadata:
             raise ValueError(f"its format is {found}, this version of mrbt reads {FORMAT}")
         try:
             timing: dict[str, Any] = json.loads(values["timing"])
+            speed = float(values["speed"])
+            if not 0 < speed < math.inf:
+                raise ValueError(f"its metadata are damaged: speed {speed}")
             return RunMetadata(
                 values["robot"],
                 values["run"],
@@ -84,9 +88,9 @@ class RunMetadata:
                 values["version"],
                 values["solver"],
                 {"true": True, "false": False}[values["has_keys"]],
-                float(values["speed"]),
+                speed,
             )
-        except (KeyError, TypeError) as error:
+        except (KeyError, TypeError, OverflowError, RecursionError) as error:
             raise ValueError(f"its metadata are damaged: {error!r}") from None
 
     def read_mission(self, file: str) -> Mission:

@@ -22,7 +22,7 @@ from mrbt_mesh.recording.writer import RecordingWriter
 
 
 class ObserverRecorder:
-    """Call `update` after each `Observer.update`, and `beat` with what arrives if beats are wanted.
+    """Call `update` after each `Observer.update`, and `message` with what arrives.
 
     An observer's plan is made within its update, after all facts that it has taken in.
     """

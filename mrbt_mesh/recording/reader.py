@@ -6,6 +6,7 @@ on trust: every problem is told with the number of its record.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import struct
@@ -130,8 +131,8 @@ class _Reading:
             if isinstance(record, Metadata) and record.name == METADATA and not self.metadata:
                 self.metadata = dict(record.metadata)
                 self._check = first_check(self.metadata)
-                epoch_ns = self.metadata.get("epoch_ns", "")
-                self._epoch_ns = int(epoch_ns) if epoch_ns.isdecimal() else 0
+                with contextlib.suppress(ValueError):
+                    self._epoch_ns = int(self.metadata.get("epoch_ns", ""))
             elif isinstance(record, Schema):
                 self._schemas[record.id] = (record.name, record.encoding, record.data)
             elif isinstance(record, Channel):
@@ -197,8 +198,13 @@ def _validator(topic: str) -> Callable[[Any], Any]:
 
 def _records(content: bytes, reading: _Reading) -> Iterator[tuple[int, Any]]:
     """(where it ends, record), as far as records are whole."""
+    if not content.startswith(MCAP0_MAGIC):
+        reading.problem = "not a valid MCAP file"
+        return
     end = len(MCAP0_MAGIC)
-    records = StreamReader(BytesIO(content), record_size_limit=len(content)).records
+    # Chunks, which no recording has, stay packed.
+    limit = len(content)
+    records = StreamReader(BytesIO(content), emit_chunks=True, record_size_limit=limit).records
     try:
         for record in records:
             # The library takes the rest of a file for a whole record.

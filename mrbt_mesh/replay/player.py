@@ -16,14 +16,13 @@ from mrbt_mesh.core.membership.arrival_history import ArrivalHistory
 from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.membership.timing import NEVER_US
 from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport
-from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.packing import read_incarnation
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError
 from mrbt_mesh.replay.recorded_state import RecordedState
 
-_OVER = (Status.SUCCESS, Status.FAILURE)
 _NO_DIGEST = bytes(8)
 
 
@@ -101,11 +100,14 @@ class Player:
         plan = self._plan(observer.facts, self.state.alive)
         if plan.digest.hex() != data["digest"]:
             raise ValueError("its plan does not follow from its facts")
-        observer.plan = plan
-        observer.record.plan(plan, at_us, bool(self.state.alive))
         self._myself(at_us)
-        if self.mission.ends is MissionEnd.ONCE and plan.result in _OVER:
-            observer.record.over(plan.result, at_us)
+        observer.follow(plan, at_us, bool(self.state.alive))
+
+    def summary(self) -> dict[str, Any]:
+        """The summary of the run as far as it was played, as `mrbt up` tells it at the end."""
+        peers = self.observer.membership.peers.values()
+        result = self.observer.result(anybody_lives=any(peer.state.is_live for peer in peers))
+        return run_summary(self.observer.record, result, self.now_us)
 
     # -- the robots ---------------------------------------------------------------------------
 

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import json
+import math
+import struct
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mcap.writer import MCAP0_MAGIC
 
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.recording.metadata import RunMetadata
@@ -35,6 +40,46 @@ def test_a_file_that_is_none(tmp_path: Path) -> None:
         read_recording(other)
     with pytest.raises(RecordingError, match="cannot be read: No such file"):
         read_recording(tmp_path / "missing")
+
+
+@pytest.mark.parametrize("text", [b"", b"no", b"no recording of anything"])
+def test_text_is_no_recording(text: bytes) -> None:
+    with pytest.raises(RecordingError, match="x: is no recording of mrbt: not a valid MCAP file"):
+        parse_recording(text, Path("x"))
+
+
+@pytest.mark.parametrize("compression", [b"zstd", b"lz4", b""])
+def test_chunks_are_not_unpacked(compression: bytes) -> None:
+    said = struct.pack("<QQQII", 0, 0, 100, 0, len(compression)) + compression
+    chunk = said + struct.pack("<Q", 5) + b"junk!"
+    content = MCAP0_MAGIC + struct.pack("<BQ", 0x06, len(chunk)) + chunk
+    with pytest.raises(RecordingError, match="x: is no recording of mrbt"):
+        parse_recording(content, Path("x"))
+
+
+@pytest.mark.parametrize(
+    ("field", "text"),
+    [
+        ("epoch_ns", "9" * 5000),
+        ("epoch_ns", "soon"),
+        ("timing", "[" * 100_000),
+        ("timing", json.dumps(dict.fromkeys(asdict(Timing()), math.inf))),
+        ("timing", "[]"),
+        ("speed", "nan"),
+        ("speed", "-1"),
+        ("has_keys", "perhaps"),
+    ],
+)
+def test_metadata_that_say_something_strange(tmp_path: Path, field: str, text: str) -> None:
+    class Strange(RunMetadata):
+        def to_values(self) -> dict[str, str]:
+            return {**super().to_values(), field: text}
+
+    path = tmp_path / "a.mcap"
+    plain = vars(RunMetadata.of(MISSION, "A", "r1", Timing(), 0, "1"))
+    RecordingWriter(path, Strange(**plain)).close()
+    with pytest.raises(RecordingError, match=r"a\.mcap: "):
+        read_recording(path)
 
 
 def test_another_format_is_refused(content: bytes) -> None:

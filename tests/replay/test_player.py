@@ -12,11 +12,14 @@ from rich.console import Console
 from mrbt_mesh.cli.views.live_view import LiveNotes, LiveView
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.membership.peer import State
+from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.recording.folder import observer_file, robot_file
 from mrbt_mesh.recording.reader import Recording, RecordingError, parse_recording, read_recording
 from mrbt_mesh.replay.player import Player
 from mrbt_mesh.replay.recorded_state import state_text
-from mrbt_mesh.sim import Kill
+from mrbt_mesh.runtime.program_loader import load_program
+from mrbt_mesh.sim import Kill, Restart, Schedule, SimulationResult, simulate
+from tests.support.paths import EXAMPLES
 from tests.support.recorded import record_example
 
 
@@ -60,6 +63,39 @@ def test_before_and_after_a_death(folder: Path, watched: Recording) -> None:
         assert (fault.robot, fault.replacement) == ("A1", "B1")
         player.seek(player.end_us)
         assert player.observer.record.result is Status.SUCCESS
+
+
+def recorded(folder: Path, mission: str, schedule: Schedule, seconds: int) -> SimulationResult:
+    read = load_mission(EXAMPLES / mission)
+    program = load_program(read.program or "")
+    timeout_us = seconds * 1_000_000
+    return simulate(read, program, seed=3, schedule=schedule, record=folder, timeout_us=timeout_us)
+
+
+@pytest.mark.parametrize("whose", ["", "B1"])
+def test_the_rounds_of_a_mission_that_never_ends(
+    tmp_path_factory: pytest.TempPathFactory, whose: str
+) -> None:
+    folder = tmp_path_factory.mktemp("rounds")
+    result = recorded(folder, "vehicle_repair/standing_by.yaml", [], 32)
+    path = robot_file(folder, whose) if whose else observer_file(folder)
+    player = Player(read_recording(path))
+    player.seek(player.end_us)
+    summary = player.summary()
+    assert summary["result"] == result.summary["result"] == "success"
+    assert len(summary["rounds"]) == 2
+    for found, live in zip(summary["rounds"], result.summary["rounds"], strict=True):
+        assert (found["result"], found["robots"]) == (live["result"], live["robots"])
+        assert found["from_s"] == pytest.approx(live["from_s"], abs=0.05)
+
+
+def test_a_team_that_is_dead_to_the_last_robot_is_blocked(tmp_path: Path) -> None:
+    schedule: Schedule = [(2_000_000, Kill("R1")), (2_000_000, Kill("R2"))]
+    result = recorded(tmp_path, "explore/mission.yaml", [*schedule, (50_000_000, Restart("R1"))], 9)
+    player = Player(read_recording(observer_file(tmp_path)))
+    player.seek(player.end_us)
+    assert player.observer.robot_state("R1") is State.DEAD
+    assert player.summary()["result"] == result.summary["result"] == "blocked"
 
 
 def test_the_live_view_shows_a_recording(folder: Path) -> None:

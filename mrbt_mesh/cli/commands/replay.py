@@ -39,4 +39,4 @@ def replay(
     elif console.is_terminal:
         show_live(player, at or 0.0, speed)
     else:
-        show_lines(player, at)
+        show_lines(player, at or 0.0)

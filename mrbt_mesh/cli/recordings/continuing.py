@@ -8,10 +8,10 @@ from typing import Any
 
 from mrbt_mesh.cli.framework.exits import FAILURE, fail
 from mrbt_mesh.cli.missions import checked_program
+from mrbt_mesh.cli.recordings.replaying import time_of
 from mrbt_mesh.cli.virtual.named_faults import NamedFault, read_faults
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.replay.player import Player
@@ -31,10 +31,7 @@ def continued(
     """Both summaries, and what was assumed. Raises InputError for what does not fit together."""
     recording = read_recording(file)
     player = Player(recording)
-    length_s = (player.end_us - player.begin_us) / SECOND_US
-    if at_s > length_s:
-        raise InputError(f"--at {at_s:g}: the recording ends at {length_s:.3f} s")
-    at_us = player.begin_us + round(at_s * SECOND_US)
+    at_us = time_of(player, at_s)
     named = named_faults(player.mission, faults, at_s)
     player.seek(player.end_us)
     try:
@@ -50,16 +47,14 @@ def continued(
         fail(str(error), FAILURE)
     except ValueError as error:
         raise InputError(str(error)) from None
-    observer = player.observer
-    recorded = run_summary(observer.record, observer.result(anybody_lives=True), player.end_us)
     return {
         "at_s": at_s,
         "faults": [each.said for each in named],
         "assumed": list(ASSUMED),
         "under_way": found.under_way,
         "recorded": {
-            **recorded,
-            "over_at_s": _over_at_s(observer.record.ended_us, player.begin_us),
+            **player.summary(),
+            "over_at_s": _over_at_s(player.observer.record.ended_us, player.begin_us),
         },
         "what_if": {
             **found.result.summary,

@@ -27,15 +27,21 @@ LEFT, RIGHT, UP, DOWN = b"\x1b[D", b"\x1b[C", b"\x1b[A", b"\x1b[B"
 KEYS = "space pauses, ← → 5 s, ↑ ↓ speed, q ends"
 
 
+def time_of(player: Player, at_s: float) -> int:
+    """The time so many seconds from the begin; raises InputError for one behind the end."""
+    length_s = (player.end_us - player.begin_us) / SECOND_US
+    if at_s > length_s:
+        raise InputError(f"--at {at_s:g}: the recording ends at {length_s:.3f} s")
+    return player.begin_us + round(at_s * SECOND_US)
+
+
 def state_data(player: Player, at_s: float | None) -> dict[str, Any]:
     """The state at so many seconds from the begin, by default at the end.
 
     Raises InputError for a time that the recording has not.
     """
     length_s = (player.end_us - player.begin_us) / SECOND_US
-    if at_s is not None and at_s > length_s:
-        raise InputError(f"--at {at_s:g}: the recording ends at {length_s:.3f} s")
-    at_us = player.end_us if at_s is None else player.begin_us + round(at_s * SECOND_US)
+    at_us = player.end_us if at_s is None else time_of(player, at_s)
     player.seek(at_us)
     robot = player.recording.metadata.robot
     head = {"robot": robot or None, "run": player.recording.metadata.run}
@@ -43,18 +49,21 @@ def state_data(player: Player, at_s: float | None) -> dict[str, Any]:
     return head | at | player.state.to_json()
 
 
-def show_lines(player: Player, at_s: float | None) -> None:
-    """Print what happened from a time on."""
+def show_lines(player: Player, at_s: float) -> None:
+    """Print what happened from a time on; raises InputError as `state_data`."""
+    from_us = time_of(player, at_s)
     player.seek(player.end_us)
     record = player.observer.record
     for at_us, text in record.timeline:
-        seconds = (at_us - player.begin_us) / SECOND_US
-        if at_s is None or seconds >= at_s:
-            click.echo(f"{seconds:8.2f}  {text}")
+        if at_us >= from_us:
+            click.echo(f"{(at_us - player.begin_us) / SECOND_US:8.2f}  {text}")
 
 
 class Playing:
-    """Where a replay in a terminal is, and how fast it goes on; `press` takes a key."""
+    """Where a replay in a terminal is, and how fast it goes on; `press` takes a key.
+
+    Raises InputError as `state_data`.
+    """
 
     def __init__(self, player: Player, at_s: float, speed: float) -> None:
         self.player = player
@@ -62,7 +71,7 @@ class Playing:
         self.is_paused = False
         self.is_over = False
         self.at_us = player.begin_us
-        self._go_to(player.begin_us + round(at_s * SECOND_US))
+        self._go_to(time_of(player, at_s))
 
     def press(self, key: bytes) -> None:
         """What the key asks for; others mean nothing."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from mrbt_mesh.replay.report.told import (
 )
 from mrbt_mesh.runtime.run_dir import SUMMARY_FILE
 
+TELLERS = "`mrbt sim`, `up`, `drill` or `chaos`"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 ENDINGS = (".html", ".md", ".pdf", ".png")
 MOST_BYTES = 1 << 28
@@ -53,24 +55,30 @@ def read_report(paths: Iterable[Path]) -> RunsReport:
 def _run_dir(path: Path) -> RunReport:
     summary = path / SUMMARY_FILE
     told = _object(summary) if summary.exists() else None
-    files = [*observer_files(path), *_longest_lived(path)]
-    title = path.resolve().name
-    if files:
-        try:
-            return report_recording(read_recording(files[0]), title, told)
-        except (KeyError, TypeError) as error:
-            raise InputError(f"{summary}: is no summary of a run: {error!r}") from None
-    if told is None:
+    title, file = path.resolve().name, _recording_of(path)
+    if file is None and told is None:
         raise InputError(f"{path} holds neither recordings nor {SUMMARY_FILE}: it is no run's")
+    with _refused(f"{summary}: is no summary of a run"):
+        if file is not None:
+            return report_recording(read_recording(file), title, told)
+        return report_summary(told or {}, title)
+
+
+def _recording_of(run_dir: Path) -> Path | None:
+    """The recording to report on: that of whoever watched last, else of the robot that wrote last,
+    which has seen most of the run.
+    """
+    files = observer_files(run_dir) or robot_files(run_dir)
+    return max(files, key=lambda file: file.stat().st_mtime_ns, default=None)
+
+
+@contextlib.contextmanager
+def _refused(what: str) -> Iterator[None]:
+    """Tell what is wrong with data that a command has not told so."""
     try:
-        return report_summary(told, title)
+        yield
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"{summary}: is no summary of a run: {error!r}") from None
-
-
-def _longest_lived(run_dir: Path) -> list[Path]:
-    """The recordings of a run's robots: those who wrote last have seen most of it."""
-    return sorted(robot_files(run_dir), key=lambda file: (-file.stat().st_mtime_ns, file.name))
+        raise InputError(f"{what}: {error!r}") from None
 
 
 def _object(path: Path) -> Mapping[str, Any]:
@@ -78,39 +86,36 @@ def _object(path: Path) -> Mapping[str, Any]:
         if path.stat().st_size > MOST_BYTES:
             raise InputError(f"{path}: more than {MOST_BYTES >> 20} MiB of JSON")
         data = json.loads(path.read_text(encoding="utf-8"))
+        # Neither numbers that are none, nor texts that are no Unicode.
+        json.dumps(data, ensure_ascii=False, allow_nan=False).encode()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {reason(error)}") from None
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: is neither a recording (.mcap) nor JSON: {error}") from None
     if not isinstance(data, dict):
-        raise InputError(f"{path}: is not what `mrbt sim`, `drill` or `chaos` tell with --json")
+        raise InputError(f"{path}: is not what {TELLERS} tell with --json")
     return data
 
 
-def _told(path: Path) -> Iterator[RunReport | CampaignReport]:
+def _told(path: Path) -> Sequence[RunReport | CampaignReport]:
     data = _object(path)
-    try:
+    with _refused(f"{path}: is not what {TELLERS} tell with --json"):
         if "runs" in data and "green" in data:
-            yield from [_drill(each) for each in data["runs"]]
-        elif "checks" in data and "seeds" in data:
-            yield report_campaign(data, path.stem)
-        else:
-            yield report_summary(data, path.stem)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        tell = "is not what `mrbt sim`, `up`, `drill` or `chaos` tell with --json"
-        raise InputError(f"{path}: {tell}: {error!r}") from None
+            return [_drill(each) for each in data["runs"]]
+        if "checks" in data and "seeds" in data:
+            return [report_campaign(data, path.stem)]
+        return [report_summary(data, path.stem)]
 
 
 def _drill(told: Mapping[str, Any]) -> RunReport:
     """A drill's run, by its recording where that is still there."""
     title = f"{told['drill']} ({told['transport']})"
-    run_dir = Path(told["run_dir"]) if told["run_dir"] else None
-    files = [*observer_files(run_dir), *_longest_lived(run_dir)] if run_dir is not None else []
-    if not files:
+    file = _recording_of(Path(told["run_dir"])) if told["run_dir"] else None
+    if file is None:
         return report_drill(told, title)
     # A drill counts its times from its own begin: only how long things took is of use.
     lengths = [{**each, "at_s": None} for each in told["takeovers"]]
-    found = report_recording(read_recording(files[0]), title, {"takeovers": lengths})
+    found = report_recording(read_recording(file), title, {"takeovers": lengths})
     verdict, expected = str(told["verdict"]), drill_expectations(told)
     return replace(found, verdict=verdict, expectations=expected)
 

@@ -96,8 +96,15 @@ class Observer:
             self.record.started_us = now_us
         self._facts_changed(changed, now_us)
         self.update(now_us)
-        if self.plan is not None and self.plan.result in (Status.SUCCESS, Status.FAILURE):
-            self._ended(self.plan.result, now_us)
+        self._result_of_plan(now_us)
+
+    def follow(self, plan: Plan, now_us: int, settled: bool) -> None:
+        """Take over a plan of the facts that was made elsewhere, and record what follows."""
+        self.plan, self._recorded = plan, (plan, settled)
+        self.record.plan(plan, now_us, settled)
+        self._result_of_plan(now_us)
+        if self._has_work:
+            self.record.round_runs(now_us)
 
     def _refuse(self, source: str, error: WireError, now_us: int) -> None:
         """Whoever watches the wrong run, or with another mission file, is told so once."""
@@ -169,6 +176,11 @@ class Observer:
         """Whether the team stands by no more: its plan, as it agrees on it, has T_G Running."""
         is_running = self.plan is not None and self.plan.result is Status.RUNNING
         return self._stands_by and is_running and self._recorded[1]
+
+    def _result_of_plan(self, now_us: int) -> None:
+        """Believe the plan, whatever robots report."""
+        if self.plan is not None and self.plan.result in (Status.SUCCESS, Status.FAILURE):
+            self._ended(self.plan.result, now_us)
 
     def _ended(self, result: Status, now_us: int) -> None:
         """The team has come to a result. Its reports may be older than this observer's plan."""

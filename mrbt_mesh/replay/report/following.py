@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.membership.peer import State
+from mrbt_mesh.core.observer.episodes import MajorFault
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Waiting
 from mrbt_mesh.replay.report.model import Disagreement, Wait, WaitKind
 from mrbt_mesh.viewmodel.agreement import AgreementView
-from mrbt_mesh.viewmodel.why import candidates
+from mrbt_mesh.viewmodel.why import candidates, why_takeover
 
 MOST_CANDIDATES = 6
 
@@ -69,7 +69,7 @@ class Following:
         self._left.look({(r, ""): () for r, s in states.items() if s is State.LEFT}, now_us)
         for index, fault in enumerate(observer.record.major):
             if fault.replacement and fault.held and index not in self.takeovers:
-                self.takeovers[index] = _could(observer, fault.held, fault.replacement)
+                self.takeovers[index] = _could(observer, fault)
 
     def end(self, now_us: int) -> None:
         """The run is over: what holds, held until now."""
@@ -113,13 +113,14 @@ def _awaited(observer: Observer, waiting: Waiting) -> tuple[str, ...]:
     )
 
 
-def _could(observer: Observer, held: Claim, replacement: str) -> str:
-    """Who could take it over, and how things stood with each of them."""
-    found = candidates(observer, held.activation, held.local_task)
+def _could(observer: Observer, fault: MajorFault) -> str:
+    """Who could take over what it held, and how things stood with each of them."""
+    groups = why_takeover(observer, fault)["groups"]
+    found = [each for group in groups for each in group["candidates"]]
     texts = []
     for each in found[:MOST_CANDIDATES]:
-        number = "no bid" if each.performance is None else f"performance {each.performance:g}"
-        reason = "has taken over" if each.robot == replacement else each.reason
-        texts.append(f"{each.robot} ({number}) {reason}")
+        bid = each["performance"]
+        number = "no bid" if bid is None else f"performance {bid:g}"
+        texts.append(f"{each['robot']} ({number}) {each['reason']}")
     more = len(found) - len(texts)
     return "; ".join(texts) + (f"; and {more} more" if more > 0 else "")

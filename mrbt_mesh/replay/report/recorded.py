@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-from mrbt_mesh.core.membership.peer import Peer
 from mrbt_mesh.core.observer.run_record import RunRecord
-from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.core.observer.work_log import WorkEnd, WorkSpan
 from mrbt_mesh.recording.reader import Recording
 from mrbt_mesh.replay.player import Player
@@ -22,6 +20,7 @@ from mrbt_mesh.replay.report.model import (
     WaitKind,
     milliseconds,
 )
+from mrbt_mesh.replay.report.told import seconds
 
 AGREED = "until all had agreed on the plan"
 NOT_READY = "its partners were not there yet"
@@ -37,7 +36,7 @@ def report_recording(
     """Play the recording once and count; `told` is the run's summary, if there is one. `takeovers`
     in it may have no `at_s`, where its times count from something else.
 
-    Raises RecordingError for a recording that is damaged.
+    Raises RecordingError for a recording that is damaged; for a strange summary as `told`.
     """
     player, following = Player(recording), Following()
     record = player.observer.record
@@ -45,11 +44,10 @@ def report_recording(
         player.seek(at_us)
         if record.ended_us is None:
             following.look(player.observer, at_us)
-    observer = player.observer
     end_us = player.end_us if record.ended_us is None else record.ended_us
     following.end(end_us)
-    result = observer.result(anybody_lives=any(p.state.is_live for p in _peers(player)))
-    summary = run_summary(record, result, player.end_us)
+    summary = player.summary()
+    result = summary["result"]
     robot = recording.metadata.robot
     notes = [f"as {robot} saw it; what others reported of their plans is in run.mcap"] * bool(robot)
     if record.major and told is None:
@@ -76,10 +74,6 @@ def report_recording(
         None if robot else following.differences(start_us),
         notes=tuple(notes),
     )
-
-
-def _peers(player: Player) -> Iterable[Peer]:
-    return player.observer.membership.peers.values()
 
 
 def _work(span: WorkSpan, start_us: int, end_us: int) -> ReportedWork:
@@ -134,19 +128,19 @@ def _faults(
     for index, fault in enumerate(record.major):
         known = exact.get(fault.robot, [])
         timed = known.pop(0) if known else {}
-        at_s = timed.get("at_s")
+        at_s, detected_s = seconds(timed.get("at_s")), seconds(timed.get("detected_s"))
         if at_s is None:
             # The word of it came when it was detected.
             word_s = record.seconds(fault.at_us) or 0.0
-            at_s = max(0.0, word_s - (timed.get("detected_s") or 0.0))
+            at_s = max(0.0, word_s - (detected_s or 0.0))
         major.append(
             ReportedFault(
                 fault.robot,
                 at_s,
                 record.seconds(fault.until_us),
                 (),
-                milliseconds(timed.get("detected_s")),
-                milliseconds(timed.get("reassigned_s")),
+                milliseconds(detected_s),
+                milliseconds(seconds(timed.get("reassigned_s"))),
                 fault.held.local_task if fault.held else None,
                 fault.replacement,
                 following.takeovers.get(index, ""),

@@ -1,4 +1,7 @@
-"""The figures of what `mrbt sim`, `up`, `drill` and `chaos` tell with --json."""
+"""The figures of what `mrbt sim`, `up`, `drill` and `chaos` tell with --json.
+
+All raise KeyError, TypeError, ValueError or AttributeError for what is none of it.
+"""
 
 from __future__ import annotations
 
@@ -15,46 +18,51 @@ from mrbt_mesh.replay.report.model import (
     milliseconds,
 )
 
+# As long as no run is: what is longer was not told by a command.
+MOST_S = 1e9
 NO_RECORDING = "from a summary: who worked when, and who waited, is in the run's recording"
 
 
 def report_summary(told: Mapping[str, Any], title: str) -> RunReport:
-    """A run's summary; raises KeyError, TypeError or ValueError for what is none."""
+    """A run's summary."""
     minor = [
         ReportedFault(
-            each["robot"], float(each["at_s"] or 0), each["until_s"], tuple(each["local_tasks"])
+            str(each["robot"]),
+            seconds(each["at_s"]) or 0.0,
+            seconds(each["until_s"]),
+            _names(each["local_tasks"]),
         )
         for each in told["faults"]
         if each["kind"] == "minor"
     ]
-    until = [each["until_s"] for each in told["faults"] if each["kind"] == "major"]
+    until = [seconds(each["until_s"]) for each in told["faults"] if each["kind"] == "major"]
     order = sorted(told["takeovers"], key=lambda each: (each["at_s"] or 0, each["robot"]))
     major = [_takeover(each, end) for each, end in zip(order, until, strict=True)]
     return RunReport(
         title,
         str(told["mission"]),
         str(told["result"]),
-        float(told["duration_s"] or 0),
+        seconds(told["duration_s"]) or 0.0,
         tuple(
             RobotUse(name, str(each["type"] or ""), str(each["state"] or ""), 0.0, 0.0, 0.0, 0)
             for name, each in told["robots"].items()
         ),
         tuple(sorted([*major, *minor], key=lambda fault: (fault.at_s, fault.robot))),
         tuple(
-            TaskEnd(name, str(task["status"]), tuple(task["robots"]))
+            TaskEnd(name, str(task["status"]), _names(task["robots"]))
             for name, task in told["global_tasks"].items()
         ),
-        notes=(NO_RECORDING, *map(str, told.get("violations", ()))),
+        notes=(NO_RECORDING, *_names(told.get("violations", ()))),
     )
 
 
 def report_drill(told: Mapping[str, Any], title: str) -> RunReport:
-    """One run of `mrbt drill --json`, from what was told alone; raises as `report_summary`."""
+    """One run of `mrbt drill --json`, from what was told alone."""
     return RunReport(
         title,
         str(told["drill"]),
         str(told["result"] or told["verdict"]),
-        float(told["duration_s"]),
+        seconds(told["duration_s"]) or 0.0,
         faults=tuple(_takeover(each, None) for each in told["takeovers"]),
         verdict=str(told["verdict"]),
         expectations=drill_expectations(told),
@@ -71,25 +79,38 @@ def drill_expectations(told: Mapping[str, Any]) -> tuple[Expectation, ...]:
 
 
 def report_campaign(told: Mapping[str, Any], title: str) -> CampaignReport:
-    """What `mrbt chaos --json` tells; raises as `report_summary`."""
+    """What `mrbt chaos --json` tells."""
     return CampaignReport(
         title,
         int(told["seeds"]),
-        float(told["took_s"]),
+        seconds(told["took_s"]) or 0.0,
         {str(name): int(count) for name, count in told["results"].items()},
         {str(name): int(count) for name, count in told["checks"].items()},
-        {int(each["seed"]): tuple(map(str, each["violations"])) for each in told["failures"]},
+        {int(each["seed"]): _names(each["violations"]) for each in told["failures"]},
     )
 
 
 def _takeover(told: Mapping[str, Any], until_s: float | None) -> ReportedFault:
     return ReportedFault(
         str(told["robot"]),
-        float(told["at_s"] or 0),
+        seconds(told["at_s"]) or 0.0,
         until_s,
         (),
-        milliseconds(told["detected_s"]),
-        milliseconds(told["reassigned_s"]),
-        told["held"],
-        told["replacement"],
+        milliseconds(seconds(told["detected_s"])),
+        milliseconds(seconds(told["reassigned_s"])),
+        None if told["held"] is None else str(told["held"]),
+        None if told["replacement"] is None else str(told["replacement"]),
     )
+
+
+def seconds(told: Any) -> float | None:
+    """A time as it was told; raises TypeError or ValueError for what is none."""
+    if told is None:
+        return None
+    if not isinstance(told, int | float) or not abs(told) <= MOST_S:
+        raise ValueError(f"{told!r} is no time in seconds")
+    return float(told)
+
+
+def _names(told: Any) -> tuple[str, ...]:
+    return tuple(map(str, told))

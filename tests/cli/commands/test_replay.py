@@ -38,7 +38,8 @@ def test_what_happened_as_lines(folder: Path) -> None:
     assert later == [line for line in lines if float(line.split()[0]) >= 1]
 
 
-def test_a_time_behind_the_end(folder: Path) -> None:
-    code, _, problems = mrbt("replay", str(folder / "run.mcap"), "--at", "9999", "--json")
-    assert code == 2
+@pytest.mark.parametrize("more", [("--json",), ()])
+def test_a_time_behind_the_end(folder: Path, more: tuple[str, ...]) -> None:
+    code, output, problems = mrbt("replay", str(folder / "run.mcap"), "--at", "9999", *more)
+    assert (code, output) == (2, "")
     assert "--at 9999: the recording ends at" in problems

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from pathlib import Path
 from xml.etree import ElementTree
@@ -98,6 +99,8 @@ def test_drills_and_chaos(folder: Path) -> None:
         ("{}", "is not what `mrbt sim`"),
         ('{"green": 1, "runs": [3]}', "is not what `mrbt sim`"),
         ('{"seeds": 1, "checks": 3}', "is not what `mrbt sim`"),
+        ('{"duration_s": NaN}', "is neither a recording (.mcap) nor JSON"),
+        ('{"mission": "\\ud800"}', "is neither a recording (.mcap) nor JSON"),
     ],
 )
 def test_what_is_no_finding_ends_with_status_2(tmp_path: Path, content: str, problem: str) -> None:
@@ -107,6 +110,22 @@ def test_what_is_no_finding_ends_with_status_2(tmp_path: Path, content: str, pro
     assert (code, output) == (2, "")
     assert "told.json" in problems
     assert problem in " ".join(problems.split())
+
+
+def test_of_a_run_that_was_gone_on_with_the_last_part_is_reported(
+    folder: Path, tmp_path: Path
+) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(folder / "run", run)
+    (run / "summary.json").unlink()
+    first = (run / "run.mcap").read_bytes()
+    (run / "run.2.mcap").write_bytes(first[: len(first) // 2])
+    os.utime(run / "run.2.mcap", (1, 1))
+    results = []
+    for newest in ("run.mcap", "run.2.mcap"):
+        os.utime(run / newest)
+        results.append(json.loads(mrbt("report", str(run), "--json")[1])["runs"][0]["result"])
+    assert results == ["success", "timeout"]
 
 
 def test_what_cannot_be_read_or_written_ends_with_status_2(folder: Path, tmp_path: Path) -> None:

@@ -44,6 +44,21 @@ def test_a_summary() -> None:
     assert report.to_json()["robots"][0]["utilisation"] is None
 
 
+@pytest.mark.parametrize("strange", ["x", [1], 1e300, 10**400, float("nan")])
+@pytest.mark.parametrize("field", ["at_s", "detected_s", "reassigned_s"])
+def test_what_is_no_time_is_refused(field: str, strange: Any) -> None:
+    with pytest.raises((TypeError, ValueError)):
+        report_summary({**SUMMARY, "takeovers": [{**TAKEOVER, field: strange}]}, "here")
+
+
+def test_names_are_text() -> None:
+    tasks = {"look": {"status": 1, "robots": [2]}}
+    takeover = {**TAKEOVER, "held": 3, "replacement": 4}
+    report = report_summary({**SUMMARY, "global_tasks": tasks, "takeovers": [takeover]}, "here")
+    assert (report.tasks[0].status, report.tasks[0].robots) == ("1", ("2",))
+    assert (report.deaths[0].held, report.deaths[0].replacement) == ("3", "4")
+
+
 def test_a_drill() -> None:
     told = {
         "drill": "kill",
