@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import socket
-import subprocess
-import sys
 import threading
 from urllib.request import Request, urlopen
 
@@ -26,6 +24,7 @@ from mrbt_mesh.runtime.metrics.server import (
     serving,
 )
 from mrbt_mesh.runtime.metrics.team_page import team_page
+from tests.support.extras import said_without
 from tests.support.metered import MeteredTeam
 
 OPENMETRICS = "application/openmetrics-text; version=1.0.0"
@@ -125,14 +124,7 @@ def test_a_loop_that_hangs_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_without_the_library_it_is_said_how_to_get_it() -> None:
-    program = (
-        "import sys; sys.modules['prometheus_client'] = None\n"
-        "from mrbt_mesh.errors import InputError\n"
-        "from mrbt_mesh.runtime.metrics.server import metrics_app\n"
-        "try: metrics_app(list)\n"
-        "except InputError as error: print(error)\n"
+    said = said_without(
+        "prometheus_client", "mrbt_mesh.runtime.metrics.server", "metrics_app(list)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-    assert "pip install 'mrbt-mesh[metrics]'" in done.stdout
+    assert "pip install 'mrbt-mesh[metrics]'" in said
