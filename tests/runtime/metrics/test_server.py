@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import socket
 import threading
 from urllib.request import Request, urlopen
@@ -95,6 +96,30 @@ def test_who_connects_and_says_nothing_holds_up_others_only_for_a_while(
         socket.create_connection((LOCALHOST, port)),
     ):
         assert "mrbt_g" in fetch(port)[0]
+
+
+def test_who_says_a_byte_now_and_then_holds_up_others_and_the_end_only_for_a_while(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(server, "WHOLE_REQUEST_S", 0.2, raising=False)
+    is_over = threading.Event()
+
+    def say_slowly(connection: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            for _ in range(500):  # ten seconds, or until it is cut off
+                connection.sendall(b"G")
+                if is_over.wait(0.02):
+                    return
+
+    with socket.socket() as slow:
+        with serving(MetricsAddress(0), metrics_app(families)) as port:
+            slow.connect((LOCALHOST, port))
+            talking = threading.Thread(target=say_slowly, args=(slow,))
+            talking.start()
+            with urlopen(f"http://{LOCALHOST}:{port}/metrics", timeout=5) as answer:
+                assert b"mrbt_g" in answer.read()
+        is_over.set()
+        talking.join()
 
 
 async def test_families_are_read_in_the_loop() -> None:
