@@ -12,6 +12,7 @@ READY := $(VENV)/.ready
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
+	@echo "make setup           .venv with everything from requirements.lock, as the others do first"
 	@echo "make test            checks and tests"
 	@echo "make test-plain      the fast tests with MRBT_PLAIN=1: nothing but the plain definitions"
 	@echo "make test-long       the fast tests with 1,000 seeds of chaos and 1,000 examples each"

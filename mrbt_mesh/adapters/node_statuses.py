@@ -10,22 +10,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from mrbt_mesh.core.bt.evaluation import OwnFacts
-from mrbt_mesh.core.bt.evaluator import Evaluator, parallel_status
-from mrbt_mesh.core.bt.robot_tree import (
-    ASSIGN_AGENTS,
-    ASSIGNED,
-    CHECK_CONSISTENCY,
-    NEW_GLOBAL_TASK_EXECUTED,
-    assignment_tree,
-    local_tree,
-)
+from mrbt_mesh.core.bt.evaluator import parallel_status
+from mrbt_mesh.core.bt.robot_tree import local_tree
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, Tree, build_tree
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.viewmodel.own_trees import OwnTrees
 
 T_A, T_G, T_LI = "T_A", "T_G", "T_Li"
 
@@ -76,45 +68,26 @@ class RobotTrees:
     def __init__(self, mission: Mission, robot: str, capabilities: Mapping[str, int]) -> None:
         self.robot = robot
         self.title = f"T_i of {robot} ({mission.name})"
-        self._names = frozenset(type_name(name) for name in capabilities)
-        self._assignment = Evaluator(assignment_tree())
         self._global = GlobalTree(mission)
-        self._local = Evaluator(local_tree(self._names))
+        names = frozenset(type_name(name) for name in capabilities)
+        self._own = OwnTrees(robot, local_tree(names))
         parts = (
-            (T_A, self._assignment.tree.spec()),
+            (T_A, self._own.assignment.spec()),
             (T_G, mission.tree.spec()),
-            (T_LI, self._local.tree.spec()),
+            (T_LI, self._own.local.spec()),
         )
         children = tuple(NodeSpec(Kind.SUBTREE, (spec,), name) for name, spec in parts)
         spec = NodeSpec(Kind.PARALLEL, children, f"T_{robot}", limit=len(parts))
         self.tree = build_tree(spec)
 
     def statuses(self, observer: Observer) -> bytes:
-        """Those of T_A and T_Li as they follow from the facts; all idle unless the robot lives."""
-        plan = observer.plan
-        if plan is None or not observer.robot_state(self.robot).is_live:
+        """Those of T_A and T_Li as `OwnTrees` has them; all idle unless the robot lives."""
+        assignment, local = self._own.statuses(observer)
+        if not local[0]:
             return bytes(len(self.tree.nodes))
-        parts = (
-            self._assignment.evaluate(_assignment_facts(plan)).statuses,
-            self._global.statuses(observer),
-            self._local.evaluate(self._local_facts(observer)).statuses,
-        )
+        parts = assignment, self._global.statuses(observer), local
         whole = parallel_status(tuple(Status(part[0]) for part in parts), len(parts))
         return bytes([whole]) + b"".join(part[:1] + part for part in parts)
-
-    def _local_facts(self, observer: Observer) -> OwnFacts:
-        claim = observer.claim(self.robot)
-        if claim is None:
-            return OwnFacts(frozenset())
-        name = type_name(claim.local_task)
-        return OwnFacts(frozenset({ASSIGNED, f"{ASSIGNED}({name})"}))
-
-
-def _assignment_facts(plan: Plan) -> OwnFacts:
-    """What the leaves of T_A returned when this plan was made."""
-    holding = {NEW_GLOBAL_TASK_EXECUTED, *([CHECK_CONSISTENCY] if plan.consistent else [])}
-    solved = Status.SUCCESS if plan.feasible else Status.FAILURE
-    return OwnFacts(frozenset(holding), {ASSIGN_AGENTS: solved})
 
 
 def observed_tree(mission: Mission, robot: str | None) -> ObservedTree:

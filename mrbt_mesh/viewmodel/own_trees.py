@@ -1,8 +1,12 @@
-"""T_A and T_Li of one robot, with the statuses of their nodes as far as they can be seen."""
+"""T_A and T_Li of one robot, with the statuses of their nodes as far as they can be seen.
+
+A robot tells the others the statuses of the roots alone; the rest follows from the facts that all
+hold.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from mrbt_mesh.core.bt.evaluation import OwnFacts
@@ -11,7 +15,6 @@ from mrbt_mesh.core.bt.robot_tree import (
     ASSIGN_AGENTS,
     ASSIGNED,
     CHECK_CONSISTENCY,
-    LOCAL_TASK_FINISHED,
     NEW_GLOBAL_TASK_EXECUTED,
     assignment_tree,
     local_tree,
@@ -20,7 +23,54 @@ from mrbt_mesh.core.bt.tree import Status, Tree
 from mrbt_mesh.core.mission.mission import Mission, performance
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.viewmodel.mission_view import tree_view
+
+
+class OwnTrees:
+    """T_A and T_Li of one robot."""
+
+    def __init__(self, robot: str, local: Tree) -> None:
+        self._robot = robot
+        self._assignment = Evaluator(assignment_tree())
+        self._local = Evaluator(local)
+
+    @property
+    def assignment(self) -> Tree:
+        """T_A."""
+        return self._assignment.tree
+
+    @property
+    def local(self) -> Tree:
+        """T_Li, as it was given."""
+        return self._local.tree
+
+    def statuses(self, observer: Observer) -> tuple[bytes, bytes]:
+        """T_A's as of the last plan, T_Li's as of the robot's claim; all idle unless it lives.
+
+        Inside a local task that is a tree of its own nothing is seen.
+        """
+        plan = observer.plan
+        if plan is None or not observer.robot_state(self._robot).is_live:
+            return bytes(len(self.assignment.nodes)), bytes(len(self.local.nodes))
+        assignment = self._assignment.evaluate(_assignment_facts(plan))
+        local = self._local.evaluate(_local_facts(observer, self._robot))
+        return assignment.statuses, local.statuses
+
+
+def _assignment_facts(plan: Plan) -> OwnFacts:
+    """What the leaves of T_A returned when this plan was made."""
+    holding = {NEW_GLOBAL_TASK_EXECUTED, *([CHECK_CONSISTENCY] if plan.consistent else [])}
+    solved = Status.SUCCESS if plan.feasible else Status.FAILURE
+    return OwnFacts(frozenset(holding), {ASSIGN_AGENTS: solved})
+
+
+def _local_facts(observer: Observer, robot: str) -> OwnFacts:
+    claim = observer.claim(robot)
+    if claim is None:
+        return OwnFacts(frozenset())
+    names = {claim.local_task, type_name(claim.local_task)}
+    return OwnFacts(frozenset({ASSIGNED, *(f"{ASSIGNED}({name})" for name in names)}))
 
 
 def local_tree_of(mission: Mission, capabilities: Mapping[str, int]) -> Tree:
@@ -33,29 +83,12 @@ def local_tree_of(mission: Mission, capabilities: Mapping[str, int]) -> Tree:
 
 
 def own_trees(observer: Observer, robot: str) -> dict[str, Any]:
-    """`T_A` and `T_Li`: nodes and statuses. Raises KeyError for a robot without a description.
-
-    T_A's as of the last plan; inside a local task that is a tree of its own nothing is seen.
-    """
+    """`T_A` and `T_Li`: nodes and statuses. Raises KeyError for a robot without a description."""
     member = observer.facts.members[robot].member
-    plan, claim = observer.plan, observer.claim(robot)
-    holding: set[str] = {LOCAL_TASK_FINISHED, NEW_GLOBAL_TASK_EXECUTED}
-    assigning = Status.RUNNING
-    if plan is not None:
-        holding |= {CHECK_CONSISTENCY} if plan.consistent else set()
-        assigning = Status.SUCCESS if plan.feasible else Status.FAILURE
-    tree = local_tree_of(observer.mission, member.capabilities)
-    assigned: set[str] = set()
-    if claim is not None:
-        names = {claim.local_task, type_name(claim.local_task)}
-        assigned = {ASSIGNED, *(f"{ASSIGNED}({name})" for name in names)}
+    trees = OwnTrees(robot, local_tree_of(observer.mission, member.capabilities))
+    assignment, local = trees.statuses(observer)
     return {
         "robot": robot,
-        "T_A": _evaluated(assignment_tree(), holding, {ASSIGN_AGENTS: assigning}),
-        "T_Li": _evaluated(tree, assigned, {}),
+        "T_A": {"tree": tree_view(trees.assignment), "statuses": list(assignment)},
+        "T_Li": {"tree": tree_view(trees.local), "statuses": list(local)},
     }
-
-
-def _evaluated(tree: Tree, holding: Iterable[str], actions: dict[str, Status]) -> dict[str, Any]:
-    evaluation = Evaluator(tree).evaluate(OwnFacts(frozenset(holding), actions))
-    return {"tree": tree_view(tree), "statuses": list(evaluation.statuses)}

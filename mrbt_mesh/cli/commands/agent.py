@@ -97,8 +97,8 @@ def agent(
             f"`mrbt keys init DIR --robots {robot.robot},...` and copied to every robot, "
             "or --insecure to believe whoever reaches this robot's port"
         )
-    if robot.record_beats and robot.record is None:
-        raise InputError("--record-beats needs the --record of which they are a part")
+    if robot.record is None:
+        given.refuse(["--record-beats"], "of a recording: give --record as well")
     wanted = RobotStart(
         robot.mission,
         robot.robot,

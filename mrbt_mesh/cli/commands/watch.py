@@ -11,7 +11,6 @@ from mrbt_mesh.cli.options import RecordBeatsOption
 from mrbt_mesh.cli.team.metrics_options import MetricsOptions
 from mrbt_mesh.cli.team.options import TeamOptions
 from mrbt_mesh.cli.team.show_options import ShowOptions
-from mrbt_mesh.errors import InputError
 
 
 def watch(
@@ -42,8 +41,8 @@ def watch(
     from mrbt_mesh.runtime.team import Team
 
     export.check()
-    if record_beats and record is None:
-        raise InputError("--record-beats needs the --record of which they are a part")
+    if record is None:
+        given.refuse(["--record-beats"], "of a recording: give --record as well")
     address = team.find(given)
     found = address.run_dir
     processes = Team(found, found.info(), address.mission) if found is not None else None

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import signal
+import sys
 
 import anyio
 import click
 
 from mrbt_mesh.cli.framework.exits import SUCCESS
+from mrbt_mesh.cli.framework.terminal import print_json
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.team_address import TeamAddress
@@ -15,15 +17,19 @@ from mrbt_mesh.runtime.watcher import watching
 from mrbt_mesh.web.server import PageOptions, follow, serving
 
 
-async def serve(address: TeamAddress, options: PageOptions) -> int:
-    """Serve the page until SIGINT or SIGTERM; raises TransportError or InputError."""
+async def serve(address: TeamAddress, options: PageOptions, as_json: bool) -> int:
+    """Serve the page until SIGINT or SIGTERM; says where. Raises TransportError or InputError."""
     found = address.run_dir
     team = Team(found, found.info(), address.mission) if found is not None else None
     async with watching(address) as watcher, serving(watcher, team, options) as (shown, feed):
         if team is not None and not team.living():
             # It is over: what its journals hold is all there is to see.
             team.result(watcher.observer, boottime_us())
-        click.echo(f"page: {shown}")
+        if as_json:
+            print_json({"page": shown})
+        else:
+            click.echo(f"page: {shown}")
+        sys.stdout.flush()
         async with anyio.create_task_group() as group:
             group.start_soon(follow, watcher, feed)
             if team is not None:

@@ -3,8 +3,9 @@
 1. *Suspect*: nothing was heard of it for half of its silence limit, or its liveliness token is
    gone. While it is silent it is also *probed*: all who hear it, and it itself, send heartbeats
    faster, so that news may come by another way (SWIM's indirect probe).
-2. *Dead*: nothing was heard of it for its whole silence limit, or all others in good standing lost
-   its token too. If another robot has declared it dead, half of the limit is enough.
+2. *Dead*: nothing was heard of it for its whole silence limit, or all others in good standing that
+   judge it lost its token too. If another robot has declared it dead, half of the limit is enough;
+   in a large team nothing more is waited for if its token is gone here as well.
 
 The silence limit follows from how regularly news of this robot came so far (`ArrivalHistory`,
 `Timing.silence_limit_us`). When most robots fall silent together, the fault is probably here, and

@@ -31,13 +31,9 @@ from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.runtime.metrics.families import Distribution
-
-# What a name stands for that the mission does not have: labels must stay few.
-OTHER = "other"
-
+from mrbt_mesh.runtime.metrics.labels import robot_label, task_label
 
 REPLY = "reply"
 
@@ -97,15 +93,6 @@ class Meter:
         self._agrees: bool | None = None
         self.agreed_since_s = 0.0
 
-    def robot_label(self, name: str) -> str:
-        """A robot's name, if the mission lists it."""
-        return name if name in self.mission.robots else OTHER
-
-    def task_label(self, local_task: str) -> str:
-        """The type of a local task, if the mission has it."""
-        name = type_name(local_task)
-        return name if name in self.mission.local_tasks else OTHER
-
     # -- what passes the driver ---------------------------------------------------------------
 
     def take(self, event: Input) -> None:
@@ -145,10 +132,10 @@ class Meter:
     def _wrote(self, entry: Entry) -> None:
         match entry.record:
             case Claim(_, _, local_task, phase):
-                self.claims[self.task_label(local_task), phase.name.lower()] += 1
+                self.claims[task_label(self.mission, local_task), phase.name.lower()] += 1
             case Outcome(success):
                 result = "success" if success else "failure"
-                self.outcomes[self.task_label(entry.parts[2]), result] += 1
+                self.outcomes[task_label(self.mission, entry.parts[2]), result] += 1
             case _:
                 pass
 
@@ -157,7 +144,7 @@ class Meter:
             self.fencings += 1
         elif event in ("robot_suspect", "robot_dead"):
             counter = self.suspicions if event == "robot_suspect" else self.deaths
-            counter[self.robot_label(str(fields["robot"]))] += 1
+            counter[robot_label(self.mission, str(fields["robot"]))] += 1
 
     # -- what is looked at regularly ----------------------------------------------------------
 

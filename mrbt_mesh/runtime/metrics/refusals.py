@@ -6,7 +6,8 @@ import re
 from collections import Counter
 from collections.abc import Mapping
 
-from mrbt_mesh.runtime.metrics.meter import OTHER, Meter
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.runtime.metrics.labels import OTHER, robot_label
 
 # In this order; what fits none of them is malformed.
 _CLASSES = (
@@ -27,10 +28,10 @@ def reason_class(reason: str) -> str:
     return next((name for name, text in _CLASSES if re.search(text, reason)), MALFORMED)
 
 
-def refusals_by_class(meter: Meter, refused: Mapping[str, int]) -> Counter[tuple[str, str]]:
+def refusals_by_class(mission: Mission, refused: Mapping[str, int]) -> Counter[tuple[str, str]]:
     """(source, class) -> how many, of what `AgentView.refused` counts."""
     found: Counter[tuple[str, str]] = Counter()
     for text, count in refused.items():
         source, _, reason = text.partition(": ")
-        found[meter.robot_label(source), reason_class(reason) if reason else OTHER] += count
+        found[robot_label(mission, source), reason_class(reason) if reason else OTHER] += count
     return found

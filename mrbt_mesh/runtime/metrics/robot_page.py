@@ -19,6 +19,7 @@ from mrbt_mesh.runtime.metrics.families import (
     one_of,
     single,
 )
+from mrbt_mesh.runtime.metrics.labels import robot_label, task_label
 from mrbt_mesh.runtime.metrics.meter import Meter, Traffic
 from mrbt_mesh.runtime.metrics.refusals import refusals_by_class
 
@@ -74,7 +75,7 @@ def _work(view: AgentView, meter: Meter) -> Iterator[Family]:
     yield labelled(COUNTER, "mrbt_outcomes", text, ("local_task", "result"), meter.outcomes.items())
     running: dict[Labels, float] = {}
     if action is not None:
-        running[(meter.task_label(action.local_task),)] = time.monotonic() - meter.started_s
+        running[(task_label(view.mission, action.local_task),)] = time.monotonic() - meter.started_s
     text = "For how long the local task has been running that runs now; none: no sample."
     yield labelled(GAUGE, "mrbt_local_task_running_seconds", text, ("local_task",), running.items())
 
@@ -101,7 +102,7 @@ def _team(view: AgentView, meter: Meter) -> Iterator[Family]:
     dead: Counter[Labels] = Counter({(robot,): 0 for robot in view.mission.robots})
     dead.pop((view.robot,), None)
     for robot, peer in view.peers.items():
-        dead[(meter.robot_label(robot),)] += peer.state is State.DEAD
+        dead[(robot_label(view.mission, robot),)] += peer.state is State.DEAD
     text = "Whether this robot holds another one for dead (`other`: how many that are not listed)."
     yield labelled(GAUGE, "mrbt_peer_dead", text, ("peer",), dead.items())
     for counts, name, text in (
@@ -120,7 +121,7 @@ def _messages(view: AgentView, meter: Meter) -> Iterator[Family]:
         yield from _traffic(traffic, way, text)
     text = "Messages that were refused, by where they said they came from, and why."
     labels = ("source", "reason")
-    refused = refusals_by_class(meter, view.refused)
+    refused = refusals_by_class(view.mission, view.refused)
     yield labelled(COUNTER, "mrbt_refused_messages", text, labels, refused.items())
     text = "Messages that were dropped because too many waited."
     yield single(COUNTER, "mrbt_inbox_dropped_messages", text, float(meter.dropped))

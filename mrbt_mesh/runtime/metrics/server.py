@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import asyncio
 import concurrent.futures
+import socket
 import socketserver
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 LOOP_TIMEOUT_S = 2.0
 REQUEST_TIMEOUT_S = 2.0
+# However steadily somebody talks or reads: a page that waits for the loop has time to be told.
+WHOLE_REQUEST_S = LOOP_TIMEOUT_S + REQUEST_TIMEOUT_S
 # How often the server looks whether it is to end, which is waited for.
 END_LOOK_S = 0.1
 LOCALHOST = "127.0.0.1"
@@ -128,8 +131,22 @@ class _Server(WSGIServer):
         self.server_name, self.server_port = str(self.server_address[0]), self.server_address[1]
         self.setup_environ()
 
+    def finish_request(self, request: Any, client_address: Any) -> None:
+        timer = threading.Timer(WHOLE_REQUEST_S, _cut_off, (request,))
+        timer.daemon = True
+        timer.start()
+        try:
+            super().finish_request(request, client_address)
+        finally:
+            timer.cancel()
+
     def handle_error(self, request: Any, client_address: Any) -> None:
         pass  # whoever asked has gone, or says nothing
+
+
+def _cut_off(connection: socket.socket) -> None:
+    with suppress(OSError):
+        connection.shutdown(socket.SHUT_RDWR)
 
 
 @contextmanager

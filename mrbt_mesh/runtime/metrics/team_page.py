@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 from mrbt_mesh.core.bt.tree import Kind, Status
 from mrbt_mesh.core.facts.records import Outcome
-from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.task_log import TaskState
 from mrbt_mesh.runtime.metrics.families import (
@@ -19,7 +18,7 @@ from mrbt_mesh.runtime.metrics.families import (
     one_of,
     single,
 )
-from mrbt_mesh.runtime.metrics.meter import OTHER
+from mrbt_mesh.runtime.metrics.labels import robot_label, task_label
 from mrbt_mesh.runtime.metrics.robot_page import STATES, STATUSES, requests_by_state
 
 GAUGE, COUNTER, HISTOGRAM = FamilyKind.GAUGE, FamilyKind.COUNTER, FamilyKind.HISTOGRAM
@@ -44,9 +43,8 @@ def _robots(observer: Observer) -> Iterator[Family]:
     for robot in observer.robots():
         claim = observer.claim(robot)
         if claim is not None:
-            who = robot if robot in mission.robots else OTHER
-            task = type_name(claim.local_task)
-            working[(who, task if task in mission.local_tasks else OTHER)] += 1
+            task = task_label(mission, claim.local_task)
+            working[(robot_label(mission, robot), task)] += 1
     yield labelled(GAUGE, "mrbt_team_robot_working", text, ("robot", "local_task"), working.items())
     text = "Whether all robots in good standing report the same plan."
     yield single(GAUGE, "mrbt_team_agreement", text, float(observer.agreement))
@@ -72,9 +70,8 @@ def _mission(observer: Observer) -> Iterator[Family]:
     outcomes: Counter[Labels] = Counter()
     for entry in observer.facts.map:
         if isinstance(entry.record, Outcome):
-            task = type_name(entry.parts[2])
             result = "success" if entry.record.success else "failure"
-            outcomes[(task if task in mission.local_tasks else OTHER, result)] += 1
+            outcomes[(task_label(mission, entry.parts[2]), result)] += 1
     text = "Outcomes that the team remembers; those that matter no more are dropped."
     labels = ("local_task", "result")
     yield labelled(GAUGE, "mrbt_team_outcomes", text, labels, outcomes.items())

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from xml.etree import ElementTree
 
 import msgpack
@@ -12,6 +10,7 @@ import zmq
 
 from mrbt_mesh.adapters.groot2.serve import MAX_REQUEST_BYTES, listening
 from mrbt_mesh.errors import InputError
+from tests.support.extras import said_without
 from tests.support.groot2 import Desk, Monitor, monitoring, served
 
 
@@ -62,14 +61,7 @@ async def test_a_port_that_is_taken_is_said() -> None:
 
 
 def test_without_the_library_it_is_said_how_to_get_it() -> None:
-    program = (
-        "import sys; sys.modules['zmq'] = None\n"
-        "from mrbt_mesh.errors import InputError\n"
-        "from mrbt_mesh.adapters.groot2.serve import listening\n"
-        "try: listening('127.0.0.1', 0).__enter__()\n"
-        "except InputError as error: print(error)\n"
+    said = said_without(
+        "zmq", "mrbt_mesh.adapters.groot2.serve", "listening('127.0.0.1', 0).__enter__()"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-    assert "pip install 'mrbt-mesh[groot2]'" in done.stdout
+    assert "pip install 'mrbt-mesh[groot2]'" in said

@@ -148,5 +148,5 @@ def test_heartbeats_are_a_part_of_a_recording(started: list[Started]) -> None:
     words = ("agent", "--mission", EXPLORE, "--robot", "R1", "--insecure", "--record-beats")
     code, _, problems = mrbt(*words)
     assert code == 2
-    assert "--record-beats needs the --record of which they are a part" in problems
+    assert "--record-beats: of a recording: give --record as well" in problems
     assert not started

@@ -9,4 +9,4 @@ def test_heartbeats_are_a_part_of_a_recording() -> None:
     words = ("watch", "--mission", EXPLORE, "--timeout", "1", "--record-beats")
     code, output, problems = mrbt(*words)
     assert (code, output) == (2, "")
-    assert "--record-beats needs the --record of which they are a part" in problems
+    assert "--record-beats: of a recording: give --record as well" in problems

@@ -74,6 +74,25 @@ def test_a_verdict_of_another_robot_alone_kills_nobody() -> None:
     assert view["A"] is SUSPECT
 
 
+def test_in_a_large_team_it_is_enough_if_the_token_of_a_neighbour_is_gone_here_as_well() -> None:
+    names = [f"R{number}" for number in range(16)]
+    view = View(*names)
+    around = view.members.neighbourhood
+    gone = around.robots[0]
+    accuser = next(robot for robot in names if robot != gone)
+    view.hear(accuser, declares_dead=[gone])
+    assert view[gone] is ALIVE
+    view.lose_token(gone)
+    assert view[gone] is DEAD
+
+
+def test_in_a_small_team_each_hears_of_tokens_itself_and_all_must_have_lost_it() -> None:
+    view = View("A", "B", "C")
+    view.lose_token("A")
+    view.hear("B", declares_dead=["A"])
+    assert view["A"] is SUSPECT
+
+
 def test_half_of_the_limit_without_news_and_a_robot_is_probed() -> None:
     view = View("A", "B")
     view.ms = 499

@@ -9,7 +9,8 @@ from mrbt_mesh.core.engine import FASTEST
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.wire import MessageKind
-from mrbt_mesh.runtime.metrics.meter import OTHER, Meter
+from mrbt_mesh.runtime.metrics.labels import OTHER
+from mrbt_mesh.runtime.metrics.meter import Meter
 from tests.support.build import RUN, action, make_mission, sequence
 from tests.support.metered import MeteredTeam
 

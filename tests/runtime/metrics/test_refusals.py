@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.membership.authorship import NOT_AUTHENTIC
-from mrbt_mesh.runtime.metrics.meter import OTHER, Meter
+from mrbt_mesh.runtime.metrics.labels import OTHER
 from mrbt_mesh.runtime.metrics.refusals import MALFORMED, REASONS, reason_class, refusals_by_class
 from tests.support.build import action, make_mission, sequence
 from tests.support.paths import ROOT
@@ -67,7 +67,7 @@ def test_reasons(reason: str, expected: str) -> None:
 
 @given(st.dictionaries(st.text(max_size=40), st.integers(1, 9), max_size=30))
 def test_labels_stay_few_and_none_is_lost(refused: dict[str, int]) -> None:
-    found = refusals_by_class(Meter("A", MISSION), refused)
+    found = refusals_by_class(MISSION, refused)
     assert sum(found.values()) == sum(refused.values())
     for source, reason in found:
         assert source in {"A", "B", OTHER}
@@ -76,5 +76,5 @@ def test_labels_stay_few_and_none_is_lost(refused: dict[str, int]) -> None:
 
 def test_sources_of_the_mission_have_names() -> None:
     refused = {"B: said before": 2, "X: said before": 1, "others: too many to tell apart": 4}
-    found = refusals_by_class(Meter("A", MISSION), refused)
+    found = refusals_by_class(MISSION, refused)
     assert found == {("B", "replayed"): 2, (OTHER, "replayed"): 1, (OTHER, MALFORMED): 4}

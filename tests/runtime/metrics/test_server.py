@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import socket
-import subprocess
-import sys
 import threading
 from urllib.request import Request, urlopen
 
@@ -26,6 +25,7 @@ from mrbt_mesh.runtime.metrics.server import (
     serving,
 )
 from mrbt_mesh.runtime.metrics.team_page import team_page
+from tests.support.extras import said_without
 from tests.support.metered import MeteredTeam
 
 OPENMETRICS = "application/openmetrics-text; version=1.0.0"
@@ -98,6 +98,30 @@ def test_who_connects_and_says_nothing_holds_up_others_only_for_a_while(
         assert "mrbt_g" in fetch(port)[0]
 
 
+def test_who_says_a_byte_now_and_then_holds_up_others_and_the_end_only_for_a_while(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(server, "WHOLE_REQUEST_S", 0.2, raising=False)
+    is_over = threading.Event()
+
+    def say_slowly(connection: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            for _ in range(500):  # ten seconds, or until it is cut off
+                connection.sendall(b"G")
+                if is_over.wait(0.02):
+                    return
+
+    with socket.socket() as slow:
+        with serving(MetricsAddress(0), metrics_app(families)) as port:
+            slow.connect((LOCALHOST, port))
+            talking = threading.Thread(target=say_slowly, args=(slow,))
+            talking.start()
+            with urlopen(f"http://{LOCALHOST}:{port}/metrics", timeout=5) as answer:
+                assert b"mrbt_g" in answer.read()
+        is_over.set()
+        talking.join()
+
+
 async def test_families_are_read_in_the_loop() -> None:
     here, found = threading.get_ident(), []
 
@@ -125,14 +149,7 @@ def test_a_loop_that_hangs_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_without_the_library_it_is_said_how_to_get_it() -> None:
-    program = (
-        "import sys; sys.modules['prometheus_client'] = None\n"
-        "from mrbt_mesh.errors import InputError\n"
-        "from mrbt_mesh.runtime.metrics.server import metrics_app\n"
-        "try: metrics_app(list)\n"
-        "except InputError as error: print(error)\n"
+    said = said_without(
+        "prometheus_client", "mrbt_mesh.runtime.metrics.server", "metrics_app(list)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-    assert "pip install 'mrbt-mesh[metrics]'" in done.stdout
+    assert "pip install 'mrbt-mesh[metrics]'" in said
