@@ -15,9 +15,12 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """One Chromium for all tests; each opens windows of its own."""
+    """One Chromium for the tests of a file; each opens windows of its own.
+
+    It ends with the file: while it runs, no other event loop can run in this thread.
+    """
     with chromium() as found:
         yield found
 
