@@ -123,11 +123,8 @@ class TeamView:
     def _position(self, robot: str) -> dict[str, Any] | None:
         """Where it has said it is, last."""
         peer = self.observer.membership.peers.get(robot)
-        where = peer.heartbeat.position if peer is not None and peer.heartbeat else None
-        if where is None:
-            return None
-        heading = None if where.heading is None else where.heading / 1_000
-        return {"x": where.x / 1_000, "y": where.y / 1_000, "heading": heading}
+        where = peer.position if peer is not None else None
+        return where.in_units() if where is not None else None
 
     def _state(self, robot: str, peer: Peer | None) -> str:
         """As `State`, or `joining`, or `leaving`: it has said so and is still there."""
