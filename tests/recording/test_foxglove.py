@@ -16,6 +16,8 @@ from mrbt_mesh.recording import foxglove
 from mrbt_mesh.recording.foxglove import SCHEMAS, heading_of, read_schema, turned
 
 NUMBERS = st.floats(-1e6, 1e6)
+FITS_FRAME = fastjsonschema.compile(read_schema("FrameTransform"))
+FITS_SCENE = fastjsonschema.compile(read_schema("SceneUpdate"))
 TEXTS = st.text(max_size=8)
 
 
@@ -52,7 +54,7 @@ def test_a_frame_fits_the_schema(
 ) -> None:
     frame = foxglove.robot_frame(robot)
     made = foxglove.frame_transform(frame, x, y, heading, at_ns)
-    fastjsonschema.compile(read_schema("FrameTransform"))(json.loads(json.dumps(made)))
+    FITS_FRAME(json.loads(json.dumps(made)))
     at = made["timestamp"]
     assert at["sec"] * 1_000_000_000 + at["nsec"] == at_ns
     assert foxglove.robot_of(frame) == robot
@@ -73,17 +75,16 @@ SHAPES: dict[str, list[dict[str, Any]]] = {
 
 @pytest.mark.parametrize("kind", SHAPES)
 def test_a_shape_fits_the_schema_and_no_field_can_be_spared(kind: str) -> None:
-    fits = fastjsonschema.compile(read_schema("SceneUpdate"))
     for shape in SHAPES[kind]:
         for spared in (None, *shape):
             drawn = {key: value for key, value in shape.items() if key != spared}
             entity = foxglove.entity("A", foxglove.WORLD, {"a": "b"}, 7, **{kind: [drawn]})
             made = foxglove.scene_update([entity], ["B"], 7)
             if spared is None:
-                fits(made)
+                FITS_SCENE(made)
             else:
                 with pytest.raises(fastjsonschema.JsonSchemaValueException, match=spared):
-                    fits(made)
+                    FITS_SCENE(made)
 
 
 def test_colours_are_from_0_to_1() -> None:

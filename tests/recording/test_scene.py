@@ -25,6 +25,11 @@ GIVEN = {
 }
 MAPPED = replace(PLAIN, parameters={"map": GIVEN})
 
+FITS = {
+    CHANNELS[topic].name: fastjsonschema.compile(dict(CHANNELS[topic].schema))
+    for topic in (POSITIONS, SCENE)
+}
+
 places = st.builds(Position, st.integers(-9, 9), st.integers(-9, 9), st.none() | st.integers(-3, 3))
 seen = st.tuples(st.sampled_from("ABC"), st.sampled_from(list(State)), st.none() | places)
 
@@ -38,7 +43,7 @@ class Viewer:
 
     def take(self, messages: Iterable[tuple[str, Mapping[str, Any]]]) -> None:
         for topic, data in messages:
-            fastjsonschema.compile(dict(CHANNELS[topic].schema))(data)
+            FITS[CHANNELS[topic].name](data)
             if topic == POSITIONS:
                 self.frames[data["child_frame_id"]] = dict(data)
                 continue
