@@ -19,6 +19,7 @@ LINE_STRIP, LINE_LOOP = 0, 1
 MATCHING_ID = 0
 SECOND_NS = 1_000_000_000
 TEXT_PIXELS = 14
+DIGITS = 6
 
 Values: TypeAlias = "dict[str, Any]"
 
@@ -53,7 +54,9 @@ def vector(x: float, y: float, z: float = 0.0) -> Values:
 
 def turned(heading: float) -> Values:
     """The quaternion of a turn about the z axis, in radians."""
-    return {"x": 0.0, "y": 0.0, "z": math.sin(heading / 2), "w": math.cos(heading / 2)}
+    sine, cosine = math.sin(heading / 2), math.cos(heading / 2)
+    # Headings are thousandths; all digits would be a third of the text.
+    return {"x": 0.0, "y": 0.0, "z": round(sine, DIGITS), "w": round(cosine, DIGITS)}
 
 
 def heading_of(rotation: Mapping[str, float]) -> float:

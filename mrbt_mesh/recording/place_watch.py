@@ -25,7 +25,7 @@ class PlaceWatch:
             view.subscribe_to_plans(self._planned)
 
     def _facts(self, changes: Sequence[Change]) -> None:
-        self._has_changed = True
+        """A plan follows, if anything does."""
         for _, new in changes:
             if new is not None:
                 self._tasks.fact(new)

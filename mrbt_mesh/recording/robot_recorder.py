@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeAlias
 
 from mrbt_mesh.core.agent.effects import CancelAction, Effect, Log, Publish, StartAction, Stop
@@ -130,7 +130,7 @@ class RobotRecorder:
         """End the recording. Raises OSError."""
         self._writer.close()
 
-    def _write(self, messages: Iterator[_Message] | Sequence[_Message], now_us: int) -> None:
+    def _write(self, messages: Iterable[_Message], now_us: int) -> None:
         for topic, data in messages:
             self._writer.write(topic, now_us, data)
 

@@ -6,7 +6,7 @@ goes to another time of a recording, needs no earlier one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, TypeAlias
 
 from mrbt_mesh.core.membership.peer import State
@@ -87,8 +87,12 @@ class TeamScene:
             self._places = dict(states)
             self._is_map_due = True
 
-    def take(self, at_us: int) -> Iterator[_Message]:
+    def take(self, at_us: int) -> Iterable[_Message]:
         """The messages that follow from what was seen since."""
+        is_new = self._is_map_due or self._has_changed or self._moved
+        return self._messages(at_us) if is_new else ()
+
+    def _messages(self, at_us: int) -> Iterator[_Message]:
         at_ns = self._epoch_ns + at_us * 1_000
         if self._is_map_due and self._map is not None:
             self._is_map_due = False
