@@ -92,6 +92,8 @@ class Player:
             self._planned(data, at_us)
         elif record.topic in (channels.STATUSES, channels.ACTIONS):
             self._myself(at_us)
+        elif record.topic in (channels.SCENE, channels.POSITIONS):
+            self._placed()
         elif record.topic == channels.FAULTS and data["event"] == "dead":
             seen.verdict(data["robot"], read_incarnation(data["incarnation"]), at_us)
 
@@ -108,6 +110,12 @@ class Player:
         peers = self.observer.membership.peers.values()
         result = self.observer.result(anybody_lives=any(peer.state.is_live for peer in peers))
         return run_summary(self.observer.record, result, self.now_us)
+
+    def _placed(self) -> None:
+        """Robots are somewhere else; one that has left stays where it was seen last."""
+        for robot, peer in self.observer.membership.peers.items():
+            if peer.state is not State.LEFT:
+                peer.position = self.state.positions.get(robot)
 
     # -- the robots ---------------------------------------------------------------------------
 
@@ -138,6 +146,7 @@ class Player:
             timing = self.recording.metadata.timing
             history = ArrivalHistory.of_new_robot(timing)
             known = Peer(incarnation, report, at_us, history, NEVER_US, NEVER_US)
+            known.position = self.state.positions.get(robot)
             self.observer.membership.peers[robot] = known
         if "statuses" in data:
             statuses = tuple(int(Status[name.upper()]) for name in data["statuses"])

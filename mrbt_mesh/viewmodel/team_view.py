@@ -10,10 +10,10 @@ from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.formats.mission_map import place_states
 from mrbt_mesh.viewmodel.agreement import AgreementView
 from mrbt_mesh.viewmodel.changes import ChangeLog
 from mrbt_mesh.viewmodel.mission_view import in_units
-from mrbt_mesh.viewmodel.team_map import place_states
 from mrbt_mesh.viewmodel.timeline import TimelineView
 from mrbt_mesh.viewmodel.why import why_takeover
 
@@ -63,7 +63,8 @@ class TeamView:
         self._tasks(working)
         if observer.plan is not None:
             self._nodes(observer.plan, working)
-        for name, state in place_states(observer).items():
+        states = place_states(observer.facts, observer.record.task_log.has_succeeded)
+        for name, state in states.items():
             self.changes.put(f"place/{name}", state)
 
     def _team(self, agreement: dict[str, Any]) -> dict[str, Any]:
@@ -122,11 +123,8 @@ class TeamView:
     def _position(self, robot: str) -> dict[str, Any] | None:
         """Where it has said it is, last."""
         peer = self.observer.membership.peers.get(robot)
-        where = peer.heartbeat.position if peer is not None and peer.heartbeat else None
-        if where is None:
-            return None
-        heading = None if where.heading is None else where.heading / 1_000
-        return {"x": where.x / 1_000, "y": where.y / 1_000, "heading": heading}
+        where = peer.position if peer is not None else None
+        return where.in_units() if where is not None else None
 
     def _state(self, robot: str, peer: Peer | None) -> str:
         """As `State`, or `joining`, or `leaving`: it has said so and is still there."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
-from mrbt_mesh.cli.framework.declare import option
+from mrbt_mesh.cli.framework.declare import Given, option
 from mrbt_mesh.errors import InputError
 
 if TYPE_CHECKING:
@@ -38,6 +38,32 @@ class WebOptions:
         from mrbt_mesh.web.server import PageOptions
 
         return PageOptions(self.host, self.port, self.control)
+
+
+# Foxglove's own, which its dialog proposes.
+FOXGLOVE_PORT = 8765
+
+
+@dataclass(frozen=True)
+class FoxgloveOptions:
+    """Whether Foxglove is served as well, and where."""
+
+    foxglove: Annotated[
+        bool, option("Serve Foxglove live as well, as docs/recording.md says.", panel=PANEL)
+    ] = False
+    foxglove_port: Annotated[
+        int, option("Port for Foxglove; 0: a free one.", "PORT", panel=PANEL, least=0, most=65535)
+    ] = FOXGLOVE_PORT
+
+    def port(self, given: Given) -> int | None:
+        """The port, None without Foxglove; raises InputError without the extra."""
+        if not self.foxglove:
+            given.refuse(("--foxglove-port",), "of Foxglove: give --foxglove as well")
+            return None
+        from mrbt_mesh.adapters.foxglove import require_extra
+
+        require_extra()
+        return self.foxglove_port
 
 
 def has_extra() -> bool:

@@ -124,7 +124,7 @@ class Membership:
             if heartbeat is not None or self.neighbourhood.judges(robot):
                 self._take_news(peer, now_us)
         elif heartbeat is not None and report.number == peer.report.number:
-            peer.heartbeat = heartbeat
+            peer.heartbeat, peer.position = heartbeat, heartbeat.position
             return peer.state.is_live
         else:
             return False
@@ -147,7 +147,7 @@ class Membership:
 
     def _take_own_heartbeat(self, robot: str, peer: Peer, heartbeat: Heartbeat) -> None:
         """Only the robot itself takes back a lost token: a relay may be older than the loss."""
-        peer.heartbeat = heartbeat
+        peer.heartbeat, peer.position = heartbeat, heartbeat.position
         self.neighbourhood.heard(robot)
         if peer.state is State.DEAD and not self.neighbourhood.is_complete:
             self.news_changes += 1  # it, and others that it was with, may hold this one for dead

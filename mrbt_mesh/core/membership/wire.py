@@ -112,6 +112,11 @@ class Position:
     y: int
     heading: int | None = None
 
+    def in_units(self) -> dict[str, float | None]:
+        """In units of the map, and radians."""
+        heading = None if self.heading is None else self.heading / 1_000
+        return {"x": self.x / 1_000, "y": self.y / 1_000, "heading": heading}
+
 
 @dataclass(frozen=True, slots=True)
 class LeaseGrant:
