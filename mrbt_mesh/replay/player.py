@@ -6,7 +6,7 @@ The team is shown by an observer to which the recording is told, as messages wou
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from mrbt_mesh.core.assignment.solvers import default_solver
@@ -69,6 +69,11 @@ class Player:
 
     def seek(self, at_us: int) -> None:
         """Go to a time of the recording, forwards or back."""
+        for _ in self.play_to(at_us):
+            pass
+
+    def play_to(self, at_us: int) -> Iterator[None]:
+        """Go there record by record: whoever iterates can look at the team after each, or stop."""
         wanted = bisect_right(self._times, at_us)
         if wanted < self._next:
             self._rewind()
@@ -79,6 +84,8 @@ class Player:
                 self._play(record)
             except ValueError as error:
                 self._refuse(f"record {record.number}: {error}")
+            self.now_us = record.at_us
+            yield
         self.now_us = at_us
 
     def _play(self, record: RecordedMessage) -> None:

@@ -13,6 +13,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from mrbt_mesh.drills.control import OrderError
+from mrbt_mesh.viewmodel.team_view import TeamView
 from mrbt_mesh.web.app import STATIC, Page
 from mrbt_mesh.web.feed import Feed
 from mrbt_mesh.web.protection import hosts
@@ -52,7 +53,7 @@ def orders() -> Orders:
 
 def client(orders: Orders | None) -> TestClient:
     script, observer = watched(WELD)
-    feed = Feed(observer, lambda: script.team.now_us)
+    feed = Feed(TeamView(observer), lambda: script.team.now_us)
     feed.update()
     own_hosts = hosts(["127.0.0.1", "localhost", "::1"], 8000)
     page = Page(feed, own_hosts, orders, TOKEN)  # type: ignore[arg-type]
@@ -95,7 +96,9 @@ def test_every_answer_has_the_headers() -> None:
 
 def test_mission_why_and_trees() -> None:
     page = client(None)
-    assert page.get("/mission").json()["control"] is None
+    told = page.get("/mission").json()
+    assert (told["control"], told["recording"]) == (None, None)
+    assert page.post("/playback", content="{}", headers=GOOD).status_code == 404
     assert page.get("/why/robot/A").json()["sentence"].startswith("A does weld")
     assert "weld" in page.get("/why/task/weld").json()["sentence"]
     assert page.get("/trees/A").json()["T_Li"]["statuses"][0] == 1

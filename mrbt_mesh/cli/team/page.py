@@ -25,21 +25,27 @@ async def serve(address: TeamAddress, options: PageOptions, as_json: bool) -> in
         if team is not None and not team.living():
             # It is over: what its journals hold is all there is to see.
             team.result(watcher.observer, boottime_us())
-        if as_json:
-            print_json({"page": shown})
-        else:
-            click.echo(f"page: {shown}")
-        sys.stdout.flush()
+        say_page(shown, as_json)
         async with anyio.create_task_group() as group:
             group.start_soon(follow, watcher, feed)
             if team is not None:
                 group.start_soon(team.note_exits, watcher)
-            await _until_stopped()
+            await until_stopped()
             group.cancel_scope.cancel()
     return SUCCESS
 
 
-async def _until_stopped() -> None:
+def say_page(address: str, as_json: bool) -> None:
+    """Where the page is, for people or for programs."""
+    if as_json:
+        print_json({"page": address})
+    else:
+        click.echo(f"page: {address}")
+    sys.stdout.flush()
+
+
+async def until_stopped() -> None:
+    """Returns once SIGINT or SIGTERM has come."""
     with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
         async for _ in signals:
             return

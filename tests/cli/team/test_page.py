@@ -31,7 +31,7 @@ async def test_the_address_is_said(
         "watching": opened,
         "serving": opened,
         "follow": nothing,
-        "_until_stopped": nothing,
+        "until_stopped": nothing,
     }.items():
         monkeypatch.setattr(page, name, stub)
     address: Any = SimpleNamespace(run_dir=None)
