@@ -10,6 +10,7 @@ import click
 
 from mrbt_mesh.cli.framework.exits import SUCCESS
 from mrbt_mesh.cli.framework.terminal import print_json
+from mrbt_mesh.cli.team.joined_late import past_of
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.team_address import TeamAddress
@@ -21,7 +22,10 @@ async def serve(address: TeamAddress, options: PageOptions, as_json: bool) -> in
     """Serve the page until SIGINT or SIGTERM; says where. Raises TransportError or InputError."""
     found = address.run_dir
     team = Team(found, found.info(), address.mission) if found is not None else None
-    async with watching(address) as watcher, serving(watcher, team, options) as (shown, feed):
+    async with (
+        watching(address, tell_past=past_of(team)) as watcher,
+        serving(watcher, team, options) as (shown, feed),
+    ):
         if team is not None and not team.living():
             # It is over: what its journals hold is all there is to see.
             team.result(watcher.observer, boottime_us())

@@ -5,6 +5,7 @@ import { select } from "d3-selection";
 import { zoom, zoomIdentity } from "d3-zoom";
 import { byId, element, ms, seconds, setText } from "./text.mjs";
 
+const HATCH = 9;
 const LANE = 26, GUTTER = 74, RIGHT = 18, FOLLOWED_S = 40, MOST_ZOOM_S = 0.2, FRAME_S = 0.1;
 // As in the style sheet.
 const SEEN_SHARE = 0.42;
@@ -36,7 +37,7 @@ export class TimelineView {
     let isNew = false, isTaken = false;
     for (const key of keys) {
       const [kind, name] = split(key);
-      if (["work", "fault", "loss"].includes(kind)) {
+      if (["work", "fault", "loss", "unwatched"].includes(kind)) {
         isNew = true;
         isTaken ||= kind === "fault";
         this._addLane(this._store.get(key)?.robot);
@@ -111,9 +112,10 @@ export class TimelineView {
     if (inner.style.height !== `${whole}px`) inner.style.height = `${whole}px`;
     const context = this._fit(this._canvas, seen);
     context.translate(0, -this._top);
+    this._hits = [];
     this._paintAxis(now);
     this._paintLanes(context, now, height);
-    this._hits = [];
+    for (const time of this._store.all("unwatched").values()) this._paintUnwatched(context, time, height);
     for (const work of this._store.all("work").values()) this._paintWork(context, work, end);
     for (const loss of this._store.all("loss").values()) this._paintLoss(context, loss);
     for (const [name, fault] of this._store.all("fault")) this._paintFault(context, name, fault, end);
@@ -175,6 +177,24 @@ export class TimelineView {
     }
   }
 
+  // A time of which nothing is known: hatched, so that nobody takes it for idle.
+  _paintUnwatched(context, { from_s, to_s }, height) {
+    const from = Math.max(GUTTER, from_s === null ? GUTTER : this._x(from_s)), to = Math.min(this._width, this._x(to_s));
+    if (to - from < 1) return;
+    context.save();
+    context.beginPath(); context.rect(from, 0, to - from, height); context.clip();
+    context.strokeStyle = this._colours.idle;
+    context.globalAlpha = 0.4;
+    context.lineWidth = 1;
+    context.beginPath();
+    // The hatching keeps to the time, so that it moves with what it covers.
+    const first = this._x(to_s) - Math.ceil((this._x(to_s) - from + height) / HATCH) * HATCH;
+    for (let x = first; x < to; x += HATCH) { context.moveTo(x, height); context.lineTo(x + height, 0); }
+    context.stroke();
+    context.restore();
+    this._hits.push({ x: from, y: 0, wide: to - from, height, unwatched: true });
+  }
+
   // What is yet to come in a recording is pale.
   _paintAhead(context, now, height) {
     const x = Math.max(GUTTER, this._x(now));
@@ -199,6 +219,7 @@ export class TimelineView {
     context.globalAlpha = 0.35;
     if (begun > from) context.fillRect(from, y + height / 2 - 1.5, Math.max(0, Math.min(begun, to) - from), 3);
     context.globalAlpha = work.end === "dropped" ? 0.55 : 1;
+    if (work.older && from > GUTTER) this._paintOlder(context, from, y, height);
     if (work.running_s !== null) {
       const colour = { done: "success", failed: "failure", dropped: "idle", died: "idle" }[work.end] ?? "running";
       context.fillStyle = this._colours[colour];
@@ -217,6 +238,12 @@ export class TimelineView {
     }
     context.globalAlpha = 1;
     this._hits.push({ x: from, y, wide: Math.max(4, to - from), height, work });
+  }
+
+  // It began before it was watched: an arrow to where that may be.
+  _paintOlder(context, x, y, height) {
+    context.fillStyle = this._colours.muted;
+    context.beginPath(); context.moveTo(x - 8, y + height / 2); context.lineTo(x - 1, y + 2); context.lineTo(x - 1, y + height - 2); context.fill();
   }
 
   _paintLoss(context, loss) {
@@ -268,7 +295,7 @@ export class TimelineView {
   _listTakeovers() {
     const rows = [...this._store.all("fault")].sort((a, b) => a[1].at_s - b[1].at_s).map(([name, fault]) => element("li", {},
       element("button", { type: "button", "data-fault": name, onclick: () => this._chooseFault(name, fault) },
-        element("b", {}, `${fault.robot} died at ${seconds(fault.at_s)}`), ` · ${faultNumbers(fault)}`,
+        element("b", {}, `${fault.robot} died ${fault.older ? "before" : "at"} ${seconds(fault.at_s)}`), ` · ${faultNumbers(fault)}`,
         fault.replacement ? ` by ${fault.replacement} (${fault.held})` : fault.held ? ` (${fault.held})` : "")));
     byId("takeovers").replaceChildren(...rows);
   }
@@ -384,8 +411,8 @@ export class TimelineView {
     const tip = byId("tip"), hit = this._hitAt(event);
     tip.hidden = !hit;
     if (!hit) return;
-    setText(tip, hit.work ? workText(hit.work, this._end()) : hit.fault ? `${hit.fault.robot} died at ${seconds(hit.fault.at_s)}: ${faultNumbers(hit.fault)}`
-      : `${hit.loss.robot} lost ${hit.loss.local_tasks.join(", ")}`);
+    setText(tip, hit.work ? workText(hit.work, this._end()) : hit.fault ? `${hit.fault.robot} died ${hit.fault.older ? "before" : "at"} ${seconds(hit.fault.at_s)}: ${faultNumbers(hit.fault)}`
+      : hit.unwatched ? "Not watched: nothing is known of this time." : `${hit.loss.robot} lost ${hit.loss.local_tasks.join(", ")}`);
     const box = byId("timeline").getBoundingClientRect();
     tip.style.left = `${Math.max(8, Math.min(event.clientX - box.left + 12, box.width - tip.offsetWidth - 8))}px`;
     tip.style.top = `${event.clientY - box.top - tip.offsetHeight - 10}px`;
@@ -395,6 +422,7 @@ export class TimelineView {
 const split = (key) => { const at = key.indexOf("/"); return [key.slice(0, at), key.slice(at + 1)]; };
 
 function faultNumbers(fault) {
+  if (fault.older) return fault.held ? "not watched" : "not watched, held no task";
   const known = fault.detected_ms === null ? "not detected yet" : `detected ${ms(fault.detected_ms)}`;
   if (!fault.held) return `${known}, held no task`;
   return fault.taken_over_ms === null ? `${known}, not taken over yet` : `${known}, taken over ${ms(fault.taken_over_ms)}`;
@@ -403,5 +431,5 @@ function faultNumbers(fault) {
 function workText(work, now) {
   const end = { done: "done", failed: "failed", dropped: "given up", died: "died" }[work.end] ?? (work.running_s === null ? "waits" : "works");
   const long = (work.ended_s ?? now) - (work.running_s ?? work.claimed_s);
-  return `${work.robot}: ${work.local_task} for ${work.global_task}, ${end}, ${seconds(long)}`;
+  return `${work.robot}: ${work.local_task} for ${work.global_task}, ${end}, ${work.older ? "longer than " : ""}${seconds(long)}`;
 }

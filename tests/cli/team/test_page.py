@@ -21,7 +21,7 @@ async def test_the_address_is_said(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], as_json: bool
 ) -> None:
     @asynccontextmanager
-    async def opened(*_: object) -> AsyncIterator[tuple[str, None]]:
+    async def opened(*_: object, **__: object) -> AsyncIterator[tuple[str, None]]:
         yield URL, None
 
     async def nothing(*_: object) -> None:
