@@ -1,10 +1,11 @@
-"""The page's routes: its files, what happens as a stream, explanations, and orders."""
+"""The page's routes: its files, what happens as a stream, explanations, metrics, and orders."""
 
 from __future__ import annotations
 
 import json
 import mimetypes
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -17,6 +18,9 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from mrbt_mesh.drills.control import Control, OrderError
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.metrics.server import written
+from mrbt_mesh.runtime.metrics.team_page import team_page
 from mrbt_mesh.viewmodel.mission_view import mission_view
 from mrbt_mesh.viewmodel.own_trees import own_trees
 from mrbt_mesh.viewmodel.why import why_robot, why_task
@@ -72,6 +76,7 @@ class Page:
             Route("/trees/{name}", self._trees),
             Route("/drills", self._drills),
             Route("/orders", self._order, methods=["POST"]),
+            Route("/metrics", self._metrics),
             Route("/playback", self._playback, methods=["POST"]),
             Mount("/static", StaticFiles(directory=STATIC)),
         ]
@@ -112,6 +117,18 @@ class Page:
     async def _trees(self, request: Request) -> Response:
         observer = self._feed.observer
         return self._told(lambda name: own_trees(observer, name), request.path_params["name"])
+
+    async def _metrics(self, request: Request) -> Response:
+        """The team for Prometheus; a recording is past, and nothing to be measured."""
+        if self._projector is not None:
+            raise HTTPException(404, "a recording has no metrics")
+        try:
+            text, content_type = written(
+                partial(team_page, self._feed.observer), request.headers.get("accept", "")
+            )
+        except InputError as error:
+            raise HTTPException(501, str(error)) from error
+        return Response(text, headers={"content-type": content_type})
 
     # -- orders ---------------------------------------------------------------------------
 

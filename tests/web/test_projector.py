@@ -103,6 +103,7 @@ def test_a_recording_is_told_and_takes_no_orders(shown: ShownRecording) -> None:
     assert told["recording"]["file"] == "run.mcap"
     assert page.post("/orders", content="{}", headers=JSON).status_code == 403
     assert page.get("/drills").status_code == 403
+    assert page.get("/metrics").status_code == 404
 
 
 async def test_it_is_played_while_somebody_looks(shown: ShownRecording) -> None:
