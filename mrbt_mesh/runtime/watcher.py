@@ -255,12 +255,19 @@ def _keys_of(address: TeamAddress) -> tuple[Guard | None, ManifestWatch | None]:
 
 
 @asynccontextmanager
-async def watching(address: TeamAddress, record: RecordTo | None = None) -> AsyncIterator[Watcher]:
+async def watching(
+    address: TeamAddress,
+    record: RecordTo | None = None,
+    tell_past: Callable[[Observer], None] | None = None,
+) -> AsyncIterator[Watcher]:
     """An open Watcher, which records what it hears if that is wanted.
 
-    Raises TransportError if the session cannot be opened, InputError if nothing can be recorded.
+    `tell_past` tells its observer what happened before it listens. Raises TransportError if the
+    session cannot be opened, InputError if nothing can be recorded.
     """
     watcher = Watcher(address, record)
+    if tell_past is not None:
+        tell_past(watcher.observer)
     await watcher.open()
     try:
         yield watcher

@@ -217,11 +217,15 @@ def why_takeover(observer: Observer, fault: MajorFault) -> dict[str, Any]:
 def _fault_sentence(observer: Observer, fault: MajorFault) -> str:
     at_s = observer.record.seconds(fault.at_us) or 0.0
     text = f"{fault.robot} died at {at_s:.1f} s"
-    if fault.detected_us is not None:
+    if fault.is_older:
+        text = f"{fault.robot} died before the run was watched"
+    elif fault.detected_us is not None:
         detected_ms = max(0, fault.detected_us - fault.at_us) / 1e3
         text += f"; the others knew after {detected_ms:.0f} ms"
     if fault.held is None:
         return f"{text}. It held no task."
+    if fault.is_older:
+        return f"{text}. {fault.replacement or 'Nobody'} has its {fault.held.local_task} since."
     if fault.reassigned_us is None or fault.replacement is None:
         return f"{text}. Nobody has taken over its {fault.held.local_task} yet."
     taken_ms = max(0, fault.reassigned_us - fault.at_us) / 1e3

@@ -6,7 +6,7 @@ import pytest
 
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.viewmodel.why import candidates, why_robot, why_takeover, why_task
-from tests.support.watched import COVER, watched
+from tests.support.watched import COVER, WELD, watched
 
 
 def observed(*commands: str) -> Observer:
@@ -73,3 +73,12 @@ def test_what_is_not_known_is_an_error() -> None:
         why_robot(observed(), "Z")
     with pytest.raises(KeyError):
         why_task(observed(), "nothing")
+
+
+def test_a_death_before_the_run_was_watched_has_no_numbers() -> None:
+    _, observer = watched(WELD, "kill A", "pass 1500")
+    (fault,) = observer.record.major
+    fault.is_older = True
+    assert why_takeover(observer, fault)["sentence"].startswith(
+        "A died before the run was watched. B has its weld since."
+    )

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import signal
 import sys
+from collections.abc import Mapping
 
 import anyio
 import click
 
 from mrbt_mesh.cli.framework.exits import SUCCESS
 from mrbt_mesh.cli.framework.terminal import print_json
+from mrbt_mesh.cli.team.joined_late import past_of
 from mrbt_mesh.recording.metadata import RunMetadata
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.team import Team
@@ -27,23 +29,22 @@ async def serve(
     """
     found = address.run_dir
     team = Team(found, found.info(), address.mission) if found is not None else None
-    async with watching(address) as watcher, serving(watcher, team, options) as (shown, feed):
+    async with (
+        watching(address, tell_past=past_of(team)) as watcher,
+        serving(watcher, team, options) as (shown, feed),
+    ):
         if team is not None and not team.living():
             # It is over: what its journals hold is all there is to see.
             team.result(watcher.observer, boottime_us())
         addresses = {"page": shown}
         if foxglove_port is not None:
             addresses["foxglove"] = _serve_foxglove(watcher, options.host, foxglove_port)
-        if as_json:
-            print_json(addresses)
-        else:
-            click.echo("\n".join(f"{what}: {where}" for what, where in addresses.items()))
-        sys.stdout.flush()
+        say_addresses(addresses, as_json)
         async with anyio.create_task_group() as group:
             group.start_soon(follow, watcher, feed)
             if team is not None:
                 group.start_soon(team.note_exits, watcher)
-            await _until_stopped()
+            await until_stopped()
             group.cancel_scope.cancel()
     return SUCCESS
 
@@ -62,7 +63,17 @@ def _serve_foxglove(watcher: Watcher, host: str, port: int) -> str:
     return opened[0].address
 
 
-async def _until_stopped() -> None:
+def say_addresses(addresses: Mapping[str, str], as_json: bool) -> None:
+    """What is served where, for people or for programs."""
+    if as_json:
+        print_json(dict(addresses))
+    else:
+        click.echo("\n".join(f"{what}: {where}" for what, where in addresses.items()))
+    sys.stdout.flush()
+
+
+async def until_stopped() -> None:
+    """Returns once SIGINT or SIGTERM has come."""
     with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
         async for _ in signals:
             return

@@ -10,7 +10,10 @@ from mrbt_mesh.core.facts.store import Incarnation
 
 @dataclass(slots=True)
 class MajorFault:
-    """A robot's death: when, what it held, when others knew and when somebody took over."""
+    """A robot's death: when, what it held, when others knew and when somebody took over.
+
+    `is_older`: it was heard of by who had just begun to watch, so its times are not known.
+    """
 
     robot: str
     incarnation: Incarnation
@@ -21,6 +24,7 @@ class MajorFault:
     replacement: str | None = None
     until_us: int | None = None
     exact: bool = False
+    is_older: bool = False
 
 
 @dataclass(slots=True)

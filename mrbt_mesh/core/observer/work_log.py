@@ -21,7 +21,10 @@ class WorkEnd(enum.StrEnum):
 
 @dataclass(slots=True)
 class WorkSpan:
-    """One claim of a robot. `running_us`: when its action began; None: not (yet)."""
+    """One claim of a robot. `running_us`: when its action began; None: not (yet).
+
+    `is_older`: it was heard of by who had just begun to watch, and began before.
+    """
 
     robot: str
     activation: str
@@ -31,6 +34,7 @@ class WorkSpan:
     running_us: int | None = None
     ended_us: int | None = None
     end: WorkEnd | None = None
+    is_older: bool = False
 
     def is_of(self, activation: str, local_task: str) -> bool:
         """Whether it is work on this local task of this activation."""
@@ -46,8 +50,8 @@ class WorkLog:
         self.spans: list[WorkSpan] = []
         self._latest: dict[str, WorkSpan] = {}
 
-    def claimed(self, robot: str, claim: Claim, now_us: int) -> None:
-        """The robot, which lives, holds this claim."""
+    def claimed(self, robot: str, claim: Claim, now_us: int, is_older: bool = False) -> None:
+        """The robot, which lives, holds this claim; `is_older`: for some time, it is not known."""
         span = self._latest.get(robot)
         if (
             span is None
@@ -56,6 +60,7 @@ class WorkLog:
         ):
             self._end(robot, WorkEnd.DROPPED, now_us)
             span = WorkSpan(robot, claim.activation, claim.global_task, claim.local_task, now_us)
+            span.is_older = is_older
             self._latest[robot] = span
             self.spans.append(span)
         if claim.phase is Phase.RUNNING and span.running_us is None:
