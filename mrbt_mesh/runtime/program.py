@@ -17,6 +17,7 @@ runtime cancels it through an anyio cancel scope when the plan no longer wants i
 
 from __future__ import annotations
 
+import functools
 import inspect
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
@@ -219,6 +220,7 @@ def _as_function(target: Any, name: str) -> TaskFunction:
         if not inspect.iscoroutinefunction(run):
             raise ProgramError(f"local task {name!r}: class {target.__name__} needs an async run()")
 
+        @functools.wraps(run)
         async def run_instance(task: TaskContext, *arguments: str) -> Result:
             instance: Any = target()
             result: Result = await instance.run(task, *arguments)

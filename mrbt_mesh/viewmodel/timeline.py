@@ -65,6 +65,7 @@ class TimelineView:
             "ended_s": seconds(span.ended_us),
             "end": None if span.end is None else str(span.end),
             "older": span.is_older,
+            "reason": span.reason,
         }
 
     def _major(self, fault: MajorFault) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What a run's record holds: faults, blocked requests and biddings, with their times."""
+"""What a run's record holds: faults, failures, blocked requests and biddings, with their times."""
 
 from __future__ import annotations
 
@@ -35,6 +35,20 @@ class MinorFault:
     local_tasks: tuple[str, ...]
     at_us: int
     until_us: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FailedEnd:
+    """A robot has failed at a local task; `reason`: what its program said of why, or empty.
+
+    `at_us`: None where it had failed before anybody watched.
+    """
+
+    robot: str
+    global_task: str
+    local_task: str
+    at_us: int | None
+    reason: str
 
 
 @dataclass(slots=True)

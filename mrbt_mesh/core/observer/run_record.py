@@ -15,6 +15,7 @@ from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.observer.episodes import (
     BiddingRecord,
     BlockedEpisode,
+    FailedEnd,
     MajorFault,
     MinorFault,
 )
@@ -47,6 +48,7 @@ class RunRecord:
         self.major: list[MajorFault] = []
         self.minor: list[MinorFault] = []
         self.blocked: list[BlockedEpisode] = []
+        self.failures: list[FailedEnd] = []
         self.timeline: list[tuple[int, str]] = []
         self.claims: list[tuple[int, str, Claim]] = []
         self.conditions: list[tuple[int, str, bool]] = []
@@ -199,9 +201,12 @@ class RunRecord:
             case Outcome() as outcome:
                 _, activation, local_task, *_ = entry.parts
                 self.task_log.took_part(robot, activation)
-                self.work_log.outcome(robot, activation, local_task, outcome.success, now_us)
+                self.work_log.outcome(robot, activation, local_task, outcome, now_us)
                 how = "done" if outcome.success else "failed"
-                self._say_heard(now_us, f"{robot}: {local_task} {how}")
+                why = f": {outcome.reason}" if outcome.reason else ""
+                self._say_heard(now_us, f"{robot}: {local_task} {how}{why}")
+                if not outcome.success:
+                    self._failed(robot, activation, local_task, outcome.reason, now_us)
             case ConditionValue() as condition:
                 name = entry.parts[1]
                 self.conditions.append((now_us, name, condition.value))
@@ -323,6 +328,14 @@ class RunRecord:
             return
         if (held.activation, held.local_task) == (claim.activation, claim.local_task):
             fault.reassigned_us, fault.replacement = now_us, robot
+
+    def _failed(
+        self, robot: str, activation: str, local_task: str, reason: str, now_us: int
+    ) -> None:
+        """When it was is not known of what had been before."""
+        at_us = None if self.is_catching_up else now_us
+        task = parse_activation(activation).subject
+        self.failures.append(FailedEnd(robot, task, local_task, at_us, reason))
 
     def _bid(
         self, robot: str, activation: str, local_task: str, number: int | None, now_us: int

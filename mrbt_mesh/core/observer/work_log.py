@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from mrbt_mesh.core.facts.records import Claim, Phase
+from mrbt_mesh.core.facts.records import Claim, Outcome, Phase
 
 
 class WorkEnd(enum.StrEnum):
@@ -24,6 +24,7 @@ class WorkSpan:
     """One claim of a robot. `running_us`: when its action began; None: not (yet).
 
     `is_older`: it was heard of by who had just begun to watch, and began before.
+    `reason`: why it failed, as far as the robot has said it.
     """
 
     robot: str
@@ -35,6 +36,7 @@ class WorkSpan:
     ended_us: int | None = None
     end: WorkEnd | None = None
     is_older: bool = False
+    reason: str = ""
 
     def is_of(self, activation: str, local_task: str) -> bool:
         """Whether it is work on this local task of this activation."""
@@ -71,16 +73,17 @@ class WorkLog:
         self._end(robot, WorkEnd.DROPPED, now_us)
 
     def outcome(
-        self, robot: str, activation: str, local_task: str, success: bool, now_us: int
+        self, robot: str, activation: str, local_task: str, outcome: Outcome, now_us: int
     ) -> None:
         """The robot has ended; what it said of its claim may have been heard before."""
-        end = WorkEnd.DONE if success else WorkEnd.FAILED
+        end = WorkEnd.DONE if outcome.success else WorkEnd.FAILED
         span = self._latest.get(robot)
         if span is not None and span.is_of(activation, local_task):
             if span.ended_us is None:
                 self._end(robot, end, now_us)
             elif span.end is WorkEnd.DROPPED:
                 span.end = end
+            span.reason = outcome.reason
 
     def died(self, robot: str, at_us: int) -> None:
         """The robot's life ended then; it may be told again, when that is known better."""

@@ -431,5 +431,6 @@ function faultNumbers(fault) {
 function workText(work, now) {
   const end = { done: "done", failed: "failed", dropped: "given up", died: "died" }[work.end] ?? (work.running_s === null ? "waits" : "works");
   const long = (work.ended_s ?? now) - (work.running_s ?? work.claimed_s);
-  return `${work.robot}: ${work.local_task} for ${work.global_task}, ${end}, ${work.older ? "longer than " : ""}${seconds(long)}`;
+  const why = work.reason ? `: ${work.reason}` : "";
+  return `${work.robot}: ${work.local_task} for ${work.global_task}, ${end}, ${work.older ? "longer than " : ""}${seconds(long)}${why}`;
 }
