@@ -23,6 +23,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias, TypeVar
 
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.errors import InputError
 
 Result: TypeAlias = bool | Mapping[str, Any] | None
@@ -148,9 +149,13 @@ class TaskContext:
 class RobotProgram:
     """Collects what one robot can do: `local_task` for actions, `bid` for how well it would do
     them, `background` for sensors.
+
+    `record_work`: every start of a local task, and its end or cancellation, is a line of the run's
+    events.jsonl.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, record_work: bool = False) -> None:
+        self.record_work = record_work
         self.tasks: dict[str, TaskFunction] = {}
         self.backgrounds: list[Callable[[TaskContext], Awaitable[None]]] = []
         self._any: TaskFunction | None = None
@@ -165,6 +170,8 @@ class RobotProgram:
 
         def register(target: _T) -> _T:
             function = _as_function(target, name)
+            if self.record_work:
+                function = _recorded(function)
             if name in self.tasks or (name == "*" and self._any is not None):
                 raise ProgramError(f"local task {name!r} is registered twice")
             if name == "*":
@@ -212,6 +219,47 @@ class RobotProgram:
     def find_bid(self, local_task_type: str) -> BidFunction | None:
         """The function that bids for a local-task type, or None."""
         return self._bids.get(local_task_type, self._bids.get("*"))
+
+
+def _recorded(function: TaskFunction) -> TaskFunction:
+    """The same with exactly one line for its start and one for its end or cancellation.
+
+    False, and whatever is raised, is an end with failure.
+    """
+
+    @functools.wraps(function)
+    async def recorded(task: TaskContext, *arguments: str) -> Result:
+        _record(task, "start")
+        try:
+            result = await function(task, *arguments)
+        except Exception:
+            _record(task, "end", "failure")
+            raise
+        except BaseException:
+            # Cancelled: neither asyncio's nor trio's cancellation is an Exception.
+            _record(task, "cancel")
+            raise
+        _record(task, "end", "failure" if result is False else "success")
+        return result
+
+    return recorded
+
+
+def _record(task: TaskContext, event: str, outcome: str | None = None) -> None:
+    task.record_event(
+        {
+            "t": task.unix_time_s(),
+            "robot": task.robot,
+            "pid": task.pid,
+            "incarnation": task.incarnation,
+            "event": event,
+            "outcome": outcome,
+            "activation": task.activation,
+            "global_task": task.global_task,
+            "local_task": type_name(task.local_task),
+            "args": list(task.arguments),
+        }
+    )
 
 
 def _as_function(target: Any, name: str) -> TaskFunction:
