@@ -337,11 +337,15 @@ class ActionRunner:
         result = function(self._context(start, name, arguments, port), *arguments)
         return await result if inspect.isawaitable(result) else result
 
-    async def _background(self, function: Callable[[TaskContext], Any]) -> None:
+    def free_context(self) -> TaskContext:
+        """A context that belongs to no activation."""
         port = _Port(self._host, self._mission, None, self._own)
         effect = StartAction(0, "", "", "", (), MICRO, Incarnation(0, ""))
+        return self._context(effect, "", (), port)
+
+    async def _background(self, function: Callable[[TaskContext], Any]) -> None:
         try:
-            await function(self._context(effect, "", (), port))
+            await function(self.free_context())
         except Exception:
             name = getattr(function, "__name__", repr(function))
             text = traceback.format_exc(limit=-8)[-MAX_ERROR:]

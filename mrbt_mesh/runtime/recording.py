@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mrbt_mesh import __version__
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.effects import Effect
 from mrbt_mesh.core.agent.inputs import Input
@@ -23,6 +22,7 @@ from mrbt_mesh.recording.observer_recorder import ObserverRecorder
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.recording.writer import RecordingWriter
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.version import __version__
 
 
 @dataclass(frozen=True)
