@@ -212,6 +212,16 @@ class RobotProgram:
         self.backgrounds.append(function)
         return function
 
+    def recorded(self) -> RobotProgram:
+        """This program with `record_work`, whether it has that by itself or not."""
+        if self.record_work:
+            return self
+        program = RobotProgram(record_work=True)
+        program.tasks = {name: _recorded(function) for name, function in self.tasks.items()}
+        program._any = None if self._any is None else _recorded(self._any)
+        program._bids, program.backgrounds = self._bids, self.backgrounds
+        return program
+
     def find(self, local_task_type: str) -> TaskFunction | None:
         """The function for a local-task type, or None."""
         return self.tasks.get(local_task_type, self._any)

@@ -162,8 +162,7 @@ def robot_setup(
     )
     record = None
     if start.record is not None:
-        chosen = start.solver or ""
-        record = RecordTo(start.record, chosen, start.record_beats, start.speed)
+        record = RecordTo(start.record, start.solver or "", start.record_beats, start.speed)
     return RobotSetup(
         mission,
         config,
