@@ -17,6 +17,7 @@ runtime cancels it through an anyio cancel scope when the plan no longer wants i
 
 from __future__ import annotations
 
+import copy
 import functools
 import inspect
 from collections.abc import Awaitable, Callable, Mapping
@@ -169,9 +170,7 @@ class RobotProgram:
         """
 
         def register(target: _T) -> _T:
-            function = _as_function(target, name)
-            if self.record_work:
-                function = _recorded(function)
+            function = self.recording(_as_function(target, name))
             if name in self.tasks or (name == "*" and self._any is not None):
                 raise ProgramError(f"local task {name!r} is registered twice")
             if name == "*":
@@ -216,11 +215,15 @@ class RobotProgram:
         """This program with `record_work`, whether it has that by itself or not."""
         if self.record_work:
             return self
-        program = RobotProgram(record_work=True)
+        program = copy.copy(self)
+        program.record_work = True
         program.tasks = {name: _recorded(function) for name, function in self.tasks.items()}
         program._any = None if self._any is None else _recorded(self._any)
-        program._bids, program.backgrounds = self._bids, self.backgrounds
         return program
+
+    def recording(self, function: TaskFunction) -> TaskFunction:
+        """A function that carries out a local task, recorded as this program's are."""
+        return _recorded(function) if self.record_work else function
 
     def find(self, local_task_type: str) -> TaskFunction | None:
         """The function for a local-task type, or None."""
