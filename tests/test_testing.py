@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import anyio
 import pytest
 
-from mrbt_mesh import InputError, RobotProgram, TaskContext, TaskFailedError
+from mrbt_mesh import InputError, RobotProgram, TaskContext, TaskFailedError, pytest_plugin
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.formats.template import template_files, write_files
 from mrbt_mesh.runtime.program_loader import load_program
@@ -128,6 +129,16 @@ def test_files_lie_beside_the_test(run_mission: RunMission) -> None:
     found = run_mission("../examples/explore/mission.yaml", "../agents/explore.py")
     assert found.result == "success"
     assert found.status("explore_area(A)") == "success"
+
+
+def test_pytest_finds_the_fixture_where_the_package_is_installed_and_loads_little() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    ((name, module),) = project["entry-points"]["pytest11"].items()
+    assert name == module == pytest_plugin.__name__
+    text = f"import sys, {module}; print(*(n.partition('.')[0] for n in sys.modules))"
+    command = [sys.executable, "-c", text]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    assert {"anyio", "msgpack", "pydantic", "zenoh"}.isdisjoint(done.stdout.split())
 
 
 def test_what_mrbt_new_writes_passes_its_own_tests(tmp_path: Path) -> None:

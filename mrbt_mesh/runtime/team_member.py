@@ -297,7 +297,10 @@ def _setup(
             raise InputError(f"mission {mission.name} names no program: give one to join_team")
         reference, program = found, load_program(found)
     if start.run_dir is not None:
-        claim_run_dir(start.run_dir, robot, start.takeover)
+        try:
+            claim_run_dir(start.run_dir, robot, start.takeover)
+        except OSError as error:
+            raise InputError(f"{start.run_dir}: cannot be written: {error.strerror}") from None
     return robot_setup(start, mission, program, reference, locate, StandardLog(robot))
 
 

@@ -195,6 +195,7 @@ async def test_a_loop_that_stood_still_fences_its_robot_off() -> None:
         ({"insecure": True, "mission": "none.yaml"}, "none.yaml"),
         ({"insecure": True, "detection_s": 0.01}, "detection"),
         ({"insecure": True, "expect": ["a b"]}, "is no robot's id"),
+        ({"insecure": True, "run_dir": EXPLORE / "x"}, "mission.yaml/x: cannot be written"),
     ],
 )
 async def test_what_is_wrong_is_told_before_the_body(options: Any, message: str) -> None:
