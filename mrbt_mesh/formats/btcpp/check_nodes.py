@@ -115,8 +115,8 @@ class NodeChecker:
         if element.tag in EXPLICIT_TAGS:
             if not name:
                 self.error(place, f"<{element.tag}> needs an ID")
-            elif model is not None and place.category is not model.category:
-                self.rule(place, f"{name!r} is a <{model.category}>, not <{place.category}>")
+            elif place.category != element.tag:
+                self.warn(place, f"{name!r} is a <{place.category}>, not <{element.tag}>")
         else:
             if "ID" in element.attributes:
                 self.rule(place, f"<{name}> takes no ID; it is for <Action ID=...> and its like")
@@ -149,8 +149,18 @@ class NodeChecker:
             self.error(place, f"{what} needs {needs}, it has {count}")
         if place.element.text:
             self.warn(place, "text inside a node means nothing; it is kept")
-        asynchronous = [c for c in place.element.children if type_id(c) == "AsyncSequence"]
-        if place.name == "ReactiveSequence" and len(asynchronous) > 1:
+        if place.name == "ReactiveSequence":
+            self.check_reactive(place)
+
+    def check_reactive(self, place: _Place) -> None:
+        """Here BehaviorTree.CPP looks children up by their tags, and knows no <Action>."""
+        for child in place.element.children:
+            if child.tag in EXPLICIT_TAGS and child.tag != SUBTREE:
+                name = type_id(child)
+                message = f"below ReactiveSequence <{child.tag} ID={name!r}> cannot be loaded"
+                self.rule(place, f"{message}; write <{name}/>, or use mrbt tree convert")
+        asynchronous = [c for c in place.element.children if c.tag == "AsyncSequence"]
+        if len(asynchronous) > 1:
             self.rule(place, "ReactiveSequence takes at most one AsyncSequence as its child")
 
     def check_attributes(self, place: _Place) -> None:
