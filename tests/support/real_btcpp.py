@@ -43,6 +43,8 @@ os.dup2(quiet, 1)
 os.dup2(quiet, 2)
 for line in sys.stdin:
     asked = json.loads(line)
+    # Files included by a text are looked for here.
+    os.chdir(os.path.dirname(asked["file"]))
     factory = btcpp.BehaviorTreeFactory()
     try:
         for name, kind in asked["nodes"].items():
@@ -53,7 +55,8 @@ for line in sys.stdin:
                 register(name, lambda _: btcpp.NodeStatus.SUCCESS)
         tree = factory.create_tree_from_file(asked["file"])
         if asked["trees"]:
-            factory.register_behavior_tree_from_file(asked["file"])
+            with open(asked["file"], encoding="utf-8", errors="replace") as file:
+                factory.register_behavior_tree_from_text(file.read())
         for name in asked["trees"]:
             factory.create_tree(name)
         if asked["tick"]:
@@ -142,7 +145,7 @@ def staged(path: Path, folder: Path, library: Library | None = None) -> Staged:
         else:
             to.write_bytes(Path(document.file).read_bytes())
     trees = [tree.get("ID") for document in read.documents for tree in document.trees]
-    return Staged(target, nodes, [name for name in trees if name])
+    return Staged(target, nodes, [name for name in trees if name and name.isascii()])
 
 
 def _stage(document: Document, library: Library, nodes: dict[str, str]) -> bool:

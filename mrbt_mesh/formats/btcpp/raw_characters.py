@@ -34,12 +34,14 @@ def escaped(text: str) -> tuple[str, list[tuple[int, str]]]:
             raw.append("<")
         if not raw:
             continue
-        line += text.count("\n", done, start)
+        found = _RAW_AMPERSAND.search(value)
+        at = start + min(found.start() if found else len(value), value.find("<") % (len(value) + 1))
+        line += text.count("\n", done, at)
         listed = " and ".join(f"{c!r} ({_IN_XML[c]} in XML)" for c in raw)
         place = f"attribute {where!r}" if where else "text"
         notes.append((line + 1, f"{place}: a raw {listed}; taken for text"))
         parts += (text[done:start], kept)
-        line += value.count("\n")
+        line += text.count("\n", at, end)
         done = end
     return "".join([*parts, text[done:]]), notes
 
