@@ -60,11 +60,9 @@ class Library:
 
     def know(self, other: Library) -> None:
         """Learn trees and models of other files, which are no documents here."""
-        mine = self.trees
-        self.trees = other.trees | mine
+        self.trees = other.trees | self.trees
         self.models = other.models | self.models
-        theirs = {name: each for name, each in other.subtree_models.items() if name not in mine}
-        self.subtree_models = theirs | self.subtree_models
+        self.subtree_models = other.subtree_models | self.subtree_models
 
     def add(self, document: Document) -> None:
         """Take over a document's trees and models. Of two of the same ID the last one counts."""
