@@ -20,7 +20,7 @@ help:
 	@echo "make screenshots     the README's pictures of the live page"
 	@echo "make test-docker     the docker-compose demo; as root, installs Debian's docker.io if missing"
 	@echo "make test-slow       wireless teams, discovery, split sessions, intruders, routers: minutes"
-	@echo "make test-interop    what other programs are given: BehaviorTree.CPP, an open monitor, Foxglove's protocol"
+	@echo "make test-interop    other programs judge: BehaviorTree.CPP, an open monitor, Foxglove's protocol"
 	@echo "make tolerance       what mrbt analyze foretells of faults, against thousands of simulated runs"
 	@echo "make lint            ruff, mypy, import-linter"
 	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
@@ -101,7 +101,7 @@ test-docker: $(READY)
 test-interop: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[interop]'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps py_trees_js
-	$(BIN)/pytest -rs tests/adapters tests/processes/test_foxglove.py
+	$(BIN)/pytest -rs tests/adapters tests/processes/test_foxglove.py tests/formats/btcpp/test_*_as_the_library.py
 
 drills: $(READY)
 	$(BIN)/mrbt drill --all --brief --junit drills.xml

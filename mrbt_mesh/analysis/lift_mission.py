@@ -45,7 +45,7 @@ def lift_mission(
     `independent` names nodes by path or name whose children do not depend on one another.
     Raises MissionError with the node's path and line for whatever a team cannot carry out.
     """
-    found = to_team_tree(library, tree, Category.ACTION)
+    found = to_team_tree(library, tree, Category.ACTION, team.model.conditions)
     if found.spec is None:
         raise MissionError(found.refusals)
     spec = found.spec

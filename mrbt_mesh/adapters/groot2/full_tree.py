@@ -10,8 +10,9 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
 from mrbt_mesh.formats.btcpp.document import MODELS, TREE, Document, type_id
 from mrbt_mesh.formats.btcpp.elements import Element, write_content
-from mrbt_mesh.formats.btcpp.export import compact, model_element, team_tree_document, with_ids
+from mrbt_mesh.formats.btcpp.export import model_element, team_tree_document, with_ids
 from mrbt_mesh.formats.btcpp.library import Library
+from mrbt_mesh.formats.btcpp.loadable import compact
 
 # Uids are 16 bits wide on the wire.
 MAX_UID = (1 << 16) - 1

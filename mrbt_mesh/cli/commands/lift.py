@@ -19,6 +19,12 @@ def lift(
         option("Write the mission there; without it only explain.", "FILE", short="-o"),
     ] = None,
     tree: Annotated[str | None, option("The tree. Default: the main tree.", "ID")] = None,
+    models: Annotated[
+        tuple[Path, ...], option("File with models of nodes, or with SubTrees (.xml).", "FILE")
+    ] = (),
+    trees: Annotated[
+        tuple[Path, ...], option("Folder of tree files with SubTrees and models.", "DIR")
+    ] = (),
     assume_independent: Annotated[
         tuple[str, ...],
         option("Children of this node (path or name) do not depend on one another.", "NODE"),
@@ -37,11 +43,16 @@ def lift(
 
     from mrbt_mesh.analysis.lift_mission import lift_mission
     from mrbt_mesh.cli.framework.terminal import console, note, print_json, write_file
-    from mrbt_mesh.cli.trees.lifting import checked_text, library_and_tree, mission_name
+    from mrbt_mesh.cli.trees.lifting import (
+        checked_text,
+        known_besides,
+        library_and_tree,
+        mission_name,
+    )
     from mrbt_mesh.cli.views.lift_view import lifted_data, render_lifted
     from mrbt_mesh.formats.team_file import load_team
 
-    library, name = library_and_tree(file, tree)
+    library, name = library_and_tree(file, tree, known_besides(models, trees))
     team = load_team(robots)
     found = lift_mission(library, name, team, list(assume_independent), mission_name(file))
     text = checked_text(found, name, file, robots, output)

@@ -1,4 +1,4 @@
-"""`mrbt tree check` at work: a BehaviorTree.CPP file, or a mission."""
+"""`mrbt tree check` at work: a BehaviorTree.CPP file, a folder of them, or a mission."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from mrbt_mesh.cli.views.finding_view import check_lines, line
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.btcpp.document import Category
 from mrbt_mesh.formats.btcpp.findings import Finding, Findings, Severity
-from mrbt_mesh.formats.btcpp.library import Library
+from mrbt_mesh.formats.btcpp.folder import read_folder
+from mrbt_mesh.formats.btcpp.library import Library, together
 from mrbt_mesh.formats.btcpp.team_tree import to_team_tree
 from mrbt_mesh.formats.btcpp.xml_reader import TreeFileError
 from mrbt_mesh.formats.mission_file import load_mission, mission_warnings
@@ -37,8 +38,12 @@ class _Checked:
         return self.for_a_team[1] if self.for_a_team else ()
 
     @property
+    def is_valid(self) -> bool:
+        return not self.findings.errors and not self.refusals
+
+    @property
     def counts(self) -> dict[str, int]:
-        trees = self.library.trees
+        trees = self.library.own_trees
         return {
             "files": len(self.library.documents),
             "trees": len(trees),
@@ -46,33 +51,87 @@ class _Checked:
         }
 
 
-def check_tree_file(
-    file: Path, strict: bool, team: bool, assume_actions: bool, as_json: bool
-) -> None:
+@dataclass(frozen=True)
+class Asked:
+    """How thoroughly files are checked: the options of `mrbt tree check`."""
+
+    strict: bool
+    team: bool
+    assume_actions: bool
+    as_json: bool
+
+
+def check_tree_file(file: Path, asked: Asked) -> None:
     """Print what is wrong with a file; exit status 2 if anything is.
 
     Raises InputError for a file that cannot be read at all, but as JSON says also that.
     """
     try:
-        library, findings = read_tree_file(file, strict)
+        checked = _checked(file, asked, None)
     except TreeFileError as error:
-        if not as_json:
+        if not asked.as_json:
             raise
-        _print_unreadable(file, error)
+        print_json(_unreadable_json(file, error))
         raise SystemExit(BAD_INPUT) from None
-    checked = _Checked(library, findings, _team(file, library, findings, assume_actions, team))
-    is_valid = not findings.errors and not checked.refusals
-    if as_json:
-        _print_json(file, checked, is_valid)
+    if asked.as_json:
+        print_json(_json(file, checked))
     else:
-        for text in check_lines(findings, checked.refusals, checked.notes):
-            errors.print(text, soft_wrap=True)
-        if is_valid:
-            counts = checked.counts.items()
-            listed = ", ".join(f"{n} {name if n != 1 else name[:-1]}" for name, n in counts)
-            console.print(line("valid", "bold green", f"{file}: {listed}"), soft_wrap=True)
-    if not is_valid:
+        _print(file, checked)
+    if not checked.is_valid:
         raise SystemExit(BAD_INPUT)
+
+
+def check_tree_folder(folder: Path, asked: Asked) -> None:
+    """Print what is wrong with the files of a folder, which know each other's trees and models.
+
+    Exit status 2 if any has errors. Raises InputError for a folder without such files.
+    """
+    found = read_folder(folder)
+    known = together(found.documents.values())
+    everything: list[dict[str, Any]] = []
+    valid = 0
+    for path in sorted({*found.documents, *found.unreadable}):
+        try:
+            checked = _checked(path, asked, known)
+        except TreeFileError as error:
+            everything.append(_unreadable_json(path, error))
+            if not asked.as_json:
+                errors.print(line("error:", "bold red", str(error)), soft_wrap=True)
+            continue
+        valid += checked.is_valid
+        everything.append(_json(path, checked))
+        if not asked.as_json:
+            _print(path, checked)
+    count = len(everything)
+    if asked.as_json:
+        skipped = [str(path) for path in found.skipped]
+        data = {"folder": str(folder), "valid": valid == count, "skipped": skipped}
+        print_json({**data, "files": everything})
+    else:
+        text = f"{valid} of {count} file{'s' if count > 1 else ''} in {folder}"
+        if found.skipped:
+            text += f"; skipped, since they hold no trees: {len(found.skipped)} others"
+        console.print(line("valid:", "bold green" if valid == count else "bold red", text))
+    if valid < count:
+        raise SystemExit(BAD_INPUT)
+
+
+def _checked(file: Path, asked: Asked, others: Library | None) -> _Checked:
+    library, findings = read_tree_file(file, asked.strict, others)
+    if asked.team and others is not None and library.main_tree is None:
+        # Of a folder's files, many only hold trees for others.
+        return _Checked(library, findings, ((), ()))
+    for_a_team = _team(file, library, findings, asked.assume_actions, asked.team)
+    return _Checked(library, findings, for_a_team)
+
+
+def _print(file: Path, checked: _Checked) -> None:
+    for text in check_lines(checked.findings, checked.refusals, checked.notes):
+        errors.print(text, soft_wrap=True)
+    if checked.is_valid:
+        counts = checked.counts.items()
+        listed = ", ".join(f"{n} {name if n != 1 else name[:-1]}" for name, n in counts)
+        console.print(line("valid", "bold green", f"{file}: {listed}"), soft_wrap=True)
 
 
 def _team(
@@ -90,19 +149,19 @@ def _team(
     return found.refusals, found.notes
 
 
-def _print_json(file: Path, checked: _Checked, is_valid: bool) -> None:
-    data: dict[str, Any] = {"file": str(file), "valid": is_valid, **checked.counts}
+def _json(file: Path, checked: _Checked) -> dict[str, Any]:
+    data: dict[str, Any] = {"file": str(file), "valid": checked.is_valid, **checked.counts}
     data["findings"] = [finding.to_json() for finding in checked.findings.in_order()]
     if checked.for_a_team is not None:
         data["refusals"] = [_reason_json(problem) for problem in checked.refusals]
         data["notes"] = [_reason_json(problem) for problem in checked.notes]
-    print_json(data)
+    return data
 
 
-def _print_unreadable(file: Path, error: TreeFileError) -> None:
+def _unreadable_json(file: Path, error: TreeFileError) -> dict[str, Any]:
     found = [Finding(Severity.ERROR, problem).to_json() for problem in error.problems]
     data = {"file": str(file), "valid": False, "files": 0, "trees": 0, "nodes": 0}
-    print_json({**data, "findings": found})
+    return {**data, "findings": found}
 
 
 def _reason_json(problem: Problem) -> dict[str, str | int]:

@@ -2,26 +2,105 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
-from mrbt_mesh.cli.trees.files import is_mission, read_tree_file
+from mrbt_mesh.cli.framework.exits import BAD_INPUT
+from mrbt_mesh.cli.framework.terminal import console, errors, reason, write_file
+from mrbt_mesh.cli.trees.files import is_mission, package_folders
+from mrbt_mesh.cli.views.finding_view import finding_line, line
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.formats.btcpp.check import check_library
 from mrbt_mesh.formats.btcpp.document import Document
 from mrbt_mesh.formats.btcpp.export import explicit, team_tree_document, with_ids
-from mrbt_mesh.formats.btcpp.findings import Finding
-from mrbt_mesh.formats.btcpp.library import Library
+from mrbt_mesh.formats.btcpp.findings import Findings
+from mrbt_mesh.formats.btcpp.folder import read_folder
+from mrbt_mesh.formats.btcpp.library import Library, load_library, together
+from mrbt_mesh.formats.btcpp.loadable import compact, loadable
+from mrbt_mesh.formats.btcpp.xml_reader import TreeFileError
 from mrbt_mesh.formats.mission_file import load_mission
 
 
-def converted(source: Path, merge: bool, ids: bool) -> tuple[Document, list[Finding]]:
-    """The document of a file's trees, and warnings; raises InputError for a file with errors."""
+@dataclass(frozen=True)
+class Wanted:
+    """How trees are written: the options of `mrbt tree convert`."""
+
+    is_compact: bool = False
+    is_merged: bool = False
+    has_ids: bool = False
+
+
+def convert_file(source: Path, target: Path, wanted: Wanted, others: Library | None = None) -> None:
+    """Write one file; raises InputError for a file with errors.
+
+    What was odd about it is printed, and what BehaviorTree.CPP refuses still.
+    """
+    if target.suffix.lower() != ".xml":
+        raise InputError(f"{target}: the file to write has to end in .xml")
     if is_mission(source):
-        if ids or merge:
+        if wanted.has_ids or wanted.is_merged:
             raise InputError("--ids and --merge are for BehaviorTree.CPP files")
         library = Library()
         library.add(team_tree_document(load_mission(source).tree.spec(), str(source)))
-        return explicit(library), []
-    library, findings = read_tree_file(source)
-    findings.raise_errors()
-    document = with_ids(library) if ids else explicit(library, is_merged=merge)
-    return document, findings.warnings
+        document, found = explicit(library), Findings()
+    else:
+        found, checked = Findings(), Findings()
+        library = load_library(source, found, package_folders(), others)
+        check_library(library, checked)
+        for findings in (found, checked):
+            findings.raise_errors()
+        is_merged = wanted.is_merged
+        document = with_ids(library) if wanted.has_ids else explicit(library, is_merged=is_merged)
+    document = loadable(compact(document) if wanted.is_compact else document)
+    left = Findings()
+    check_library(_as_written(document, library, wanted), left)
+    for finding in {**found.found, **left.found}:
+        errors.print(finding_line(finding), soft_wrap=True)
+    write_file(target, document.text())
+    trees = len(document.trees)
+    count = f"{trees} tree{'s' if trees > 1 else ''}"
+    console.print(line("written", "bold green", f"{target}: {count}"), soft_wrap=True)
+
+
+def _as_written(document: Document, library: Library, wanted: Wanted) -> Library:
+    """What is read if the document is: it, and what it includes."""
+    written = Library()
+    written.add(document)
+    for included in library.documents[1:] if document.includes else ():
+        written.add(included)
+    if not wanted.has_ids:
+        written.know(library)
+    written.missing_files = library.missing_files
+    return written
+
+
+def convert_folder(source: Path, target: Path, wanted: Wanted) -> None:
+    """Write all BehaviorTree.CPP files of a folder into another one, under the same names.
+
+    Ends with status 2 if a file has errors, after the others.
+    """
+    if wanted.is_merged or wanted.has_ids:
+        raise InputError("--ids and --merge are for one file")
+    if target.exists() and not target.is_dir():
+        raise InputError(f"{target}: is no folder, but {source} is one")
+    if source.resolve() in (target.resolve(), *target.resolve().parents):
+        raise InputError(f"{target}: has to lie outside of {source}, which would be read again")
+    folder = read_folder(source)
+    known = together(folder.documents.values())
+    failed = list(folder.unreadable.values())
+    for path in folder.documents:
+        to = target / path.relative_to(source)
+        try:
+            to.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as problem:
+            raise InputError(f"{to.parent}: cannot be made: {reason(problem)}") from None
+        try:
+            convert_file(path, to, wanted, known)
+        except TreeFileError as problem:
+            failed.append(problem)
+    for each in failed:
+        errors.print(line("error:", "bold red", str(each)), soft_wrap=True)
+    if failed:
+        text = f"{len(failed)} of {len(folder.documents) + len(folder.unreadable)} files"
+        errors.print(line("not written:", "bold red", text), soft_wrap=True)
+        raise SystemExit(BAD_INPUT)

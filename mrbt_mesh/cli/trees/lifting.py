@@ -3,24 +3,37 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from mrbt_mesh.analysis.lift_mission import LiftedMission, heading
 from mrbt_mesh.cli.trees.files import read_tree_file
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.formats.btcpp.library import Library
+from mrbt_mesh.formats.btcpp.document import read_document
+from mrbt_mesh.formats.btcpp.folder import read_folder
+from mrbt_mesh.formats.btcpp.library import Library, together
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.mission_writer import mission_text
 from mrbt_mesh.formats.problems import MissionError, Problem
 
 
-def library_and_tree(file: Path, tree: str | None) -> tuple[Library, str]:
+def known_besides(models: Sequence[Path], folders: Sequence[Path]) -> Library:
+    """The trees and models of other files, and of all files of folders; raises InputError."""
+    documents = [read_document(path) for path in models]
+    for folder in folders:
+        if not folder.is_dir():
+            raise InputError(f"--trees {folder}: there is no such folder")
+        documents += read_folder(folder).documents.values()
+    return together(documents)
+
+
+def library_and_tree(file: Path, tree: str | None, others: Library) -> tuple[Library, str]:
     """The checked file and the ID of the tree to lift; raises InputError."""
-    library, findings = read_tree_file(file)
+    library, findings = read_tree_file(file, others=others)
     findings.raise_errors()
     name = tree or library.main_tree
     if name is None or name not in library.trees:
-        known = ", ".join(library.trees) or "none"
+        known = ", ".join(library.own_trees) or "none"
         what = f"there is no tree {tree!r}" if tree else "no tree is named as the main one"
         raise InputError(f"{file}: {what}; choose with --tree (there are: {known})")
     return library, name

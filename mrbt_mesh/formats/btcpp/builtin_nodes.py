@@ -103,12 +103,15 @@ def children_allowed(name: str, category: Category) -> tuple[int, int | None]:
 
 
 def category_of(name: str, tag: str, models: dict[str, NodeManifest], children: int) -> Category:
-    """A node's category: explicit, by its model, else guessed from its number of children."""
+    """A node's category: as it is registered, as its tag says, else guessed from its children.
+
+    So an <Action ID="Inverter"> is a decorator, as BehaviorTree.CPP takes it.
+    """
+    model = BUILTIN.get(name) or models.get(name)
+    if model is not None and tag != Category.SUBTREE:
+        return model.category
     if tag in frozenset(Category):
         return Category(tag)
-    model = BUILTIN.get(name) or models.get(name)
-    if model is not None:
-        return model.category
     if name in NAV2_CONTROLS or children > 1:
         return Category.CONTROL
     return Category.DECORATOR if children else Category.ACTION

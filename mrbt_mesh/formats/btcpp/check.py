@@ -2,7 +2,7 @@
 
 Lenient checking calls an error what has no meaning, and warns of what BehaviorTree.CPP would
 refuse though its meaning is clear: many files in use break such rules. Strict checking goes by
-the letter.
+the letter: it accepts what the library loads and can tick.
 """
 
 from __future__ import annotations
@@ -32,11 +32,17 @@ _MODEL_TAGS = frozenset({*Direction, "description", "MetadataFields"})
 
 
 def check_file(
-    path: Path, is_strict: bool = False, package_folders: Sequence[Path] = ()
+    path: Path,
+    is_strict: bool = False,
+    package_folders: Sequence[Path] = (),
+    others: Library | None = None,
 ) -> tuple[Library, Findings]:
-    """Read and check a file. Raises TreeFileError if it is not even a <root> of XML."""
+    """Read and check a file; trees and models of `others` are known.
+
+    Raises TreeFileError if it is not even a <root> of XML.
+    """
     findings = Findings(is_strict)
-    library = load_library(path, findings, package_folders)
+    library = load_library(path, findings, package_folders, others)
     check_library(library, findings)
     return library, findings
 
@@ -69,7 +75,8 @@ class _Checker:
         root = self.document.root
         version = root.attributes.get("BTCPP_format")
         if version is not None and version.strip() != "4":
-            self.error(root, "root", f"BTCPP_format={version!r} is not known; 3 and 4 are")
+            message = f"BTCPP_format={version!r} is not known, only 3 and 4; it is read as 4"
+            self.warn(root, "root", message)
         for element in root.children:
             if element.tag not in (TREE, INCLUDE, MODELS):
                 self.warn(element, "root", f"<{element.tag}> means nothing here; it is kept")
@@ -101,16 +108,18 @@ class _Checker:
             checker.check(child, path)
 
     def check_models(self, models: Element) -> None:
+        """BehaviorTree.CPP reads the models of SubTrees only, and gives the rest to Groot2."""
         seen: dict[str, int] = {}
         for model in models.children:
             path = f"{MODELS}/{type_id(model) or model.tag}"
             if model.tag not in EXPLICIT_TAGS:
                 listed = ", ".join(sorted(EXPLICIT_TAGS))
-                self.rule(model, path, f"<{model.tag}> is no kind of node; known: {listed}")
+                self.warn(model, path, f"<{model.tag}> is no kind of node; known: {listed}")
                 continue
             name = model.get("ID")
             if not name:
-                self.error(model, path, f"<{model.tag}> needs an ID in <{MODELS}>")
+                tell = self.error if model.tag == SUBTREE else self.warn
+                tell(model, path, f"<{model.tag}> needs an ID in <{MODELS}>")
             elif problem := name_problem(name):
                 self.rule(model, path, problem)
             if name in seen:
@@ -118,37 +127,36 @@ class _Checker:
             seen.setdefault(name, model.line)
             if name in BUILTIN and BUILTIN[name].category != model.tag:
                 message = f"{name!r} is built in, as <{BUILTIN[name].category}>"
-                self.rule(model, path, message)
+                self.warn(model, path, message)
             for port in model.children:
-                self.check_port(port, path)
+                self.check_port(port, model, path)
 
-    def check_port(self, port: Element, path: str) -> None:
+    def check_port(self, port: Element, model: Element, path: str) -> None:
         if port.tag not in _MODEL_TAGS:
-            self.rule(
-                port,
-                path,
-                f"<{port.tag}> is no port{hint(port.tag, [str(tag) for tag in Direction])}",
-            )
+            known = hint(port.tag, [str(tag) for tag in Direction])
+            self.warn(port, path, f"<{port.tag}> is no port{known}")
         elif port.tag in frozenset(Direction):
             name = port.get("name")
             if not name:
-                self.error(port, path, f"<{port.tag}> needs the attribute 'name'")
+                tell = self.rule if model.tag == SUBTREE else self.warn
+                tell(port, path, f"<{port.tag}> needs the attribute 'name'")
             elif problem := port_name_problem(name):
-                self.rule(port, path, problem)
+                self.warn(port, path, problem)
 
 
 def _check_main_tree(library: Library, findings: Findings) -> None:
     first = library.documents[0]
     root = first.root
-    if not library.trees:
+    trees = library.own_trees
+    if not trees:
         findings.rule(first.file, root.line, "root", f"there is no <{TREE}>")
     elif first.main_tree and first.main_tree not in library.trees:
         message = f"main_tree_to_execute names {first.main_tree!r}, which is no tree"
         message += hint(first.main_tree, library.trees)
         findings.rule(first.file, root.line, "root", message)
-    elif not first.main_tree and len(library.trees) > 1:
-        message = f"one of {len(library.trees)} trees has to be named in main_tree_to_execute"
-        findings.rule(first.file, root.line, "root", message + hint("", library.trees))
+    elif not first.main_tree and len(trees) > 1:
+        message = f"one of {len(trees)} trees has to be named in main_tree_to_execute"
+        findings.rule(first.file, root.line, "root", message + hint("", trees))
 
 
 def _check_duplicates(library: Library, findings: Findings) -> None:
@@ -158,14 +166,15 @@ def _check_duplicates(library: Library, findings: Findings) -> None:
             name = tree.get("ID")
             if name in first:
                 message = f"there is a tree {name!r} already, in {first[name]}"
-                findings.rule(document.file, tree.line, name, message)
+                message += "; BehaviorTree.CPP takes the last one"
+                findings.warn(document.file, tree.line, name, message)
             first[name] = f"{document.file}:{tree.line}"
 
 
 def _check_recursion(library: Library, findings: Findings) -> None:
     """Depth first over the trees: a tree that is met while it is open contains itself."""
     finished: set[str] = set()
-    for start in library.trees:
+    for start in library.own_trees:
         waiting = {start: _references(library, start)}
         while waiting and not findings.is_full:
             name = next(reversed(waiting))

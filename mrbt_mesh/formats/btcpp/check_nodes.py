@@ -5,8 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mrbt_mesh.formats.btcpp.builtin_nodes import (
+    ANY,
     BUILTIN,
+    LIST,
+    LOOP_ITEMS,
     NAV2_CONTROLS,
+    SCRIPT,
+    TEXT,
     category_of,
     children_allowed,
 )
@@ -15,6 +20,7 @@ from mrbt_mesh.formats.btcpp.check_values import (
     is_constant,
     name_problem,
     script_problem,
+    typing_problem,
     value_problem,
 )
 from mrbt_mesh.formats.btcpp.document import (
@@ -23,9 +29,11 @@ from mrbt_mesh.formats.btcpp.document import (
     LEAVES,
     SUBTREE,
     Category,
+    Port,
     conditions,
     instance_name,
     metadata,
+    pointer,
     ports,
     read_boolean,
     type_id,
@@ -75,6 +83,7 @@ class NodeChecker:
         self.file = file
         self.findings = findings
         self.subtree_names: dict[str, int] = {}
+        self.entry_types: dict[str, str] = {}
 
     def check(self, top: Element, path: str) -> None:
         """Check a node and everything below it; `path` is that of its parent."""
@@ -115,8 +124,8 @@ class NodeChecker:
         if element.tag in EXPLICIT_TAGS:
             if not name:
                 self.error(place, f"<{element.tag}> needs an ID")
-            elif model is not None and place.category is not model.category:
-                self.rule(place, f"{name!r} is a <{model.category}>, not <{place.category}>")
+            elif place.category != element.tag:
+                self.warn(place, f"{name!r} is a <{place.category}>, not <{element.tag}>")
         else:
             if "ID" in element.attributes:
                 self.rule(place, f"<{name}> takes no ID; it is for <Action ID=...> and its like")
@@ -149,8 +158,18 @@ class NodeChecker:
             self.error(place, f"{what} needs {needs}, it has {count}")
         if place.element.text:
             self.warn(place, "text inside a node means nothing; it is kept")
-        asynchronous = [c for c in place.element.children if type_id(c) == "AsyncSequence"]
-        if place.name == "ReactiveSequence" and len(asynchronous) > 1:
+        if place.name == "ReactiveSequence":
+            self.check_reactive(place)
+
+    def check_reactive(self, place: _Place) -> None:
+        """Here BehaviorTree.CPP looks children up by their tags, and knows no <Action>."""
+        for child in place.element.children:
+            if child.tag in EXPLICIT_TAGS and child.tag != SUBTREE:
+                name = type_id(child)
+                message = f"below ReactiveSequence <{child.tag} ID={name!r}> cannot be loaded"
+                self.rule(place, f"{message}; write <{name}/>, or use mrbt tree convert")
+        asynchronous = [c for c in place.element.children if c.tag == "AsyncSequence"]
+        if len(asynchronous) > 1:
             self.rule(place, "ReactiveSequence takes at most one AsyncSequence as its child")
 
     def check_attributes(self, place: _Place) -> None:
@@ -173,12 +192,43 @@ class NodeChecker:
             if port is None:
                 self.rule(place, f"{place.name} has no port {name!r}{hint(name, model.ports)}")
                 continue
-            is_checked = place.name in BUILTIN and is_constant(value, name)
-            if is_checked and (problem := value_problem(place.name, port.type, value)):
-                self.error(place, f"port {name!r}: {problem}")
+            if place.name in BUILTIN:
+                self.check_value(place, port, value)
         for name in REQUIRED.get(place.name, ()):
             if name not in given:
                 self.rule(place, f"{place.name} needs the port {name!r}")
+            elif name == "entry" and not given[name]:
+                self.rule(place, f"{place.name} needs an entry")
+
+    def check_value(self, place: _Place, port: Port, value: str) -> None:
+        """The value of a built-in node's port; what a Loop writes has the type of its items."""
+        kind = port.type
+        if place.name in LOOP_ITEMS and port.name == "value":
+            kind = LOOP_ITEMS[place.name]
+            if is_constant(value, port.name) and value_problem("", kind, value):
+                self.rule(place, f"port 'value': {value!r} is no entry; write {{{value}}}")
+                return
+        if is_constant(value, port.name) and (problem := value_problem(place.name, kind, value)):
+            self.error(place, f"port {port.name!r}: {problem}")
+            return
+        self.check_entry_type(place, pointer(value, port.name), kind)
+        if place.name == "LoopString":
+            return
+        problem, is_refused = typing_problem(kind, value)
+        if problem:
+            tell = self.rule if is_refused else self.warn
+            tell(place, f"port {port.name!r}: {problem}")
+
+    def check_entry_type(self, place: _Place, key: str | None, kind: str) -> None:
+        """An entry has the type of the first port that names it; text may become anything."""
+        if key is None:
+            return
+        kind = f"{place.name}'s queue" if kind == LIST else kind
+        before = self.entry_types.setdefault(key, kind)
+        untyped = {ANY, SCRIPT}
+        if before != kind and not untyped & {before, kind} and before != TEXT:
+            message = f"entry {key!r} is a port's value of type {kind} here, and {before} before"
+            self.rule(place, message)
 
     def check_thresholds(self, place: _Place) -> None:
         count = len(place.element.children)

@@ -27,9 +27,11 @@ MAX_HINT_NAMES = 500
 RESERVED_NAMES = ("Root", "root")
 RESERVED_PORTS = ("name", "ID", "_autoremap")
 
-_INTEGER = re.compile(r"[+-]?[0-9]{1,18}", re.ASCII)
-_UNSIGNED = re.compile(r"\+?[0-9]{1,10}", re.ASCII)
-_REAL = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?", re.ASCII)
+# A number is read as far as it goes: `1.5` as 1.
+_INTEGER = re.compile(r"([+-]?[0-9]+).*", re.ASCII | re.DOTALL)
+_UNSIGNED = re.compile(r"(\+?[0-9]+).*", re.ASCII | re.DOTALL)
+_LIMITS = {INTEGER: (-(2**31), 2**31 - 1), UNSIGNED: (0, 2**32 - 1)}
+_REAL = re.compile(r"[+-]?([0-9]|\.[0-9]).*", re.ASCII | re.DOTALL)
 
 
 def shown(text: str) -> str:
@@ -82,6 +84,27 @@ def value_problem(node: str, kind: str, value: str) -> str:
     return ""
 
 
+def typing_problem(kind: str, value: str) -> tuple[str, bool]:
+    """What is odd about a value of type `kind` that has a meaning; whether it cannot be loaded."""
+    is_typed = kind in (INTEGER, UNSIGNED, BOOLEAN, "double", LIST)
+    if not is_constant(value, "port"):
+        is_odd = is_typed and (value == "=" or value != value.strip())
+        return ("BehaviorTree.CPP takes only {name} or {=} here" if is_odd else ""), is_odd
+    if kind in (INTEGER, UNSIGNED, BOOLEAN) and value[:1].isspace():
+        return f"{shown(value)} begins with a space, which BehaviorTree.CPP does not take", True
+    if kind not in _LIMITS:
+        return "", False
+    found = (_INTEGER if kind == INTEGER else _UNSIGNED).fullmatch(value.strip())
+    if found is None or (found[1] == value.strip() and not value.startswith("+")):
+        number = int(found[1]) if found else 0
+        least, most = _LIMITS[kind]
+        is_out = not least <= number <= most
+        return (f"{shown(value)} is not from {least} to {most}", True) if is_out else ("", False)
+    if value.startswith("+"):
+        return f"{shown(value)} begins with '+', which BehaviorTree.CPP does not take", True
+    return f"{shown(value)} is no whole number; BehaviorTree.CPP reads it as {found[1]}", False
+
+
 def _list_problem(item_kind: str, text: str) -> str:
     if text.startswith("json:"):
         try:
@@ -92,7 +115,8 @@ def _list_problem(item_kind: str, text: str) -> str:
     if item_kind == TEXT or not text:
         return ""
     for item in text.split(";"):
-        if problem := value_problem("", item_kind, item):
+        odd, is_refused = typing_problem(item_kind, item.strip())
+        if problem := value_problem("", item_kind, item) or (odd if is_refused else ""):
             return f"{problem}; items are separated by ';'"
     return ""
 

@@ -11,7 +11,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mrbt_mesh.formats.btcpp.elements import Content, Element, write_content
-from mrbt_mesh.formats.btcpp.xml_reader import MAX_BYTES, TreeFileError, parse_xml, read_xml
+from mrbt_mesh.formats.btcpp.xml_reader import (
+    MAX_BYTES,
+    TreeFileError,
+    XmlContent,
+    parse_xml,
+    read_xml,
+)
 from mrbt_mesh.formats.problems import Problem
 
 PRECONDITIONS = ("_failureIf", "_successIf", "_skipIf", "_while")
@@ -121,10 +127,15 @@ def read_boolean(text: str) -> bool | None:
 
 @dataclass(slots=True)
 class Document:
-    """One file. `items` are the root element and what stands around it."""
+    """One file. `items` are the root element and what stands around it.
+
+    `tolerated` and `refused`: what of its XML only BehaviorTree.CPP reads, and what it does not.
+    """
 
     file: str
     items: list[Content]
+    tolerated: tuple[Problem, ...] = field(default=(), compare=False)
+    refused: tuple[Problem, ...] = field(default=(), compare=False)
 
     @property
     def root(self) -> Element:
@@ -170,7 +181,7 @@ class Document:
     def copy(self) -> Document:
         """A copy that shares nothing that can be changed."""
         items = [item.copy() if isinstance(item, Element) else item for item in self.items]
-        return Document(self.file, items)
+        return Document(self.file, items, self.tolerated, self.refused)
 
 
 def _model(element: Element) -> NodeManifest:
@@ -200,8 +211,8 @@ def parse_document(content: bytes | str, file: str) -> Document:
     return _document(file, parse_xml(content, file))
 
 
-def _document(file: str, items: list[Content]) -> Document:
-    document = Document(file, items)
+def _document(file: str, found: XmlContent) -> Document:
+    document = Document(file, found.items, tuple(found.tolerated), tuple(found.refused))
     root = document.root
     if root.tag != "root":
         message = f"the first element must be <root>, this is <{root.tag}>"

@@ -24,6 +24,7 @@ from mrbt_mesh.formats.btcpp.document import (
 from mrbt_mesh.formats.btcpp.elements import Content, Element, Text
 from mrbt_mesh.formats.btcpp.expand import expand
 from mrbt_mesh.formats.btcpp.library import Library, TreeSource
+from mrbt_mesh.formats.btcpp.loadable import loadable
 from mrbt_mesh.formats.btcpp.team_tree import KINDS, REACTIVE
 from mrbt_mesh.formats.btcpp.xml_reader import TreeFileError
 from mrbt_mesh.formats.problems import Problem
@@ -37,7 +38,8 @@ _OF_KIND = {kind: node for node, kind in reversed(KINDS.items())} | {
 def explicit(library: Library, *, is_merged: bool = False) -> Document:
     """The first document in the explicit form, with models of all nodes that it uses.
 
-    With `is_merged` the trees of all included files are in it, and no <include> is left.
+    A lone tree without an ID gets none: beside models BehaviorTree.CPP would want its ID. With
+    `is_merged` the trees of all included files are in it, and no <include> is left.
     """
     document = library.documents[0].copy()
     if is_merged:
@@ -46,35 +48,18 @@ def explicit(library: Library, *, is_merged: bool = False) -> Document:
         for element in tree.walk():
             if element is not tree:
                 _make_explicit(element, library)
-    _add_models(document, library)
+    if all(tree.get("ID") for tree in document.trees):
+        _add_models(document, library)
     return document
 
 
-def compact(document: Document) -> Document:
-    """The document in the compact form: `<Foo .../>` for `<Action ID="Foo" .../>`."""
-    result = document.copy()
-    for tree in result.trees:
-        for element in tree.walk():
-            name = element.get("ID")
-            # Some names are none for a tag; those nodes stay explicit.
-            if element.tag in EXPLICIT_TAGS - {SUBTREE} and _is_tag(name):
-                del element.attributes["ID"]
-                element.tag = name
-    return result
-
-
-def _is_tag(name: str) -> bool:
-    """Whether a name can be an XML tag that is not read as something else."""
-    if name in EXPLICIT_TAGS or name in (TREE, MODELS, INCLUDE, "root"):
-        return False
-    return name.isidentifier() and not name.lower().startswith("xml")
-
-
 def _make_explicit(element: Element, library: Library) -> None:
+    name = type_id(element)
+    category = category_of(name, element.tag, library.models, len(element.children))
     if element.tag in EXPLICIT_TAGS:
+        element.tag = category
         return
-    name = element.tag
-    element.tag = category_of(name, name, library.models, len(element.children))
+    element.tag = category
     kept = {key: value for key, value in element.attributes.items() if key != "ID"}
     element.attributes = {"ID": name} | kept
 
@@ -87,7 +72,7 @@ def _merge(document: Document, library: Library) -> None:
         for item in root.content
         if not (isinstance(item, Element) and item.tag in (INCLUDE, MODELS))
     ]
-    for name, source in library.trees.items():
+    for name, source in library.own_trees.items():
         if name not in here and source.document is not library.documents[0]:
             without.append(source.element.copy())
     root.content = [
@@ -208,7 +193,7 @@ def team_tree_document(spec: NodeSpec, file: str) -> Document:
     models = writer.models()
     if models.content:
         root.content.append(models)
-    return Document(file, [root])
+    return loadable(Document(file, [root]))
 
 
 class _CoreWriter:

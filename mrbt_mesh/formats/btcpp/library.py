@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -29,7 +29,8 @@ class TreeSource:
 class Library:
     """The documents, in version 4, the first one first; trees and models by their ID.
 
-    A tree without an ID is called `BehaviorTree`, as it is the only one.
+    A tree without an ID is called `BehaviorTree`, as it is the only one. Trees and models may be
+    known from other files, too, which are no documents here.
     """
 
     documents: list[Document] = field(default_factory=list)
@@ -44,11 +45,24 @@ class Library:
         named = self.documents[0].main_tree
         if named:
             return named if named in self.trees else None
-        return next(iter(self.trees)) if len(self.trees) == 1 else None
+        own = self.own_trees
+        return next(iter(own)) if len(own) == 1 else None
+
+    @property
+    def own_trees(self) -> dict[str, TreeSource]:
+        """The trees of the documents, without those known from other files."""
+        own = {id(document) for document in self.documents}
+        return {name: each for name, each in self.trees.items() if id(each.document) in own}
 
     def model(self, name: str) -> NodeManifest | None:
         """The model of a registered node."""
         return BUILTIN.get(name) or self.models.get(name)
+
+    def know(self, other: Library) -> None:
+        """Learn trees and models of other files, which are no documents here."""
+        self.trees = other.trees | self.trees
+        self.models = other.models | self.models
+        self.subtree_models = other.subtree_models | self.subtree_models
 
     def add(self, document: Document) -> None:
         """Take over a document's trees and models. Of two of the same ID the last one counts."""
@@ -61,26 +75,48 @@ class Library:
             (self.subtree_models if is_subtree else self.models)[name] = model
 
 
-def load_library(path: Path, findings: Findings, package_folders: Sequence[Path] = ()) -> Library:
+def load_library(
+    path: Path,
+    findings: Findings,
+    package_folders: Sequence[Path] = (),
+    others: Library | None = None,
+) -> Library:
     """Read a file and what it includes; files of version 3 become version 4.
 
-    `package_folders` are searched for the packages of `ros_pkg`. Includes that cannot be read,
+    `package_folders` are searched for the packages of `ros_pkg`. Trees and models of `others` are
+    known besides. Includes that cannot be read,
     and what was changed, are noted in `findings`. Raises TreeFileError if the file itself cannot
     be read.
     """
     loader = _Loader(Library(), findings, package_folders)
     loader.load(path, read_document(path), ())
+    if others is not None:
+        loader.library.know(others)
     return loader.library
+
+
+def together(documents: Iterable[Document]) -> Library:
+    """One library of many files, to know their trees and models; nothing is noted."""
+    library = Library()
+    for document in documents:
+        library.add(upgrade(document, Findings()))
+    return library
 
 
 def library_of(document: Document, findings: Findings) -> Library:
     """A library of one document, whose includes are not followed."""
     library = Library()
-    upgraded, notes = upgrade(document)
-    findings.warn_all(notes)
-    library.add(upgraded)
+    library.add(_read(document, findings))
     library.missing_files.extend(include.get("path") for include in document.includes)
     return library
+
+
+def _read(document: Document, findings: Findings) -> Document:
+    """The document in version 4; notes what is odd about its XML and its version."""
+    findings.warn_all(document.tolerated)
+    for problem in document.refused:
+        findings.rule(problem.file, problem.line, problem.path, problem.message)
+    return upgrade(document, findings)
 
 
 @dataclass
@@ -92,9 +128,7 @@ class _Loader:
     total_bytes: int = 0
 
     def load(self, path: Path, document: Document, including: tuple[Path, ...]) -> None:
-        upgraded, notes = upgrade(document)
-        self.findings.warn_all(notes)
-        self.library.add(upgraded)
+        self.library.add(_read(document, self.findings))
         here = path.resolve()
         self.loaded.add(here)
         for element in document.includes:

@@ -17,8 +17,15 @@ def notes(type_name: str, spec: NodeSpec, yields: bool) -> Iterator[str]:
     `yields`: whether a guard of it, as it stands in the file, returns RUNNING between its steps.
     """
     is_reactive = spec.memory is Memory.NONE and spec.kind in _REACTIVE_KINDS
-    asking = spec.children[:1] if spec.kind is Kind.IF_THEN_ELSE else spec.children[:-1]
-    if is_reactive and any(child.contains(Kind.ACTION) for child in asking):
+    if is_reactive and spec.kind is Kind.IF_THEN_ELSE:
+        # The library keeps the answer of an action that is the condition itself, as a team does.
+        if spec.children[0].contains(Kind.ACTION) and spec.children[0].kind is not Kind.ACTION:
+            yield (
+                "an action inside its condition is begun again by BehaviorTree.CPP whenever the "
+                "condition has been decided, and as long as it runs nothing else is ticked; a team "
+                "does it once, and goes on"
+            )
+    elif is_reactive and any(child.contains(Kind.ACTION) for child in spec.children[:-1]):
         yield (
             "an action before its last child is begun again at every tick by BehaviorTree.CPP; "
             "a team does it once"

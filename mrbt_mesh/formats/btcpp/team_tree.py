@@ -7,7 +7,7 @@ changes anything; what nodes with memory remember are facts.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec, TreeError, build_tree
@@ -111,14 +111,20 @@ class TeamTree:
     annotations: Mapping[tuple[int, ...], Mapping[str, str]] = field(default_factory=dict)
 
 
-def to_team_tree(library: Library, tree: str, unknown_leaves: Category | None = None) -> TeamTree:
+def to_team_tree(
+    library: Library,
+    tree: str,
+    unknown_leaves: Category | None = None,
+    conditions: Collection[str] = (),
+) -> TeamTree:
     """Translate a tree with its SubTrees.
 
     A leaf without a model is refused, since it may be an action or a condition, unless
-    `unknown_leaves` says which. Raises TreeFileError if the tree cannot be expanded.
+    `unknown_leaves` says which, or it is one of `conditions`. Raises TreeFileError if the tree
+    cannot be expanded.
     """
     expanded = expand(library, tree)
-    translation = _Translation(library, expanded, unknown_leaves)
+    translation = _Translation(library, expanded, unknown_leaves, conditions)
     spec = translation.node(expanded.root)
     if not translation.refusals and spec is not None:
         try:
@@ -148,11 +154,16 @@ class _RefusedError(Exception):
 
 class _Translation:
     def __init__(
-        self, library: Library, tree: ExpandedTree, unknown_leaves: Category | None
+        self,
+        library: Library,
+        tree: ExpandedTree,
+        unknown_leaves: Category | None,
+        known_conditions: Collection[str],
     ) -> None:
         self.library = library
         self.constants = tree.constants
         self.unknown_leaves = unknown_leaves
+        self.known_conditions = known_conditions
         self.refusals: list[Problem] = []
         self.notes: list[Problem] = []
         self.keepers = _keepers(tree.root)
@@ -313,7 +324,9 @@ class _Translation:
     def leaf(self, node: ExpandedNode) -> NodeSpec:
         """An action or condition: its type and the values of its ports, `move(dock,fast)`."""
         category = node.category
-        if node.is_guessed:
+        if node.is_guessed and node.type in self.known_conditions:
+            category = Category.CONDITION
+        elif node.is_guessed:
             if self.unknown_leaves is None:
                 raise _RefusedError(
                     "an action or a condition? Describe it in <TreeNodesModel>, or write "

@@ -1,15 +1,20 @@
 """Read XML from a file that may be hostile, with the place of every element.
 
 Expat does the reading. Document type declarations are refused as soon as they begin, so that
-there are no entities: nothing can expand, and nothing outside the file is ever opened.
+there are no entities: nothing can expand, and nothing outside the file is ever opened. What
+only BehaviorTree.CPP's own reader (tinyxml2) takes is taken too, with a warning, and what it
+refuses though it is XML is noted.
 """
 
 from __future__ import annotations
 
+import re
+from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
 
 from mrbt_mesh.formats.btcpp.elements import Comment, Content, Element, Instruction, Text
+from mrbt_mesh.formats.btcpp.raw_characters import escaped
 from mrbt_mesh.formats.mission_file import read_limited
 from mrbt_mesh.formats.problems import MissionError, Problem
 
@@ -20,6 +25,8 @@ MAX_ITEMS = 100_000
 MAX_ATTRIBUTES = 500
 ENCODINGS = frozenset({"utf-8", "utf-16", "utf-16le", "utf-16be", "us-ascii", "iso-8859-1"})
 
+_DECLARED = re.compile(rb"""<\?xml[^>]{0,200}?encoding\s*=\s*["']([\w-]+)""")
+_BYTE_ORDER_MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 _HINTS = {
     expat.errors.XML_ERROR_UNDEFINED_ENTITY: (
         "an undefined entity; only &amp; &lt; &gt; &quot; &apos; and &#...; are allowed"
@@ -34,11 +41,20 @@ class TreeFileError(MissionError):
     """A BehaviorTree.CPP file that cannot be used; `str()` gives one line per problem."""
 
 
-def read_xml(path: Path, limit_bytes: int = MAX_BYTES) -> list[Content]:
+@dataclass
+class XmlContent:
     """The root element of a file, with the comments and instructions around it.
 
-    Raises TreeFileError, and nothing else, for whatever may be wrong with the file.
+    `tolerated` is no XML, though BehaviorTree.CPP reads it; `refused` is XML that it does not read.
     """
+
+    items: list[Content] = field(default_factory=list)
+    tolerated: list[Problem] = field(default_factory=list)
+    refused: list[Problem] = field(default_factory=list)
+
+
+def read_xml(path: Path, limit_bytes: int = MAX_BYTES) -> XmlContent:
+    """Raises TreeFileError, and nothing else, for whatever may be wrong with the file."""
     try:
         content = read_limited(path, limit_bytes)
     except MissionError as error:
@@ -46,18 +62,40 @@ def read_xml(path: Path, limit_bytes: int = MAX_BYTES) -> list[Content]:
     return parse_xml(content, str(path))
 
 
-def parse_xml(content: bytes | str, file: str) -> list[Content]:
+def parse_xml(content: bytes | str, file: str) -> XmlContent:
     """As `read_xml`, from memory; `file` is for messages."""
-    return _Reader(file).read(content)
+    try:
+        return _Reader(file).read(content)
+    except TreeFileError:
+        text = content if isinstance(content, str) else _decoded(content)
+        kept, raw = escaped(text) if text is not None else ("", [])
+        if not raw:
+            raise
+        found = _Reader(file, "utf-8").read(kept.encode(errors="replace"))
+        found.tolerated += [Problem(file, line, "", message) for line, message in raw]
+        return found
+
+
+def _decoded(content: bytes) -> str | None:
+    """The text of a file by its byte order mark or declaration; None if it cannot be read."""
+    marked = (name for mark, name in _BYTE_ORDER_MARKS.items() if content.startswith(mark))
+    declared = _DECLARED.match(content)
+    encoding = next(marked, declared[1].decode() if declared else "utf-8")
+    if encoding.lower() not in ENCODINGS | {"utf-8-sig"}:
+        return None
+    try:
+        return content.decode(encoding)
+    except UnicodeDecodeError:
+        return None
 
 
 class _Reader:
-    def __init__(self, file: str) -> None:
+    def __init__(self, file: str, encoding: str | None = None) -> None:
         self.file = file
-        self.items: list[Content] = []
+        self.found = XmlContent()
         self.open: list[Element] = []
         self.added = 0
-        self.parser = parser = expat.ParserCreate()
+        self.parser = parser = expat.ParserCreate(encoding)
         parser.buffer_text = True
         parser.ordered_attributes = True
         parser.XmlDeclHandler = self.declaration
@@ -70,7 +108,9 @@ class _Reader:
         parser.CommentHandler = self.comment
         parser.ProcessingInstructionHandler = self.instruction
 
-    def read(self, content: bytes | str) -> list[Content]:
+    def read(self, content: bytes | str) -> XmlContent:
+        if isinstance(content, bytes) and content[:2] in _BYTE_ORDER_MARKS:
+            self.refuse(1, "BehaviorTree.CPP reads UTF-8 only, and this is UTF-16")
         try:
             self.parser.Parse(content, True)
         except expat.ExpatError as error:
@@ -80,7 +120,10 @@ class _Reader:
         finally:
             # The handlers are bound methods: without this the parser would keep itself alive.
             del self.parser
-        return self.items
+        return self.found
+
+    def refuse(self, line: int, message: str) -> None:
+        self.found.refused.append(Problem(self.file, line, "", message))
 
     def error(self, message: str, line: int = 0) -> TreeFileError:
         path = "/".join(element.tag for element in self.open[:6])
@@ -136,10 +179,15 @@ class _Reader:
         self.add(Comment(text))
 
     def instruction(self, target: str, data: str) -> None:
+        if self.open or any(not isinstance(item, Instruction) for item in self.found.items):
+            line = self.parser.CurrentLineNumber
+            self.refuse(
+                line, f"BehaviorTree.CPP reads <?{target} ...?> only as the first of a file"
+            )
         self.add(Instruction(target, data))
 
     def add(self, item: Content) -> None:
         self.added += 1
         if self.added > MAX_ITEMS:
             raise self.error(f"more than {MAX_ITEMS} elements, comments and texts")
-        (self.open[-1].content if self.open else self.items).append(item)
+        (self.open[-1].content if self.open else self.found.items).append(item)

@@ -10,6 +10,8 @@ import pytest
 
 from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.core.mission.mission import SameRobotAs
+from mrbt_mesh.formats.btcpp.document import Document, read_document
+from mrbt_mesh.formats.btcpp.elements import Element
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim.run import simulate
@@ -272,3 +274,36 @@ def test_a_team_that_cannot_do_it_is_refused(
     code, text, _ = written(tmp_path, CARRY.replace(old, new), TWO_ITEMS)
     assert code == 2
     assert message in " ".join(text.split())
+
+
+def test_subtrees_and_models_in_other_files(tmp_path: Path) -> None:
+    """The example in three files is lifted to the same mission; without them it is refused."""
+    document = read_document(TREE)
+    main, fix, models = document.root.children
+    for name, parts in {"repair": [main], "trees/fix": [fix], "models": [models]}.items():
+        path = tmp_path / f"{name}.xml"
+        path.parent.mkdir(exist_ok=True)
+        root = Element("root", {"BTCPP_format": "4", "main_tree_to_execute": "Repair"}, parts)
+        path.write_text(Document(str(path), [root]).text())
+    (tmp_path / "trees" / "package.xml").write_text("<package/>")
+    arguments = (tmp_path / "repair.xml", "--robots", TEAM)
+    others = ("--models", tmp_path / "models.xml", "--trees", tmp_path / "trees")
+    assert told(*arguments, *others)["decisions"] == told(TREE, "--robots", TEAM)["decisions"]
+    code, _, err = run(*arguments)
+    assert code == 2
+    assert "there is no tree 'FixPart'" in err
+    code, _, err = run(*arguments, "--trees", tmp_path / "nowhere")
+    assert code == 2
+    assert "there is no such folder" in err
+    assert run(*arguments, "--models", tmp_path / "nothing.xml")[0] == 2
+
+
+def test_a_condition_of_the_team_file_needs_no_model(tmp_path: Path) -> None:
+    tree, mission = tmp_path / "tree.xml", tmp_path / "mission.yaml"
+    tree.write_text(
+        '<root BTCPP_format="4"><BehaviorTree ID="Main"><Fallback><screwed/><place_screws/>'
+        "</Fallback></BehaviorTree></root>"
+    )
+    assert run(tree, "--robots", TEAM, "-o", mission)[0] == 0
+    kinds = [node.kind for node in load_mission(mission).tree.nodes]
+    assert kinds == [Kind.FALLBACK, Kind.CONDITION, Kind.ACTION]

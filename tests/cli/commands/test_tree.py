@@ -258,7 +258,7 @@ def test_check_json(old: Path) -> None:
     data = json.loads(output)
     assert (data["valid"], data["files"], data["trees"], data["nodes"]) == (False, 1, 2, 4)
     assert {f["severity"] for f in data["findings"]} == {"warning"}
-    assert [f["line"] for f in data["findings"]] == [3, 4]
+    assert [f["line"] for f in data["findings"]] == [1, 3, 4]
     refused = [(r["line"], r["path"]) for r in data["refusals"]]
     assert [place for place in refused if place != (3, "Main/fetch")] == [
         (5, "Main/fetch/Grasp"),
@@ -288,8 +288,8 @@ def test_check_for_a_team_notes_what_a_team_does_otherwise(tmp_path: Path) -> No
     path = tmp_path / "reactive.xml"
     path.write_text(
         '<root BTCPP_format="4">\n<BehaviorTree ID="A">\n<ReactiveSequence>\n'
-        '<Action ID="Move"/>\n<Action ID="Grasp"/>\n'
-        "</ReactiveSequence>\n</BehaviorTree>\n</root>"
+        "<Move/>\n<Grasp/>\n</ReactiveSequence>\n</BehaviorTree>\n"
+        '<TreeNodesModel><Action ID="Move"/><Action ID="Grasp"/></TreeNodesModel></root>'
     )
     code, output, problems = tree("check", path, "--team")
     assert code == 0
@@ -357,3 +357,74 @@ def test_help_has_an_example(command: str) -> None:
     code, output, _ = tree(command, "--help")
     assert code == 0
     assert f"Example: mrbt tree {command} " in output
+
+
+def package(folder: Path) -> Path:
+    """A robot's package: two files that need each other, one of models, and other XML."""
+    for name, text in {
+        "trees/main.xml": '<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree '
+        'ID="Main"><ReactiveSequence><Ready/><Action ID="Go"/><SubTree ID="Dock"/>'
+        "</ReactiveSequence></BehaviorTree></root>",
+        "trees/dock.xml": '<root BTCPP_format="4"><BehaviorTree ID="Dock"><Action ID="Park" '
+        '_skipIf="a < 3 && b"/></BehaviorTree></root>',
+        "models.xml": '<root BTCPP_format="4"><TreeNodesModel><Condition ID="Ready"/>'
+        '<Action ID="Go"/></TreeNodesModel></root>',
+        "package.xml": "<package><name>trees</name></package>",
+        ".git/old.xml": "<root>",
+    }.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+    return folder
+
+
+def test_check_a_folder_whose_files_know_each_other(tmp_path: Path) -> None:
+    folder = package(tmp_path / "package")
+    code, output, problems = tree("check", folder)
+    assert code == 0
+    assert "there is no tree" not in problems
+    assert "a raw '&'" in problems
+    assert "valid: 3 of 3 files in" in output.replace("\n", " ")
+    assert "skipped, since they hold no trees: 1" in " ".join(output.split())
+    code, output, _ = tree("check", folder, "--strict", "--json")
+    assert code == 2
+    data = json.loads(output)
+    assert data["skipped"] == [str(folder / "package.xml")]
+    valid = {Path(each["file"]).name: each["valid"] for each in data["files"]}
+    assert valid == {"models.xml": False, "dock.xml": True, "main.xml": False}
+
+
+def test_convert_a_folder(tmp_path: Path) -> None:
+    folder, target = package(tmp_path / "package"), tmp_path / "written"
+    (folder / "trees" / "broken.xml").write_text('<root><BehaviorTree ID="A"/></root>')
+    code, _, problems = tree("convert", folder, target)
+    assert code == 2
+    assert "not written: 1 of 4 files" in problems
+    written = sorted(str(path.relative_to(target)) for path in target.rglob("*.xml"))
+    assert written == ["models.xml", "trees/dock.xml", "trees/main.xml"]
+    (main,) = read_document(target / "trees" / "main.xml").trees
+    assert [child.tag for child in main.children[0].children] == ["Ready", "Go", "SubTree"]
+    assert tree("check", target / "trees" / "main.xml")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["check", "."], "no BehaviorTree.CPP file (.xml) in this folder"),
+        (["convert", ".", "../out"], "no BehaviorTree.CPP file (.xml) in this folder"),
+        (["convert", "package", "package/out"], "has to lie outside of"),
+        (["convert", "package", "out", "--merge"], "--ids and --merge are for one file"),
+        (["show", "package"], "is a folder; name one file in it"),
+    ],
+)
+def test_folders_that_cannot_be_used(
+    arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "empty").mkdir()
+    package(tmp_path / "empty" / "package")
+    monkeypatch.chdir(tmp_path / "empty")
+    if "." in arguments:
+        (tmp_path / "none").mkdir()
+        monkeypatch.chdir(tmp_path / "none")
+    code, _, problems = tree(*arguments)
+    assert code == 2
+    assert message in problems

@@ -13,9 +13,10 @@ from mrbt_mesh.cli.views.tree_svg import render_svg
 from mrbt_mesh.formats.btcpp.check import check_library
 from mrbt_mesh.formats.btcpp.document import Document, parse_document, pointer, read_document
 from mrbt_mesh.formats.btcpp.elements import Comment, Content, Element, Instruction, Text
-from mrbt_mesh.formats.btcpp.export import compact, explicit, with_ids
+from mrbt_mesh.formats.btcpp.export import explicit, with_ids
 from mrbt_mesh.formats.btcpp.findings import Findings
 from mrbt_mesh.formats.btcpp.library import library_of
+from mrbt_mesh.formats.btcpp.loadable import compact, loadable
 from mrbt_mesh.formats.btcpp.team_tree import to_team_tree
 from mrbt_mesh.formats.btcpp.upgrade import upgrade
 from mrbt_mesh.formats.btcpp.xml_reader import (
@@ -120,8 +121,10 @@ def use(content: bytes) -> None:
 def _read_and_check(content: bytes) -> None:
     document = parse_document(content, "fuzz.xml")
     assert parse_document(document.text(), "fuzz.xml") == document
-    upgraded, _ = upgrade(document)
-    assert upgrade(upgraded) == (upgraded, [])
+    upgraded = upgrade(document, Findings())
+    again = Findings()
+    assert upgrade(upgraded, again) is upgraded
+    assert not again.found
     for is_strict in (False, True):
         findings = Findings(is_strict)
         check_library(library_of(document, findings), findings)
@@ -134,6 +137,8 @@ def _convert(content: bytes) -> None:
     exported = explicit(library)
     assert parse_document(exported.text(), "fuzz.xml") == exported
     parse_document(compact(exported).text(), "fuzz.xml")
+    assert loadable(exported) == loadable(loadable(exported))
+    parse_document(loadable(exported).text(), "fuzz.xml")
     for tree in library.trees:
         to_team_tree(library, tree)
     with_ids(library)

@@ -7,9 +7,8 @@ from mrbt_mesh.cli.framework.group import CommandGroup
 PANELS = {
     "Commands": {
         "show": "Draw the trees of a file, or all that a robot of a mission runs.",
-        "convert": "Write a tree as BehaviorTree.CPP 4 XML that Groot2 opens: explicit, with all "
-        "models.",
-        "check": "Check a file; exit status 2 if there are errors.",
+        "convert": "Write trees as BehaviorTree.CPP 4.7 to 4.10 loads them and Groot2 opens them.",
+        "check": "Check a file, or all of a folder; exit status 2 if there are errors.",
     },
 }
 tree = CommandGroup(

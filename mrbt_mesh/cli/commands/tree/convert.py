@@ -10,30 +10,21 @@ from mrbt_mesh.errors import InputError
 
 
 def convert(
-    source: Annotated[Path, argument("IN", "File to read (.xml or .yaml).")],
-    target: Annotated[Path, argument("OUT", "File to write (.xml).")],
+    source: Annotated[Path, argument("IN", "File (.xml or .yaml) or folder to read.")],
+    target: Annotated[Path, argument("OUT", "File (.xml) or folder to write.")],
     compact: Annotated[bool, option("<Foo/> instead of <Action ID='Foo'/>.")] = False,
     merge: Annotated[bool, option("Put the trees of included files into OUT.")] = False,
     ids: Annotated[bool, option("As a monitor sees it: a tree per SubTree, with _uid.")] = False,
 ) -> None:
-    """Write a tree as BehaviorTree.CPP 4 XML that Groot2 opens: explicit, with all models.
+    """Write trees as BehaviorTree.CPP 4.7 to 4.10 loads them and Groot2 opens them.
+
+    The explicit form with all models; a whole folder at once, too.
 
     Example: mrbt tree convert old_v3.xml new_v4.xml
     """
-    from mrbt_mesh.cli.framework.terminal import console, errors, write_file
-    from mrbt_mesh.cli.trees.converting import converted
-    from mrbt_mesh.cli.views.finding_view import finding_line, line
-    from mrbt_mesh.formats.btcpp.export import compact as compacted
+    from mrbt_mesh.cli.trees.converting import Wanted, convert_file, convert_folder
 
-    if target.suffix.lower() != ".xml":
-        raise InputError(f"{target}: the file to write has to end in .xml")
     if ids and (merge or compact):
         raise InputError("--ids goes without --merge and --compact")
-    document, found = converted(source, merge, ids)
-    text = (compacted(document) if compact else document).text()
-    for finding in found:
-        errors.print(finding_line(finding), soft_wrap=True)
-    write_file(target, text)
-    trees = len(document.trees)
-    count = f"{trees} tree{'s' if trees > 1 else ''}"
-    console.print(line("written", "bold green", f"{target}: {count}"), soft_wrap=True)
+    write = convert_folder if source.is_dir() else convert_file
+    write(source, target, Wanted(compact, merge, ids))
