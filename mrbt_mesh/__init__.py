@@ -3,7 +3,8 @@
 Robot programs import from here, and from nowhere below.
 """
 
-from mrbt_mesh.runtime.program import ProgramError, RobotProgram, TaskContext, TaskFailedError
+from mrbt_mesh.errors import TaskFailedError
+from mrbt_mesh.runtime.program import ProgramError, RobotProgram, TaskContext
 
 __all__ = ["ProgramError", "RobotProgram", "TaskContext", "TaskFailedError", "__version__"]
 

@@ -41,8 +41,9 @@ from mrbt_mesh.core.mission.mission import (
     micro_performance,
 )
 from mrbt_mesh.core.mission.names import split_call
+from mrbt_mesh.errors import TaskFailedError
 from mrbt_mesh.runtime.local_trees import LeafEnd, LocalTreeRunner
-from mrbt_mesh.runtime.program import RobotProgram, TaskContext, TaskFailedError
+from mrbt_mesh.runtime.program import RobotProgram, TaskContext
 
 MAX_ERROR = 2_000
 # No mission waits longer for a bid.

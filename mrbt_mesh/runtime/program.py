@@ -35,10 +35,6 @@ class ProgramError(InputError):
     """A robot program that cannot be used; the message says where and what would be right."""
 
 
-class TaskFailedError(Exception):
-    """Raise it in a local task to report failure with a reason, without a traceback in the log."""
-
-
 class TaskPort(Protocol):
     """What the runtime, or the simulator, provides behind a context."""
 
