@@ -66,6 +66,8 @@ class LeafNode(TreeNode):
 
                 value = arguments.get(name)
                 arguments[name] = InOut(write_port, value) if port.reads else Out(write_port)
+        for name, kind in self.leaf.given.items():
+            arguments[name] = self.world.given[kind]
         first = (self.type,) if self.leaf.takes_type else ()
         return self.leaf.function(*first, **arguments)
 

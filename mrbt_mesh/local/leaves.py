@@ -72,7 +72,10 @@ class LeafPort:
 
 @dataclass(frozen=True, slots=True)
 class Leaf:
-    """One registered function. `takes_type`: its first argument is the leaf's type."""
+    """One registered function. `takes_type`: its first argument is the leaf's type.
+
+    `given`: parameters that are no ports, by the types of what they get.
+    """
 
     name: str
     category: Category
@@ -80,6 +83,7 @@ class Leaf:
     ports: Mapping[str, LeafPort] = field(default_factory=dict)
     takes_others: bool = False
     takes_type: bool = False
+    given: Mapping[str, type] = field(default_factory=dict)
 
     @property
     def is_async(self) -> bool:
@@ -89,9 +93,13 @@ class Leaf:
 
 
 class Leaves:
-    """A registry of leaves, which any number of trees may share."""
+    """A registry of leaves, which any number of trees may share.
 
-    def __init__(self) -> None:
+    A parameter with one of the types `given` is no port: the tree has a value for it.
+    """
+
+    def __init__(self, *given: type) -> None:
+        self._given = given
         self._leaves: dict[str, Leaf] = {}
         self.node_types: dict[str, type[TreeNode]] = {}
 
@@ -144,13 +152,15 @@ class Leaves:
         def register(function: F) -> F:
             if name in self._leaves:
                 raise LeafError(f"the leaf {name!r} is registered twice")
-            self._leaves[name] = leaf_of(name, category, function)
+            self._leaves[name] = leaf_of(name, category, function, self._given)
             return function
 
         return register
 
 
-def leaf_of(name: str, category: Category, function: Callable[..., Any]) -> Leaf:
+def leaf_of(
+    name: str, category: Category, function: Callable[..., Any], given: tuple[type, ...] = ()
+) -> Leaf:
     """A function as a leaf, its ports by its parameters. Raises LeafError."""
     if not callable(function) or inspect.isclass(function):
         raise LeafError(f"the leaf {name!r}: {function!r} is not a function")
@@ -159,18 +169,21 @@ def leaf_of(name: str, category: Category, function: Callable[..., Any]) -> Leaf
     except Exception as error:
         raise LeafError(f"the leaf {name!r}: its annotations cannot be read: {error}") from None
     ports: dict[str, LeafPort] = {}
+    others: dict[str, type] = {}
     takes_others = takes_type = False
     for parameter in inspect.signature(function).parameters.values():
         if parameter.kind is inspect.Parameter.VAR_KEYWORD:
             takes_others = True
         elif parameter.kind is inspect.Parameter.POSITIONAL_ONLY and not takes_type:
             takes_type = True
+        elif hints.get(parameter.name) in given:
+            others[parameter.name] = hints[parameter.name]
         elif parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY):
             has_default = parameter.default is not inspect.Parameter.empty
             ports[parameter.name] = _port(hints.get(parameter.name), has_default)
         else:
             raise LeafError(f"the leaf {name!r}: {parameter} cannot be a port")
-    return Leaf(name, category, function, ports, takes_others, takes_type)
+    return Leaf(name, category, function, ports, takes_others, takes_type, others)
 
 
 def _port(annotation: Any, has_default: bool) -> LeafPort:

@@ -75,7 +75,8 @@ class TreeWorld:
     """What the nodes of one tree share.
 
     `exact`: with BehaviorTree.CPP's own oddities (docs/robot_trees.md). `woken`: a node asks to
-    be ticked again at once. `deadlines_us` are those of nodes that wait, by uid.
+    be ticked again at once. `deadlines_us` are those of nodes that wait, by uid. `given`: what
+    leaves get besides ports, by its type.
     """
 
     exact: bool = False
@@ -85,6 +86,7 @@ class TreeWorld:
     woken: bool = False
     enums: Mapping[str, int] = field(default_factory=dict)
     sources: Mapping[str, Source] = field(default_factory=dict)
+    given: Mapping[type, Any] = field(default_factory=dict)
     effects: list[Effect] = field(default_factory=list)
     deadlines_us: dict[int, int] = field(default_factory=dict)
 

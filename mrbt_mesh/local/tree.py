@@ -53,7 +53,8 @@ class BehaviorTree:
     """One tree that can be run, any number of times, one after the other.
 
     `leaves` may be shared by trees; without it the tree has its own. `exact` switches
-    BehaviorTree.CPP's own oddities on (docs/robot_trees.md). The blackboard stays from run to run.
+    BehaviorTree.CPP's own oddities on (docs/robot_trees.md). `given`: what leaves get besides
+    ports, by its type. The blackboard stays from run to run.
     """
 
     def __init__(
@@ -64,13 +65,16 @@ class BehaviorTree:
         *,
         exact: bool = False,
         enums: Mapping[str, int] | None = None,
+        given: Mapping[type, Any] | None = None,
     ) -> None:
         self.name = _chosen(library, tree)
         self.leaves = leaves if leaves is not None else Leaves()
         self.blackboard = Blackboard()
         self._library = library
         self._sources: dict[str, Source] = {}
-        self._world = TreeWorld(exact, enums=dict(enums or {}), sources=self._sources)
+        self._world = TreeWorld(
+            exact, enums=dict(enums or {}), sources=self._sources, given=dict(given or {})
+        )
         self._engine: TickEngine | None = None
         self._runner: TreeRunner | None = None
         self._watchers: list[Callable[[], None]] = []
@@ -85,6 +89,7 @@ class BehaviorTree:
         *,
         exact: bool = False,
         enums: Mapping[str, int] | None = None,
+        given: Mapping[type, Any] | None = None,
         package_folders: Sequence[Path] = (),
     ) -> BehaviorTree:
         """Read a file with all that it includes. Raises TreeFileError.
@@ -96,7 +101,7 @@ class BehaviorTree:
         library = load_library(Path(path), findings, package_folders)
         check_library(library, findings)
         findings.raise_errors()
-        return cls(library, tree, leaves, exact=exact, enums=enums)
+        return cls(library, tree, leaves, exact=exact, enums=enums, given=given)
 
     @classmethod
     def from_text(
