@@ -84,6 +84,7 @@ def test_the_examples_are_where_the_readme_says() -> None:
         "couriers",
         "dispense",
         "explore",
+        "inspection",
         "lift",
         "tool_search",
         "vehicle_repair",
