@@ -61,6 +61,7 @@ class TreeRunner:
         Cancelled, or ended by an error, it halts the tree and waits until its actions have
         stopped. Raises TickError, and what a leaf raised but for TaskFailedError.
         """
+        result = RUNNING
         async with anyio.create_task_group() as group:
             try:
                 result = await self._tick_to_the_end(group)
@@ -69,7 +70,7 @@ class TreeRunner:
                 self._error = self._error or error
             finally:
                 with anyio.CancelScope(shield=True):
-                    await self._stop(group)
+                    await self._stop(is_halted=result is RUNNING)
         if self._error is not None:
             raise self._error
         return result
@@ -144,10 +145,11 @@ class TreeRunner:
             return FAILURE, str(failure)
         return status_of(result, node), ""
 
-    async def _stop(self, group: anyio.abc.TaskGroup) -> None:
-        """Halt the tree and wait until all that was begun has stopped."""
+    async def _stop(self, is_halted: bool) -> None:
+        """Halt a tree that has not ended, and wait until all that was begun has stopped."""
         try:
-            self._engine.halt()
+            if is_halted:
+                self._engine.halt()
         except Exception as error:
             self._error = self._error or error
         self._engine.take_effects()

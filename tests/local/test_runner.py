@@ -190,3 +190,12 @@ def test_watchers_see_every_tick() -> None:
         ["RUNNING", "SUCCESS", "RUNNING"],
         ["FAILURE", "IDLE", "FAILURE"],
     ]
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_a_tree_that_has_ended_is_not_halted(exact: bool) -> None:
+    body = f'<Sequence _onHalted="halts += 1">{act("a")}<Sleep msec="5"/></Sequence>'
+    robot = Robot(body, exact=exact)
+    robot.tree.blackboard["halts"] = 0
+    assert robot.run()[0] is NodeStatus.SUCCESS
+    assert robot.tree.blackboard["halts"] == 0
