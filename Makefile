@@ -20,7 +20,7 @@ help:
 	@echo "make screenshots     the README's pictures of the live page"
 	@echo "make test-docker     the docker-compose demo; as root, installs Debian's docker.io if missing"
 	@echo "make test-slow       wireless teams, discovery, split sessions, intruders, routers: minutes"
-	@echo "make test-interop    Groot2's protocol and files against BehaviorTree.CPP and an open monitor"
+	@echo "make test-interop    what other programs are given: BehaviorTree.CPP, an open monitor, Foxglove's protocol"
 	@echo "make test-conformance all traces of BehaviorTree.CPP 4.10, told by the executor of local trees"
 	@echo "make tolerance       what mrbt analyze foretells of faults, against thousands of simulated runs"
 	@echo "make lint            ruff, mypy, import-linter"
@@ -102,7 +102,7 @@ test-docker: $(READY)
 test-interop: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[interop]'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps py_trees_js
-	$(BIN)/pytest -rs tests/adapters tests/local/test_tree_with_others.py
+	$(BIN)/pytest -rs tests/adapters tests/processes/test_foxglove.py tests/local/test_tree_with_others.py
 
 # 2,602 traces and 8,000 scripts measured with BehaviorTree.CPP 4.10; `make test` tells each eighth.
 test-conformance: $(READY)

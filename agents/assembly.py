@@ -1,14 +1,13 @@
 """The robots of examples/assembly: the actions of the tree that is their local task."""
 
-from simulated import physical, work
+from simulated import held, work
 
 from mrbt_mesh import RobotProgram, TaskContext
 
-robot = RobotProgram()
+robot = RobotProgram(record_work=True)
 
 
 @robot.local_task("grasp")
-@physical
 async def grasp(task: TaskContext) -> None:
     """Take the tool up."""
     await work(task)
@@ -16,9 +15,9 @@ async def grasp(task: TaskContext) -> None:
 
 
 @robot.local_task("turn")
-@physical
 async def turn(task: TaskContext, part: str) -> None:
     """Turn the screw; at part 2 the tool slips, once per robot."""
+    await held(task)
     if part == "2" and not task.local_condition("slipped"):
         task.set_local_condition("slipped", True, at_once=True)
         # Now the tree has this action cancelled, and the tool taken up again.

@@ -3,11 +3,11 @@
 import math
 
 import anyio
-from simulated import physical
+from simulated import held
 
 from mrbt_mesh import RobotProgram, TaskContext
 
-robot = RobotProgram()
+robot = RobotProgram(record_work=True)
 Place = tuple[float, float]
 STEP_S = 0.1
 
@@ -32,9 +32,9 @@ def bid(task: TaskContext, parcel: str) -> float:
 
 
 @robot.local_task("deliver")
-@physical
 async def deliver(task: TaskContext, parcel: str) -> None:
     """Go to the parcel, and with it to its destination."""
+    await held(task)
     for share, place in enumerate(_places(task, parcel)):
         await _go(task, place, share / 2)
 

@@ -1,17 +1,16 @@
 """The robots of examples/dispense. A dose shows in events.jsonl as soon as it has begun."""
 
-from simulated import physical, work
+from simulated import work
 
 from mrbt_mesh import RobotProgram, TaskContext
 
-robot = RobotProgram()
+robot = RobotProgram(record_work=True)
 
 
 @robot.local_task("fetch")
 @robot.local_task("dose")
 @robot.local_task("stir")
 @robot.local_task("lift_lid")
-@physical
 async def do_work(task: TaskContext, *arguments: str) -> None:
     """Anything that only takes its time."""
     await work(task)

@@ -1,12 +1,12 @@
 """The robots of examples/inspection: the leaves of a BehaviorTree.CPP tree, and one local task."""
 
 import anyio
-from simulated import physical, work
+from simulated import work
 
 from mrbt_mesh import RobotProgram, TaskContext, TaskFailedError
 from mrbt_mesh.local import InOut, Out
 
-robot = RobotProgram()
+robot = RobotProgram(record_work=True)
 
 
 @robot.action("DriveTo")
@@ -32,7 +32,6 @@ async def read_gauge(task: TaskContext, valve: str, pressure_bar: Out[float]) ->
 
 
 @robot.local_task("close")
-@physical
 async def close(task: TaskContext, valve: str) -> None:
     """Turn the handwheel."""
     await work(task)

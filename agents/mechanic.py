@@ -2,11 +2,11 @@
 local task declares in team.yaml.
 """
 
-from simulated import physical, work
+from simulated import work
 
 from mrbt_mesh import RobotProgram, TaskContext
 
-robot = RobotProgram()
+robot = RobotProgram(record_work=True)
 
 # Local task -> conditions that it changes, with its part in place of {}, and their new values.
 EFFECTS = {
@@ -21,7 +21,6 @@ EFFECTS = {
 }
 
 
-@physical
 async def change(task: TaskContext, *part: str) -> None:
     """Work, then say what has changed, together with this task's outcome."""
     await work(task)

@@ -1,10 +1,10 @@
 """The robots of examples/vehicle_repair: diagnosis finds out what is broken, the rest is work."""
 
-from simulated import physical, work
+from simulated import work
 
 from mrbt_mesh import RobotProgram, TaskContext
 
-robot = RobotProgram()
+robot = RobotProgram(record_work=True)
 # How near a robot comes to what it works on, as a share of its way there.
 NEAR = 0.7
 
@@ -27,7 +27,6 @@ async def stand_by(task: TaskContext) -> None:
 
 
 @robot.local_task("do_diagnosis")
-@physical
 async def do_diagnosis(task: TaskContext, part: str) -> None:
     """Find out whether `part` is broken, and say so together with this task's outcome."""
     go(task, part)
@@ -41,7 +40,6 @@ async def do_diagnosis(task: TaskContext, part: str) -> None:
 @robot.local_task("replace_hw")
 @robot.local_task("replace_wires")
 @robot.local_task("use_soldering_iron")
-@physical
 async def do_work(task: TaskContext, *arguments: str) -> None:
     """Anything that only takes its time."""
     go(task, *arguments)

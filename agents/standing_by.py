@@ -5,16 +5,15 @@ in says that the vehicle is in order again.
 """
 
 import anyio
-from simulated import physical, work
+from simulated import work
 
 from mrbt_mesh import RobotProgram, TaskContext
 
-robot = RobotProgram()
+robot = RobotProgram(record_work=True)
 POLL_S = 0.1
 
 
 @robot.local_task("do_diagnosis")
-@physical
 async def do_diagnosis(task: TaskContext, part: str) -> None:
     """Find out whether `part` is broken, and say so together with this task's outcome."""
     await work(task)
@@ -22,7 +21,6 @@ async def do_diagnosis(task: TaskContext, part: str) -> None:
 
 
 @robot.local_task("use_soldering_iron")
-@physical
 async def use_soldering_iron(task: TaskContext, part: str) -> None:
     """The last step of a part's repair."""
     await work(task)
@@ -31,7 +29,6 @@ async def use_soldering_iron(task: TaskContext, part: str) -> None:
 
 
 @robot.local_task("use_screwdriver")
-@physical
 async def use_screwdriver(task: TaskContext) -> None:
     """Screws come out at the beginning; when they are in again, the vehicle is in order."""
     await work(task)
@@ -42,7 +39,6 @@ async def use_screwdriver(task: TaskContext) -> None:
 @robot.local_task("move_frame")
 @robot.local_task("replace_hw")
 @robot.local_task("replace_wires")
-@physical
 async def do_work(task: TaskContext, *arguments: str) -> None:
     """Anything that only takes its time."""
     await work(task)

@@ -1,14 +1,13 @@
 """The robots of examples/tool_search: what they find is given by the mission's parameters."""
 
-from simulated import physical, work
+from simulated import work
 
 from mrbt_mesh import RobotProgram, TaskContext, TaskFailedError
 
-robot = RobotProgram()
+robot = RobotProgram(record_work=True)
 
 
 @robot.local_task("search")
-@physical
 async def search(task: TaskContext, storage: str) -> None:
     """Look for the tools; fails in the storage that has none."""
     await work(task)
@@ -17,7 +16,6 @@ async def search(task: TaskContext, storage: str) -> None:
 
 
 @robot.local_task("large_screwdriver")
-@physical
 async def large_screwdriver(task: TaskContext) -> None:
     """Tighten with the large screwdriver; fails where it does not fit."""
     await work(task)
@@ -26,7 +24,6 @@ async def large_screwdriver(task: TaskContext) -> None:
 
 
 @robot.local_task("small_screwdriver")
-@physical
 async def small_screwdriver(task: TaskContext) -> None:
     """Tighten with the small screwdriver, which always fits but takes longer."""
     await work(task)

@@ -3,8 +3,9 @@
     python -m benchmarks.recording [--robots 6] [--seconds 20] [--json FILE]
 
 A team of real processes over Zenoh works without end, so that its plan changes some ten times a
-second. Each robot measures the time that its recorder takes, beside the time of its whole process:
-the ratio comes of one run, so it does not matter how fast the machine is or what else it does.
+second; each robot says ten times a second where it is. Each robot measures the time that its
+recorder takes, beside the time of its whole process: the ratio comes of one run, so it does not
+matter how fast the machine is or what else it does.
 """
 
 from __future__ import annotations
@@ -31,10 +32,30 @@ from mrbt_mesh.runtime.launcher import free_endpoints
 
 # So long each robot works at a time: there are about two plan changes for each end of work.
 WORK_S = 1.1
+# The robots of examples/explore, on their way.
+PROGRAM = """\
+import sys
+
+import anyio
+
+sys.path.insert(0, {agents!r})
+from explore import robot
+
+
+@robot.background
+async def drive(task):
+    at = 0
+    while True:
+        at += 1
+        task.report_position(at / 10, at / 20, heading=at / 100)
+        await anyio.sleep(0.1)
+"""
 MISSION = """\
 mission: busy
 program: {program}
-parameters: {{areas: [{areas}]}}
+parameters:
+  areas: [{areas}]
+  map: {{lines: [{{kind: street, points: [[0, 0], [20, 10]]}}], places: {{{places}}}}}
 local_tasks: {{explore: {{parameters: [area], work: {work}}}}}
 robot_types: {{R: {{capabilities: {{explore: 1}}}}}}
 robots: {{{robots}}}
@@ -84,11 +105,14 @@ def robot(measured: Path, arguments: list[str]) -> NoReturn:
 
 def measure(folder: Path, robots: int, seconds: float) -> dict[str, Any]:
     """Let a team work for so long: the shares of all robots, and their plan changes a second."""
+    areas = [f"a{number}" for number in range(max(1, robots - 1))]
     names = [f"R{number}" for number in range(1, robots + 1)]
-    mission = folder / "busy.yaml"
+    mission, program = folder / "busy.yaml", folder / "busy.py"
+    program.write_text(PROGRAM.format(agents=str(ROOT / "agents")))
     text = MISSION.format(
-        program=ROOT / "agents" / "explore.py",
-        areas=", ".join(f"a{number}" for number in range(max(1, robots - 1))),
+        program=program,
+        areas=", ".join(areas),
+        places=", ".join(f"{area}: {{at: [1, 1], mended: explore_area({area})}}" for area in areas),
         robots=", ".join(f"{name}: R" for name in names),
         work=WORK_S,
     )

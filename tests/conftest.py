@@ -6,6 +6,9 @@ import os
 
 from hypothesis import HealthCheck, settings
 
+# As where the package is installed: pytest finds it by its entry point.
+from mrbt_mesh.pytest_plugin import run_mission as run_mission
+
 settings.register_profile(
     "project",
     deadline=None,

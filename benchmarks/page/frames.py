@@ -19,6 +19,7 @@ from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, Mission, Need, Robot
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.viewmodel.team_view import TeamView
 from mrbt_mesh.web.app import Page
 from mrbt_mesh.web.feed import Feed
 from mrbt_mesh.web.protection import hosts
@@ -119,7 +120,7 @@ def measure(seconds: float) -> dict[str, Any]:
     """Frame times in ms and the heap in MB, after so many seconds."""
     observer = Observer(mission(), "r", Timing(200_000, 1_000_000), default_solver)
     observer.record.started_us = boottime_us()
-    feed = Feed(observer, boottime_us)
+    feed = Feed(TeamView(observer), boottime_us)
     feed.update()
     bound = socket.create_server(("127.0.0.1", 0))
     # A process of its own, as it is: the server's work is not the page's.

@@ -5,6 +5,7 @@
 2. Actions that undo what led to them. One whose effects turn a condition against itself, that an
    earlier child of a Sequence asks, has another activation once it has succeeded: what led to it is
    done again, and so is the action.
+3. Conditions that tell why a task failed which the tree never asks for: they never hold.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from mrbt_mesh.analysis.requirement import TooLargeError, could_fail
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import Kind, Node
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.names import type_name
 
 MAX_NAMED = 3
 # Expressions of more conditions are not tried out: they are taken to turn.
@@ -26,7 +28,7 @@ MAX_CONDITIONS = 8
 
 def cautions(mission: Mission) -> list[str]:
     """All of them, in tree order, as lines for people."""
-    found = list(_undoing_actions(mission))
+    found = [*_undoing_actions(mission), *_reasons_of_nothing(mission)]
     with contextlib.suppress(TooLargeError):  # `mrbt analyze` says so
         found = [*_stuck_fallbacks(mission), *found]
     return found
@@ -132,6 +134,29 @@ def _effect(condition: str, value: bool) -> str:
 
 def _holding(values: Mapping[str, bool]) -> set[str]:
     return {name for name, value in values.items() if value}
+
+
+# -- reasons of failures that cannot be ---------------------------------------------------------
+
+
+def _reasons_of_nothing(mission: Mission) -> Iterator[str]:
+    ends = [
+        (node.subject, need.local_task)
+        for node in mission.tree.actions()
+        for need in mission.global_tasks[node.subject].needs
+    ]
+    read = {n.subject: n for n in reversed(mission.tree.nodes) if n.kind is Kind.CONDITION}
+    for name, node in sorted(read.items(), key=lambda item: item[1].index):
+        declared = mission.conditions[type_name(name)]
+        if declared.failure is None:
+            continue
+        told = (declared.after_end(*end, success=True, reason="") for end in ends)
+        if all(each is None or each[0] != name for each in told):
+            task = declared.failure.task
+            yield (
+                f"{_place(mission, node)}: {name} never holds: it tells why {task} failed, and the "
+                "tree asks for nothing of that with these arguments"
+            )
 
 
 # -- words ------------------------------------------------------------------------------------

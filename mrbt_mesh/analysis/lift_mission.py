@@ -16,6 +16,7 @@ from mrbt_mesh.formats.btcpp.document import Category, read_boolean
 from mrbt_mesh.formats.btcpp.library import Library
 from mrbt_mesh.formats.btcpp.team_tree import ALWAYS, TeamTree, to_team_tree
 from mrbt_mesh.formats.declaration import Declaration
+from mrbt_mesh.formats.mission_model import FailureReasonModel
 from mrbt_mesh.formats.mission_writer import tree_data
 from mrbt_mesh.formats.problems import MissionError, Problem, nearest
 from mrbt_mesh.formats.team_file import TeamFile
@@ -226,8 +227,13 @@ def _conditions(tree: NodeSpec, team: TeamFile) -> dict[str, Any]:
     """Those of the team file, and those that the tree asks and nobody has declared."""
     found: dict[str, Any] = {
         name: _only_given(
-            {"parameters": list(given.parameters), "default": given.default, "per": given.per},
-            {"parameters": [], "per": "team"},
+            {
+                "parameters": list(given.parameters),
+                "default": given.default,
+                "per": given.per,
+                "failure_reason": _reason(given.failure_reason),
+            },
+            {"parameters": [], "per": "team", "failure_reason": None},
         )
         for name, given in team.model.conditions.items()
     }
@@ -241,6 +247,10 @@ def _conditions(tree: NodeSpec, team: TeamFile) -> dict[str, Any]:
         else:
             found.setdefault(name, {"default": False})
     return found
+
+
+def _reason(given: FailureReasonModel | None) -> dict[str, str] | None:
+    return None if given is None else given.model_dump(exclude_none=True)
 
 
 def heading(tree: str, file: Path, team: Path, lifted: Lifted) -> str:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import click
 
-from mrbt_mesh import __version__
 from mrbt_mesh.cli.commands import PANELS
 from mrbt_mesh.cli.framework.group import CommandGroup
+from mrbt_mesh.version import __version__
 
 app = CommandGroup(
     "mrbt",

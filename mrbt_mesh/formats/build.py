@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from mrbt_mesh.core.bt.tree import NodeSpec, Tree, TreeError, build_tree
-from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.constraints import Constraint
 from mrbt_mesh.core.mission.costs import Costs
 from mrbt_mesh.core.mission.local_tasks import LocalTask
@@ -40,11 +39,11 @@ from mrbt_mesh.formats.expand import (
     split_template,
     substitute,
 )
+from mrbt_mesh.formats.failure_reasons import condition_types, local_condition_types
 from mrbt_mesh.formats.local_trees import LocalTrees
 from mrbt_mesh.formats.mission_model import (
     BidModel,
     Blocked,
-    ConditionModel,
     FailAfterModel,
     FailurePolicyModel,
     GlobalTaskModel,
@@ -104,6 +103,8 @@ class _Builder:
         }
         self.check_global_tasks()
         self.check_effects()
+        conditions = condition_types(model, self.report)
+        local_conditions = local_condition_types(model, self.report)
         template, subtrees = self.templates()
         # What is wrong so far would come up again for every value.
         self.report.raise_if_any()
@@ -125,7 +126,7 @@ class _Builder:
             robots=robots,
             robot_types=types,
             local_tasks=local_tasks,
-            conditions=_condition_types(model.conditions),
+            conditions=conditions,
             global_tasks=global_tasks,
             tree=tree,
             assignment=AssignmentPolicy(model.assignment),
@@ -135,7 +136,7 @@ class _Builder:
             constraints=constraints,
             ends=MissionEnd(model.ends),
             local_trees=local_trees,
-            local_conditions=_condition_types(model.local_conditions),
+            local_conditions=local_conditions,
             program_trees=program_trees,
             costs=Costs(
                 {n: t.cost for n, t in sorted(model.robot_types.items()) if t.cost != 1},
@@ -345,6 +346,10 @@ class _Builder:
             for text in task.effects:
                 path: SourcePath = ("local_tasks", name, "effects", text)
                 check_call(text, "condition", conditions, scope, path, self.report)
+                known = self.model.conditions.get(split_template(text)[0])
+                if known is not None and known.failure_reason is not None:
+                    told = "this condition tells why something failed: no success sets it"
+                    self.report.add(path, told)
 
     def effects(self, model: GlobalTaskModel, scope: Scope) -> tuple[tuple[str, bool], ...]:
         """What the mission says that the local tasks of a global task set, ground."""
@@ -421,13 +426,6 @@ class _Builder:
         except TreeError as error:
             self.report.add(("tree",), str(error))
             return None
-
-
-def _condition_types(model: Mapping[str, ConditionModel]) -> dict[str, ConditionType]:
-    return {
-        name: ConditionType(name, tuple(each.parameters), each.default, each.per == "robot")
-        for name, each in sorted(model.items())
-    }
 
 
 def _sorted_deeply(value: Any) -> Any:

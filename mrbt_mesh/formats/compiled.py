@@ -87,6 +87,11 @@ def _check(mission: Mission) -> None:
             _expect(_is_integer(cost, 0, MAX_COST), f"cost of {name}: {cost!r}")
     for condition in mission.conditions.values():
         flags = (condition.default, condition.per_robot)
+        failure = condition.failure
+        if failure is not None:
+            names = {argument[1:] for argument in failure.arguments if argument.startswith("$")}
+            fits = names == set(condition.parameters) and not condition.default
+            _expect(fits, f"condition {condition.name}: failure reason")
         _expect(all(isinstance(flag, bool) for flag in flags), f"condition {condition.name}")
     _check_global_tasks(mission)
     _check_tree(mission)

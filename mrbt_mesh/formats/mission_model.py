@@ -24,6 +24,7 @@ from pydantic import (
 )
 from pydantic_core import ErrorDetails, PydanticCustomError
 
+from mrbt_mesh.core.mission.failure_reasons import MAX_REASON
 from mrbt_mesh.core.mission.mission import (
     MAX_BID_WITHIN_US,
     MAX_COST,
@@ -79,6 +80,7 @@ NodeOrFile: TypeAlias = Annotated[
 ]
 ProgramText: TypeAlias = Annotated[str, Field(pattern=_PROGRAM)]
 SolverText: TypeAlias = Annotated[str, Field(pattern=_SOLVER)]
+ReasonText: TypeAlias = Annotated[str, Field(min_length=1, max_length=MAX_REASON)]
 Parameters: TypeAlias = Annotated[list[Name], Field(max_length=MAX_ARGUMENTS)]
 Performance: TypeAlias = Annotated[float, Field(gt=0, le=MAX_PERFORMANCE_UNITS)]
 Count: TypeAlias = Annotated[int, Field(ge=1, le=MAX_ROBOTS)]
@@ -143,15 +145,36 @@ class LocalTaskOrTreeModel(LocalTaskModel):
         return self
 
 
+class FailureReasonModel(FileModel):
+    """A failure of one task, with a reason that equals a text or contains it."""
+
+    global_task: CallText | None = None
+    local_task: CallText | None = None
+    equals: ReasonText | None = None
+    contains: ReasonText | None = None
+
+    @model_validator(mode="after")
+    def _one_of_each(self) -> FailureReasonModel:
+        for one, other in (("global_task", "local_task"), ("equals", "contains")):
+            if (getattr(self, one) is None) is (getattr(self, other) is None):
+                context = {"one": one, "other": other}
+                raise PydanticCustomError(
+                    "failure_reason", "failure_reason takes either {one} or {other}", context
+                )
+        return self
+
+
 class ConditionModel(FileModel):
     """A condition; while nobody has set it, it reads as `default`.
 
     `per: robot`: every robot has its own, and the tree reads whether it holds for any of them.
+    `failure_reason`: it is true while the last outcome of a task is a failure with such a reason.
     """
 
     parameters: Parameters = []
     default: bool = False
     per: Per = "team"
+    failure_reason: FailureReasonModel | None = None
 
 
 class RobotTypeModel(FileModel):

@@ -9,7 +9,7 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.shipped import example_mission, shipped
 
 _FOLDER = Path(__file__).with_name("template")
-_FILES = ("mission.yaml", "robot.py")
+_FILES = ("mission.yaml", "robot.py", "test_mission.py")
 # How an example names its robots' program; in a copy, that lies beside the mission.
 _PROGRAM = re.compile(r"\.\./\.\./agents/(\w+\.py)")
 _IMPORT = re.compile(r"^(?:from|import) (\w+)", re.MULTILINE)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
+
+from mrbt_mesh.recording import foxglove
 
 # Of everything here. A reader refuses recordings with another one.
 FORMAT = "1"
@@ -12,6 +15,7 @@ FORMAT = "1"
 FACTS, DROPPED, ALIVE, PLANS = "/facts", "/dropped", "/alive", "/plans"
 STATUSES, ACTIONS, LIFE, ROBOTS = "/statuses", "/actions", "/life", "/robots"
 FAULTS, BEATS = "/faults", "/beats"
+POSITIONS, SCENE, MAP = "/positions", "/scene", "/map"
 
 _TEXT: dict[str, Any] = {"type": "string"}
 _NUMBER: dict[str, Any] = {"type": "integer", "minimum": 0}
@@ -38,13 +42,23 @@ def _object(fields: Mapping[str, Any], optional: tuple[str, ...] = ()) -> dict[s
 
 @dataclass(frozen=True)
 class Channel:
-    """`schema` is a JSON Schema of its messages, `example` one of them, without their `check`."""
+    """`schema` is a JSON Schema of its messages, `example` one of them, without their `check`.
+
+    `stands_for`: a message stands until the next one with the same values in these fields; None:
+    it tells of a moment.
+    """
 
     topic: str
     name: str
     purpose: str
     schema: Mapping[str, Any]
     example: Mapping[str, Any]
+    stands_for: tuple[str, ...] | None = None
+
+    @property
+    def schema_text(self) -> bytes:
+        """The schema as it stands in recordings."""
+        return json.dumps(self.schema).encode()
 
 
 def _channel(
@@ -54,9 +68,22 @@ def _channel(
     fields: Mapping[str, Any],
     example: Mapping[str, Any],
     optional: tuple[str, ...] = (),
+    stands_for: tuple[str, ...] | None = None,
 ) -> Channel:
-    schema = _object({**fields, "check": _HEX}, optional)
-    return Channel(topic, name, purpose, {"title": name, **schema}, example)
+    schema = {"title": name, **_object({**fields, "check": _HEX}, optional)}
+    return Channel(topic, name, purpose, schema, example, stands_for)
+
+
+def _drawn(
+    topic: str,
+    name: str,
+    purpose: str,
+    example: Mapping[str, Any],
+    stands_for: tuple[str, ...] = (),
+) -> Channel:
+    """One by Foxglove's schema of this name: it allows `check`, as any field that it knows not."""
+    schema = foxglove.read_schema(name)
+    return Channel(topic, schema["title"], purpose, schema, example, stands_for)
 
 
 _VERSION = _object({"counter": _NUMBER, "nonce": _TEXT, "sequence": _NUMBER})
@@ -79,6 +106,8 @@ _BIDDING = _object(
     }
 )
 _TASK = dict.fromkeys(("activation", "global_task", "local_task"), _TEXT)
+
+_EXAMPLE_NS, _EXAMPLE_COLOR = 1_790_000_000_500_000_000, foxglove.color("#ff9900")
 
 _ALL = (
     _channel(
@@ -105,6 +134,7 @@ _ALL = (
             "hash": "6f0a8c3b52d1f0e79a4dbe1c0d2e3f40",
         },
         ("proof",),
+        stands_for=("author", "name"),
     ),
     _channel(
         DROPPED,
@@ -119,6 +149,7 @@ _ALL = (
         "the robots that plans count on are others now, with their incarnations",
         {"robots": _LIVES},
         {"robots": {"A1": "1.5e0c12aa", "B1": "2.77ab0c1d"}},
+        stands_for=(),
     ),
     _channel(
         PLANS,
@@ -170,6 +201,7 @@ _ALL = (
             "pending_verdicts": [],
             "pending_losses": [],
         },
+        stands_for=(),
     ),
     _channel(
         STATUSES,
@@ -189,6 +221,7 @@ _ALL = (
             "T_Li": "running",
         },
         ("T_i", "T_A", "T_G", "T_Li"),
+        stands_for=(),
     ),
     _channel(
         ACTIONS,
@@ -250,6 +283,7 @@ _ALL = (
             "joined": True,
         },
         ("plan", "statuses", "percent"),
+        stands_for=("robot",),
     ),
     _channel(
         FAULTS,
@@ -275,6 +309,50 @@ _ALL = (
         "a heartbeat, as its bytes; only with --record-beats",
         {"source": _TEXT, "sent": _TRUTH, "data": _BASE64},
         {"source": "B1", "sent": False, "data": "lwGk"},
+    ),
+    _drawn(
+        POSITIONS,
+        "FrameTransform",
+        "a robot, this one or one that it hears, has said that it is somewhere else",
+        foxglove.frame_transform(foxglove.robot_frame("B1"), 2.5, 4.0, 0.0, _EXAMPLE_NS),
+        ("child_frame_id",),
+    ),
+    _drawn(
+        SCENE,
+        "SceneUpdate",
+        "robots that say where they are have other states, or have gone: all that are there now",
+        foxglove.scene_update(
+            [
+                foxglove.entity(
+                    "B1",
+                    foxglove.robot_frame("B1"),
+                    {"robot": "B1", "state": "suspect"},
+                    _EXAMPLE_NS,
+                    arrows=[foxglove.arrow(0.5, _EXAMPLE_COLOR)],
+                    texts=[foxglove.label(0, 0, 0.5, "B1 suspect", _EXAMPLE_COLOR)],
+                )
+            ],
+            ["A1"],
+            _EXAMPLE_NS,
+        ),
+    ),
+    _drawn(
+        MAP,
+        "SceneUpdate",
+        "the mission's map, whole, at the beginning and when its places have other states",
+        foxglove.scene_update(
+            [
+                foxglove.entity(
+                    "place/engine",
+                    foxglove.WORLD,
+                    {"place": "engine", "state": "bad"},
+                    _EXAMPLE_NS,
+                    cylinders=[foxglove.disc(2, 2, 0.5, _EXAMPLE_COLOR)],
+                )
+            ],
+            (),
+            _EXAMPLE_NS,
+        ),
     ),
 )
 

@@ -9,7 +9,9 @@ from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.formats.mission_map import place_states
 from mrbt_mesh.recording import channels
+from mrbt_mesh.recording.encoding import MessageSink
 from mrbt_mesh.recording.fact_log import FactLog
 from mrbt_mesh.recording.packing import (
     pack_alive,
@@ -18,7 +20,7 @@ from mrbt_mesh.recording.packing import (
     pack_plan,
     status_name,
 )
-from mrbt_mesh.recording.writer import RecordingWriter
+from mrbt_mesh.recording.scene import TeamScene
 
 
 class ObserverRecorder:
@@ -27,7 +29,7 @@ class ObserverRecorder:
     An observer's plan is made within its update, after all facts that it has taken in.
     """
 
-    def __init__(self, writer: RecordingWriter, observer: Observer, *, beats: bool = False) -> None:
+    def __init__(self, writer: MessageSink, observer: Observer, *, beats: bool = False) -> None:
         self._writer = writer
         self._observer = observer
         self._beats = beats
@@ -37,6 +39,8 @@ class ObserverRecorder:
         self._alive: dict[str, str] = {}
         self._nodes = ""
         self._robots: dict[str, tuple[Any, ...]] = {}
+        self._scene = TeamScene(observer.mission, writer.epoch_ns)
+        self._places_from: tuple[int, Plan | None] = (-1, None)
 
     def message(self, kind: MessageKind, source: str, data: bytes, now_us: int) -> None:
         """A message has arrived. Raises OSError."""
@@ -48,6 +52,7 @@ class ObserverRecorder:
         observer, writer = self._observer, self._writer
         for robot, peer in sorted(observer.membership.peers.items()):
             self._robot(robot, peer, now_us)
+            self._scene.see(robot, peer.state, peer.position)
         plan = observer.plan
         if plan is not None and plan is not self._plan:
             self._plan = plan
@@ -65,7 +70,18 @@ class ObserverRecorder:
                 self._facts.add(channels.STATUSES, {"plan": self._plans, "nodes": nodes})
         for topic, data in self._facts.take():
             writer.write(topic, now_us, data)
+        self._look_at_places()
+        for topic, data in self._scene.take(now_us):
+            writer.write(topic, now_us, data)
         writer.flush()
+
+    def _look_at_places(self) -> None:
+        observer = self._observer
+        causes = (observer.facts.changes, observer.plan)
+        if causes[0] != self._places_from[0] or causes[1] is not self._places_from[1]:
+            self._places_from = causes
+            tasks = observer.record.task_log
+            self._scene.see_places(place_states(observer.facts, tasks.has_succeeded))
 
     def abandon(self) -> None:
         """Leave the recording as it is: it could not be written."""

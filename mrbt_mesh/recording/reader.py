@@ -26,8 +26,8 @@ from mcap.writer import MCAP0_MAGIC
 
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.channels import CHANNELS
+from mrbt_mesh.recording.encoding import CHECK_BYTES, first_check, next_check
 from mrbt_mesh.recording.metadata import METADATA, RunMetadata
-from mrbt_mesh.recording.writer import CHECK_BYTES, first_check, next_check
 
 _LENGTH = struct.Struct("<Q")
 CHECK_LENGTH = len(',"check":""}') + 2 * CHECK_BYTES
@@ -149,7 +149,7 @@ class _Reading:
         known = CHANNELS.get(topic)
         if known is None:
             return  # of another program
-        wanted = (known.name, "jsonschema", json.dumps(known.schema).encode())
+        wanted = (known.name, "jsonschema", known.schema_text)
         if self._schemas.get(schema) != wanted or encoding != "json":
             self.damage.append(Damage(0, f"the schema of {topic} is not that of this format"))
 

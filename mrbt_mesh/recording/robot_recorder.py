@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeAlias
 
 from mrbt_mesh.core.agent.effects import CancelAction, Effect, Log, Publish, StartAction, Stop
@@ -22,6 +22,7 @@ from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import MICRO
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.recording import channels
+from mrbt_mesh.recording.encoding import MessageSink
 from mrbt_mesh.recording.fact_log import FactLog
 from mrbt_mesh.recording.packing import (
     pack_alive,
@@ -30,7 +31,8 @@ from mrbt_mesh.recording.packing import (
     pack_plan,
     status_name,
 )
-from mrbt_mesh.recording.writer import RecordingWriter
+from mrbt_mesh.recording.place_watch import PlaceWatch
+from mrbt_mesh.recording.scene import TeamScene
 
 # Progress is told again once it has come so much further.
 PERCENT_STEP = 10
@@ -51,7 +53,7 @@ class RobotRecorder:
     """
 
     def __init__(
-        self, writer: RecordingWriter, view: AgentView, now_us: int, *, beats: bool = False
+        self, writer: MessageSink, view: AgentView, now_us: int, *, beats: bool = False
     ) -> None:
         self._writer = writer
         self._view = view
@@ -67,7 +69,9 @@ class RobotRecorder:
         self._lost = view.lost
         self._action: StartAction | None = None
         self._percent = 0
+        self._scene = TeamScene(view.mission, writer.epoch_ns)
         view.subscribe_to_plans(self._planned)
+        self._places = PlaceWatch(view)
         self._write(self._facts.take(), now_us)
         writer.flush()
 
@@ -110,6 +114,10 @@ class RobotRecorder:
             self._write([(channels.STATUSES, said)], now_us)
         for effect in effects:
             self._write(self._effects(effect), now_us)
+        places = self._places.news()
+        if places is not None:
+            self._scene.see_places(places)
+        self._write(self._scene.take(now_us), now_us)
         if effects:
             # What was only taken in can wait until something follows from it.
             self._writer.flush()
@@ -122,7 +130,7 @@ class RobotRecorder:
         """End the recording. Raises OSError."""
         self._writer.close()
 
-    def _write(self, messages: Iterator[_Message] | Sequence[_Message], now_us: int) -> None:
+    def _write(self, messages: Iterable[_Message], now_us: int) -> None:
         for topic, data in messages:
             self._writer.write(topic, now_us, data)
 
@@ -130,8 +138,10 @@ class RobotRecorder:
 
     def _inputs(self, event: Input) -> Iterator[_Message]:
         match event:
-            case MessageReceived(MessageKind.HEARTBEAT, source, data) if self._beats:
-                yield channels.BEATS, pack_beat(source, data, False)
+            case MessageReceived(MessageKind.HEARTBEAT, source, data):
+                self._see(source)
+                if self._beats:
+                    yield channels.BEATS, pack_beat(source, data, False)
             case TokenChanged(robot, incarnation, held):
                 what = "token_shown" if held else "token_lost"
                 yield _fault(what, robot, str(incarnation))
@@ -148,6 +158,12 @@ class RobotRecorder:
         if action is not None and action.ticket == ticket:
             yield channels.ACTIONS, {"event": event, **_of(action), **more}
 
+    def _see(self, robot: str) -> None:
+        """Another robot may be somewhere else, or may be otherwise."""
+        peer = self._view.peers.get(robot)
+        if peer is not None:
+            self._scene.see(robot, peer.state, peer.position)
+
     def _capabilities(self) -> Iterator[_Message]:
         before, after = self._lost, self._view.lost
         self._lost = after
@@ -163,6 +179,7 @@ class RobotRecorder:
 
     def _changed_robots(self) -> Iterator[_Message]:
         for robot, peer in sorted(self._view.peers.items()):
+            self._see(robot)
             has_joined = peer.report.has_joined
             known = (peer.incarnation, peer.state, has_joined)
             if self._robots.get(robot) == known:
@@ -191,8 +208,10 @@ class RobotRecorder:
                 yield channels.ACTIONS, {"event": "started", **_of(effect), **more}
             case CancelAction(ticket):
                 yield from self._own("cancelled", ticket)
-            case Publish(MessageKind.HEARTBEAT, data) if self._beats:
-                yield channels.BEATS, pack_beat(me, data, True)
+            case Publish(MessageKind.HEARTBEAT, data):
+                self._scene.see(me, State.ALIVE, self._view.position)
+                if self._beats:
+                    yield channels.BEATS, pack_beat(me, data, True)
             case Log(_, event, fields) if event in _STATES:
                 robot = str(fields["robot"])
                 incarnation = str(self._view.peers[robot].incarnation)

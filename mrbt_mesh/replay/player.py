@@ -6,12 +6,12 @@ The team is shown by an observer to which the recording is told, as messages wou
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.engine import FASTEST
+from mrbt_mesh.core.engine import FASTEST, Engine
 from mrbt_mesh.core.membership.arrival_history import ArrivalHistory
 from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.membership.timing import NEVER_US
@@ -32,8 +32,16 @@ class Player:
     Raises RecordingError where the recording is damaged: `mrbt verify` tells how.
     """
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(
+        self,
+        recording: Recording,
+        make_observer: Callable[[], Observer] | None = None,
+        engine: Engine = FASTEST,
+    ) -> None:
+        """`make_observer`: of whoever is told the recording, with the engine; by default anew."""
         self.recording = recording
+        self._engine = engine
+        self._make_observer = make_observer or self._new_observer
         if recording.damage:
             first = recording.damage[0]
             self._refuse(f"record {first.number}: {first.text}")
@@ -47,13 +55,17 @@ class Player:
     def _refuse(self, text: str) -> None:
         raise RecordingError(f"{self.recording.path}: {text}: `mrbt verify` tells all")
 
-    def _rewind(self) -> None:
+    def _new_observer(self) -> Observer:
         metadata = self.recording.metadata
-        self.observer = Observer(
-            self.mission, metadata.run, metadata.timing, default_solver, FASTEST
-        )
+        return Observer(self.mission, metadata.run, metadata.timing, default_solver, self._engine)
+
+    def _rewind(self) -> None:
+        self.observer = self._make_observer()
         self.state = RecordedState(self.observer.facts)
-        self._plan = FASTEST.plan_making(self.mission, self.observer.evaluator, default_solver)
+        evaluator = self.observer.evaluator
+        self._plan = self._engine.plan_making(self.mission, evaluator, default_solver)
+        # Since when robots have been missed: the best that is known of when they died.
+        self._missed_us: dict[str, int] = {}
         self._next = 0
         self.now_us = self.begin_us
 
@@ -69,6 +81,11 @@ class Player:
 
     def seek(self, at_us: int) -> None:
         """Go to a time of the recording, forwards or back."""
+        for _ in self.play_to(at_us):
+            pass
+
+    def play_to(self, at_us: int) -> Iterator[None]:
+        """Go there record by record: whoever iterates can look at the team after each, or stop."""
         wanted = bisect_right(self._times, at_us)
         if wanted < self._next:
             self._rewind()
@@ -79,6 +96,8 @@ class Player:
                 self._play(record)
             except ValueError as error:
                 self._refuse(f"record {record.number}: {error}")
+            self.now_us = record.at_us
+            yield
         self.now_us = at_us
 
     def _play(self, record: RecordedMessage) -> None:
@@ -92,8 +111,19 @@ class Player:
             self._planned(data, at_us)
         elif record.topic in (channels.STATUSES, channels.ACTIONS):
             self._myself(at_us)
-        elif record.topic == channels.FAULTS and data["event"] == "dead":
-            seen.verdict(data["robot"], read_incarnation(data["incarnation"]), at_us)
+        elif record.topic in (channels.SCENE, channels.POSITIONS):
+            self._placed()
+        elif record.topic == channels.FAULTS:
+            self._fault(data, at_us)
+
+    def _fault(self, data: Mapping[str, Any], at_us: int) -> None:
+        robot, event = data["robot"], data["event"]
+        if event in ("suspect", "token_lost"):
+            self._missed_us.setdefault(robot, at_us)
+        elif event in ("alive", "token_shown"):
+            self._missed_us.pop(robot, None)
+        elif event == "dead":
+            self.observer.record.verdict(robot, read_incarnation(data["incarnation"]), at_us)
 
     def _planned(self, data: Mapping[str, Any], at_us: int) -> None:
         observer = self.observer
@@ -108,6 +138,12 @@ class Player:
         peers = self.observer.membership.peers.values()
         result = self.observer.result(anybody_lives=any(peer.state.is_live for peer in peers))
         return run_summary(self.observer.record, result, self.now_us)
+
+    def _placed(self) -> None:
+        """Robots are somewhere else; one that has left stays where it was seen last."""
+        for robot, peer in self.observer.membership.peers.items():
+            if peer.state is not State.LEFT:
+                peer.position = self.state.positions.get(robot)
 
     # -- the robots ---------------------------------------------------------------------------
 
@@ -138,6 +174,7 @@ class Player:
             timing = self.recording.metadata.timing
             history = ArrivalHistory.of_new_robot(timing)
             known = Peer(incarnation, report, at_us, history, NEVER_US, NEVER_US)
+            known.position = self.state.positions.get(robot)
             self.observer.membership.peers[robot] = known
         if "statuses" in data:
             statuses = tuple(int(Status[name.upper()]) for name in data["statuses"])
@@ -148,4 +185,5 @@ class Player:
         if data["joined"]:
             self.observer.record.robot_seen(robot, incarnation, at_us)
         if before is not state:
-            self.observer.record.state(robot, state, at_us, at_us)
+            evidence_us = self._missed_us.get(robot, at_us)
+            self.observer.record.state(robot, state, evidence_us, at_us)

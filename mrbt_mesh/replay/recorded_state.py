@@ -9,7 +9,9 @@ from typing import Any
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
+from mrbt_mesh.core.membership.wire import Position
 from mrbt_mesh.recording import channels
+from mrbt_mesh.recording.foxglove import heading_of, robot_of
 from mrbt_mesh.recording.packing import pack_alive, pack_fact, unpack_alive, unpack_fact
 from mrbt_mesh.recording.reader import RecordedMessage
 
@@ -19,6 +21,7 @@ class RecordedState:
 
     `plan`, `statuses`, `action` and `robots` are the last messages of their channels, `action` None
     once it has ended, `robots` by name. `changes`: how many changes of facts there were.
+    `positions`: of the robots that are there and say where.
     """
 
     def __init__(self, facts: TeamFacts) -> None:
@@ -31,6 +34,9 @@ class RecordedState:
         self.action: Mapping[str, Any] | None = None
         self.robots: dict[str, Mapping[str, Any]] = {}
         self.percent = 0
+        self.positions: dict[str, Position] = {}
+        # Robot -> whether it says where it is heading.
+        self._drawn: dict[str, bool] = {}
 
     def apply(self, record: RecordedMessage) -> Entry | None:
         """Take in one record; returns the fact that it brought. Raises ValueError if it cannot
@@ -55,7 +61,24 @@ class RecordedState:
                 self.robots[data["robot"]] = data
             case channels.ACTIONS:
                 self._action(data)
+            case channels.SCENE:
+                self._drawn = {each["id"]: bool(each["arrows"]) for each in data["entities"]}
+                for robot in self.positions.keys() - self._drawn.keys():
+                    del self.positions[robot]
+            case channels.POSITIONS:
+                self._moved(data)
         return None
+
+    def _moved(self, data: Mapping[str, Any]) -> None:
+        robot, there = robot_of(data["child_frame_id"]), data["translation"]
+        if robot not in self._drawn:
+            raise ValueError(f"{robot} is somewhere, but was not there before")
+        turn = heading_of(data["rotation"])
+        self.positions[robot] = Position(
+            round(there["x"] * 1_000),
+            round(there["y"] * 1_000),
+            round(turn * 1_000) if self._drawn[robot] else None,
+        )
 
     def _fact(self, data: Mapping[str, Any]) -> Entry:
         entry = unpack_fact(data)
@@ -87,6 +110,9 @@ class RecordedState:
             "statuses": self.statuses,
             "action": None if self.action is None else {**self.action, "percent": self.percent},
             "robots": {robot: self.robots[robot] for robot in sorted(self.robots)},
+            "positions": {
+                robot: self.positions[robot].in_units() for robot in sorted(self.positions)
+            },
         }
 
 

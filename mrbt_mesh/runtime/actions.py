@@ -10,6 +10,7 @@ import math
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Protocol
 
 import anyio
@@ -33,6 +34,7 @@ from mrbt_mesh.core.bt.local_run import OwnConditions
 from mrbt_mesh.core.bt.tree import Tree
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import MAX_COORDINATE, Position
+from mrbt_mesh.core.mission.failure_reasons import MAX_REASON, one_line
 from mrbt_mesh.core.mission.mission import (
     MAX_BID_WITHIN_US,
     MAX_PERFORMANCE,
@@ -99,6 +101,20 @@ def milli_position(x: float, y: float, heading: float | None) -> Position:
     return Position(round(x * 1_000), round(y * 1_000), turned)
 
 
+def _exception_reason(error: Exception, function: TaskFunction) -> str:
+    """What was raised, and where in the robot's program: `KeyError: 'grip' (robot.py:12)`."""
+    text = "".join(traceback.format_exception_only(error)).strip()
+    frames = traceback.extract_tb(error.__traceback__)[1:]
+    code = getattr(inspect.unwrap(function), "__code__", None)
+    folder = Path(code.co_filename).parent if code is not None else None
+    own = [frame for frame in frames if Path(frame.filename).parent == folder]
+    if not frames:
+        return text
+    place = (own or frames)[-1]
+    where = f" ({Path(place.filename).name}:{place.lineno})"
+    return one_line(text[: MAX_REASON - len(where)]) + where
+
+
 class _Port:
     """Behind one TaskContext; collects the conditions that go with the outcome.
 
@@ -126,6 +142,9 @@ class _Port:
         if not self._mission.knows_condition(name):
             declared = ", ".join(sorted(self._mission.conditions)) or "none"
             raise ValueError(f"condition {name!r} is not declared in the mission ({declared})")
+        if self._mission.is_failure_reason(name):
+            text = "tells why something failed: fail with such a reason instead"
+            raise ValueError(f"condition {name!r} {text}")
         if at_once or self._ticket is None:
             self._host.submit(ConditionSet(name, bool(value)))
         else:
@@ -230,16 +249,19 @@ class ActionRunner:
     async def _run_tree(self, effect: StartAction, tree: Tree, port: _Port) -> ActionFinished:
         """Carry out a local task that is a tree; its status is the outcome.
 
-        Conditions of the team and data of its actions go with that outcome. What made actions fail
-        is logged when it happens.
+        Conditions of the team and data of its actions go with that outcome; where it fails, so does
+        the reason of the action that failed last. What made actions fail is logged when it happens.
         """
         data: dict[str, Any] = {}
+        reason = ""
 
         async def run_leaf(local_task: str) -> LeafEnd:
+            nonlocal reason
             inner = _Port(self._host, self._mission, effect.ticket, self._own, port)
             end = await self._call(replace(effect, local_task=local_task), inner)
             port.conditions |= inner.conditions
             data.update(end.data or {})
+            reason = reason if end.success else end.reason
             level, outcome = ("info", "success") if end.success else ("warning", "failure")
             self._host.log(
                 level,
@@ -253,27 +275,29 @@ class ActionRunner:
 
         success = await LocalTreeRunner(self._group, tree, self._own, run_leaf).run()
         conditions = tuple(sorted(port.conditions.items()))
-        return ActionFinished(effect.ticket, success, data or None, conditions)
+        reason = "" if success else reason
+        return ActionFinished(effect.ticket, success, data or None, conditions, reason=reason)
 
     async def _call(self, effect: StartAction, port: _Port) -> ActionFinished:
         """Call the user's function; whatever it raises is a failure of this local task."""
         ticket, (name, arguments) = effect.ticket, split_call(effect.local_task)
         context = self._context(effect, name, arguments, port)
         function = self._function(effect.local_task, name)
-        error, data, success = "", None, False
+        error, reason, data, success = "", "", None, False
         if function is None:
-            error = f"the robot's program has no local task {name!r}"
+            error = reason = f"the robot's program has no local task {name!r}"
         else:
             try:
                 result = await function(context, *arguments)
                 success = result is not False
                 data = dict(result) if isinstance(result, Mapping) else None
             except TaskFailedError as failure:
-                error = str(failure) or "failed"
-            except Exception:
+                error, reason = str(failure) or "failed", str(failure)
+            except Exception as problem:
                 error = traceback.format_exc(limit=-8)[-MAX_ERROR:]
+                reason = _exception_reason(problem, function)
         conditions = tuple(sorted(port.conditions.items()))
-        return ActionFinished(ticket, success, data, conditions, error)
+        return ActionFinished(ticket, success, data, conditions, error, reason)
 
     def _function(self, ground: str, name: str) -> TaskFunction | None:
         """The program's function for a local task; of one that is a tree in a file, its run."""
@@ -290,7 +314,7 @@ class ActionRunner:
                 for condition, value in told_outputs(program, tree).items():
                     context.set_condition(condition, value)
 
-        return run
+        return self._program.recording(run)
 
     async def _bid(self, effect: RequestBid) -> None:
         value, error = None, ""
@@ -331,11 +355,15 @@ class ActionRunner:
         result = function(self._context(start, name, arguments, port), *arguments)
         return await result if inspect.isawaitable(result) else result
 
-    async def _background(self, function: Callable[[TaskContext], Any]) -> None:
+    def free_context(self) -> TaskContext:
+        """A context that belongs to no activation."""
         port = _Port(self._host, self._mission, None, self._own)
         effect = StartAction(0, "", "", "", (), MICRO, Incarnation(0, ""))
+        return self._context(effect, "", (), port)
+
+    async def _background(self, function: Callable[[TaskContext], Any]) -> None:
         try:
-            await function(self._context(effect, "", (), port))
+            await function(self.free_context())
         except Exception:
             name = getattr(function, "__name__", repr(function))
             text = traceback.format_exc(limit=-8)[-MAX_ERROR:]

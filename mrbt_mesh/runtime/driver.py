@@ -9,7 +9,7 @@ import json
 import os
 import signal
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -36,11 +36,12 @@ from mrbt_mesh.core.agent.effects import (
     Stop,
 )
 from mrbt_mesh.core.agent.inputs import Input, LeaveRequested, PlanMade, TimerFired, together
+from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
-from mrbt_mesh.runtime.fencing import FencingSelector, boottime_us
+from mrbt_mesh.runtime.fencing import FencingSelector, boottime_us, fenced
 from mrbt_mesh.runtime.flood_gate import FloodGate
 from mrbt_mesh.runtime.inbox import Inbox
 from mrbt_mesh.runtime.journal import Journal
@@ -48,7 +49,7 @@ from mrbt_mesh.runtime.journal_writer import JournalWriter
 from mrbt_mesh.runtime.launcher_lock import LauncherWatch
 from mrbt_mesh.runtime.link_watch import LinkWatch, Sighting
 from mrbt_mesh.runtime.log import robot_logger
-from mrbt_mesh.runtime.program import RobotProgram
+from mrbt_mesh.runtime.program import RobotProgram, TaskContext
 from mrbt_mesh.runtime.recording import RecordTo, robot_recording
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.session_config import TransportConfig, TransportError
@@ -71,12 +72,14 @@ REOPEN_RETRY_S = 0.1
 SILENT_BEATS = 5
 
 
+# Attributes: what `robot_process` puts together, each under its own name.
 @dataclass(frozen=True)
 class RobotSetup:
     """What a robot's process is made of. Without `run_dir`, it keeps no journal and no events.
 
     `record`: where it records what it knows and does, None: nowhere. `meter` counts what happens,
-    served at `metrics`.
+    served at `metrics`. `log`: with its levels as methods, None: the robot's. `is_guest`: it
+    lives inside another program, whose process, signals and memory are not its own.
     """
 
     mission: Mission
@@ -90,16 +93,22 @@ class RobotSetup:
     meter: Meter | None = None
     metrics: MetricsAddress | None = None
     record: RecordTo | None = None
+    log: Any = None
+    is_guest: bool = False
 
 
 # Attributes: one part for each thing that a robot's process deals with.
 class Driver:
-    """Runs one agent until it stops. Implements `actions.Host`."""
+    """Runs one agent until it stops. Implements `actions.Host`.
+
+    `on_step` is called after each input, and at the end.
+    """
 
     def __init__(self, setup: RobotSetup) -> None:
         self._setup = setup
         self._config = setup.config
-        self._logger = robot_logger(setup.config.robot)
+        self._logger = setup.log or robot_logger(setup.config.robot)
+        self.on_step: Callable[[], None] = lambda: None
         self._agent = Agent(setup.mission, setup.config, boottime_us())
         self._meter = setup.meter
         self._journal = JournalWriter(setup.journal, self._meter.sync_s if self._meter else None)
@@ -109,6 +118,22 @@ class Driver:
         self._timer: asyncio.TimerHandle | None = None
         self._stop: Stop | None = None
         self._is_ready = False
+        # Set once it hears its team.
+        self.begun = asyncio.Event()
+
+    @property
+    def view(self) -> AgentView:
+        """The agent, to be looked at."""
+        return self._agent.view
+
+    @property
+    def stop(self) -> Stop | None:
+        """Why it has stopped, None while it has not."""
+        return self._stop
+
+    def context(self) -> TaskContext:
+        """What the program's sensors get: it belongs to no local task."""
+        return self._runner.free_context()
 
     def run(self, launcher: LauncherWatch | None = None) -> Stop:
         """Run until the agent stops; raises TransportError if the session cannot be opened,
@@ -121,6 +146,16 @@ class Driver:
         selector.on_gap = lambda: self.submit(TimerFired())
         options = {"loop_factory": lambda: asyncio.SelectorEventLoop(selector)}
         return anyio.run(self._main, launcher, backend_options=options)
+
+    async def run_as_guest(self) -> Stop:
+        """Run in the running event loop of another program, until the agent stops or is cancelled.
+
+        Raises TransportError if the session cannot be opened, InputError in a loop in which a
+        robot cannot fence itself off.
+        """
+        loop, limit_us = asyncio.get_running_loop(), self._config.timing.fence_us
+        with fenced(loop, limit_us, lambda: self.submit(TimerFired())):
+            return await self._live(None)
 
     async def _main(self, launcher: LauncherWatch | None) -> Stop:
         with self._serving_metrics():
@@ -160,10 +195,12 @@ class Driver:
                 self._runner.start_background()
                 group.start_soon(self._watch_links)
                 group.start_soon(self._mark_alive)
-                group.start_soon(self._watch_signals)
+                if not self._setup.is_guest:
+                    group.start_soon(self._watch_signals)
                 group.start_soon(self._watch_manifest)
                 group.start_soon(self._look_for_metrics)
                 self._is_ready = True
+                self.begun.set()
                 self.submit(TimerFired())
                 self._drain(inbox, gate)
                 if launcher is not None:
@@ -202,6 +239,7 @@ class Driver:
                 self._meter.carry_out(effect)
             self._carry_out(effect)
         self._set_timer()
+        self.on_step()
 
     def _drain(self, inbox: Inbox, gate: FloodGate | None) -> None:
         if not self._is_ready:
@@ -227,19 +265,20 @@ class Driver:
     async def _watch_signals(self) -> None:
         with anyio.open_signal_receiver(signal.SIGTERM, signal.SIGINT) as signals:
             async for _ in signals:
-                await self._leave()
+                await self.leave()
 
     def _lose_launcher(self, loop: asyncio.AbstractEventLoop) -> None:
         def leave() -> None:
             if self._stop is None:
                 self.log("warning", "launcher_gone")
-                self._group.start_soon(self._leave)
+                self._group.start_soon(self.leave)
 
         # A loop that is closed: the process is about to end.
         with contextlib.suppress(RuntimeError):
             loop.call_soon_threadsafe(leave)
 
-    async def _leave(self) -> None:
+    async def leave(self) -> None:
+        """Hand the work over and stop; at most LEAVE_TIMEOUT_S."""
         self.submit(LeaveRequested())
         with anyio.move_on_after(LEAVE_TIMEOUT_S):
             await self._stopped.wait()
@@ -355,7 +394,7 @@ class Driver:
             if self._agent.view.awaited_plan == effect.number:
                 raise
         else:
-            if effect.number == 1:
+            if effect.number == 1 and not self._setup.is_guest:
                 gc.freeze()  # as at the start: now the facts of the team are there too
             self.submit(PlanMade(effect.number, plan))
 

@@ -3,15 +3,22 @@
 After SIGSTOP and SIGCONT, or a suspend, asyncio would first run every timer that came due
 meanwhile: an action's last step would be carried out although another robot has long taken
 over. So the clock is read right after every wait, and `on_gap` cancels actions first.
+
+A robot inside another program shares that program's event loop: `fenced` puts the look at the clock
+into it for as long as the robot is there.
 """
 
 from __future__ import annotations
 
+import asyncio
 import selectors
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
+
+from mrbt_mesh.errors import InputError
 
 _CLOCK = time.CLOCK_BOOTTIME if sys.platform == "linux" else time.CLOCK_MONOTONIC
 
@@ -28,14 +35,14 @@ class FencingSelector(selectors.BaseSelector):
     wakes for every beat, so that only happens if the process did not run.
     """
 
-    def __init__(self, limit_us: int) -> None:
-        self._inner = selectors.DefaultSelector()
+    def __init__(self, limit_us: int, inner: selectors.BaseSelector | None = None) -> None:
+        self.inner = inner or selectors.DefaultSelector()
         self._limit_us = limit_us
         self._seen_us = boottime_us()
         self.on_gap: Callable[[], None] = lambda: None
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        ready = self._inner.select(timeout)
+        ready = self.inner.select(timeout)
         now_us = boottime_us()
         gap_us, self._seen_us = now_us - self._seen_us, now_us
         if gap_us > self._limit_us:
@@ -43,16 +50,51 @@ class FencingSelector(selectors.BaseSelector):
         return ready
 
     def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
-        return self._inner.register(fileobj, events, data)
+        return self.inner.register(fileobj, events, data)
 
     def unregister(self, fileobj: Any) -> selectors.SelectorKey:
-        return self._inner.unregister(fileobj)
+        return self.inner.unregister(fileobj)
 
     def modify(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
-        return self._inner.modify(fileobj, events, data)
+        return self.inner.modify(fileobj, events, data)
 
     def close(self) -> None:
-        self._inner.close()
+        self.inner.close()
 
     def get_map(self) -> Mapping[Any, selectors.SelectorKey]:
-        return self._inner.get_map()
+        return self.inner.get_map()
+
+
+@contextmanager
+def fenced(
+    loop: asyncio.AbstractEventLoop, limit_us: int, on_gap: Callable[[], None]
+) -> Iterator[None]:
+    """Have `on_gap` called in a running loop as `FencingSelector` does; several may do so at once.
+
+    Raises InputError for a loop without a selector: nothing would notice there in time.
+    """
+    # asyncio has no public way to it; the attribute is as old as asyncio's loops.
+    inner = getattr(loop, "_selector", None)
+    if not isinstance(loop, asyncio.SelectorEventLoop) or inner is None:
+        raise InputError(
+            f"a robot cannot fence itself off in {type(loop).__module__}.{type(loop).__name__}: "
+            "run the program in asyncio's SelectorEventLoop, its default on Linux and macOS"
+        )
+    mine = FencingSelector(limit_us, inner)
+    mine.on_gap = on_gap
+    loop._selector = mine  # type: ignore[attr-defined]
+    try:
+        yield
+    finally:
+        _take_out(loop, mine)
+
+
+def _take_out(loop: asyncio.AbstractEventLoop, mine: FencingSelector) -> None:
+    """Others may have come after it, and stay."""
+    above, each = None, loop._selector  # type: ignore[attr-defined]
+    while each is not mine:
+        above, each = each, each.inner
+    if above is None:
+        loop._selector = mine.inner  # type: ignore[attr-defined]
+    else:
+        above.inner = mine.inner

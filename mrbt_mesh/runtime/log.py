@@ -7,6 +7,7 @@ every robot. They are hidden while it is imported, and there for everybody else 
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -36,6 +37,31 @@ def configure_log(robot: str, run_dir: Path | None) -> None:
         logger_factory=structlog.WriteLoggerFactory(file),
         cache_logger_on_first_use=True,
     )
+
+
+class StandardLog:
+    """A robot's log inside another program: that of `logging` with the name `mrbt_mesh.ROBOT`."""
+
+    def __init__(self, robot: str) -> None:
+        import logging
+
+        self._logger = logging.getLogger(f"mrbt_mesh.{robot}")
+
+    def debug(self, event: str, **fields: Any) -> None:
+        self._logger.debug(_line(event, fields))
+
+    def info(self, event: str, **fields: Any) -> None:
+        self._logger.info(_line(event, fields))
+
+    def warning(self, event: str, **fields: Any) -> None:
+        self._logger.warning(_line(event, fields))
+
+    def error(self, event: str, **fields: Any) -> None:
+        self._logger.error(_line(event, fields))
+
+
+def _line(event: str, fields: Mapping[str, Any]) -> str:
+    return " ".join([event, *(f"{name}={value!r}" for name, value in fields.items())])
 
 
 def robot_logger(robot: str) -> Any:

@@ -22,6 +22,8 @@ runtime cancels it through an anyio cancel scope when the plan no longer wants i
 
 from __future__ import annotations
 
+import copy
+import functools
 import inspect
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
@@ -29,6 +31,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, TypeVar
 
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.errors import InputError
 
 if TYPE_CHECKING:
@@ -154,9 +157,13 @@ class TaskContext:
 class RobotProgram:
     """Collects what one robot can do: `local_task` for actions, `bid` for how well it would do
     them, `background` for sensors.
+
+    `record_work`: every start of a local task, and its end or cancellation, is a line of the run's
+    events.jsonl.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, record_work: bool = False) -> None:
+        self.record_work = record_work
         self.tasks: dict[str, TaskFunction] = {}
         self.backgrounds: list[Callable[[TaskContext], Awaitable[None]]] = []
         self._any: TaskFunction | None = None
@@ -170,7 +177,7 @@ class RobotProgram:
         """
 
         def register(target: _T) -> _T:
-            function = _as_function(target, name)
+            function = self.recording(_as_function(target, name))
             if name in self.tasks or (name == "*" and self._any is not None):
                 raise ProgramError(f"local task {name!r} is registered twice")
             if name == "*":
@@ -249,6 +256,20 @@ class RobotProgram:
         self.backgrounds.append(function)
         return function
 
+    def recorded(self) -> RobotProgram:
+        """This program with `record_work`, whether it has that by itself or not."""
+        if self.record_work:
+            return self
+        program = copy.copy(self)
+        program.record_work = True
+        program.tasks = {name: _recorded(function) for name, function in self.tasks.items()}
+        program._any = None if self._any is None else _recorded(self._any)
+        return program
+
+    def recording(self, function: TaskFunction) -> TaskFunction:
+        """A function that carries out a local task, recorded as this program's are."""
+        return _recorded(function) if self.record_work else function
+
     def find(self, local_task_type: str) -> TaskFunction | None:
         """The function for a local-task type, or None."""
         return self.tasks.get(local_task_type, self._any)
@@ -258,12 +279,54 @@ class RobotProgram:
         return self._bids.get(local_task_type, self._bids.get("*"))
 
 
+def _recorded(function: TaskFunction) -> TaskFunction:
+    """The same with exactly one line for its start and one for its end or cancellation.
+
+    False, and whatever is raised, is an end with failure.
+    """
+
+    @functools.wraps(function)
+    async def recorded(task: TaskContext, *arguments: str) -> Result:
+        _record(task, "start")
+        try:
+            result = await function(task, *arguments)
+        except Exception:
+            _record(task, "end", "failure")
+            raise
+        except BaseException:
+            # Cancelled: neither asyncio's nor trio's cancellation is an Exception.
+            _record(task, "cancel")
+            raise
+        _record(task, "end", "failure" if result is False else "success")
+        return result
+
+    return recorded
+
+
+def _record(task: TaskContext, event: str, outcome: str | None = None) -> None:
+    task.record_event(
+        {
+            "t": task.unix_time_s(),
+            "robot": task.robot,
+            "pid": task.pid,
+            "incarnation": task.incarnation,
+            "event": event,
+            "outcome": outcome,
+            "activation": task.activation,
+            "global_task": task.global_task,
+            "local_task": type_name(task.local_task),
+            "args": list(task.arguments),
+        }
+    )
+
+
 def _as_function(target: Any, name: str) -> TaskFunction:
     if inspect.isclass(target):
         run = getattr(target, "run", None)
         if not inspect.iscoroutinefunction(run):
             raise ProgramError(f"local task {name!r}: class {target.__name__} needs an async run()")
 
+        @functools.wraps(run)
         async def run_instance(task: TaskContext, *arguments: str) -> Result:
             instance: Any = target()
             result: Result = await instance.run(task, *arguments)

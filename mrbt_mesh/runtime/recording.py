@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mrbt_mesh import __version__
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.effects import Effect
 from mrbt_mesh.core.agent.inputs import Input
@@ -23,6 +22,7 @@ from mrbt_mesh.recording.observer_recorder import ObserverRecorder
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.recording.writer import RecordingWriter
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.version import __version__
 
 
 @dataclass(frozen=True)
@@ -128,14 +128,18 @@ def observer_recording(
     """Begin to record what an observer hears; raises InputError if that cannot be."""
     if to is None:
         return None
-    timing = observer.membership.timing
-    metadata = _metadata(observer.mission, OBSERVER, run, timing)
-    metadata = replace(metadata, has_keys=has_keys, speed=to.speed)
+    metadata = replace(observer_metadata(observer, run, has_keys), speed=to.speed)
     try:
         writer = RecordingWriter(to.path, metadata, beats=to.beats)
     except OSError as error:
         raise InputError(_cannot(to.path, error)) from None
     return ObserverRecording(ObserverRecorder(writer, observer, beats=to.beats), say)
+
+
+def observer_metadata(observer: Observer, run: str, has_keys: bool) -> RunMetadata:
+    """What the recording of one who watches says of itself."""
+    found = _metadata(observer.mission, OBSERVER, run, observer.membership.timing)
+    return replace(found, has_keys=has_keys)
 
 
 def _metadata(mission: Mission, robot: str, run: str, timing: Timing) -> RunMetadata:

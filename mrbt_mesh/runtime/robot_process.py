@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from mrbt_mesh import __version__
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import Mission
@@ -28,6 +27,7 @@ from mrbt_mesh.runtime.engine_choice import chosen_engine
 from mrbt_mesh.runtime.journal import Journal, journal_path
 from mrbt_mesh.runtime.launcher_lock import LauncherWatch
 from mrbt_mesh.runtime.log import configure_log, robot_logger
+from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import check_program, load_program
 from mrbt_mesh.runtime.recording import RecordTo
 from mrbt_mesh.runtime.run_dir import RunDir
@@ -35,6 +35,7 @@ from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S
 from mrbt_mesh.runtime.solver_loader import solver_for
 from mrbt_mesh.runtime.solver_process import SolverProcess
 from mrbt_mesh.runtime.team_address import TeamAddress
+from mrbt_mesh.version import __version__
 
 if TYPE_CHECKING:
     from mrbt_mesh.runtime.manifest_watch import ManifestWatch
@@ -101,23 +102,35 @@ def robot_of(mission: Mission, robot: str, kind: str | None) -> tuple[str, Mappi
 def make_driver(start: RobotStart, locate: Locate) -> Driver:
     """Put a robot together; raises InputError."""
     mission = load_mission(start.mission)
-    kind, capabilities = robot_of(mission, start.robot, start.type)
     reference = start.program or mission.program
     if reference is None:
         raise InputError(f"mission {mission.name} names no program: give one with --program")
-    program = load_program(reference)
+    return Driver(robot_setup(start, mission, load_program(reference), reference, locate))
+
+
+def robot_setup(
+    start: RobotStart,
+    mission: Mission,
+    program: RobotProgram,
+    reference: str,
+    locate: Locate,
+    guest_log: Any = None,
+) -> RobotSetup:
+    """What a robot is made of; `reference` is the program's name in messages. Raises InputError.
+
+    `guest_log`: where it logs if it is a guest in another program.
+    """
+    kind, capabilities = robot_of(mission, start.robot, start.type)
+    logger = guest_log or robot_logger(start.robot)
     lacking = check_program(program, mission, capabilities)
     if lacking:
         raise InputError(f"{reference} has no {', no '.join(lacking)} for type {kind}")
-    expected = list(mission.robots) if start.expect is None else start.expect
-    for robot in expected:
-        if not is_robot_id(robot):
-            raise InputError(f"--expect {','.join(expected)}: {robot!r} is no robot's id")
+    expected = _expected(start, mission)
     address = locate(mission)
     keys, manifest = keys_of(address.keys, start.robot)
     if keys is None:
-        robot_logger(start.robot).warning("not_secure", reason="messages are not signed")
-    journal = open_journal(start.run_dir, mission, address.run, start.robot)
+        logger.warning("not_secure", reason="messages are not signed")
+    journal = open_journal(start.run_dir, mission, address.run, start.robot, logger)
     solver = solver_for(mission, start.solver)
     meter, engine = None, chosen_engine()
     if start.metrics is not None:
@@ -136,7 +149,7 @@ def make_driver(start: RobotStart, locate: Locate) -> Driver:
         plans_apart=is_large,
         engine=engine,
         timing=address.timing,
-        expected=frozenset(expected),
+        expected=expected,
         gather_us=round(start.gather_s * SECOND_US),
         takeover=start.takeover,
         exit_when_done=start.exit_when_done,
@@ -149,9 +162,8 @@ def make_driver(start: RobotStart, locate: Locate) -> Driver:
     )
     record = None
     if start.record is not None:
-        chosen = start.solver or ""
-        record = RecordTo(start.record, chosen, start.record_beats, start.speed)
-    setup = RobotSetup(
+        record = RecordTo(start.record, start.solver or "", start.record_beats, start.speed)
+    return RobotSetup(
         mission,
         config,
         address.transport,
@@ -163,8 +175,18 @@ def make_driver(start: RobotStart, locate: Locate) -> Driver:
         meter,
         start.metrics,
         record,
+        guest_log,
+        is_guest=guest_log is not None,
     )
-    return Driver(setup)
+
+
+def _expected(start: RobotStart, mission: Mission) -> frozenset[str]:
+    """The robots that it waits for; raises InputError."""
+    expected = list(mission.robots) if start.expect is None else start.expect
+    for robot in expected:
+        if not is_robot_id(robot):
+            raise InputError(f"--expect {','.join(expected)}: {robot!r} is no robot's id")
+    return frozenset(expected)
 
 
 def keys_of(folder: Path | None, robot: str) -> tuple[MemberKeys | None, ManifestWatch | None]:
@@ -179,11 +201,12 @@ def keys_of(folder: Path | None, robot: str) -> tuple[MemberKeys | None, Manifes
     return keys, ManifestWatch(KeyFolder(folder), keys)
 
 
-def open_journal(run_dir: Path | None, mission: Mission, run: str, robot: str) -> Journal | None:
+def open_journal(
+    run_dir: Path | None, mission: Mission, run: str, robot: str, logger: Any
+) -> Journal | None:
     """The robot's journal in its run directory, not yet opened; None without a directory."""
     if run_dir is None:
         return None
-    logger = robot_logger(robot)
 
     def log(level: str, event: str, **fields: Any) -> None:
         getattr(logger, level)(event, **fields)

@@ -27,15 +27,23 @@ from mrbt_mesh.core.membership.envelope import ForgedError, Guard
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.membership.wire import MessageKind, WireError, decode, encode
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.recording.observer_recorder import ObserverRecorder
 from mrbt_mesh.runtime.engine_choice import chosen_engine
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.flood_gate import Deliver, FloodGate
 from mrbt_mesh.runtime.inbox import Inbox
-from mrbt_mesh.runtime.recording import RecordTo, observer_recording
+from mrbt_mesh.runtime.recording import (
+    ObserverRecording,
+    RecordTo,
+    observer_metadata,
+    observer_recording,
+)
 from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
 
 if TYPE_CHECKING:
+    from mrbt_mesh.recording.encoding import MessageSink
+    from mrbt_mesh.recording.metadata import RunMetadata
     from mrbt_mesh.runtime.manifest_watch import ManifestWatch
 
 CLOSE_TIMEOUT_S = 0.5
@@ -56,9 +64,10 @@ class Watcher:
         self.observer = Observer(
             address.mission, address.run, address.timing, default_solver, chosen_engine(), keys
         )
-        self._recording = observer_recording(
+        recording = observer_recording(
             record, self.observer, address.run, keys is not None, self.observer.record.say
         )
+        self._recordings = [recording] if recording is not None else []
         self.changed = anyio.Event()
         self._asked: set[tuple[str, Incarnation]] = set()
         self._next_look_us = 0
@@ -80,8 +89,19 @@ class Watcher:
     def close(self) -> None:
         """Close the session, without waiting for long, and end the recording."""
         self._transport.close(CLOSE_TIMEOUT_S)
-        if self._recording is not None:
-            self._recording.close()
+        for recording in self._recordings:
+            recording.close()
+
+    def record_to(self, open_sink: Callable[[RunMetadata], MessageSink]) -> None:
+        """Give another sink all that is recorded, what is known already first.
+
+        Raises what `open_sink` does.
+        """
+        observer, has_keys = self.observer, self._guard is not None
+        sink = open_sink(observer_metadata(observer, self.address.run, has_keys))
+        recording = ObserverRecording(ObserverRecorder(sink, observer), observer.record.say)
+        self._recordings.append(recording)
+        recording.update(boottime_us())
 
     def refresh(self) -> None:
         """Bring the observer up to date, and ask for facts that it lacks."""
@@ -89,8 +109,8 @@ class Watcher:
         self._look_at_manifest(now_us)
         replica = self.observer.replica
         self.observer.update(now_us)
-        if self._recording is not None:
-            self._recording.update(now_us)
+        for recording in self._recordings:
+            recording.update(now_us)
         peers = self.observer.membership.peers
         fresh = [
             r for r, p in peers.items() if p.heartbeat and (r, p.incarnation) not in self._asked
@@ -157,8 +177,8 @@ class Watcher:
 
     def _message(self, kind: MessageKind, source: str, data: bytes, now_us: int) -> None:
         self.observer.message(kind, source, data, now_us)
-        if self._recording is not None:
-            self._recording.message(kind, source, data, now_us)
+        for recording in self._recordings:
+            recording.message(kind, source, data, now_us)
 
     def _sealed(self, data: bytes, to: str) -> bytes:
         return self._guard.seal(data, (to,)) if self._guard is not None else data
@@ -235,12 +255,19 @@ def _keys_of(address: TeamAddress) -> tuple[Guard | None, ManifestWatch | None]:
 
 
 @asynccontextmanager
-async def watching(address: TeamAddress, record: RecordTo | None = None) -> AsyncIterator[Watcher]:
+async def watching(
+    address: TeamAddress,
+    record: RecordTo | None = None,
+    tell_past: Callable[[Observer], None] | None = None,
+) -> AsyncIterator[Watcher]:
     """An open Watcher, which records what it hears if that is wanted.
 
-    Raises TransportError if the session cannot be opened, InputError if nothing can be recorded.
+    `tell_past` tells its observer what happened before it listens. Raises TransportError if the
+    session cannot be opened, InputError if nothing can be recorded.
     """
     watcher = Watcher(address, record)
+    if tell_past is not None:
+        tell_past(watcher.observer)
     await watcher.open()
     try:
         yield watcher

@@ -7,7 +7,7 @@ from typing import Any
 
 from mrbt_mesh.core.bt.tree import Tree
 from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, Mission
-from mrbt_mesh.viewmodel.team_map import map_view
+from mrbt_mesh.formats.mission_map import map_view
 
 
 def mission_view(mission: Mission) -> dict[str, Any]:

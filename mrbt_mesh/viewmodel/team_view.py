@@ -10,39 +10,35 @@ from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.formats.mission_map import place_states
 from mrbt_mesh.viewmodel.agreement import AgreementView
 from mrbt_mesh.viewmodel.changes import ChangeLog
 from mrbt_mesh.viewmodel.mission_view import in_units
-from mrbt_mesh.viewmodel.team_map import place_states
 from mrbt_mesh.viewmodel.timeline import TimelineView
 from mrbt_mesh.viewmodel.why import why_takeover
 
 
-class TeamView:
-    """Follows one observer. `changes` has the items:
+class TeamState:
+    """The team as it is now, as its observer knows it. Puts these items into `changes`:
 
     `team`: result, order, agreement, what is blocked. `robot/ID`: one robot. `task/NAME`: a global
     task. `node/N`: `[status, robots, note, activations]` of a node of T_G that was ever ticked.
-    `place/NAME`: a place of the map. `position/ID`: where a robot says
-    it is. `why/N`: the explanation of takeover N, as it was then. And
-    those of the timeline.
+    `place/NAME`: a place of the map. `position/ID`: where a robot says it is.
     """
 
-    def __init__(self, observer: Observer) -> None:
+    def __init__(self, observer: Observer, changes: ChangeLog) -> None:
         self.observer = observer
-        self.changes = ChangeLog()
+        self.changes = changes
         self._agreement = AgreementView()
-        self._timeline = TimelineView(observer.record)
         self._statuses = bytes(len(observer.mission.tree.nodes))
         self._marked: set[int] = set()
         self._activations: dict[int, set[str]] = {}
-        self._explained: set[int] = set()
+        self._counted: Plan | None = None
         # What tasks and nodes follow from; a new plan follows from a change of the others.
         self._causes: tuple[int, int, int] = (-1, -1, 0)
 
-    def update(self, now_us: int) -> bool:
-        """Look at the observer, which is up to date; whether anything has changed."""
-        before = self.changes.version
+    def update(self, now_us: int) -> None:
+        """Look at the observer, which is up to date."""
         observer = self.observer
         agreement = self._agreement.look(observer, now_us)
         self.changes.put("team", self._team(agreement))
@@ -53,9 +49,14 @@ class TeamView:
         if causes != self._causes:
             self._causes = causes
             self._what_follows_from_facts()
-        self._timeline.put(self.changes)
-        self._takeovers()
-        return self.changes.version != before
+
+    def count_activations(self) -> None:
+        """Look at the observer's plan; for whoever goes on by several plans before `update`."""
+        plan = self.observer.plan
+        if plan is not None and plan is not self._counted:
+            self._counted = plan
+            for request in plan.evaluation.requests:
+                self._activations.setdefault(request.node, set()).add(request.activation)
 
     def _what_follows_from_facts(self) -> None:
         """Tasks, nodes, places: most of the time there is nothing new of them."""
@@ -63,7 +64,8 @@ class TeamView:
         self._tasks(working)
         if observer.plan is not None:
             self._nodes(observer.plan, working)
-        for name, state in place_states(observer).items():
+        states = place_states(observer.facts, observer.record.task_log.has_succeeded)
+        for name, state in states.items():
             self.changes.put(f"place/{name}", state)
 
     def _team(self, agreement: dict[str, Any]) -> dict[str, Any]:
@@ -122,11 +124,8 @@ class TeamView:
     def _position(self, robot: str) -> dict[str, Any] | None:
         """Where it has said it is, last."""
         peer = self.observer.membership.peers.get(robot)
-        where = peer.heartbeat.position if peer is not None and peer.heartbeat else None
-        if where is None:
-            return None
-        heading = None if where.heading is None else where.heading / 1_000
-        return {"x": where.x / 1_000, "y": where.y / 1_000, "heading": heading}
+        where = peer.position if peer is not None else None
+        return where.in_units() if where is not None else None
 
     def _state(self, robot: str, peer: Peer | None) -> str:
         """As `State`, or `joining`, or `leaving`: it has said so and is still there."""
@@ -168,11 +167,11 @@ class TeamView:
 
     def _nodes(self, plan: Plan, working: dict[str, list[str]]) -> None:
         """Only nodes that may have changed are looked at: a tree may have thousands."""
+        self.count_activations()
         statuses = plan.evaluation.statuses
         waiting = {w.activation: w for w in plan.waiting}
         marks: dict[int, tuple[list[str], str]] = {}
         for request in plan.evaluation.requests:
-            self._activations.setdefault(request.node, set()).add(request.activation)
             found = waiting.get(request.activation)
             note = "" if found is None else ("blocked" if found.is_blocked else "waits")
             marks[request.node] = working.get(request.activation, []), note
@@ -186,9 +185,45 @@ class TeamView:
             self.changes.put(f"node/{index}", [statuses[index], robots, note, count])
         self._statuses, self._marked = statuses, set(marks)
 
-    def _takeovers(self) -> None:
-        """A takeover is explained when it has happened: later its reasons are others."""
-        for index, fault in enumerate(self.observer.record.major):
+
+class TakeoversView:
+    """Puts `why/N` into a log: the explanation of takeover N.
+
+    It is made when that has happened: later its reasons are others.
+    """
+
+    def __init__(self, observer: Observer) -> None:
+        self._observer = observer
+        self._explained: set[int] = set()
+
+    def put(self, log: ChangeLog) -> None:
+        """Explain what has happened since."""
+        for index, fault in enumerate(self._observer.record.major):
             if index not in self._explained and fault.reassigned_us is not None:
                 self._explained.add(index)
-                self.changes.put(f"why/{index}", why_takeover(self.observer, fault))
+                log.put(f"why/{index}", why_takeover(self._observer, fault))
+
+
+class TeamView:
+    """Follows one observer of a running team. `changes` has the items of `TeamState`,
+    `TimelineView` and `TakeoversView`.
+    """
+
+    def __init__(self, observer: Observer) -> None:
+        self.observer = observer
+        self.changes = ChangeLog()
+        self._state = TeamState(observer, self.changes)
+        self._timeline = TimelineView(observer.record)
+        self._takeovers = TakeoversView(observer)
+
+    def update(self, now_us: int) -> bool:
+        """Look at the observer, which is up to date; whether anything has changed."""
+        before = self.changes.version
+        self._state.update(now_us)
+        self._timeline.put(self.changes)
+        self._takeovers.put(self.changes)
+        return self.changes.version != before
+
+    def seconds(self, at_us: int) -> float | None:
+        """A time of the observer's clock as the page tells it."""
+        return self.observer.record.seconds(at_us)

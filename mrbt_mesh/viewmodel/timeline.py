@@ -14,10 +14,12 @@ from mrbt_mesh.viewmodel.changes import ChangeLog
 
 
 class TimelineView:
-    """Puts the items `work/N`, `fault/N`, `loss/N` and `event/N` of a record into a log.
+    """Puts the items `work/N`, `fault/N`, `loss/N`, `event/N` and `unwatched/N` of a record into a
+    log.
 
     Times in seconds from the start of the run; `_ms` count from the fault. `has_ended`: the
-    robot's process is known to have ended.
+    robot's process is known to have ended. `older`: it is from before the run was watched, so when
+    it began is not known. `unwatched`: a time of which nothing is known, `from_s` None: all before.
     """
 
     def __init__(self, record: RunRecord) -> None:
@@ -38,6 +40,9 @@ class TimelineView:
             log.put(f"fault/{index}", self._major(fault))
         for index, loss in enumerate(self._record.minor):
             log.put(f"loss/{index}", self._minor(loss))
+        for index, (from_us, to_us) in enumerate(self._record.unwatched):
+            seconds = self._record.seconds
+            log.put(f"unwatched/{index}", {"from_s": seconds(from_us), "to_s": seconds(to_us)})
         for index in range(self._events, len(self._record.timeline)):
             at_us, text = self._record.timeline[index]
             log.put(f"event/{index}", {"at_s": self._record.seconds(at_us), "text": text})
@@ -59,6 +64,8 @@ class TimelineView:
             "running_s": seconds(span.running_us),
             "ended_s": seconds(span.ended_us),
             "end": None if span.end is None else str(span.end),
+            "older": span.is_older,
+            "reason": span.reason,
         }
 
     def _major(self, fault: MajorFault) -> dict[str, Any]:
@@ -73,6 +80,7 @@ class TimelineView:
             "held": fault.held.local_task if fault.held else None,
             "global_task": fault.held.global_task if fault.held else None,
             "replacement": fault.replacement,
+            "older": fault.is_older,
         }
 
     def _minor(self, fault: MinorFault) -> dict[str, Any]:

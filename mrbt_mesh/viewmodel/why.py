@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.facts.team_facts import capability
 from mrbt_mesh.core.membership.peer import State
@@ -90,13 +91,29 @@ def _candidate(
         how = "goes on with it" if line.pinned else "is chosen: the best assignment of all robots"
         return Candidate(robot, units, True, how)
     if observer.facts.results(activation, local_task).get(robot) is False:
-        return Candidate(robot, units, False, "has failed at it")
+        return Candidate(robot, units, False, _failed(observer, robot, activation, local_task))
     if line is not None:
         verb = "goes on with" if line.pinned else "does"
         other = f"{verb} {line.local_task} for {line.global_task}"
         return Candidate(robot, units, False, f"{other} ({line.performance / MICRO:g})")
     idle = plan.idle.get(robot, "is joining") if plan is not None else "is joining"
     return Candidate(robot, units, False, f"is free: {idle}" if plan is not None else idle)
+
+
+def _failures(observer: Observer, task: str) -> str:
+    """Why robots failed at a global task, the last word of each."""
+    said = {e.robot: e for e in observer.record.failures if e.global_task == task and e.reason}
+    return "".join(f" {r} failed at {e.local_task}: {e.reason}." for r, e in sorted(said.items()))
+
+
+def _failed(observer: Observer, robot: str, activation: str, local_task: str) -> str:
+    place = (robot, parse_activation(activation).subject, local_task)
+    reasons = [
+        end.reason
+        for end in observer.record.failures
+        if (end.robot, end.global_task, end.local_task) == place
+    ]
+    return f"has failed at it: {reasons[-1]}" if reasons and reasons[-1] else "has failed at it"
 
 
 def _number(each: Candidate) -> str:
@@ -154,7 +171,8 @@ def why_task(observer: Observer, task: str) -> dict[str, Any]:
     plan = observer.plan
     requests = [r for r in plan.evaluation.requests if r.subject == task] if plan else []
     if plan is None or not requests:
-        return _answer(task, f"{task} {_ENDS[record.state]}.{_by(record.robots)}", [])
+        why = _failures(observer, task) if record.state is TaskState.FAILURE else ""
+        return _answer(task, f"{task} {_ENDS[record.state]}.{_by(record.robots)}{why}", [])
     activation = requests[0].activation
     waiting = next((w for w in plan.waiting if w.activation == activation), None)
     lines = [line for line in plan.lines.values() if line.activation == activation]
@@ -217,11 +235,15 @@ def why_takeover(observer: Observer, fault: MajorFault) -> dict[str, Any]:
 def _fault_sentence(observer: Observer, fault: MajorFault) -> str:
     at_s = observer.record.seconds(fault.at_us) or 0.0
     text = f"{fault.robot} died at {at_s:.1f} s"
-    if fault.detected_us is not None:
+    if fault.is_older:
+        text = f"{fault.robot} died before the run was watched"
+    elif fault.detected_us is not None:
         detected_ms = max(0, fault.detected_us - fault.at_us) / 1e3
         text += f"; the others knew after {detected_ms:.0f} ms"
     if fault.held is None:
         return f"{text}. It held no task."
+    if fault.is_older:
+        return f"{text}. {fault.replacement or 'Nobody'} has its {fault.held.local_task} since."
     if fault.reassigned_us is None or fault.replacement is None:
         return f"{text}. Nobody has taken over its {fault.held.local_task} yet."
     taken_ms = max(0, fault.reassigned_us - fault.at_us) / 1e3

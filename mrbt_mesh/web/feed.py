@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import secrets
 from collections.abc import AsyncIterator, Callable
-from typing import Any
+from typing import Any, Protocol
 
 import anyio
 
 from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.viewmodel.team_view import TeamView
+from mrbt_mesh.viewmodel.changes import ChangeLog
 
 # A page hears at least so often how late it is, and so notices a connection that is gone.
 TICK_S = 1.0
@@ -18,12 +18,27 @@ TICK_S = 1.0
 FRAME_US = 80_000
 
 
-class Feed:
-    """Pages follow one observer. `clock_us` is the observer's clock."""
+class Shown(Protocol):
+    """What pages show: a team that runs (`TeamView`), or a recording of one."""
 
-    def __init__(self, observer: Observer, clock_us: Callable[[], int]) -> None:
-        self.observer = observer
-        self.view = TeamView(observer)
+    changes: ChangeLog
+
+    @property
+    def observer(self) -> Observer:
+        """The team as it is shown now."""
+
+    def update(self, now_us: int) -> bool:
+        """Bring `changes` up to date; whether anything has changed."""
+
+    def seconds(self, at_us: int) -> float | None:
+        """A time of the clock as seconds from the start of the run; None: it has not begun."""
+
+
+class Feed:
+    """Pages follow one view. `clock_us` is the clock of its observer."""
+
+    def __init__(self, view: Shown, clock_us: Callable[[], int]) -> None:
+        self.view = view
         self.pages = 0
         # Versions are those of this feed; a page of an earlier one begins anew.
         self.epoch = secrets.token_hex(4)
@@ -32,13 +47,22 @@ class Feed:
         self._is_closed = False
         self._next_us = 0
 
+    @property
+    def observer(self) -> Observer:
+        """The team as it is shown now."""
+        return self.view.observer
+
     def update(self) -> None:
         """Look at the observer, which is up to date, and tell the pages; call it often."""
         now_us = self._clock_us()
         if now_us >= self._next_us:
             self._next_us = now_us + FRAME_US
-            if self.view.update(now_us):
-                self.wake()
+            self.show()
+
+    def show(self) -> None:
+        """Look now, however short it is since the last time, and tell the pages."""
+        if self.view.update(self._clock_us()):
+            self.wake()
 
     def close(self) -> None:
         """Tell the pages that nothing more comes."""
@@ -78,6 +102,6 @@ class Feed:
         return min(int(number), self.view.changes.version) if known else 0
 
     def _message(self, event: str, version: int, items: dict[str, Any]) -> str:
-        now_s = self.observer.record.seconds(self._clock_us())
+        now_s = self.view.seconds(self._clock_us())
         data = json.dumps({"now_s": now_s, "items": items}, separators=(",", ":"))
         return f"id: {self.epoch}.{version}\nevent: {event}\ndata: {data}\n\n"

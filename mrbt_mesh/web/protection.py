@@ -45,14 +45,21 @@ def hosts(names: Iterable[str], port: int) -> frozenset[str]:
     return frozenset(f"{name}:{port}" for name in found)
 
 
-def why_no_order(headers: Headers, token: str, own_hosts: frozenset[str]) -> str | None:
-    """Why a request may not steer the team, or None if it may."""
+def why_no_order(
+    headers: Headers, own_hosts: frozenset[str], token: str | None = None
+) -> str | None:
+    """Why a request may not steer what the page shows, or None if it may.
+
+    `token`: what it must carry; None: it needs none, since it steers no team.
+    """
     if headers.get("sec-fetch-site", "same-origin") != "same-origin":
         return "orders are taken from this page alone"
     origin = headers.get("origin")
     if origin is not None and origin not in {f"http://{host}" for host in own_hosts}:
         return "orders are taken from this page alone"
-    if not hmac.compare_digest(headers.get(TOKEN_HEADER, "").encode(), token.encode()):
+    if token is not None and not hmac.compare_digest(
+        headers.get(TOKEN_HEADER, "").encode(), token.encode()
+    ):
         return "the token is missing or wrong: open the address that was printed"
     if headers.get("content-type", "").partition(";")[0].strip() != "application/json":
         return "an order is application/json"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import socket
 import time
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
@@ -18,6 +18,7 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.watcher import Watcher
+from mrbt_mesh.viewmodel.team_view import TeamView
 from mrbt_mesh.web.app import Page
 from mrbt_mesh.web.feed import FRAME_US, Feed
 from mrbt_mesh.web.protection import hosts, new_token
@@ -56,30 +57,38 @@ async def serving(
 
     `team`: its processes, if they are of this machine. Raises PageError.
     """
-    feed = Feed(watcher.observer, boottime_us)
+    feed, token = Feed(TeamView(watcher.observer), boottime_us), new_token()
+    async with anyio.create_task_group() as group:
+        control = Control(watcher, team, group) if options.has_control else None
+        async with served(options, feed, lambda own: Page(feed, own, control, token)) as address:
+            yield address + (f"#{token}" if control is not None else ""), feed
+        group.cancel_scope.cancel()
+
+
+@asynccontextmanager
+async def served(
+    options: PageOptions, feed: Feed, make_page: Callable[[frozenset[str]], Page]
+) -> AsyncIterator[str]:
+    """The address of a page, which is made for the Host headers that name it. Raises PageError."""
     with _bound(options) as bound:
         port = bound.getsockname()[1]
         names = {options.host, LOOPBACK, "localhost", *names_of(options.host)}
-        token = new_token()
+        config = uvicorn.Config(
+            make_page(hosts(names, port)).application(),
+            lifespan="off",
+            log_config=None,
+            access_log=False,
+            server_header=False,
+            timeout_graceful_shutdown=CLOSE_TIMEOUT_S,
+        )
+        server = _Server(config)
         async with anyio.create_task_group() as group:
-            control = Control(watcher, team, group) if options.has_control else None
-            own_hosts = hosts(names, port)
-            config = uvicorn.Config(
-                Page(feed, own_hosts, control, token).application(),
-                lifespan="off",
-                log_config=None,
-                access_log=False,
-                server_header=False,
-                timeout_graceful_shutdown=CLOSE_TIMEOUT_S,
-            )
-            server = _Server(config)
             group.start_soon(server.serve, [bound])
             while not server.started:
                 await anyio.sleep(0.01)
             shown = f"[{options.host}]" if ":" in options.host else options.host
-            fragment = f"#{token}" if control is not None else ""
             try:
-                yield f"http://{shown}:{port}/{fragment}", feed
+                yield f"http://{shown}:{port}/"
             finally:
                 feed.close()
                 server.should_exit = True

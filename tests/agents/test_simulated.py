@@ -1,10 +1,7 @@
 """The simulated robots: what they do, and that they record it exactly once."""
 
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import anyio
 import pytest
@@ -13,6 +10,7 @@ from mrbt_mesh import RobotProgram, TaskContext, TaskFailedError
 from mrbt_mesh.formats.team_file import load_team
 from mrbt_mesh.formats.template import template_files, write_files
 from mrbt_mesh.runtime.program_loader import load_program
+from tests.support.fake_port import FakePort, cancelled_while_working, context, outcomes, run
 from tests.support.paths import ROOT
 
 AGENTS = ROOT / "agents"
@@ -24,74 +22,8 @@ def _own_import_path(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "path", list(sys.path))
 
 
-@dataclass
-class FakePort:
-    """A TaskPort that remembers everything."""
-
-    events: list[dict[str, Any]] = field(default_factory=list)
-    progress: list[float] = field(default_factory=list)
-    conditions: dict[str, bool] = field(default_factory=dict)
-    now_s: float = 1000.0
-
-    def set_condition(self, name: str, value: bool, at_once: bool) -> None:
-        assert not at_once
-        self.conditions[name] = value
-
-    def read_condition(self, name: str) -> bool:
-        return self.conditions.get(name, False)
-
-    def report_position(self, x: float, y: float, heading: float | None) -> None:
-        pass
-
-    def report_progress(self, fraction: float) -> None:
-        self.progress.append(fraction)
-
-    def lose_capability(self, local_task: str) -> None:
-        raise AssertionError(local_task)
-
-    def restore_capability(self, local_task: str) -> None:
-        raise AssertionError(local_task)
-
-    def record_event(self, event: Mapping[str, Any]) -> None:
-        self.events.append(dict(event))
-
-    def unix_time_s(self) -> float:
-        self.now_s += 1
-        return self.now_s
-
-
-def context(port: FakePort, local_task: str, *arguments: str, **changes: Any) -> TaskContext:
-    given = {
-        "robot": "A1",
-        "robot_type": "A",
-        "incarnation": "7-abc",
-        "pid": 42,
-        "activation": "act-1",
-        "global_task": "goal",
-        "local_task": local_task,
-        "arguments": arguments,
-        "partners": (),
-        "performance": 1e6,
-        "work": 1e-6,
-        "speed": 1.0,
-        "parameters": {},
-        "port": port,
-    }
-    return TaskContext(**{**given, **changes})
-
-
-async def run(program: RobotProgram, task: TaskContext) -> Any:
-    function = program.find(task.local_task.partition("(")[0])
-    assert function is not None
-    return await function(task, *task.arguments)
-
-
 def agent(name: str) -> RobotProgram:
     return load_program(str(AGENTS / f"{name}.py"))
-
-
-def outcomes(port: FakePort) -> list[tuple[str, str | None]]:
-    return [(event["event"], event["outcome"]) for event in port.events]
 
 
 @pytest.mark.parametrize(("part", "is_broken"), [("2", True), ("3", False), ("22", False)])
@@ -191,26 +123,18 @@ async def test_a_screwdriver_that_fits_succeeds() -> None:
     assert outcomes(port) == [("start", None), ("end", "success")]
 
 
-def physical_program(function: Any) -> RobotProgram:
-    """A program whose task `x` is `function` under the decorator of agents/simulated.py."""
+def held_program() -> RobotProgram:
+    """A program whose task `x` only waits while it is held."""
     agent("repair")  # Puts the folder on the path.
-    from simulated import physical
+    from simulated import held
 
-    program = RobotProgram()
-    program.local_task("x")(physical(function))
+    program = RobotProgram(record_work=True)
+
+    @program.local_task("x")
+    async def x(task: TaskContext, part: str) -> None:
+        await held(task)
+
     return program
-
-
-@pytest.mark.parametrize(
-    ("result", "outcome"), [(True, "success"), (None, "success"), (False, "failure")]
-)
-async def test_the_result_is_recorded_and_passed_on(result: bool | None, outcome: str) -> None:
-    async def x(task: TaskContext) -> bool | None:
-        return result
-
-    port = FakePort()
-    assert await run(physical_program(x), context(port, "x")) is result
-    assert outcomes(port) == [("start", None), ("end", outcome)]
 
 
 @pytest.mark.parametrize("name", ["A1", "x(2)", "x", "goal"])
@@ -227,9 +151,7 @@ async def test_what_is_held_has_started_and_goes_on_when_it_is_let_go(
 
     monkeypatch.setattr(anyio, "sleep", sleep)
 
-    async def x(task: TaskContext, part: str) -> None: ...
-
-    port, program = FakePort(), physical_program(x)
+    port, program = FakePort(), held_program()
     async with anyio.create_task_group() as group:
         group.start_soon(run, program, context(port, "x(2)", "2"))
         turns.release()
@@ -240,50 +162,12 @@ async def test_what_is_held_has_started_and_goes_on_when_it_is_let_go(
     assert outcomes(port) == [("start", None), ("end", "success")]
 
 
-async def test_an_exception_is_a_failure_and_passes_through() -> None:
-    async def x(task: TaskContext) -> None:
-        raise ZeroDivisionError("bug")
-
-    port = FakePort()
-    with pytest.raises(ZeroDivisionError, match="bug"):
-        await run(physical_program(x), context(port, "x"))
-    assert outcomes(port) == [("start", None), ("end", "failure")]
-
-
-async def cancelled_while_working(program: RobotProgram, task: TaskContext) -> bool:
-    """Start the task, cancel it, and say whether the scope caught the cancellation."""
-    async with anyio.create_task_group() as group:
-        scope = anyio.CancelScope()
-
-        async def work() -> None:
-            with scope:
-                await run(program, task)
-
-        group.start_soon(work)
-        # One turn of the loop starts the task, which then waits for what never comes.
-        await anyio.lowlevel.checkpoint()
-        scope.cancel()
-    return scope.cancelled_caught
-
-
-async def test_a_cancellation_is_recorded_once_and_passes_through() -> None:
-    async def x(task: TaskContext) -> None:
-        await anyio.sleep_forever()
-
-    port = FakePort()
-    assert await cancelled_while_working(physical_program(x), context(port, "x"))
-    assert outcomes(port) == [("start", None), ("cancel", None)]
-
-
 async def test_a_cancelled_diagnosis_says_nothing_of_the_part() -> None:
     port = FakePort()
     task = context(port, "do_diagnosis", "2", work=1e9, performance=1.0)
     assert await cancelled_while_working(agent("repair"), task)
     assert outcomes(port) == [("start", None), ("cancel", None)]
     assert port.conditions == {}
-
-
-# The robot that `mrbt new` writes has its own record of events, to be self-contained.
 
 
 async def test_the_template_robot_does_and_records_its_tasks(tmp_path: Path) -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from mrbt_mesh.analysis.cautions import cautions
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec
+from mrbt_mesh.core.mission.conditions import ConditionType
+from mrbt_mesh.core.mission.failure_reasons import FailureReason
 from tests.support.build import (
     action,
     condition,
@@ -21,6 +24,7 @@ from tests.support.build import (
     timeout,
 )
 
+TOLD = FailureReason("global_task", "a", (), "contains", "stuck")
 A, B, C = action("a"), action("b"), action("c")
 X, Y = condition("x"), condition("y")
 FAILS = {"blocked_fail_after_us": 5}
@@ -103,3 +107,12 @@ def test_a_large_expression_is_taken_to_turn() -> None:
     tree = sequence(parallel(1, *many), A)
     found = cautions(make_mission(tree, tasks=[setting(c3=True)]))
     assert ["sets c3 to true" in line for line in found] == [True]
+
+
+def test_a_reason_of_a_task_that_is_never_asked_for_is_named() -> None:
+    told = {"x": ConditionType("x", failure=TOLD)}
+    quiet = make_mission(fallback(A, sequence(X, B)), tasks=[task("a", **FAILS)])
+    assert cautions(replace(quiet, conditions=told)) == []
+    never = make_mission(fallback(B, sequence(X, C)), tasks=[task("b", **FAILS)])
+    (found,) = cautions(replace(never, conditions=told))
+    assert "x never holds: it tells why a failed" in found

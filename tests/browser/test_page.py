@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import signal
 import subprocess
 from typing import TYPE_CHECKING
 
@@ -193,4 +194,26 @@ def test_a_frozen_robot_is_thawed_by_its_button(team: Team, browser: Browser) ->
     page.wait_for_selector(f'.card[data-state="alive"]:has-text("{robot}")')
     team.interrupt()
     team.end()
+    assert problems == []
+
+
+def test_a_page_that_is_opened_late_shows_the_whole_past(team: Team, browser: Browser) -> None:
+    """A server that comes after a death knows it from the recording of `mrbt up`."""
+    team.hold(HELD)
+    team.up(REPAIR)
+    event = team.wait_for_work(team.wait_for_event("do_diagnosis", args=["2"]))
+    team.signal(event["robot"], signal.SIGKILL)
+    replacement = team.wait_for_work(team.wait_for_replacement(event))
+    page, problems = opened(browser, serve(team, "0")[1])
+    page.wait_for_selector(f'.card[data-state="dead"]:has-text("{event["robot"]}")')
+    told = page.inner_text(TAKEN_OVER)
+    assert re.search(rf"{event['robot']} died at .* by {replacement['robot']} \(", told), told
+    page.click("#happened summary")
+    page.wait_for_selector('#events li:has-text("use_screwdriver done")')
+    assert page.locator('#events li:has-text("screwdriver"):has-text("(earlier)")').count() == 0
+    picture(page, "late-wide-light")
+    # It goes on from there.
+    team.release()
+    page.wait_for_selector('#result[data-status="success"]')
+    assert team.end()[0] == 0
     assert problems == []

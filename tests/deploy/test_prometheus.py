@@ -93,9 +93,37 @@ def test_the_board_shows_what_an_operator_asks_first() -> None:
 
 @needs_promtool
 def test_promtool_accepts_config_and_rules() -> None:
-    for kind, path in (("config", FOLDER / "prometheus.yml"), ("rules", ALERTS)):
+    configs = [("config", FOLDER / name) for name in ("prometheus.yml", "compose.yml")]
+    for kind, path in (*configs, ("rules", ALERTS)):
         done = promtool("check", kind, str(path))
         assert "SUCCESS" in done.stdout
+
+
+def test_the_composed_prometheus_asks_whom_there_is() -> None:
+    """Each robot at the port that it is given, and the page under its own name."""
+    services = YAML(typ="safe").load((ROOT / "docker-compose.yml").read_text())["services"]
+    asked: dict[str, str] = {}
+    for job in YAML(typ="safe").load((FOLDER / "compose.yml").read_text())["scrape_configs"]:
+        for group in job["static_configs"]:
+            for target in group["targets"]:
+                name, _, port = target.partition(":")
+                asked[name] = port
+                words = services[name]["command"].split()
+                option = "--port" if name == "page" else "--metrics-port"
+                host = "--host" if name == "page" else "--metrics-host"
+                assert words[words.index(option) + 1] == port
+                assert words[words.index(host) + 1] == "0.0.0.0"
+                assert services[name]["hostname"] == name
+                if name != "page":
+                    robot = group["labels"]["robot"]
+                    assert words[words.index("--robot") + 1] == robot
+    robots = {name for name, each in services.items() if "hostname" in each}
+    assert robots == set(asked)
+    prometheus = services["prometheus"]
+    assert "--config.file=/etc/mrbt/compose.yml" in prometheus["command"]
+    assert prometheus["profiles"] == services["page"]["profiles"] == ["metrics"]
+    for name in ("page", "prometheus"):
+        assert all(port.startswith("127.0.0.1:") for port in services[name]["ports"])
 
 
 @needs_promtool

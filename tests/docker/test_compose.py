@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from functools import partial
 
 import pytest
 
@@ -51,6 +52,7 @@ def test_a_killed_container_is_replaced_and_comes_back_with_its_journal(
     assert watching.returncode == 0
     assert json.loads(output)["result"] == "success"
     robots_stay_on_duty_and_show_their_health(compose)
+    the_page_and_robots_are_scraped_under_their_names(compose)
 
 
 def robots_stay_on_duty_and_show_their_health(compose: Compose) -> None:
@@ -112,3 +114,21 @@ def test_a_team_on_two_networks_goes_on_when_the_router_in_use_is_killed(compose
     lines.until("mission: success")
     assert not [line for line in lines.seen if "is dead" in line]
     assert compose.docker("wait", compose.container(ROUTED_OBSERVER)).strip() == "0"
+
+
+def the_page_and_robots_are_scraped_under_their_names(compose: Compose) -> None:
+    """As deploy/prometheus/compose.yml has it; the page answers to no other name."""
+    compose("--profile", "metrics", "up", "-d", "page")
+    for target, sample in (("b2:9464", "mrbt_joined 1.0"), ("page:8000", "mrbt_team_agreement")):
+        read = f"urlopen('http://{target}/metrics', timeout=5).read().decode()"
+        program = f"from urllib.request import urlopen; print({read})"
+        served = partial(serves, compose, program, sample)
+        compose.wait_until(served, f"{target} serves {sample}")
+
+
+def serves(compose: Compose, program: str, sample: str) -> bool:
+    """Whether a program prints this in a1's container; it fails until the page is there."""
+    try:
+        return sample in compose("exec", "-T", "a1", "python3", "-c", program)
+    except AssertionError:
+        return False

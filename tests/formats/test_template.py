@@ -23,7 +23,7 @@ def test_the_new_mission_and_its_robots_fit_together(
     monkeypatch.setattr(sys, "path", list(sys.path))
     folder = tmp_path / "teams" / "my_team"
     written = write_files(folder, template_files())
-    assert written == [folder / "mission.yaml", folder / "robot.py"]
+    assert written == [folder / n for n in ("mission.yaml", "robot.py", "test_mission.py")]
     mission = load_mission(written[0])
     assert mission.name == "my_team"
     assert mission_warnings(mission) == []
@@ -55,7 +55,7 @@ def test_the_copy_of_an_example_is_whole(
 
 
 def test_an_empty_folder_may_be_used(tmp_path: Path) -> None:
-    assert len(write_files(tmp_path, template_files())) == 2
+    assert len(write_files(tmp_path, template_files())) == 3
 
 
 def test_a_folder_in_use_is_left_alone(tmp_path: Path) -> None:

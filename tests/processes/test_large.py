@@ -55,21 +55,19 @@ import sys
 
 sys.path.insert(0, "{agents}")
 
-from simulated import physical, work
+from simulated import work
 
 from mrbt_mesh import RobotProgram, TaskContext
 
-robot = RobotProgram()
+robot = RobotProgram(record_work=True)
 
 
 @robot.local_task("visit")
-@physical
 async def visit(task: TaskContext, place: str) -> None:
     await work(task)
 
 
 @robot.local_task("finish")
-@physical
 async def finish(task: TaskContext) -> None:
     await work(task)
 """

@@ -23,8 +23,9 @@ def test_an_example_fits_its_schema_and_a_field_less_does_not(channel: Channel) 
     for name in channel.schema["required"]:
         with pytest.raises(fastjsonschema.JsonSchemaValueException):
             check({key: value for key, value in example.items() if key != name})
-    with pytest.raises(fastjsonschema.JsonSchemaValueException):
-        check({**example, "more": 1})
+    if channel.name.startswith("mrbt."):
+        with pytest.raises(fastjsonschema.JsonSchemaValueException):
+            check({**example, "more": 1})
 
 
 def test_the_document_lists_every_channel_with_its_schema_and_purpose() -> None:

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mrbt_mesh.core.facts.records import Outcome
 from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, make_entry
 from mrbt_mesh.runtime.journal import Journal
 
@@ -188,3 +189,18 @@ def test_an_entry_that_no_longer_parses_sets_the_journal_aside(tmp_path: Path) -
     diary = Diary()
     assert journal(path, diary).open() == ()
     assert diary.events == ["journal_set_aside"]
+
+
+def test_the_reason_of_a_failure_is_kept_and_journals_from_before_there_were_any_are_read(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "A1.journal"
+    first = journal(path)
+    first.open()
+    told = entry(name="outcome/run1:1:a::1/a", sequence=1, value=[False, None, "no path"])
+    earlier = entry(name="outcome/run1:1:a::2/a", sequence=2, value=[False, {"n": 1}])
+    first.put([told, earlier])
+    assert first.commit()
+    found = {each.name: each.record for each in journal(path).open()}
+    assert found[told.name] == Outcome(False, None, "no path")
+    assert found[earlier.name] == Outcome(False, {"n": 1}, "")

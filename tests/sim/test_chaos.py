@@ -15,6 +15,7 @@ import pytest
 
 from mrbt_mesh.core.mission.mission import AssignmentPolicy
 from mrbt_mesh.sim.chaos.campaign import Verdict, judge, run_seed
+from tests.support.effort import seeds
 from tests.support.runs import source
 
 # Each test is many runs: much of the usual limit on a busy machine.
@@ -39,12 +40,12 @@ EXAMPLE_SEEDS = {
 }
 
 
-def check(name: str | None, seeds: range) -> Counter[str]:
+def check(name: str | None, tried: range) -> Counter[str]:
     """Run seeds; a failure names the seed and the command that shows it. Returns what was checked:
     in how many seeds for each invariant."""
     where = f"examples/{name}/mission.yaml --speed 2" if name else "--generated"
     checked: Counter[str] = Counter()
-    for seed in seeds:
+    for seed in tried:
         verdict: Verdict = run_seed(source(name), seed)
         command = f"mrbt chaos {where} --seeds {seed}"
         assert not verdict.violations, f"{command}\n" + "\n".join(verdict.violations)
@@ -55,15 +56,15 @@ def check(name: str | None, seeds: range) -> Counter[str]:
 
 @pytest.mark.parametrize("first", range(0, SEEDS, BLOCK))
 def test_no_invariant_breaks_on_generated_missions(first: int) -> None:
-    seeds = range(first, min(SEEDS, first + BLOCK))
-    checked = check(None, seeds)
-    if len(seeds) == BLOCK:
+    block = range(first, min(SEEDS, first + BLOCK))
+    checked = check(None, block)
+    if len(block) == BLOCK:
         assert checked.keys() >= EVERYWHERE
         assert checked["I6"] >= BLOCK // 4  # liveness is demanded of most missions
 
 
 def test_no_invariant_breaks_where_scarce_robots_are_spared() -> None:
-    for seed in range(10):
+    for seed in seeds(20):
         mission, program = source(None).load(seed)
         scenario = source(None).scenario(seed, mission)
         sparing = replace(mission, assignment=AssignmentPolicy.SPARE_SCARCE)
@@ -79,7 +80,7 @@ def test_every_invariant_is_checked_in_a_few_seeds() -> None:
 
 @pytest.mark.parametrize("name", EXAMPLE_SEEDS)
 def test_no_invariant_breaks_on_the_examples(name: str) -> None:
-    seeds = range(max(1, round(SEEDS // 10 * EXAMPLE_SEEDS[name])))
-    checked = check(name, seeds)
-    assert checked["I3"] == len(seeds)
-    assert checked["I5"] == (len(seeds) if name == "dispense" else 0)
+    tried = range(max(1, round(SEEDS // 10 * EXAMPLE_SEEDS[name])))
+    checked = check(name, tried)
+    assert checked["I3"] == len(tried)
+    assert checked["I5"] == (len(tried) if name == "dispense" else 0)

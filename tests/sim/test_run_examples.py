@@ -6,59 +6,63 @@ import itertools
 
 import pytest
 
-from mrbt_mesh.drills.physical import most_at_once, of, spans
+from mrbt_mesh.drills.physical import spans
 from mrbt_mesh.sim import Kill
+from mrbt_mesh.testing import RunMission
+from tests.support.paths import mission_file
 from tests.support.runs import Run
 
 
-def test_two_robots_explore_in_parallel(run: Run) -> None:
-    result = run("explore", 1)
-    explored = spans(result.events)
-    assert {s.part for s in explored} == {"A", "B"}
-    assert {s.robot for s in explored} == {"R1", "R2"}
-    assert most_at_once(explored) == 2
-    assert result.summary["duration_s"] == pytest.approx(5, abs=0.2)
+def test_two_robots_explore_in_parallel(run_mission: RunMission) -> None:
+    run = run_mission(mission_file("explore"), seed=1)
+    assert {event.local_task for event in run.ends} == {"explore(A)", "explore(B)"}
+    assert set(run.succeeded("explore")) == {"R1", "R2"}
+    assert max(event.at_s for event in run.starts) < min(event.at_s for event in run.ends)
+    assert run.duration_s == pytest.approx(5, abs=0.2)
 
 
 @pytest.mark.parametrize("robot", ["R1", "R2"])
-def test_one_robot_explores_one_after_the_other(run: Run, robot: str) -> None:
-    result = run("explore", 1, robots=[robot])
-    explored = spans(result.events)
-    assert [s.part for s in explored] == ["A", "B"]
-    assert most_at_once(explored) == 1
-    assert result.summary["duration_s"] == pytest.approx(10, abs=0.2)
+def test_one_robot_explores_one_after_the_other(run_mission: RunMission, robot: str) -> None:
+    run = run_mission(mission_file("explore"), seed=1, robots=[robot])
+    assert [event.local_task for event in run.starts] == ["explore(A)", "explore(B)"]
+    assert run.ends[0].at_s <= run.starts[1].at_s
+    assert run.duration_s == pytest.approx(10, abs=0.2)
 
 
-def test_both_storages_are_searched_at_once_and_one_success_is_enough(run: Run) -> None:
-    searches = of(spans(run("tool_search", 1).events), "search")
-    assert most_at_once(searches) == 2
-    assert {s.part: s.end for s in searches} == {"1": "failure", "2": "success"}
+def test_both_storages_are_searched_at_once_and_one_success_is_enough(
+    run_mission: RunMission,
+) -> None:
+    run = run_mission(mission_file("tool_search"), seed=1)
+    assert len(set(run.started("search"))) == 2
+    assert (len(run.failed("search(1)")), len(run.succeeded("search(2)"))) == (1, 1)
+    assert run.failures[0]["reason"] == "no tools in storage 1"
 
 
-def test_the_small_screwdriver_only_if_the_large_one_does_not_fit(run: Run) -> None:
-    found = spans(run("tool_search", 1).events)
-    (large,), (small,) = of(found, "large_screwdriver"), of(found, "small_screwdriver")
-    assert large.end == "failure"
-    assert small.end == "success"
-    assert large.end_s < small.start_s
+def test_the_small_screwdriver_only_if_the_large_one_does_not_fit(run_mission: RunMission) -> None:
+    run = run_mission(mission_file("tool_search"), seed=1)
+    last = [(event.local_task, event.outcome) for event in run.ends[-2:]]
+    assert last == [("large_screwdriver", "failure"), ("small_screwdriver", "success")]
+    assert run.starts[-1].at_s > run.ends[-2].at_s
 
-    fitting = spans(run("tool_search", 1, parameters={"large_fits": True}).events)
-    assert [s.end for s in of(fitting, "large_screwdriver")] == ["success"]
-    assert of(fitting, "small_screwdriver") == []
+    fitting = run_mission(mission_file("tool_search"), seed=1, parameters={"large_fits": True})
+    assert len(fitting.succeeded("large_screwdriver")) == 1
+    assert fitting.started("small_screwdriver") == []
+    assert fitting.status("tighten_with_small") == "idle"
 
 
-def test_a_search_that_succeeds_first_ends_the_other_one(run: Run) -> None:
+def test_a_search_that_succeeds_first_ends_the_other_one(run_mission: RunMission) -> None:
     """M=1: once one storage had the tools, nobody goes on looking."""
-    result = run("tool_search", 1, parameters={"tools_in_storage": 1})
-    searches = {s.part: s for s in of(spans(result.events), "search")}
-    assert searches["1"].end == "success"
-    assert searches["2"].end_s - searches["1"].end_s < 0.05
+    run = run_mission(mission_file("tool_search"), seed=1, parameters={"tools_in_storage": 1})
+    ends = {event.local_task: event for event in run.ends}
+    assert ends["search(1)"].outcome == "success"
+    assert ends["search(2)"].at_s - ends["search(1)"].at_s < 0.05
 
 
-def test_no_tools_at_all_is_a_failure(run: Run) -> None:
-    result = run("tool_search", 1, parameters={"tools_in_storage": 3}, expect="failure")
-    assert {s.end for s in of(spans(result.events), "search")} == {"failure"}
-    assert not of(spans(result.events), "large_screwdriver")
+def test_no_tools_at_all_is_a_failure(run_mission: RunMission) -> None:
+    run = run_mission(mission_file("tool_search"), seed=1, parameters={"tools_in_storage": 3})
+    assert run.result == "failure"
+    assert len(run.failed("search")) == 2
+    assert run.started("large_screwdriver") == []
 
 
 def test_couriers_bid_from_where_they_are_and_the_sum_of_ways_is_the_least(run: Run) -> None:
@@ -108,7 +112,9 @@ def test_a_local_task_that_is_a_tree_begins_anew_with_another_robot(run: Run) ->
 def test_each_robot_inspects_by_a_tree_of_behaviortree_cpp(run: Run) -> None:
     result = run("inspection", 1)
     # Valves 2 and 4 have more than 6 bar: the trees' script says so, the team closes them.
-    assert [span.ground for span in spans(result.events)] == ["close(2)", "close(4)"]
+    done = spans(result.events)
+    assert [s.ground for s in done if s.local_task == "close"] == ["close(2)", "close(4)"]
+    assert sorted(s.part for s in done if s.local_task == "inspect") == ["1", "2", "3", "4"]
     rows = result.summary["global_tasks"]
     assert {name for name, row in rows.items() if row["status"] == "success"} == {
         *(f"inspect_valve({valve})" for valve in (1, 2, 3, 4)),
@@ -121,4 +127,7 @@ def test_each_robot_inspects_by_a_tree_of_behaviortree_cpp(run: Run) -> None:
 def test_an_inspection_begins_anew_with_another_robot(run: Run) -> None:
     result = run("inspection", 1, schedule=[(1_200_000, Kill("R1"))])
     assert [each["replacement"] for each in result.summary["takeovers"]] == ["R2"]
-    assert [span.ground for span in spans(result.events)] == ["close(2)", "close(4)"]
+    done = spans(result.events)
+    assert [s.ground for s in done if s.local_task == "close"] == ["close(2)", "close(4)"]
+    (cut_off,) = (span for span in done if span.end is None)
+    assert (cut_off.robot, cut_off.ground) == ("R1", "inspect(1)")

@@ -4,6 +4,7 @@
       behave:
         a: {seconds: 2, fails: [R1], sets: {lid: true}}    # of a local task; fails: true for all
         b@R2: {seconds: 9}                                 # only of this robot
+        c: {fails: true, reason: no path}                  # what it says of why
 
 Whatever is left out takes one second and succeeds.
 """
@@ -14,7 +15,7 @@ from pathlib import Path
 
 import anyio
 
-from mrbt_mesh import RobotProgram, TaskContext
+from mrbt_mesh import RobotProgram, TaskContext, TaskFailedError
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.formats.build import mission_from_yaml
@@ -57,6 +58,8 @@ async def work(task: TaskContext, *arguments: str) -> bool:
     if success:
         for name, value in how.get("sets", {}).items():
             task.set_condition(name, value)
+    elif "reason" in how:
+        raise TaskFailedError(how["reason"])
     return success
 
 

@@ -158,7 +158,8 @@ class Compose:
             follower.wait()
             if follower.stdout is not None:
                 follower.stdout.close()
-        self("--profile", "router", "down", "--volumes", "--timeout", "5", timeout_s=WAIT_S)
+        profiles = ("--profile", "router", "--profile", "metrics")
+        self(*profiles, "down", "--volumes", "--timeout", "5", timeout_s=WAIT_S)
 
 
 class Lines:

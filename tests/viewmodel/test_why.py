@@ -5,8 +5,12 @@ from __future__ import annotations
 import pytest
 
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.runtime.program_loader import load_program
+from mrbt_mesh.sim import simulate
 from mrbt_mesh.viewmodel.why import candidates, why_robot, why_takeover, why_task
-from tests.support.watched import COVER, watched
+from tests.support.paths import mission_file
+from tests.support.watched import COVER, WELD, watched
 
 
 def observed(*commands: str) -> Observer:
@@ -68,8 +72,28 @@ def test_lost_capabilities_are_a_reason() -> None:
     assert found["B"] == "has lost this capability"
 
 
+def test_the_reasons_of_failures_are_told() -> None:
+    mission = load_mission(mission_file("tool_search"))
+    program = load_program(mission.program or "")
+    observer = simulate(mission, program, seed=1).observer
+    failed = {end.global_task: end for end in observer.record.failures}
+    assert failed
+    for task, end in failed.items():
+        told = f"{end.robot} failed at {end.local_task}: {end.reason}."
+        assert told in why_task(observer, task)["sentence"]
+
+
 def test_what_is_not_known_is_an_error() -> None:
     with pytest.raises(KeyError):
         why_robot(observed(), "Z")
     with pytest.raises(KeyError):
         why_task(observed(), "nothing")
+
+
+def test_a_death_before_the_run_was_watched_has_no_numbers() -> None:
+    _, observer = watched(WELD, "kill A", "pass 1500")
+    (fault,) = observer.record.major
+    fault.is_older = True
+    assert why_takeover(observer, fault)["sentence"].startswith(
+        "A died before the run was watched. B has its weld since."
+    )

@@ -6,13 +6,17 @@ import base64
 import hashlib
 import json
 import re
+import sys
 from typing import Any
 
 import httpx2 as httpx
 import pytest
+from prometheus_client.openmetrics.parser import text_string_to_metric_families as parse_openmetrics
+from prometheus_client.parser import text_string_to_metric_families as parse_text
 from starlette.testclient import TestClient
 
 from mrbt_mesh.drills.control import OrderError
+from mrbt_mesh.viewmodel.team_view import TeamView
 from mrbt_mesh.web.app import STATIC, Page
 from mrbt_mesh.web.feed import Feed
 from mrbt_mesh.web.protection import hosts
@@ -52,7 +56,7 @@ def orders() -> Orders:
 
 def client(orders: Orders | None) -> TestClient:
     script, observer = watched(WELD)
-    feed = Feed(observer, lambda: script.team.now_us)
+    feed = Feed(TeamView(observer), lambda: script.team.now_us)
     feed.update()
     own_hosts = hosts(["127.0.0.1", "localhost", "::1"], 8000)
     page = Page(feed, own_hosts, orders, TOKEN)  # type: ignore[arg-type]
@@ -95,7 +99,9 @@ def test_every_answer_has_the_headers() -> None:
 
 def test_mission_why_and_trees() -> None:
     page = client(None)
-    assert page.get("/mission").json()["control"] is None
+    told = page.get("/mission").json()
+    assert (told["control"], told["recording"]) == (None, None)
+    assert page.post("/playback", content="{}", headers=GOOD).status_code == 404
     assert page.get("/why/robot/A").json()["sentence"].startswith("A does weld")
     assert "weld" in page.get("/why/task/weld").json()["sentence"]
     assert page.get("/trees/A").json()["T_Li"]["statuses"][0] == 1
@@ -114,6 +120,33 @@ def test_another_name_is_refused(host: str) -> None:
 @pytest.mark.parametrize("host", ["localhost:8000", "LOCALHOST:8000", "[::1]:8000"])
 def test_names_of_loopback_are_ours(host: str) -> None:
     assert client(None).get("/mission", headers={"host": host}).status_code == 200
+
+
+def test_the_teams_metrics_are_served_beside_the_page() -> None:
+    page = client(None)
+    precise = page.get("/metrics", headers={"accept": "application/openmetrics-text"})
+    assert precise.headers["content-type"].startswith("application/openmetrics-text")
+    plain = page.get("/metrics")
+    assert plain.headers["content-type"].startswith("text/plain")
+    for found in (parse_openmetrics(precise.text), parse_text(plain.text)):
+        values = {(s.name, *s.labels.values()): s.value for f in found for s in f.samples}
+        assert values["mrbt_team_robots", "alive"] == 2
+        working = [value for name, value in values.items() if name[0] == "mrbt_team_robot_working"]
+        assert working == [1]
+        assert values["mrbt_team_agreement",] == 1
+
+
+def test_metrics_are_for_this_host_and_no_other_site() -> None:
+    page = client(None)
+    assert page.get("/metrics", headers={"host": "evil.example:8000"}).status_code == 421
+    assert page.get("/metrics", headers={"sec-fetch-site": "cross-site"}).status_code == 403
+
+
+def test_metrics_without_the_extra_say_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "prometheus_client", None)
+    answer = client(None).get("/metrics")
+    assert answer.status_code == 501
+    assert "pip install 'mrbt-mesh[metrics]'" in answer.text
 
 
 @pytest.mark.parametrize("site", ["cross-site", "same-site"])

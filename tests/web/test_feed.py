@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from mrbt_mesh.viewmodel.team_view import TeamView
 from mrbt_mesh.web.feed import Feed
 from tests.support.watched import WELD, watched
 
@@ -16,7 +17,7 @@ class Watched:
 
     def __init__(self) -> None:
         self.script, observer = watched(WELD)
-        self.feed = Feed(observer, lambda: self.script.team.now_us)
+        self.feed = Feed(TeamView(observer), lambda: self.script.team.now_us)
         self.feed.update()
 
     def do(self, *commands: str) -> None:

@@ -18,6 +18,7 @@ from mrbt_mesh.cli.framework.terminal import console
 from mrbt_mesh.cli.views.live_view import LiveNotes, LiveView
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.replay.playback import Playback
 from mrbt_mesh.replay.player import Player
 
 FRAME_S = 0.05
@@ -59,39 +60,31 @@ def show_lines(player: Player, at_s: float) -> None:
             click.echo(f"{(at_us - player.begin_us) / SECOND_US:8.2f}  {text}")
 
 
-class Playing:
-    """Where a replay in a terminal is, and how fast it goes on; `press` takes a key.
+class Playing(Playback):
+    """A replay in a terminal; `press` takes a key, `is_over` once its viewer ends it.
 
     Raises InputError as `state_data`.
     """
 
     def __init__(self, player: Player, at_s: float, speed: float) -> None:
-        self.player = player
-        self.speed = speed
-        self.is_paused = False
         self.is_over = False
-        self.at_us = player.begin_us
-        self._go_to(time_of(player, at_s))
+        super().__init__(player, time_of(player, at_s), speed)
+
+    def go_to(self, at_us: int) -> None:
+        """Go there at once."""
+        super().go_to(at_us)
+        self.catch_up()
 
     def press(self, key: bytes) -> None:
         """What the key asks for; others mean nothing."""
         if key == b" ":
             self.is_paused = not self.is_paused
         elif key in (LEFT, RIGHT):
-            self._go_to(self.at_us + (STEP_US if key == RIGHT else -STEP_US))
+            self.go_to(self.at_us + (STEP_US if key == RIGHT else -STEP_US))
         elif key in (UP, DOWN):
-            self.speed *= FASTER if key == UP else 1 / FASTER
+            self.set_speed(self.speed * (FASTER if key == UP else 1 / FASTER))
         elif key in (b"q", b"\x03", b"\x04"):
             self.is_over = True
-
-    def passed(self, seconds: float) -> None:
-        """So much time has passed for whoever looks on."""
-        if not self.is_paused:
-            self._go_to(self.at_us + round(seconds * self.speed * SECOND_US))
-
-    def _go_to(self, at_us: int) -> None:
-        self.at_us = min(max(at_us, self.player.begin_us), self.player.end_us)
-        self.player.seek(self.at_us)
 
     def line(self) -> str:
         """What stands above the view."""

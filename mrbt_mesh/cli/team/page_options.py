@@ -1,25 +1,25 @@
-"""The options that say where the live page is served, and whether it may steer the team."""
+"""The options that say where a page is served, and whether it may steer the team."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
-from mrbt_mesh.cli.framework.declare import option
+from mrbt_mesh.cli.framework.declare import Given, option
 from mrbt_mesh.errors import InputError
 
 if TYPE_CHECKING:
     from mrbt_mesh.web.server import PageOptions
 
-PANEL = "The live page"
+PANEL = "The page"
 EXTRA = "web"
 # What the extra brings.
 NEEDED = ("starlette", "uvicorn")
 
 
 @dataclass(frozen=True)
-class WebOptions:
-    """Where, and what may be done there."""
+class PageAddress:
+    """Where the page is served."""
 
     port: Annotated[
         int, option("Port of the page. Default: a free one.", panel=PANEL, least=0, most=65535)
@@ -27,9 +27,6 @@ class WebOptions:
     host: Annotated[
         str, option("Address of the page; others than loopback are open to all.", panel=PANEL)
     ] = "127.0.0.1"
-    control: Annotated[
-        bool, option("The page may also kill, freeze, pause and so on.", panel=PANEL)
-    ] = False
 
     def page(self) -> PageOptions:
         """What the server is given; raises InputError without the extra."""
@@ -37,7 +34,46 @@ class WebOptions:
             raise InputError(f"the page needs more: pip install 'mrbt-mesh[{EXTRA}]'")
         from mrbt_mesh.web.server import PageOptions
 
-        return PageOptions(self.host, self.port, self.control)
+        return PageOptions(self.host, self.port)
+
+
+@dataclass(frozen=True)
+class WebOptions(PageAddress):
+    """Where, and what may be done there."""
+
+    control: Annotated[
+        bool, option("The page may also kill, freeze, pause and so on.", panel=PANEL)
+    ] = False
+
+    def page(self) -> PageOptions:
+        """What the server is given; raises InputError without the extra."""
+        return replace(super().page(), has_control=self.control)
+
+
+# Foxglove's own, which its dialog proposes.
+FOXGLOVE_PORT = 8765
+
+
+@dataclass(frozen=True)
+class FoxgloveOptions:
+    """Whether Foxglove is served as well, and where."""
+
+    foxglove: Annotated[
+        bool, option("Serve Foxglove live as well, as docs/recording.md says.", panel=PANEL)
+    ] = False
+    foxglove_port: Annotated[
+        int, option("Port for Foxglove; 0: a free one.", "PORT", panel=PANEL, least=0, most=65535)
+    ] = FOXGLOVE_PORT
+
+    def port(self, given: Given) -> int | None:
+        """The port, None without Foxglove; raises InputError without the extra."""
+        if not self.foxglove:
+            given.refuse(("--foxglove-port",), "of Foxglove: give --foxglove as well")
+            return None
+        from mrbt_mesh.adapters.foxglove import require_extra
+
+        require_extra()
+        return self.foxglove_port
 
 
 def has_extra() -> bool:

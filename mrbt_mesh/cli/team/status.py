@@ -89,6 +89,15 @@ def status_data(watcher: Watcher) -> dict[str, Any]:
         "blocked": [
             {"request": w.global_task, "reason": w.reason} for w in waiting if w.is_blocked
         ],
+        "failures": [
+            {
+                "robot": end.robot,
+                "global_task": end.global_task,
+                "local_task": end.local_task,
+                "reason": end.reason,
+            }
+            for end in observer.record.failures
+        ],
         "waiting": [w.global_task for w in waiting if not w.is_blocked],
         "agreement": observer.agreement,
         "secure": watcher.address.keys is not None,

@@ -8,6 +8,7 @@ from typing import Any
 import anyio
 
 from mrbt_mesh.cli.framework.exits import SUCCESS
+from mrbt_mesh.cli.team.joined_late import past_of
 from mrbt_mesh.drills.control import Control, OrderError
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.team import Team
@@ -20,7 +21,7 @@ async def show(address: TeamAddress, has_control: bool) -> int:
     """Show it until the viewer quits, or SIGTERM; raises TransportError or InputError."""
     found = address.run_dir
     team = Team(found, found.info(), address.mission) if found is not None else None
-    async with watching(address) as watcher:
+    async with watching(address, tell_past=past_of(team)) as watcher:
         if team is not None and not team.living():
             # It is over: what its journals hold is all there is to see.
             team.result(watcher.observer, boottime_us())

@@ -235,6 +235,7 @@ def _log(observer: Observer, lines: int) -> Panel:
     text = Text(no_wrap=True, overflow="ellipsis")
     for at_us, line in record.timeline[-lines:]:
         style = "red" if "dead" in line or "blocked:" in line or "lost" in line else ""
+        style = "red" if " failed" in line else style
         text.append(f"{record.seconds(at_us) or 0:7.2f} ", style="dim")
         text.append(line + "\n", style=style)
     text.rstrip()

@@ -13,6 +13,7 @@ from mrbt_mesh.cli.views.report_tables import (
     agreement_text,
     comparison_table,
     difference_table,
+    failure_table,
     fault_table,
     percent,
     seconds,
@@ -70,6 +71,7 @@ def _run(run: RunReport) -> str:
             _expectations(run),
             _section("Who did what when", _chart(run)),
             _section("Faults", _table(fault_table(run))) if run.faults else "",
+            _section("Failures", _table(failure_table(run))) if run.failures else "",
             _pair(
                 _section("Robots", _table(use_table(run), _meters(run))) if run.robots else "",
                 _section("Global tasks", _table(task_table(run))) if run.tasks else "",

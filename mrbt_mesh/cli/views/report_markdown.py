@@ -9,6 +9,7 @@ from mrbt_mesh.cli.views.report_tables import (
     WAIT_TITLES,
     Table,
     comparison_table,
+    failure_table,
     fault_table,
     seconds,
     task_table,
@@ -50,7 +51,11 @@ def _run(run: RunReport) -> Iterator[str]:
             sign = "✔" if each.holds else "✘"
             yield f"- {sign} {_text(each.expected)}: {_text(each.found)}"
         yield ""
-    sections = [("Faults", fault_table(run)), ("Robots", use_table(run))]
+    sections = [
+        ("Faults", fault_table(run)),
+        ("Failures", failure_table(run)),
+        ("Robots", use_table(run)),
+    ]
     for kind, title in WAIT_TITLES.items():
         sections.append((title, wait_table(run, kind)))
     for title, table in [*sections, ("Global tasks", task_table(run))]:

@@ -94,6 +94,15 @@ def fault_table(run: RunReport) -> Table:
     return Table(head, tuple(rows))
 
 
+def failure_table(run: RunReport) -> Table:
+    """Local tasks that failed, and why, as far as robots said it."""
+    rows = tuple(
+        (seconds(each.at_s), each.robot, each.local_task, each.global_task, each.reason or "–")
+        for each in run.failures
+    )
+    return Table(("at", "robot", "failed at", "for", "why"), rows)
+
+
 def use_table(run: RunReport) -> Table:
     """What each robot did with its time; without recording only its type and state."""
     if run.work is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.console import Group, RenderableType
@@ -12,7 +12,7 @@ from rich.text import Text
 
 from mrbt_mesh.cli.views.live_view import STATE_STYLES
 from mrbt_mesh.cli.views.plan_view import render_bounds
-from mrbt_mesh.cli.views.summary_view import capability_changes
+from mrbt_mesh.cli.views.summary_view import MOST_FAILURES, capability_changes, failure_line
 from mrbt_mesh.core.membership.peer import State
 
 # So many reasons of refusals are named for each robot; `--json` has all.
@@ -30,10 +30,18 @@ def render_status(data: Mapping[str, Any]) -> RenderableType:
         *_tasks(data["global_tasks"]),
         *([render_bounds(data["bounds"])] if data["bounds"] else []),
         *(Text(f"{row['request']} {row['reason']}", "red") for row in data["blocked"]),
+        *_failures(data["failures"]),
         agreement,
         *_refused(data.get("refused", {})),
         *([] if data.get("secure", True) else [Text("not secure: nothing is signed", "yellow")]),
     )
+
+
+def _failures(ends: Sequence[Mapping[str, Any]]) -> list[Text]:
+    """The latest failures."""
+    lines = [failure_line(end) for end in ends[-MOST_FAILURES:]]
+    earlier = len(ends) - len(lines)
+    return ([Text(f"{earlier} earlier failures", "dim")] if earlier else []) + lines
 
 
 def _refused(counts: Mapping[str, Mapping[str, int]]) -> list[Text]:

@@ -18,6 +18,7 @@ RESULTS = {
 }
 PLAIN = "not bold"
 MOST_BIDS = 20
+MOST_FAILURES = 20
 STATES = {"alive": "green", "suspect": "yellow", "dead": "red", "left": "dim"}
 STATUSES = {
     "success": "green",
@@ -156,7 +157,7 @@ def _bids(biddings: Sequence[Mapping[str, Any]]) -> RenderableType:
 
 
 def _story(summary: Mapping[str, Any]) -> list[tuple[float, Text]]:
-    """Faults and blocked episodes as (seconds, text), in the order of time."""
+    """Faults, failures and blocked episodes as (seconds, text), in the order of time."""
     takeovers = {(t["robot"], t.get("at_s")): t for t in summary.get("takeovers", ())}
     story = []
     for fault in summary.get("faults", ()):
@@ -171,6 +172,12 @@ def _story(summary: Mapping[str, Any]) -> list[tuple[float, Text]]:
         if until_s is not None:
             line.append(f"; {end} at {_seconds(until_s)}", "not bold green")
         story.append((fault.get("at_s") or 0.0, line))
+    failures = summary.get("failures", ())
+    for end in failures[:MOST_FAILURES]:
+        story.append((end.get("at_s") or 0.0, failure_line(end)))
+    if len(failures) > MOST_FAILURES:
+        left = _count(len(failures) - MOST_FAILURES, "other failure")
+        story.append((failures[MOST_FAILURES].get("at_s") or 0.0, Text(f"and {left}", "dim")))
     for episode in summary.get("blocked", ()):
         line = Text(episode["request"], "bold")
         line.append(f" {episode['reason']}", "not bold yellow")
@@ -178,6 +185,15 @@ def _story(summary: Mapping[str, Any]) -> list[tuple[float, Text]]:
         line.append(", to the end" if to_s is None else f", until {_seconds(to_s)}", PLAIN)
         story.append((episode.get("from") or 0.0, line))
     return sorted(story, key=lambda item: item[0])
+
+
+def failure_line(end: Mapping[str, Any]) -> Text:
+    """Who failed at what, and why, as far as its program said it."""
+    line = Text(end["robot"], "bold")
+    whole = "" if end["local_task"] == end["global_task"] else f" for {end['global_task']}"
+    line.append(f" failed at {end['local_task']}{whole}", "not bold red")
+    line.append(f": {end['reason']}" if end["reason"] else "", PLAIN)
+    return line
 
 
 def _takeover(line: Text, takeover: Mapping[str, Any] | None) -> None:

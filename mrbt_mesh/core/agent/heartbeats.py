@@ -1,8 +1,9 @@
 """What a robot says of itself in every beat, when it beats, and who hears it.
 
 A small team is told everything. In a larger one beats go to neighbours (`neighbourhood`), and to
-everybody what concerns everybody: a robot joins or leaves, has been declared dead or is back, seeks
-a lease. What robots plan goes to those who wait for it, by way of speakers (`plan_news`).
+everybody what concerns everybody: a robot starts or leaves, has been declared dead or is back,
+seeks a lease. That it has joined everybody hears by its facts. What robots plan goes to those who
+wait for it, by way of speakers (`plan_news`).
 """
 
 from __future__ import annotations
@@ -135,7 +136,8 @@ class Heartbeats:
         if urgent.news != self._told_news and now_us >= self._news_from_us:
             # At most once per period: a team that has trouble must not make more of it.
             self._told_news, self._news_from_us = urgent.news, now_us + timing.heartbeat_us
-            is_to_all = True
+            # If others hold a newcomer for dead they mean an earlier life of it.
+            is_to_all = is_to_all or not context.is_new
         others = set(hearers)
         others.update(grant.member for grant in self._executor.leases.grantor.grants())
         if is_aside:
@@ -180,4 +182,4 @@ class Heartbeats:
 
 def _for_all(urgent: Urgent) -> tuple[object, ...]:
     """What everybody is to hear of."""
-    return urgent.is_joined, urgent.is_leaving, urgent.sought
+    return urgent.is_leaving, urgent.sought

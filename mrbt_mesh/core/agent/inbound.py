@@ -17,6 +17,8 @@ from mrbt_mesh.core.agent.inputs import (
     RouterAnswered,
     TokenChanged,
 )
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
 from mrbt_mesh.core.membership.lost_tokens import LostTokens
@@ -71,6 +73,7 @@ class Inbound:
                     elif source != self._context.me:
                         received = self._context.replica.receive(source, data, now_us)
                         self._take_in(source, received)
+                        self._note_place(source, received, now_us)
                 except WireError as error:
                     self._refuse(source, error)
             case TokenChanged() | RouterAnswered():
@@ -210,6 +213,16 @@ class Inbound:
             self._context.keep(received.changed)
         if received.refused:
             self._context.refuse(source, received.reason)
+
+    def _note_place(self, source: str, received: Received, now_us: int) -> None:
+        """A robot that joins tells it by its facts: in a large team few hear its heartbeats."""
+        if self._context.config.timing.is_small(len(self._context.mission.robots)):
+            return
+        for entry in received.changed:
+            if entry.name == records.MEMBER and entry.author == source:
+                life, running = entry.version.incarnation, int(Status.RUNNING)
+                report = SelfReport(life, 0, bytes(DIGEST_BYTES), True, running)
+                self._context.membership.receive_report(source, report, now_us)
 
     def _refuse(self, source: str, error: WireError) -> None:
         self._context.refuse(source, str(error), isinstance(error, IncompatibleError))

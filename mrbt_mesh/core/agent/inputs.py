@@ -75,7 +75,8 @@ class InputRefused:
 class ActionFinished:
     """The action under `ticket` ended by itself.
 
-    `conditions` are those that it set, to be told together with the outcome.
+    `conditions` are those that it set, to be told together with the outcome. `error` is for the
+    log; `reason`: why it failed, for the team, empty where nothing is known of that.
     """
 
     ticket: int
@@ -83,6 +84,7 @@ class ActionFinished:
     data: Any = None
     conditions: tuple[tuple[str, bool], ...] = ()
     error: str = ""
+    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True)

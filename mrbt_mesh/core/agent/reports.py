@@ -11,9 +11,10 @@ from mrbt_mesh.core.agent.executor import Executor
 from mrbt_mesh.core.agent.inputs import ActionFinished, BidsMade
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import ConditionValue, OrderKind
+from mrbt_mesh.core.facts.records import ConditionValue, OrderKind, Outcome
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
 from mrbt_mesh.core.mission.conditions import own_name
+from mrbt_mesh.core.mission.failure_reasons import one_line
 from mrbt_mesh.core.mission.names import type_name
 
 CONDITIONS_PER_OUTCOME = 1_000
@@ -49,13 +50,19 @@ class Reports:
         name = f"{records.OUTCOME}/{action.activation}/{action.local_task}"
         if action.coalition:
             name += f"/{action.coalition}"
-        writes: list[tuple[str, Any]] = [(name, [event.success, event.data])]
+        reason = "" if event.success else one_line(event.reason)
+        writes: list[tuple[str, Any]] = [
+            (name, Outcome(event.success, event.data, reason).to_value())
+        ]
         problem = context.replica.find_problem(*writes[0]) if event.data is not None else None
         if problem is not None:
             local_task = action.local_task
             context.log("error", "result_data_refused", local_task=local_task, reason=problem)
-            writes = [(name, [event.success, None])]
-        conditions = self._condition_writes(event.conditions)
+            writes = [(name, Outcome(event.success, None, reason).to_value())]
+        ends = context.mission.conditions_after_end(
+            action.global_task, action.local_task, event.success, reason
+        )
+        conditions = self._condition_writes([*event.conditions[:CONDITIONS_PER_OUTCOME], *ends])
         rest: list[tuple[str, Any]] = [*conditions]
         if work.claim is None and claimed is not None:
             rest.append((records.CLAIM, None))
@@ -100,7 +107,7 @@ class Reports:
         context, facts = self._context, self._context.facts
         writes: dict[str, list[Any]] = {}
         stamp = context.replica.next_stamp()
-        for given, value in list(conditions)[:CONDITIONS_PER_OUTCOME]:
+        for given, value in conditions:
             name = self._name_here(given)
             revision = facts.conditions.revision(name)
             if not context.mission.can_be_set(name):

@@ -13,7 +13,7 @@ from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.peer import Peer
-from mrbt_mesh.core.membership.wire import Header
+from mrbt_mesh.core.membership.wire import Header, Position
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.plan import Plan
 
@@ -62,6 +62,11 @@ class AgentView:
     def lost(self) -> tuple[str, ...]:
         """The capabilities that it has lost."""
         return self._context.description.lost
+
+    @property
+    def position(self) -> Position | None:
+        """Where its program has said last that it is."""
+        return self._context.position
 
     # -- what it knows ------------------------------------------------------------------------
 

@@ -20,6 +20,7 @@ from mrbt_mesh.core.facts.values import (
     read_text,
     shown,
 )
+from mrbt_mesh.core.mission.failure_reasons import MAX_REASON
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MAX_ROBOTS
 
 MAX_NAME = 2_048
@@ -204,23 +205,29 @@ class Coalition(Record):
 
 @dataclass(frozen=True, slots=True)
 class Outcome(Record):
-    """Success or failure of the author for one activation and local task. Success wins."""
+    """How the author ended one local task of one activation; success wins. `reason`: of a failure,
+    as the robot's program says it, else empty.
+    """
 
     success: bool
     data: Any
+    reason: str = ""
     first_stands: ClassVar[bool] = True
 
     def rank(self) -> int:
         return int(self.success)
 
     def to_value(self) -> list[Any]:
-        return [self.success, self.data]
+        return [self.success, self.data, self.reason] if self.reason else [self.success, self.data]
 
     @staticmethod
     def parse(value: Any) -> Outcome:
-        success, data = read_fields(value, 2)
+        has_reason = isinstance(value, list) and len(value) == 3
+        success, data, *reason = read_fields(value, 3 if has_reason else 2)
         check_depth(data)
-        return Outcome(read_boolean(success), data)
+        if reason and (read_boolean(success) or not read_text(reason[0], MAX_REASON)):
+            raise ValueError(f"the reason of a failure expected, found {shown(reason[0])}")
+        return Outcome(read_boolean(success), data, *reason)
 
 
 @dataclass(frozen=True, slots=True)

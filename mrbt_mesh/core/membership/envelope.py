@@ -27,8 +27,8 @@ from mrbt_mesh.core.membership.wire import (
 )
 
 # To more receivers a signature is cheaper than tags: it takes each of them a hundred times as long
-# to check, but adds no more bytes.
-MAX_TAGS = 64
+# to check, but adds no more bytes. Operators and observers are receivers too.
+MAX_TAGS = 128
 # How far messages of one life may overtake one another.
 WINDOW = 256
 # So many lives of each sender are remembered; it may have no more in one run whose clock goes

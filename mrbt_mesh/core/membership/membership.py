@@ -124,7 +124,7 @@ class Membership:
             if heartbeat is not None or self.neighbourhood.judges(robot):
                 self._take_news(peer, now_us)
         elif heartbeat is not None and report.number == peer.report.number:
-            peer.heartbeat = heartbeat
+            peer.heartbeat, peer.position = heartbeat, heartbeat.position
             return peer.state.is_live
         else:
             return False
@@ -147,7 +147,7 @@ class Membership:
 
     def _take_own_heartbeat(self, robot: str, peer: Peer, heartbeat: Heartbeat) -> None:
         """Only the robot itself takes back a lost token: a relay may be older than the loss."""
-        peer.heartbeat = heartbeat
+        peer.heartbeat, peer.position = heartbeat, heartbeat.position
         self.neighbourhood.heard(robot)
         if peer.state is State.DEAD and not self.neighbourhood.is_complete:
             self.news_changes += 1  # it, and others that it was with, may hold this one for dead
@@ -221,6 +221,11 @@ class Membership:
             if self._now_us >= self._next_denial_us:
                 self._next_denial_us = self._now_us + self.timing.heartbeat_us
                 self.news_changes += 1
+
+    def receive_report(self, robot: str, report: SelfReport, now_us: int) -> None:
+        """A robot's own facts say that it has joined, in a life that may be new here."""
+        self._now_us = now_us
+        self._take_report(robot, report, now_us, None)
 
     def receive_token(self, robot: str, incarnation: Incarnation, is_held: bool) -> None:
         """A liveliness token came (`is_held`) or went. Its presence proves nothing."""
@@ -381,21 +386,17 @@ class Membership:
     def compare_view(self, source: str, reports: Mapping[str, SelfReport], now_us: int) -> None:
         """A robot tells whom it holds for alive: hear those oneself of whom it says otherwise."""
         self._now_us = now_us
-        around = self._neighbourhood
         for robot, report in reports.items():
-            if robot == self.me:
-                continue
             known = self.peers.get(robot)
-            if known is None or report.incarnation > known.incarnation:
-                self._take_report(robot, report, now_us, None)
-                around.check(robot, now_us)
-            elif report.incarnation == known.incarnation:
-                self._take_report(robot, report, now_us, None)
-                if known.state in (State.DEAD, State.SUSPECT):
-                    around.check(robot, now_us)
+            if robot == self.me or (known is not None and report.incarnation < known.incarnation):
+                continue
+            self._take_report(robot, report, now_us, None)
+            peer = self.peers[robot]
+            if peer is not known or peer.state.is_suspected:
+                self._neighbourhood.check(robot, now_us)
         for robot, peer in sorted(self.peers.items()):
             if peer.state.is_alive and robot not in reports and robot != source:
-                around.check(robot, now_us)
+                self._neighbourhood.check(robot, now_us)
         self.next_detection_us = now_us
 
     # -- what this robot tells others ---------------------------------------------------------

@@ -14,7 +14,7 @@ not everybody anyway:
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from mrbt_mesh.core.membership.peer import Peer, State, set_member
 from mrbt_mesh.core.membership.ring import Ring
@@ -133,7 +133,7 @@ class Neighbourhood:
     def audience(
         self,
         number: int,
-        mission: Iterable[str],
+        mission: Collection[str],
         others: Iterable[str],
         seeks: bool = False,
     ) -> tuple[str, ...] | None:
@@ -143,7 +143,8 @@ class Neighbourhood:
         `seeks`: it is about to join, so it looks for those that it has not heard yet.
         """
         answered, self._to_answer = self._to_answer, set()
-        if self.is_complete:
+        # Who starts in a large team knows few at first, and the others are as many all the same.
+        if self.is_complete and self._timing.is_small(len(mission)):
             return None
         wanted = {*self.robots, *self.judged, *self._checked_until_us, *answered, *others}
         for robot, peer in self.judged.items():

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.arrival_history import ArrivalHistory
-from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport
+from mrbt_mesh.core.membership.wire import Heartbeat, Position, SelfReport
 
 
 class State(enum.StrEnum):
@@ -35,10 +35,11 @@ class Peer:
     """What is known of one robot's newest incarnation.
 
     `is_judged`: this robot listens for it, and suspects it when it is silent (`Membership.judged`).
-    `report`: its newest self-report, from its own heartbeat or relayed; it arrived at
-    `last_heard_us`. After `probe_after_us` of silence the robot is suspected and probed, after
-    `silence_limit_us` it is dead. `token_lost_by`: robots that lost its liveliness token, as this
-    one did if `is_token_lost`. `declared_dead_by`: robots that hold it for dead.
+    `position`: where it has said last that it is. `report`: its newest self-report, from its own
+    heartbeat or relayed; it arrived at `last_heard_us`. After `probe_after_us` of silence the robot
+    is suspected and probed, after `silence_limit_us` it is dead. `token_lost_by`: robots that lost
+    its liveliness token, as this one did if `is_token_lost`. `declared_dead_by`: robots that hold
+    it for dead.
     """
 
     incarnation: Incarnation
@@ -48,6 +49,7 @@ class Peer:
     silence_limit_us: int
     probe_after_us: int
     heartbeat: Heartbeat | None = None
+    position: Position | None = None
     is_judged: bool = False
     is_probed: bool = False
     is_token_lost: bool = False

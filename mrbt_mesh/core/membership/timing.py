@@ -54,16 +54,19 @@ class Timing:
         of six. Beyond that only the odds depend on the size of the team: twice as many robots are
         twice as often taken for dead by chance.
         """
-        small = 2 * self.reach + 1
-        if robots <= small:
+        if self.is_small(robots):
             return self
         detection_us = self.detection_us * 3 // 2
         return replace(
             self,
             heartbeat_us=min(2 * self.heartbeat_us, detection_us // 3),
             detection_us=detection_us,
-            odds_bits=self.odds_bits + ((robots - 1) // small).bit_length(),
+            odds_bits=self.odds_bits + ((robots - 1) // (2 * self.reach + 1)).bit_length(),
         )
+
+    def is_small(self, robots: int) -> bool:
+        """Whether in a team of so many robots all are neighbours."""
+        return robots <= 2 * self.reach + 1
 
     def silence_limit_us(self, overdue_permille: int) -> int:
         """Silence after which a robot is dead of which, so far, news was overdue for that share of

@@ -25,7 +25,7 @@ from mrbt_mesh.core.facts.store import (
 )
 from mrbt_mesh.core.mission.names import is_robot_id
 
-SCHEMA = 5
+SCHEMA = 6
 MAX_MESSAGE_BYTES = 4 << 20
 MAX_ITEMS = 100_000
 MAX_NONCE = 32
@@ -111,6 +111,11 @@ class Position:
     x: int
     y: int
     heading: int | None = None
+
+    def in_units(self) -> dict[str, float | None]:
+        """In units of the map, and radians."""
+        heading = None if self.heading is None else self.heading / 1_000
+        return {"x": self.x / 1_000, "y": self.y / 1_000, "heading": heading}
 
 
 @dataclass(frozen=True, slots=True)

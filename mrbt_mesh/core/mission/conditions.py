@@ -16,6 +16,7 @@ from typing import Any
 from mrbt_mesh.core.bt.activation import ActivationNames
 from mrbt_mesh.core.bt.guards import Expression, Guard
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec
+from mrbt_mesh.core.mission.failure_reasons import FailureReason
 from mrbt_mesh.core.mission.names import type_name
 
 _OF = "@"
@@ -25,24 +26,42 @@ _OF = "@"
 class ConditionType:
     """A declared condition; a ground condition that nobody has set reads as `default`.
 
-    `per_robot`: every robot of the mission has its own.
+    `per_robot`: every robot of the mission has its own. `failure`: it tells why something failed,
+    and robots' programs do not set it.
     """
 
     name: str
     parameters: tuple[str, ...] = ()
     default: bool = False
     per_robot: bool = False
+    failure: FailureReason | None = None
 
     def to_json(self) -> list[Any]:
-        """Its fields in their order; the last one only where it says anything."""
+        """Its fields in their order; the last two only where they say anything."""
         row = [list(self.parameters), self.default]
+        if self.failure is not None:
+            return [*row, self.per_robot, self.failure.to_json()]
         return [*row, True] if self.per_robot else row
+
+    def after_end(
+        self, global_task: str, local_task: str, success: bool, reason: str
+    ) -> tuple[str, bool] | None:
+        """What an outcome makes of it: a ground condition and its value; None: nothing."""
+        if self.failure is None:
+            return None
+        arguments = self.failure.bind(self.parameters, global_task, local_task)
+        if arguments is None:
+            return None
+        name = f"{self.name}({','.join(arguments)})" if arguments else self.name
+        return name, not success and self.failure.fits(reason)
 
 
 def conditions_from_json(data: Mapping[str, Any]) -> dict[str, ConditionType]:
     """What a compiled mission says of them; raises TypeError or ValueError for anything else."""
     return {
-        name: ConditionType(name, tuple(parameters), *more)
+        name: ConditionType(
+            name, tuple(parameters), *more[:2], *map(FailureReason.from_json, more[2:])
+        )
         for name, (parameters, *more) in data.items()
     }
 

@@ -320,6 +320,25 @@ class Mission:
         """Whether `ground` is a declared condition with the right number of arguments."""
         return _is_declared(ground, self.conditions)
 
+    def is_failure_reason(self, ground: str) -> bool:
+        """Whether a condition follows from why something failed, so that nobody else sets it."""
+        known = self.conditions.get(type_name(ground))
+        return known is not None and known.failure is not None
+
+    def conditions_after_end(
+        self, global_task: GlobalTaskId, local_task: LocalTaskId, success: bool, reason: str
+    ) -> list[tuple[str, bool]]:
+        """The conditions that tell why something failed, as one outcome leaves them."""
+        ends = (
+            known.after_end(global_task, local_task, success, reason)
+            for known in self._failure_conditions
+        )
+        return [end for end in ends if end is not None]
+
+    @cached_property
+    def _failure_conditions(self) -> list[ConditionType]:
+        return [self.conditions[n] for n in sorted(self.conditions) if self.is_failure_reason(n)]
+
     def local_condition_default(self, ground: str) -> bool:
         """What a robot's own condition reads as while its program has not set it."""
         return default_of(ground, self.local_conditions)

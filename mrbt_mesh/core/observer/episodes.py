@@ -1,4 +1,4 @@
-"""What a run's record holds: faults, blocked requests and biddings, with their times."""
+"""What a run's record holds: faults, failures, blocked requests and biddings, with their times."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ from mrbt_mesh.core.facts.store import Incarnation
 
 @dataclass(slots=True)
 class MajorFault:
-    """A robot's death: when, what it held, when others knew and when somebody took over."""
+    """A robot's death: when, what it held, when others knew and when somebody took over.
+
+    `is_older`: it was heard of by who had just begun to watch, so its times are not known.
+    """
 
     robot: str
     incarnation: Incarnation
@@ -21,6 +24,7 @@ class MajorFault:
     replacement: str | None = None
     until_us: int | None = None
     exact: bool = False
+    is_older: bool = False
 
 
 @dataclass(slots=True)
@@ -31,6 +35,20 @@ class MinorFault:
     local_tasks: tuple[str, ...]
     at_us: int
     until_us: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FailedEnd:
+    """A robot has failed at a local task; `reason`: what its program said of why, or empty.
+
+    `at_us`: None where it had failed before anybody watched.
+    """
+
+    robot: str
+    global_task: str
+    local_task: str
+    at_us: int | None
+    reason: str
 
 
 @dataclass(slots=True)

@@ -65,6 +65,18 @@ class Observer:
         self._recorded: tuple[Plan | None, bool] = (None, False)
         self._has_caught_up = False
         self._lost_tokens = LostTokens()
+        self._first_heard_us: int | None = None
+
+    def watch_from(self, now_us: int, until_us: int) -> None:
+        """What it was told is of a time until then; from now on it hears the team itself.
+
+        Who is there has yet to be heard: those of then need not live any more.
+        """
+        self.membership = Membership("", self.membership.timing, MAX_ROBOTS)
+        self._planned, self._updated = (-1, -1), (-1, -1, -1)
+        self._recorded, self._has_caught_up = (None, False), False
+        self._first_heard_us = None
+        self.record.watched_from(now_us, until_us)
 
     def message(self, kind: MessageKind, source: str, data: bytes, now_us: int) -> None:
         """A published beat or batch; malformed or foreign ones are noted in `refused`."""
@@ -126,6 +138,10 @@ class Observer:
 
     def _beat(self, source: str, beat: Heartbeat, now_us: int) -> None:
         self._lost_tokens.heard(source)
+        if self._first_heard_us is None:
+            self._first_heard_us = now_us
+            if beat.report.has_joined and not self.record.is_catching_up:
+                self.record.watched_from(now_us, None)  # its team was there before
         if not self.membership.receive_heartbeat(source, beat, now_us):
             return
         self.replica.compare_digest(source, beat.fact_digest, now_us)
@@ -144,6 +160,7 @@ class Observer:
         for robot, _, after in self.membership.detect_failures(now_us):
             evidence_us = self.membership.peers[robot].last_heard_us
             self.record.state(robot, after, evidence_us, now_us)
+        self._look_who_is_missing(now_us)
         facts, membership = self.facts, self.membership
         state = (facts.changes, membership.alive_changes, membership.report_changes)
         if state == self._updated and self._has_caught_up:
@@ -165,6 +182,12 @@ class Observer:
             self._ended(result, now_us)
         elif self._has_work:
             self.record.round_runs(now_us)
+
+    def _look_who_is_missing(self, now_us: int) -> None:
+        """Whoever lives is heard within the time of detection by one who has come late."""
+        heard_us = self._first_heard_us
+        if heard_us is not None and now_us - heard_us > self.membership.timing.detection_us:
+            self.record.missed(now_us)
 
     @property
     def _stands_by(self) -> bool:
@@ -195,6 +218,7 @@ class Observer:
         One that comes late, and has not caught up yet, sees a team that is not there.
         """
         self._has_caught_up = self._has_caught_up or self.caught_up
+        self.record.is_catching_up &= not self._has_caught_up
         if not self._has_caught_up:
             return False
         good = [p for p in self.membership.peers.values() if p.state.is_alive]

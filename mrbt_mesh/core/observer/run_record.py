@@ -15,6 +15,7 @@ from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.observer.episodes import (
     BiddingRecord,
     BlockedEpisode,
+    FailedEnd,
     MajorFault,
     MinorFault,
 )
@@ -30,7 +31,9 @@ class RunRecord:
 
     `claims` and `conditions` are all that robots made and said, in order and with their times;
     `biddings` are by activation and local task; `joined_us` is when each robot joined first;
-    `rounds` are those of a mission that never ends.
+    `rounds` are those of a mission that never ends. `unwatched`: from when to when nothing was
+    heard of the run; None: from its start, whenever that was. `is_catching_up`: what is heard now
+    may be as old as that.
     """
 
     def __init__(self, mission: Mission) -> None:
@@ -45,23 +48,53 @@ class RunRecord:
         self.major: list[MajorFault] = []
         self.minor: list[MinorFault] = []
         self.blocked: list[BlockedEpisode] = []
+        self.failures: list[FailedEnd] = []
         self.timeline: list[tuple[int, str]] = []
         self.claims: list[tuple[int, str, Claim]] = []
         self.conditions: list[tuple[int, str, bool]] = []
         self.biddings: dict[tuple[str, str], BiddingRecord] = {}
         self.joined_us: dict[str, int] = {}
         self._claims: dict[str, tuple[Claim, Incarnation]] = {}
+        self.unwatched: list[tuple[int | None, int]] = []
+        self.is_catching_up = False
         self._exits: dict[str, int] = {}
+        # Robots of which nothing was heard since the run was watched again.
+        self._unheard: set[str] = set()
 
     def say(self, now_us: int, text: str) -> None:
         """Add a line to the timeline."""
         self.timeline.append((now_us, text))
+
+    def _say_heard(self, now_us: int, text: str) -> None:
+        """Add a line of something that may have happened before the run was watched."""
+        self.say(now_us, f"{text} (earlier)" if self.is_catching_up else text)
+
+    # -- when it is watched ---------------------------------------------------------------
+
+    def watched_from(self, now_us: int, until_us: int | None) -> None:
+        """The run is watched (again) from now on; what is here is of a time until then."""
+        self.unwatched.append((until_us, now_us))
+        self.is_catching_up = True
+        self._unheard = {robot for robot, known in self.robots.items() if "incarnation" in known}
+
+    def missed(self, now_us: int) -> None:
+        """Whoever has not been heard until now is no longer there."""
+        until_us = self.unwatched[-1][0] if self.unwatched else None
+        for robot in sorted(self._unheard):
+            if self.robots[robot].get("state") not in (State.DEAD, State.LEFT):
+                self.state(robot, State.DEAD, now_us if until_us is None else until_us, now_us)
+                self.major[-1].is_older = True
+        self._unheard = set()
 
     # -- what is observed -----------------------------------------------------------------
 
     def robot_seen(self, robot: str, incarnation: Incarnation, now_us: int) -> None:
         """A joined robot beats."""
         known = self.robots.setdefault(robot, {})
+        if robot in self._unheard:
+            self._unheard.discard(robot)
+            if known.get("incarnation") == incarnation and known.get("state") is State.DEAD:
+                self.state(robot, State.ALIVE, now_us, now_us)
         if known.get("incarnation") == incarnation:
             return
         if self.started_us is None:
@@ -77,7 +110,7 @@ class RunRecord:
             if fault.robot == robot and fault.until_us is None:
                 fault.until_us = now_us
         known.update(incarnation=incarnation, state=State.ALIVE)
-        self.say(now_us, f"{robot} joined" if previous is None else f"{robot} is back")
+        self._say_heard(now_us, f"{robot} joined" if previous is None else f"{robot} is back")
         self._claimed(robot, now_us)
 
     def exited(self, robot: str, at_us: int) -> None:
@@ -101,21 +134,28 @@ class RunRecord:
         if self.result is not None:
             return  # after the end robots stop one after the other, which is no fault
         if known.get("described_by") == incarnation != known.get("incarnation"):
-            # It had joined, and died before its first heartbeat came here.
+            # It had joined, and died before its first heartbeat came here; who has come late cannot
+            # know when.
+            is_catching_up = self.is_catching_up
+            self.is_catching_up |= bool(self.unwatched)
             exited_us = self._exits.get(robot)
             self.robot_seen(robot, incarnation, now_us)
             if exited_us is not None:
                 self._exits[robot] = exited_us
-        if known.get("incarnation") != incarnation:
-            return
+            self._declared_dead(robot, incarnation, now_us)
+            self.is_catching_up = is_catching_up
+        elif known.get("incarnation") == incarnation:
+            self._declared_dead(robot, incarnation, now_us)
+
+    def _declared_dead(self, robot: str, incarnation: Incarnation, now_us: int) -> None:
         fault = self._open_fault(robot, incarnation)
-        if fault is None and known.get("state") is not State.LEFT:
+        if fault is None and self.robots[robot].get("state") is not State.LEFT:
             fault = self._died(robot, incarnation, now_us)
         if fault is not None and fault.detected_us is None:
             # Word of it may come later than word of the replacement, which knew of it.
             known_us = now_us if fault.reassigned_us is None else fault.reassigned_us
             fault.detected_us = min(now_us, known_us)
-            self.say(now_us, f"{robot} is dead")
+            self._say_heard(now_us, f"{robot} is dead")
 
     def state(self, robot: str, state: State, evidence_us: int, now_us: int) -> None:
         """This observer's own view of a robot has changed."""
@@ -161,18 +201,21 @@ class RunRecord:
             case Outcome() as outcome:
                 _, activation, local_task, *_ = entry.parts
                 self.task_log.took_part(robot, activation)
-                self.work_log.outcome(robot, activation, local_task, outcome.success, now_us)
+                self.work_log.outcome(robot, activation, local_task, outcome, now_us)
                 how = "done" if outcome.success else "failed"
-                self.say(now_us, f"{robot}: {local_task} {how}")
+                why = f": {outcome.reason}" if outcome.reason else ""
+                self._say_heard(now_us, f"{robot}: {local_task} {how}{why}")
+                if not outcome.success:
+                    self._failed(robot, activation, local_task, outcome.reason, now_us)
             case ConditionValue() as condition:
                 name = entry.parts[1]
                 self.conditions.append((now_us, name, condition.value))
-                self.say(now_us, f"{robot}: {name} is {str(condition.value).lower()}")
+                self._say_heard(now_us, f"{robot}: {name} is {str(condition.value).lower()}")
             case Bid(number):
                 _, activation, local_task = entry.parts
                 self._bid(robot, activation, local_task, number, now_us)
             case records.Order() as order:
-                self.say(now_us, f"operator: {order.kind}")
+                self._say_heard(now_us, f"operator: {order.kind}")
 
     def plan(self, plan: Plan, now_us: int, settled: bool = True) -> None:
         """A new plan: how far global tasks are, and what is blocked.
@@ -225,6 +268,7 @@ class RunRecord:
         exact = robot in self._exits
         at_us = self._exits.pop(robot, at_us)
         fault = MajorFault(robot, incarnation, at_us, claim, exact=exact)
+        fault.is_older = self.is_catching_up and not exact
         self.major.append(fault)
         self.work_log.died(robot, at_us)
         self.robots[robot]["state"] = State.DEAD
@@ -244,7 +288,7 @@ class RunRecord:
         fresh = tuple(name for name in after if name not in before)
         if fresh:
             self.minor.append(MinorFault(robot, fresh, now_us))
-            self.say(now_us, f"{robot} lost {', '.join(fresh)}")
+            self._say_heard(now_us, f"{robot} lost {', '.join(fresh)}")
 
     def _performs(self, robot: str, member: Member, now_us: int) -> None:
         """Note what the robot does better or worse than the mission says."""
@@ -262,7 +306,7 @@ class RunRecord:
         lives = self.robots.get(robot, {}).get("incarnation") == incarnation
         if claim is None or not lives:
             return
-        self.work_log.claimed(robot, claim, now_us)
+        self.work_log.claimed(robot, claim, now_us, self.is_catching_up)
         if claim.phase is Phase.RUNNING:
             self._running(robot, claim, now_us)
 
@@ -272,7 +316,7 @@ class RunRecord:
         bidding = self.biddings.get((claim.activation, claim.local_task))
         if bidding is not None:
             bidding.robots.add(robot)
-        self.say(now_us, f"{robot}: {claim.local_task} for {claim.global_task}")
+        self._say_heard(now_us, f"{robot}: {claim.local_task} for {claim.global_task}")
         for fault in self.major:
             if fault.robot != robot:
                 self._takes_over(fault, robot, claim, now_us)
@@ -285,6 +329,14 @@ class RunRecord:
         if (held.activation, held.local_task) == (claim.activation, claim.local_task):
             fault.reassigned_us, fault.replacement = now_us, robot
 
+    def _failed(
+        self, robot: str, activation: str, local_task: str, reason: str, now_us: int
+    ) -> None:
+        """When it was is not known of what had been before."""
+        at_us = None if self.is_catching_up else now_us
+        task = parse_activation(activation).subject
+        self.failures.append(FailedEnd(robot, task, local_task, at_us, reason))
+
     def _bid(
         self, robot: str, activation: str, local_task: str, number: int | None, now_us: int
     ) -> None:
@@ -294,7 +346,7 @@ class RunRecord:
             self.biddings[activation, local_task] = bidding
         bidding.bids[robot] = None if number is None else number / MICRO
         words = "has no bid" if number is None else f"bids {number / MICRO:g}"
-        self.say(now_us, f"{robot}: {words} for {local_task}")
+        self._say_heard(now_us, f"{robot}: {words} for {local_task}")
 
     def seconds(self, at_us: int | None) -> float | None:
         """A time of this record as seconds from the start; None if nobody has joined yet."""

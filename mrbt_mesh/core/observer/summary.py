@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from mrbt_mesh.core.mission.mission import MICRO, MissionEnd
-from mrbt_mesh.core.observer.episodes import MajorFault
+from mrbt_mesh.core.observer.episodes import FailedEnd, MajorFault
 from mrbt_mesh.core.observer.run_record import RunRecord
 
 
@@ -57,6 +57,7 @@ def run_summary(record: RunRecord, result: str, now_us: int) -> dict[str, Any]:
             }
             for episode in record.blocked
         ],
+        "failures": [_failure(record, end) for end in record.failures],
         "bids": [
             {
                 "global_task": bidding.global_task,
@@ -78,6 +79,16 @@ def run_summary(record: RunRecord, result: str, now_us: int) -> dict[str, Any]:
             }
             for fault in record.major
         ],
+    }
+
+
+def _failure(record: RunRecord, end: FailedEnd) -> dict[str, Any]:
+    return {
+        "robot": end.robot,
+        "global_task": end.global_task,
+        "local_task": end.local_task,
+        "at_s": record.seconds(end.at_us),
+        "reason": end.reason,
     }
 
 

@@ -55,6 +55,11 @@ class TaskLog:
         if task is not None:
             task.robots.add(robot)
 
+    def has_succeeded(self, task: str) -> bool:
+        """Whether the task is one of the mission, and has succeeded."""
+        known = self.tasks.get(task)
+        return known is not None and known.state is TaskState.SUCCESS
+
     def fact(self, entry: Entry) -> None:
         """An entry of the fact map has changed."""
         if Kind.ACTION in ACTIVATION_KINDS.get(entry.parts[0], ()):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from mrbt_mesh.core.facts.records import Claim, Phase
+from mrbt_mesh.core.facts.records import Claim, Outcome, Phase
 
 
 class WorkEnd(enum.StrEnum):
@@ -21,7 +21,11 @@ class WorkEnd(enum.StrEnum):
 
 @dataclass(slots=True)
 class WorkSpan:
-    """One claim of a robot. `running_us`: when its action began; None: not (yet)."""
+    """One claim of a robot. `running_us`: when its action began; None: not (yet).
+
+    `is_older`: it was heard of by who had just begun to watch, and began before.
+    `reason`: why it failed, as far as the robot has said it.
+    """
 
     robot: str
     activation: str
@@ -31,6 +35,8 @@ class WorkSpan:
     running_us: int | None = None
     ended_us: int | None = None
     end: WorkEnd | None = None
+    is_older: bool = False
+    reason: str = ""
 
     def is_of(self, activation: str, local_task: str) -> bool:
         """Whether it is work on this local task of this activation."""
@@ -46,8 +52,8 @@ class WorkLog:
         self.spans: list[WorkSpan] = []
         self._latest: dict[str, WorkSpan] = {}
 
-    def claimed(self, robot: str, claim: Claim, now_us: int) -> None:
-        """The robot, which lives, holds this claim."""
+    def claimed(self, robot: str, claim: Claim, now_us: int, is_older: bool = False) -> None:
+        """The robot, which lives, holds this claim; `is_older`: for some time, it is not known."""
         span = self._latest.get(robot)
         if (
             span is None
@@ -56,6 +62,7 @@ class WorkLog:
         ):
             self._end(robot, WorkEnd.DROPPED, now_us)
             span = WorkSpan(robot, claim.activation, claim.global_task, claim.local_task, now_us)
+            span.is_older = is_older
             self._latest[robot] = span
             self.spans.append(span)
         if claim.phase is Phase.RUNNING and span.running_us is None:
@@ -66,16 +73,17 @@ class WorkLog:
         self._end(robot, WorkEnd.DROPPED, now_us)
 
     def outcome(
-        self, robot: str, activation: str, local_task: str, success: bool, now_us: int
+        self, robot: str, activation: str, local_task: str, outcome: Outcome, now_us: int
     ) -> None:
         """The robot has ended; what it said of its claim may have been heard before."""
-        end = WorkEnd.DONE if success else WorkEnd.FAILED
+        end = WorkEnd.DONE if outcome.success else WorkEnd.FAILED
         span = self._latest.get(robot)
         if span is not None and span.is_of(activation, local_task):
             if span.ended_us is None:
                 self._end(robot, end, now_us)
             elif span.end is WorkEnd.DROPPED:
                 span.end = end
+            span.reason = outcome.reason
 
     def died(self, robot: str, at_us: int) -> None:
         """The robot's life ended then; it may be told again, when that is known better."""

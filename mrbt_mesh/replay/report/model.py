@@ -46,6 +46,17 @@ class ReportedFault:
 
 
 @dataclass(frozen=True)
+class ReportedFailure:
+    """A robot that failed at a local task; `reason`: what its program said, or empty."""
+
+    robot: str
+    global_task: str
+    local_task: str
+    at_s: float | None
+    reason: str
+
+
+@dataclass(frozen=True)
 class RobotUse:
     """How a robot spent its time: `present_s` alive in the team; of that `working_s` running local
     tasks and `starting_s` with a claim that it had not started yet. `done`: local tasks.
@@ -141,6 +152,7 @@ class RunReport:
     verdict: str | None = None
     expectations: tuple[Expectation, ...] = ()
     notes: tuple[str, ...] = ()
+    failures: tuple[ReportedFailure, ...] = ()
 
     @property
     def deaths(self) -> list[ReportedFault]:

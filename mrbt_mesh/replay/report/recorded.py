@@ -20,7 +20,7 @@ from mrbt_mesh.replay.report.model import (
     WaitKind,
     milliseconds,
 )
-from mrbt_mesh.replay.report.told import seconds
+from mrbt_mesh.replay.report.told import reported_failures, seconds
 
 AGREED = "until all had agreed on the plan"
 NOT_READY = "its partners were not there yet"
@@ -73,6 +73,7 @@ def report_recording(
         tuple(sorted(waits, key=lambda wait: (wait.from_s, wait.kind, wait.who))),
         None if robot else following.differences(start_us),
         notes=tuple(notes),
+        failures=reported_failures(summary),
     )
 
 

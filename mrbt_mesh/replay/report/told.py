@@ -11,6 +11,7 @@ from typing import Any
 from mrbt_mesh.replay.report.model import (
     CampaignReport,
     Expectation,
+    ReportedFailure,
     ReportedFault,
     RobotUse,
     RunReport,
@@ -53,6 +54,21 @@ def report_summary(told: Mapping[str, Any], title: str) -> RunReport:
             for name, task in told["global_tasks"].items()
         ),
         notes=(NO_RECORDING, *_names(told.get("violations", ()))),
+        failures=reported_failures(told),
+    )
+
+
+def reported_failures(told: Mapping[str, Any]) -> tuple[ReportedFailure, ...]:
+    """Those of a summary; one of an earlier version has none."""
+    return tuple(
+        ReportedFailure(
+            str(each["robot"]),
+            str(each["global_task"]),
+            str(each["local_task"]),
+            seconds(each["at_s"]),
+            str(each["reason"]),
+        )
+        for each in told.get("failures", ())
     )
 
 

@@ -6,7 +6,6 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 
-from mrbt_mesh import __version__
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.membership.peer import State
@@ -22,6 +21,7 @@ from mrbt_mesh.runtime.metrics.families import (
 from mrbt_mesh.runtime.metrics.labels import robot_label, task_label
 from mrbt_mesh.runtime.metrics.meter import Meter, Traffic
 from mrbt_mesh.runtime.metrics.refusals import refusals_by_class
+from mrbt_mesh.version import __version__
 
 GAUGE, COUNTER = FamilyKind.GAUGE, FamilyKind.COUNTER
 HISTOGRAM, INFO = FamilyKind.HISTOGRAM, FamilyKind.INFO

@@ -24,6 +24,7 @@ from mrbt_mesh.runtime.metrics.families import Distribution, Family, FamilyKind,
 if TYPE_CHECKING:
     from wsgiref.types import WSGIApplication
 
+    from prometheus_client import CollectorRegistry
     from prometheus_client.core import Metric
 
 LOOP_TIMEOUT_S = 2.0
@@ -75,8 +76,27 @@ def metrics_app(read: ReadFamilies) -> WSGIApplication:
 
     Raises InputError without the library.
     """
+    registry = _registry(read)
+    from prometheus_client import make_wsgi_app
+
+    return make_wsgi_app(registry)
+
+
+def written(read: ReadFamilies, accept: str) -> tuple[bytes, str]:
+    """(page, its content type) for a request that accepts this, where there is a server already.
+
+    Raises InputError without the library.
+    """
+    registry = _registry(read)
+    from prometheus_client.exposition import choose_encoder
+
+    encode, content_type = choose_encoder(accept)
+    return encode(registry), content_type
+
+
+def _registry(read: ReadFamilies) -> CollectorRegistry:
     try:
-        from prometheus_client import CollectorRegistry, make_wsgi_app
+        from prometheus_client import CollectorRegistry
     except ImportError:
         text = "metrics need the extra `metrics`: pip install 'mrbt-mesh[metrics]'"
         raise InputError(text) from None
@@ -90,7 +110,7 @@ def metrics_app(read: ReadFamilies) -> WSGIApplication:
 
     registry = CollectorRegistry()
     registry.register(Collector())
-    return make_wsgi_app(registry)
+    return registry
 
 
 def _metric(family: Family) -> Metric:

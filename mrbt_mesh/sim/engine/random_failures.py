@@ -79,7 +79,8 @@ class RandomFailures:
         chance = chances.get(type_name(action.local_task), chances.get(EVERYBODY, 0.0))
         if not self._happens("action", process.robot, chance):
             return event
-        return replace(event, success=False, data=None, conditions=(), error="failed by chance")
+        why = "failed by chance"
+        return replace(event, success=False, data=None, conditions=(), error=why, reason=why)
 
     def completed(self, process: SimProcess) -> None:
         """A robot has completed an action, and what came of it has been told."""

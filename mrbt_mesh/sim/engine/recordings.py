@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from mrbt_mesh import __version__
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.recording.folder import observer_file, robot_file
@@ -14,6 +13,7 @@ from mrbt_mesh.recording.observer_recorder import ObserverRecorder
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.recording.writer import RecordingWriter
 from mrbt_mesh.sim.engine.setup import Setup
+from mrbt_mesh.version import __version__
 
 
 class Recordings:

@@ -2,6 +2,7 @@
 
 import { Control, takeToken } from "./control.mjs";
 import { MapView } from "./map.mjs";
+import { PlaybackView } from "./playback.mjs";
 import { RobotsView } from "./robots.mjs";
 import { Store } from "./store.mjs";
 import { SIGN, byId, hasDifferedLong, seconds, setData, setText } from "./text.mjs";
@@ -28,11 +29,11 @@ function banner(text) {
   shown.hidden = !text;
 }
 
-function drawTeam(store) {
+function drawTeam(store, isRecording) {
   const team = store.get("team");
   if (!team) return;
   const status = !team.started ? "idle" : team.order === "pause" && !team.ended ? "warn" : team.ended ?? team.result ?? "idle";
-  const words = !team.started ? "waiting for the team" : status === "warn" ? "❚❚ paused"
+  const words = !team.started ? (isRecording ? "before the start" : "waiting for the team") : status === "warn" ? "❚❚ paused"
     : team.stands_by ? `${SIGN[status] ?? ""} ${status}, stands by` : `${SIGN[status] ?? ""} ${status}`;
   setData(byId("result"), "status", status);
   setText(byId("result"), words);
@@ -42,11 +43,12 @@ function drawTeam(store) {
   setData(byId("agreement"), "status", robots === 0 || isAgreeing ? "idle" : equal ? "success" : "warn");
   setText(byId("agreement"), robots === 0 ? "nobody is heard" : equal ? `● ${robots === 1 ? "one robot" : `all ${robots} agree`}` : isAgreeing ? "◌ agreeing…" : `◐ differs: ${others.join(", ")}`);
   const blocked = team.blocked.map((each) => `${each.request} is ${each.reason} (since ${seconds(each.since_s)})`);
-  drawBanner(store, team.ended ? [] : blocked);
+  drawBanner(store, team.ended ? [] : blocked, isRecording);
 }
 
-function drawBanner(store, blocked) {
+function drawBanner(store, blocked, isRecording) {
   if (store.state === "lost") banner("Connection lost. The page shows what was last known, and tries again by itself…");
+  else if (store.state === "over" && isRecording) banner("The recording is shown no more: its server has ended.");
   else if (store.state === "over") banner("The run is over. The page stays as it was.");
   else banner(blocked.join(" · "));
 }
@@ -54,9 +56,11 @@ function drawBanner(store, blocked) {
 async function begin() {
   const told = await mission();
   banner("");
-  document.title = `${told.name} · mrbt`;
+  document.title = `${told.name} · ${told.recording ? "replay · " : ""}mrbt`;
   setText(byId("mission"), told.name);
   const store = new Store();
+  if (told.recording) store.end = told.recording.to_s;
+  const playback = told.recording ? new PlaybackView(store, told.recording) : null;
   const control = told.control ? new Control(told.control, takeToken()) : null;
   const select = (selection) => {
     why.show(selection);
@@ -65,14 +69,15 @@ async function begin() {
   const robots = new RobotsView(store, told.robots, select, control);
   const why = new WhyView(store, select, control);
   const tree = new TreeView(store, told.tree, select);
-  const timeline = new TimelineView(store, select);
+  const timeline = new TimelineView(store, select, told.recording, (time) => playback?.go(time));
   const map = new MapView(store, told.map, select);
-  for (const view of [robots, tree, timeline, why, map]) store.onChange((keys) => view.update(keys));
-  store.onChange(() => drawTeam(store));
+  for (const view of [robots, tree, timeline, why, map, ...(playback ? [playback] : [])]) store.onChange((keys) => view.update(keys));
+  store.onChange(() => drawTeam(store, playback !== null));
   store.connect();
   const tick = () => {
     setText(byId("clock"), seconds(store.now()));
     timeline.tick();
+    playback?.tick();
     requestAnimationFrame(tick);
   };
   tick();

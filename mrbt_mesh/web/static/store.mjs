@@ -12,6 +12,8 @@ export class Store {
     this.items = new Map();
     this._kinds = new Map();
     this.state = "connecting";
+    // Where a recording ends.
+    this.end = Infinity;
     this._views = [];
     this._dirty = new Set();
     this._now = { s: null, at: 0 };
@@ -33,11 +35,23 @@ export class Store {
   // The team's time now, in seconds from the start of the run; null before.
   now() {
     if (this._now.s === null) return null;
+    const playback = this.items.get("playback");
+    if (playback) return this._played(playback);
     const ended = this.items.get("team")?.ended_s;
     if (ended !== null && ended !== undefined) return ended;
     if (this.state !== "connected") return this._now.s;
     return this._now.s + Math.min(SILENCE_MS, performance.now() - this._now.at) / 1000;
   }
+
+  // Where a recording is: between two news it goes on as fast as it is played.
+  _played({ paused, speed }) {
+    const isPlaying = this.state === "connected" && !paused;
+    const passed = isPlaying ? Math.min(SILENCE_MS, performance.now() - this._now.at) / 1000 * speed : 0;
+    return Math.min(this._now.s + passed, this.end);
+  }
+
+  // Somebody has gone elsewhere in a recording: it is shown before the server says so.
+  leap(at) { this._now = { s: at, at: performance.now() }; }
 
   connect() {
     const source = new EventSource("/events");

@@ -5,17 +5,21 @@ import { select } from "d3-selection";
 import { zoom, zoomIdentity } from "d3-zoom";
 import { byId, element, ms, seconds, setText } from "./text.mjs";
 
+const HATCH = 9;
 const LANE = 26, GUTTER = 74, RIGHT = 18, FOLLOWED_S = 40, MOST_ZOOM_S = 0.2, FRAME_S = 0.1;
 // As in the style sheet.
 const SEEN_SHARE = 0.42;
 
 export class TimelineView {
-  constructor(store, choose) {
+  // `recording`: from when to when it goes, of one that is replayed; `seek` goes to a time of it.
+  constructor(store, choose, recording, seek) {
     this._store = store;
     this._choose = choose;
+    this._recording = recording;
+    this._seek = seek;
     this._robots = [];
-    this._isFollowing = true;
-    this._span = [0, FOLLOWED_S];
+    this._isFollowing = !recording;
+    this._span = recording ? [recording.from_s, this._end() * 1.03] : [0, FOLLOWED_S];
     this._canvas = byId("spans");
     this._axis = byId("axis");
     this._isDue = false;
@@ -24,6 +28,7 @@ export class TimelineView {
     this._listen();
     this._width = 0;
     this._top = 0;
+    this._follow(this._isFollowing);
     byId("lanes").addEventListener("scroll", () => { this._top = byId("lanes").scrollTop; this.draw(); }, { passive: true });
     new ResizeObserver(() => { this._width = this._canvas.clientWidth; this.draw(); }).observe(byId("lanes"));
   }
@@ -32,24 +37,33 @@ export class TimelineView {
     let isNew = false, isTaken = false;
     for (const key of keys) {
       const [kind, name] = split(key);
-      if (["work", "fault", "loss"].includes(kind)) {
+      if (["work", "fault", "loss", "unwatched"].includes(kind)) {
         isNew = true;
         isTaken ||= kind === "fault";
-      } else if (kind === "robot") {
-        if (this._store.get(key) && !this._robots.includes(name)) { this._robots = [...this._robots, name].sort(); isNew = true; }
-      } else if (kind === "event") this._isEventful = true;
+        this._addLane(this._store.get(key)?.robot);
+      } else if (kind === "robot" && this._store.get(key)) isNew = this._addLane(name) || isNew;
+      else if (kind === "event") this._isEventful = true;
     }
     if (isTaken) this._listTakeovers();
     if (this._isEventful) this._listEvents();
     if (isNew) this.draw();
   }
 
+  _addLane(robot) {
+    if (!robot || this._robots.includes(robot)) return false;
+    this._robots = [...this._robots, robot].sort();
+    return true;
+  }
+
+  // Until when there is something to see; what has not ended goes on until then.
+  _end() { return this._recording ? this._recording.to_s : this._store.now(); }
+
   // Called every frame; it draws only when time has moved by a pixel.
   tick() {
     const now = this._store.now();
     if (now === null || document.hidden) return;
     const pixel = (this._span[1] - this._span[0]) / Math.max(1, this._width);
-    if (this._drawnAt === undefined || now - this._drawnAt > Math.max(pixel, FRAME_S)) this.draw();
+    if (this._drawnAt === undefined || Math.abs(now - this._drawnAt) > Math.max(pixel, this._recording ? 0 : FRAME_S)) this.draw();
   }
 
   draw() {
@@ -84,12 +98,12 @@ export class TimelineView {
   _x(time) { return GUTTER + (time - this._span[0]) / (this._span[1] - this._span[0]) * (this._width - GUTTER - RIGHT); }
 
   _paint() {
-    const now = this._store.now() ?? 0;
+    const now = this._store.now() ?? 0, end = this._end() ?? 0;
     this._drawnAt = now;
     if (this._isFollowing) {
       const long = Math.min(this._span[1] - this._span[0], Math.max(FOLLOWED_S, 5));
-      const end = Math.max(long * 0.92, now);
-      this._span = [end - long * 0.92, end + long * 0.08];
+      const last = Math.max(long * 0.92, now);
+      this._span = [last - long * 0.92, last + long * 0.08];
     }
     // The canvas is as high as what is seen of the lanes, and stays in place while they scroll.
     const whole = Math.max(1, this._robots.length) * LANE + 4;
@@ -98,12 +112,14 @@ export class TimelineView {
     if (inner.style.height !== `${whole}px`) inner.style.height = `${whole}px`;
     const context = this._fit(this._canvas, seen);
     context.translate(0, -this._top);
+    this._hits = [];
     this._paintAxis(now);
     this._paintLanes(context, now, height);
-    this._hits = [];
-    for (const work of this._store.all("work").values()) this._paintWork(context, work, now);
+    for (const time of this._store.all("unwatched").values()) this._paintUnwatched(context, time, height);
+    for (const work of this._store.all("work").values()) this._paintWork(context, work, end);
     for (const loss of this._store.all("loss").values()) this._paintLoss(context, loss);
-    for (const [name, fault] of this._store.all("fault")) this._paintFault(context, name, fault, now);
+    for (const [name, fault] of this._store.all("fault")) this._paintFault(context, name, fault, end);
+    if (this._recording) this._paintAhead(context, now, height);
     context.fillStyle = this._colours.panel;
     context.fillRect(0, this._top, GUTTER - 4, seen);
     context.textBaseline = "middle";
@@ -135,7 +151,7 @@ export class TimelineView {
     }
   }
 
-  _ticks() { return ticks(this._span[0], this._span[1], Math.max(2, Math.floor(this._width / 110))).filter((t) => t >= 0); }
+  _ticks() { return ticks(this._span[0], this._span[1], Math.max(2, Math.floor(this._width / 110))).filter((t) => t >= Math.min(0, this._recording?.from_s ?? 0)); }
 
   _tickText(time) {
     const digits = this._span[1] - this._span[0] < 4 ? 2 : this._span[1] - this._span[0] < 12 ? 1 : 0;
@@ -161,6 +177,37 @@ export class TimelineView {
     }
   }
 
+  // A time of which nothing is known: hatched, so that nobody takes it for idle.
+  _paintUnwatched(context, { from_s, to_s }, height) {
+    const from = Math.max(GUTTER, from_s === null ? GUTTER : this._x(from_s)), to = Math.min(this._width, this._x(to_s));
+    if (to - from < 1) return;
+    context.save();
+    context.beginPath(); context.rect(from, 0, to - from, height); context.clip();
+    context.strokeStyle = this._colours.idle;
+    context.globalAlpha = 0.4;
+    context.lineWidth = 1;
+    context.beginPath();
+    // The hatching keeps to the time, so that it moves with what it covers.
+    const first = this._x(to_s) - Math.ceil((this._x(to_s) - from + height) / HATCH) * HATCH;
+    for (let x = first; x < to; x += HATCH) { context.moveTo(x, height); context.lineTo(x + height, 0); }
+    context.stroke();
+    context.restore();
+    this._hits.push({ x: from, y: 0, wide: to - from, height, unwatched: true });
+  }
+
+  // What is yet to come in a recording is pale.
+  _paintAhead(context, now, height) {
+    const x = Math.max(GUTTER, this._x(now));
+    context.globalAlpha = 0.45;
+    context.fillStyle = this._colours.panel;
+    context.fillRect(x, 0, this._width, height);
+    context.globalAlpha = 1;
+    if (this._x(now) < GUTTER) return;
+    context.strokeStyle = this._colours.running;
+    context.lineWidth = 2;
+    context.beginPath(); context.moveTo(x, 0); context.lineTo(x, height); context.stroke();
+  }
+
   _paintWork(context, work, now) {
     const lane = this._robots.indexOf(work.robot);
     if (lane * LANE > this._top + window.innerHeight || (lane + 1) * LANE < this._top) return;
@@ -172,6 +219,7 @@ export class TimelineView {
     context.globalAlpha = 0.35;
     if (begun > from) context.fillRect(from, y + height / 2 - 1.5, Math.max(0, Math.min(begun, to) - from), 3);
     context.globalAlpha = work.end === "dropped" ? 0.55 : 1;
+    if (work.older && from > GUTTER) this._paintOlder(context, from, y, height);
     if (work.running_s !== null) {
       const colour = { done: "success", failed: "failure", dropped: "idle", died: "idle" }[work.end] ?? "running";
       context.fillStyle = this._colours[colour];
@@ -190,6 +238,12 @@ export class TimelineView {
     }
     context.globalAlpha = 1;
     this._hits.push({ x: from, y, wide: Math.max(4, to - from), height, work });
+  }
+
+  // It began before it was watched: an arrow to where that may be.
+  _paintOlder(context, x, y, height) {
+    context.fillStyle = this._colours.muted;
+    context.beginPath(); context.moveTo(x - 8, y + height / 2); context.lineTo(x - 1, y + 2); context.lineTo(x - 1, y + height - 2); context.fill();
   }
 
   _paintLoss(context, loss) {
@@ -240,10 +294,16 @@ export class TimelineView {
 
   _listTakeovers() {
     const rows = [...this._store.all("fault")].sort((a, b) => a[1].at_s - b[1].at_s).map(([name, fault]) => element("li", {},
-      element("button", { type: "button", "data-fault": name, onclick: () => this._choose({ kind: "fault", name }) },
-        element("b", {}, `${fault.robot} died at ${seconds(fault.at_s)}`), ` · ${faultNumbers(fault)}`,
+      element("button", { type: "button", "data-fault": name, onclick: () => this._chooseFault(name, fault) },
+        element("b", {}, `${fault.robot} died ${fault.older ? "before" : "at"} ${seconds(fault.at_s)}`), ` · ${faultNumbers(fault)}`,
         fault.replacement ? ` by ${fault.replacement} (${fault.held})` : fault.held ? ` (${fault.held})` : "")));
     byId("takeovers").replaceChildren(...rows);
+  }
+
+  // In a recording this is also the way to its moment.
+  _chooseFault(name, fault) {
+    if (this._recording) this._seek(fault.at_s);
+    this._choose({ kind: "fault", name });
   }
 
   // Only while it is open: a long run has thousands of lines.
@@ -291,11 +351,19 @@ export class TimelineView {
     this._canvas.addEventListener("pointerleave", () => { byId("tip").hidden = true; });
     this._canvas.addEventListener("click", (event) => {
       const hit = this._hitAt(event);
-      if (hit?.fault) this._choose({ kind: "fault", name: hit.name });
+      if (hit?.fault) this._chooseFault(hit.name, hit.fault);
       else if (hit?.work) this._choose({ kind: "task", name: hit.work.global_task });
-      else if (hit?.loss) this._choose({ kind: "robot", name: hit.loss.robot });
+      else if (hit?.loss) {
+        if (this._recording) this._seek(hit.loss.at_s);
+        this._choose({ kind: "robot", name: hit.loss.robot });
+      }
     });
+    if (!this._recording) return;
+    this._axis.classList.add("seeks");
+    this._axis.addEventListener("click", (event) => this._seek(this._time(event.clientX - this._axis.getBoundingClientRect().left)));
   }
+
+  _time(x) { return this._span[0] + (x - GUTTER) / (this._width - GUTTER - RIGHT) * (this._span[1] - this._span[0]); }
 
   _zoomed(picture, behaviour, event) {
     const { k, x } = event.transform;
@@ -308,7 +376,7 @@ export class TimelineView {
   }
 
   _set(from, to, isFollowing = false) {
-    const now = this._store.now() ?? FOLLOWED_S;
+    const now = this._end() ?? FOLLOWED_S;
     let long = Math.max(MOST_ZOOM_S, Math.min(to - from, Math.max(FOLLOWED_S, now * 1.2)));
     const start = Math.max(-long * 0.05, Math.min(from, now));
     this._span = [start, start + long];
@@ -321,7 +389,7 @@ export class TimelineView {
     this.draw();
   }
 
-  _whole() { this._set(0, Math.max(5, (this._store.now() ?? 0) * 1.05)); }
+  _whole() { this._set(this._recording?.from_s ?? 0, Math.max(5, (this._end() ?? 0) * 1.05)); }
 
   _zoomBy(factor) {
     const [from, to] = this._span, now = this._store.now() ?? to;
@@ -343,8 +411,8 @@ export class TimelineView {
     const tip = byId("tip"), hit = this._hitAt(event);
     tip.hidden = !hit;
     if (!hit) return;
-    setText(tip, hit.work ? workText(hit.work, this._store.now()) : hit.fault ? `${hit.fault.robot} died at ${seconds(hit.fault.at_s)}: ${faultNumbers(hit.fault)}`
-      : `${hit.loss.robot} lost ${hit.loss.local_tasks.join(", ")}`);
+    setText(tip, hit.work ? workText(hit.work, this._end()) : hit.fault ? `${hit.fault.robot} died ${hit.fault.older ? "before" : "at"} ${seconds(hit.fault.at_s)}: ${faultNumbers(hit.fault)}`
+      : hit.unwatched ? "Not watched: nothing is known of this time." : `${hit.loss.robot} lost ${hit.loss.local_tasks.join(", ")}`);
     const box = byId("timeline").getBoundingClientRect();
     tip.style.left = `${Math.max(8, Math.min(event.clientX - box.left + 12, box.width - tip.offsetWidth - 8))}px`;
     tip.style.top = `${event.clientY - box.top - tip.offsetHeight - 10}px`;
@@ -354,6 +422,7 @@ export class TimelineView {
 const split = (key) => { const at = key.indexOf("/"); return [key.slice(0, at), key.slice(at + 1)]; };
 
 function faultNumbers(fault) {
+  if (fault.older) return fault.held ? "not watched" : "not watched, held no task";
   const known = fault.detected_ms === null ? "not detected yet" : `detected ${ms(fault.detected_ms)}`;
   if (!fault.held) return `${known}, held no task`;
   return fault.taken_over_ms === null ? `${known}, not taken over yet` : `${known}, taken over ${ms(fault.taken_over_ms)}`;
@@ -362,5 +431,6 @@ function faultNumbers(fault) {
 function workText(work, now) {
   const end = { done: "done", failed: "failed", dropped: "given up", died: "died" }[work.end] ?? (work.running_s === null ? "waits" : "works");
   const long = (work.ended_s ?? now) - (work.running_s ?? work.claimed_s);
-  return `${work.robot}: ${work.local_task} for ${work.global_task}, ${end}, ${seconds(long)}`;
+  const why = work.reason ? `: ${work.reason}` : "";
+  return `${work.robot}: ${work.local_task} for ${work.global_task}, ${end}, ${work.older ? "longer than " : ""}${seconds(long)}${why}`;
 }

@@ -51,8 +51,8 @@ export class WhyView {
   _untaken(index) {
     const fault = this._store.get(`fault/${index}`);
     if (!fault) return null;
-    const held = fault.held ? `nobody has taken over its ${fault.held} yet` : "it held no task";
-    return { subject: fault.robot, sentence: `${fault.robot} died at ${seconds(fault.at_s)}; ${held}.`, groups: [] };
+    const held = fault.older ? `who took over its ${fault.held ?? "work"} was not watched` : fault.held ? `nobody has taken over its ${fault.held} yet` : "it held no task";
+    return { subject: fault.robot, sentence: `${fault.robot} died ${fault.older ? "before" : "at"} ${seconds(fault.at_s)}; ${held}.`, groups: [] };
   }
 
   _draw(chosen, told, trees) {

@@ -6,13 +6,15 @@ from benchmarks.page.frames import NODES_PER_CHANGE, ROBOTS, _MadeUp, mission
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.viewmodel.team_view import TeamView
 from mrbt_mesh.web.feed import Feed
 
 
 def test_it_is_large_and_changes() -> None:
     large = mission()
     assert 1_900 <= len(large.tree.nodes) <= 2_100
-    feed = Feed(Observer(large, "r", Timing(200_000, 1_000_000), default_solver), lambda: 0)
+    observer = Observer(large, "r", Timing(200_000, 1_000_000), default_solver)
+    feed = Feed(TeamView(observer), lambda: 0)
     made_up = _MadeUp(feed)
     made_up.change()
     items = feed.view.changes.since(0)

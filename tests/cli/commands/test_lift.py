@@ -202,6 +202,17 @@ def test_what_can_be_begun_again_is_where_the_robot_dies(tmp_path: Path) -> None
     assert asked == {"holding(1)", "holding(2)"}
 
 
+def test_conditions_that_tell_why_something_failed_are_the_missions_too(tmp_path: Path) -> None:
+    told = "stuck: {parameters: [item], failure_reason: {global_task: pick($item), contains: jam}}"
+    team = CARRY.replace("per: robot}}\nres", f"per: robot}}, {told}}}\nres")
+    code, text, output = written(tmp_path, team, TWO_ITEMS)
+    assert code == 0, text
+    mission = load_mission(output)
+    assert mission.conditions_after_end("pick(1)", "pick(1)", False, "a jam") == [
+        ("stuck(1)", True)
+    ]
+
+
 @pytest.mark.parametrize(
     ("resources", "arrangement"),
     [

@@ -43,3 +43,20 @@ def test_a_time_behind_the_end(folder: Path, more: tuple[str, ...]) -> None:
     code, output, problems = mrbt("replay", str(folder / "run.mcap"), "--at", "9999", *more)
     assert (code, output) == (2, "")
     assert "--at 9999: the recording ends at" in problems
+
+
+@pytest.mark.parametrize("option", [("--port", "8000"), ("--host", "::1")])
+def test_options_of_the_page_need_a_page(folder: Path, option: tuple[str, ...]) -> None:
+    code, _, problems = mrbt("replay", str(folder / "run.mcap"), *option)
+    assert code == 2
+    assert "give --web as well" in problems
+
+
+def test_the_page_begins_within_the_recording(folder: Path) -> None:
+    code, output, problems = mrbt("replay", str(folder / "run.mcap"), "--web", "--at", "9999")
+    assert (code, output) == (2, "")
+    assert "--at 9999: the recording ends at" in problems
+
+
+def test_no_orders_are_given_to_what_is_past(folder: Path) -> None:
+    assert mrbt("replay", str(folder / "run.mcap"), "--web", "--control")[0] == 2

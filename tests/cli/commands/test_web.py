@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import sys
 from pathlib import Path
 
 import pytest
@@ -49,3 +50,16 @@ def test_a_port_that_is_taken_is_named() -> None:
         port = taken.getsockname()[1]
         with pytest.raises(PageError, match=f"port {port}: "):
             _bound(PageOptions(port=port))
+
+
+def test_a_port_for_foxglove_needs_foxglove() -> None:
+    code, _, problem = mrbt("web", "--mission", REPAIR, "--foxglove-port", "8765")
+    assert code == 2
+    assert "give --foxglove as well" in problem
+
+
+def test_without_its_extra_foxglove_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "foxglove", None)
+    code, _, problem = mrbt("web", "--mission", REPAIR, "--foxglove")
+    assert code == 2
+    assert "pip install 'mrbt-mesh[foxglove]'" in problem

@@ -21,7 +21,7 @@ async def test_the_address_is_said(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], as_json: bool
 ) -> None:
     @asynccontextmanager
-    async def opened(*_: object) -> AsyncIterator[tuple[str, None]]:
+    async def opened(*_: object, **__: object) -> AsyncIterator[tuple[str, None]]:
         yield URL, None
 
     async def nothing(*_: object) -> None:
@@ -31,11 +31,11 @@ async def test_the_address_is_said(
         "watching": opened,
         "serving": opened,
         "follow": nothing,
-        "_until_stopped": nothing,
+        "until_stopped": nothing,
     }.items():
         monkeypatch.setattr(page, name, stub)
     address: Any = SimpleNamespace(run_dir=None)
-    assert await page.serve(address, PageOptions(), as_json) == 0
+    assert await page.serve(address, PageOptions(), None, as_json) == 0
     said = capsys.readouterr().out
     assert (json.loads(said) if as_json else said) == (
         {"page": URL} if as_json else f"page: {URL}\n"

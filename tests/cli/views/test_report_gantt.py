@@ -12,6 +12,7 @@ from mrbt_mesh.cli.views.report_gantt import LEFT, WIDTH, gantt, kinds, ticks
 from mrbt_mesh.cli.views.report_html import report_html
 from mrbt_mesh.cli.views.report_markdown import report_markdown
 from mrbt_mesh.replay.report.model import (
+    ReportedFailure,
     ReportedFault,
     ReportedWork,
     RobotUse,
@@ -92,6 +93,7 @@ def test_names_from_files_mean_nothing_to_html_and_markdown() -> None:
         (ReportedWork(HOSTILE, HOSTILE, HOSTILE, 5.0, 6.0, 10.0, "died"),),
         verdict=HOSTILE,
         notes=(HOSTILE,),
+        failures=(ReportedFailure(HOSTILE, HOSTILE, HOSTILE, 7.0, HOSTILE),),
     )
     report = RunsReport((run, run))
     page = report_html(report)

@@ -176,6 +176,26 @@ def test_the_status_shows_the_bounds_of_what_is_requested() -> None:
     assert table.splitlines()[1].split() == ["move_frame", "remove_cover", "2", "2", "nobody"]
 
 
+def test_the_summary_and_the_status_tell_why_something_failed() -> None:
+    """Of many, the summary names the first ones and the status the latest."""
+    mission = load_mission(REPAIR.parents[1] / "tool_search" / "mission.yaml")
+    program = load_program(mission.program or "")
+    result = simulate(mission, program, seed=1)
+    summary = drawn(render_summary(result.summary))
+    assert " failed at search(1) for " in summary
+    assert ": no tools in storage 1" in summary
+    address = SimpleNamespace(run_dir=None, keys=None)
+    data = status_data(cast("Any", SimpleNamespace(observer=result.observer, address=address)))
+    assert {each["reason"] for each in data["failures"]} >= {"no tools in storage 1"}
+    assert ": no tools in storage 1" in drawn(render_status(data))
+    many = data["failures"][:1] * 25
+    text = drawn(render_status(data | {"failures": many}))
+    assert "5 earlier failures" in text
+    assert text.count("no tools") == 20
+    assert "and 5 other failures" in drawn(render_summary({**result.summary, "failures": many}))
+    assert "no tools in storage 1" in live(result, 20.0)
+
+
 def test_the_status_shows_how_often_and_why_messages_are_refused() -> None:
     address = SimpleNamespace(run_dir=None, keys=None)
     watcher = SimpleNamespace(observer=run(2.0).observer, address=address)

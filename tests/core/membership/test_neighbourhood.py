@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import pytest
 
 from benchmarks.membership.team import SteppedTeam
@@ -78,6 +80,36 @@ def test_a_newcomer_looks_for_those_that_it_has_not_heard() -> None:
             assert len(set(found) - set(robots[1:21])) >= SOUGHT_AT_A_TIME
         sought |= set(found)
     assert sought >= set(robots[21:])
+
+
+def test_who_knows_few_of_a_large_team_does_not_talk_to_all_of_it() -> None:
+    robots = [f"R{number:02}" for number in range(40)]
+    members = Membership("R00", Timing().of_team(40))
+    beat = Heartbeat(
+        SelfReport(Incarnation(0, "n"), 1, bytes(8), False, 0), False, bytes(8), (0,) * 4, 0, (), {}
+    )
+    for robot in robots[1:4]:
+        members.receive_heartbeat(robot, beat, 0)
+    found = members.neighbourhood.audience(1, robots, (), seeks=True)
+    assert found is not None
+    assert set(robots[1:4]) <= set(found)
+    assert len(found) <= 3 + 1 + SOUGHT_AT_A_TIME
+    assert members.neighbourhood.audience(2, robots[:7], ()) is None
+
+
+def test_that_a_robot_has_joined_is_told_by_its_facts_and_not_once_more() -> None:
+    robots = 24
+    team = started(robots, GOOD)
+    told: Counter[str] = Counter()
+    victim = team.at_work()[0]
+    team.kill(victim)
+    team.run_until(team.now_us + 3 * SECOND_US)
+    team.on_beat = lambda source, target, _: told.update([target] if source == victim else [])
+    team.launch(victim)
+    team.run_until(team.now_us + Timing().of_team(robots).heartbeat_us)
+    assert alive(team) == {robots: robots}
+    assert len(told) == robots - 1, "all hear that it starts"
+    assert sum(told.values()) < 3 * (robots - 1), "no other heartbeat goes to all"
 
 
 def test_tokens_that_anybody_can_show_have_nobody_spoken_to() -> None:

@@ -13,8 +13,9 @@ from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import MessageKind, encode
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.summary import run_summary
+from mrbt_mesh.core.observer.work_log import WorkEnd
 from tests.support.script import Script
-from tests.support.watched import COVER, watched
+from tests.support.watched import COVER, WELD, watched
 
 UNSEEN = [line for line in COVER if line != "observe"]
 
@@ -198,3 +199,77 @@ def test_what_a_team_left_behind_tells_the_result_of_a_run_that_nobody_saw(
     told, expected = (run_summary(o.record, result, 5)["global_tasks"] for o in (observer, seen))
     assert told["weld"] == expected["weld"]
     assert told["cover"]["status"] == expected["cover"]["status"]
+
+
+def test_who_comes_late_goes_on_with_what_it_was_told() -> None:
+    """Robots that are heard again are the same, and their work has never ended."""
+    script, observer = watched(WELD)
+    before_us = script.team.now_us
+    observer.watch_from(before_us, before_us)
+    script.block(["pass 3000"])
+    record = observer.record
+    assert record.major == []
+    assert [(span.robot, span.ended_us) for span in record.work_log.spans] == [("A", None)]
+    assert [text for _, text in record.timeline].count("A joined") == 1
+    assert record.unwatched == [(before_us, before_us)]
+    assert not record.is_catching_up
+    script.block(["succeed A", "pass 300"])
+    assert record.timeline[-1][1] == "mission: success"
+
+
+def test_who_is_not_heard_again_has_died_while_nobody_watched() -> None:
+    script, observer = watched(WELD)
+    record, now_us = observer.record, script.team.now_us
+    record.watched_from(now_us + 500_000, now_us)
+    record.robot_seen("B", record.robots["B"]["incarnation"], now_us + 600_000)
+    record.missed(now_us + 2_000_000)
+    (fault,) = record.major
+    assert (fault.robot, fault.at_us, fault.is_older) == ("A", now_us, True)
+    assert record.work_log.spans[0].end is WorkEnd.DIED
+    record.missed(now_us + 3_000_000)
+    assert len(record.major) == 1
+
+
+def test_a_death_before_anybody_watched_has_no_time() -> None:
+    """It is known from the others, and the robot from its facts alone."""
+    script, watching = watched(WELD, "kill A", "pass 1500")
+    incarnation = watching.record.robots["A"]["incarnation"]
+    late = Observer(script.mission(), watching.facts.run, Timing(), min_cost_flow)
+    late.watch_from(script.team.now_us, 0)
+    late.record.is_catching_up = False
+    for entry in watching.facts.map:
+        late.record.fact(entry, script.team.now_us)
+    late.record.verdict("A", incarnation, script.team.now_us)
+    (fault,) = late.record.major
+    assert (fault.robot, fault.is_older) == ("A", True)
+    assert ("A is dead (earlier)") in [text for _, text in late.record.timeline]
+    assert not late.record.is_catching_up
+
+
+def test_a_dead_robot_that_is_heard_again_is_back() -> None:
+    script, observer = watched(WELD, "kill A", "pass 1500")
+    record, now_us = observer.record, script.team.now_us
+    (fault,) = record.major
+    record.watched_from(now_us, now_us)
+    record.robot_seen("A", record.robots["A"]["incarnation"], now_us)
+    assert fault.until_us == now_us
+
+
+def test_who_comes_late_without_a_word_of_the_past_knows_that() -> None:
+    """What is heard until it has caught up may be of any age."""
+    script, _ = watched(WELD, "pass 1000")
+    script.block(["observe", "pass 1000"])
+    late = script.team.observer
+    assert late is not None
+    ((from_us, to_us),) = late.record.unwatched
+    assert from_us is None
+    assert to_us == late.record.started_us
+    joined = [text for _, text in late.record.timeline if "joined" in text]
+    assert joined[0].endswith(" joined (earlier)")
+    assert late.record.is_catching_up, "it has not been told the team's facts"
+
+
+def test_who_watches_from_the_begin_has_missed_nothing() -> None:
+    _, observer = watched(WELD)
+    assert observer.record.unwatched == []
+    assert not observer.record.is_catching_up

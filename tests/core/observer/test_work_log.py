@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mrbt_mesh.core.facts.records import Claim, Phase
+from mrbt_mesh.core.facts.records import Claim, Outcome, Phase
 from mrbt_mesh.core.observer.work_log import WorkEnd, WorkLog
 
 WELD = Claim("r:0:weld::0", "weld", "weld", Phase.CLAIMED, 1)
@@ -14,7 +14,7 @@ def test_claimed_begun_done() -> None:
     log = WorkLog()
     log.claimed("A", WELD, 1)
     log.claimed("A", RUNNING, 2)
-    log.outcome("A", WELD.activation, "weld", True, 5)
+    log.outcome("A", WELD.activation, "weld", Outcome(True, None), 5)
     (span,) = log.spans
     assert (span.claimed_us, span.running_us, span.ended_us) == (1, 2, 5)
     assert span.end is WorkEnd.DONE
@@ -24,7 +24,7 @@ def test_the_outcome_may_be_heard_after_the_end_of_the_claim() -> None:
     log = WorkLog()
     log.claimed("A", RUNNING, 1)
     log.given_up("A", 4)
-    log.outcome("A", WELD.activation, "weld", False, 5)
+    log.outcome("A", WELD.activation, "weld", Outcome(False, None), 5)
     (span,) = log.spans
     assert (span.ended_us, span.end) == (4, WorkEnd.FAILED)
 
@@ -60,5 +60,5 @@ def test_who_held_nothing_loses_nothing() -> None:
     log = WorkLog()
     log.died("A", 1)
     log.given_up("A", 1)
-    log.outcome("A", WELD.activation, "weld", True, 1)
+    log.outcome("A", WELD.activation, "weld", Outcome(True, None), 1)
     assert log.spans == []

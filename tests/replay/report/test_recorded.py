@@ -8,12 +8,15 @@ from typing import Any
 
 import pytest
 
+from mrbt_mesh.cli.views.report_html import report_html
+from mrbt_mesh.cli.views.report_markdown import report_markdown
 from mrbt_mesh.drills.physical import spans
 from mrbt_mesh.recording.folder import observer_file, robot_file
 from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.replay.player import Player
-from mrbt_mesh.replay.report.model import ReportedWork, RunReport, WaitKind
+from mrbt_mesh.replay.report.model import ReportedWork, RunReport, RunsReport, WaitKind
 from mrbt_mesh.replay.report.recorded import TIMES_UNKNOWN, report_recording, without
+from mrbt_mesh.replay.report.told import report_summary
 from mrbt_mesh.sim import Kill, Restart, Schedule, SimulationResult
 from tests.support.recorded import record_example
 
@@ -192,3 +195,13 @@ def test_time_without_that_in_which_a_robot_was_away(
     cut: list[tuple[int, int]], left: list[tuple[int, int]]
 ) -> None:
     assert without([(0, 10)], cut) == left
+
+
+def test_failures_are_told_with_their_reasons(tmp_path: Path) -> None:
+    """From the recording, and the same from the summary alone."""
+    result = record_example(tmp_path, "tool_search", 1, [])
+    report = report_recording(read_recording(observer_file(tmp_path)), "run")
+    assert {each.reason for each in report.failures} >= {"the large screwdriver does not fit"}
+    assert report.failures == report_summary(result.summary, "run").failures
+    assert "the large screwdriver does not fit" in report_markdown(RunsReport((report,)))
+    assert "the large screwdriver does not fit" in report_html(RunsReport((report,)))

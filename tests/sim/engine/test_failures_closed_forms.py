@@ -30,7 +30,7 @@ from mrbt_mesh.sim import simulate
 from mrbt_mesh.sim.engine.failures import FailureModel
 from tests.support.effort import IS_LONG
 
-RUNS = 400 if IS_LONG else 200
+RUNS = 400 if IS_LONG else 100
 # What a run needs beside its actions: rounding, one message of the robot to itself.
 OVERHEAD_S = 1e-3
 CHANCES = {"a": 0.9, "b": 0.6, "c": 0.75}

@@ -1,21 +1,21 @@
 """The map of a mission: what its file says in `parameters: map`. docs/web.md has the form.
 
-Parameters are the mission's own affair: a map that is not of this form is none, and the rest of
-the page does not mind.
+Parameters are the mission's own affair: a map that is not of this form is none, and nobody minds.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
+from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.task_log import TaskState
 
 MAX_LINES, MAX_POINTS, MAX_PLACES = 1_000, 1_000, 1_000
 MAX_TEXT = 64
+# A place's state: a condition, then two global tasks.
+TOLD_BY = ("bad", "checked", "mended")
 
 
 def map_view(mission: Mission) -> dict[str, Any] | None:
@@ -32,29 +32,37 @@ def map_view(mission: Mission) -> dict[str, Any] | None:
     return {"lines": lines, "places": places} if lines or places else None
 
 
-def place_states(observer: Observer) -> dict[str, str]:
-    """Place -> `unknown`, `good` or `bad`, for places that say what tells."""
-    tasks, found = observer.record.task_log.tasks, {}
-    for name, place in _places(observer.mission).items():
-        bad, checked, mended = (place.get(key) for key in ("bad", "checked", "mended"))
-        if not any((bad, checked, mended)):
+def tells_of_places(mission: Mission) -> bool:
+    """Whether `place_states` says anything of this mission's places."""
+    return any(map(_is_told, _places(mission).values()))
+
+
+def place_states(facts: TeamFacts, has_succeeded: Callable[[str], bool]) -> dict[str, str]:
+    """Place -> `unknown`, `good` or `bad`, for places that say what tells.
+
+    `has_succeeded`: of a global task, false for what is none.
+    """
+    found = {}
+    for name, place in _places(facts.mission).items():
+        if not _is_told(place):
             continue
-
-        def succeeded(task: Any) -> bool:
-            known = tasks.get(task) if isinstance(task, str) else None
-            return known is not None and known.state is TaskState.SUCCESS
-
-        if succeeded(mended):
+        bad, checked, mended = (place.get(key) for key in TOLD_BY)
+        if isinstance(mended, str) and has_succeeded(mended):
             found[name] = "good"
-        elif isinstance(bad, str) and _holds(observer, bad):
+        elif isinstance(bad, str) and _holds(facts, bad):
             found[name] = "bad"
         else:
-            found[name] = "good" if succeeded(checked) else "unknown"
+            is_good = isinstance(checked, str) and has_succeeded(checked)
+            found[name] = "good" if is_good else "unknown"
     return found
 
 
-def _holds(observer: Observer, condition: str) -> bool:
-    return observer.mission.knows_condition(condition) and observer.facts.condition(condition)
+def _is_told(place: Mapping[str, Any]) -> bool:
+    return any(place.get(key) for key in TOLD_BY)
+
+
+def _holds(facts: TeamFacts, condition: str) -> bool:
+    return facts.mission.knows_condition(condition) and facts.condition(condition)
 
 
 def _places(mission: Mission) -> dict[str, Mapping[str, Any]]:

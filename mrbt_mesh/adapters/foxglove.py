@@ -1,0 +1,153 @@
+"""Serves live what an observer records, over Foxglove's websocket protocol: the same channels.
+
+Needs the extra `foxglove`. The library serves from threads of its own; everything here is done in
+the event loop in which the team is watched.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.recording.channels import BEATS, CHANNELS, DROPPED, FACTS
+from mrbt_mesh.recording.encoding import MessageEncoder
+from mrbt_mesh.recording.metadata import RunMetadata
+
+if TYPE_CHECKING:
+    from foxglove.websocket import ChannelView, Client
+
+EXTRA = "foxglove"
+# What the library waits with for a slow viewer; then it drops the oldest messages. More than what
+# stands of a large team: a viewer that comes late is told all of that at once.
+BACKLOG_MESSAGES = 1 << 16
+
+
+def require_extra() -> None:
+    """Raises InputError without the library."""
+    try:
+        import foxglove  # noqa: F401
+    except ImportError:
+        raise InputError(f"Foxglove needs more: pip install 'mrbt-mesh[{EXTRA}]'") from None
+
+
+class FoxgloveServer:
+    """A sink for an observer's recorder. `address` is that of the websocket.
+
+    A viewer that comes late is told what stands on the channels that it asks for, and so are those
+    that are there already: the library cannot tell one of them alone. Standing messages say again
+    what they have said before.
+    """
+
+    def __init__(self, metadata: RunMetadata, host: str, port: int) -> None:
+        """`port` 0: any that is free. Raises InputError without the extra, or if it cannot serve.
+
+        To be called in a running event loop.
+        """
+        require_extra()
+        from foxglove import Channel, Context, Schema, start_server
+
+        self._loop = asyncio.get_running_loop()
+        self._encoder = MessageEncoder(metadata)
+        self._standing: dict[str, dict[tuple[Any, ...], tuple[int, bytes]]] = {
+            topic: {} for topic in CHANNELS
+        }
+        # Its channels are closed with it.
+        self._context = context = Context()
+        self._channels = {
+            topic: Channel(
+                topic,
+                message_encoding="json",
+                schema=Schema(name=each.name, encoding="jsonschema", data=each.schema_text),
+                context=context,
+            )
+            for topic, each in CHANNELS.items()
+            if topic != BEATS
+        }
+        try:
+            self._server = start_server(
+                name=f"mrbt {metadata.run}",
+                host=host,
+                port=port,
+                context=context,
+                server_listener=_Listener(self),
+                message_backlog_size=BACKLOG_MESSAGES,
+            )
+        except (RuntimeError, OverflowError, ValueError) as error:
+            self._close_channels()
+            _refuse(host, port, error)
+        shown = f"[{host}]" if ":" in host else host
+        self.address = f"ws://{shown}:{self._server.port}"
+
+    @property
+    def epoch_ns(self) -> int:
+        """The Unix time at which the clock of the observer was 0."""
+        return self._encoder.epoch_ns
+
+    def write(self, topic: str, at_us: int, data: Mapping[str, Any]) -> None:
+        """Send a message to all who have asked for its channel."""
+        at_ns, text = self._encoder.encode(topic, at_us, data)
+        self._keep(topic, data, (at_ns, text))
+        self._channels[topic].log(text, log_time=at_ns)
+
+    def _keep(self, topic: str, data: Mapping[str, Any], message: tuple[int, bytes]) -> None:
+        fields = CHANNELS[topic].stands_for
+        if fields is not None:
+            self._standing[topic][tuple([data[name] for name in fields])] = message
+        elif topic == DROPPED:
+            self._standing[FACTS].pop((data["author"], data["name"]), None)
+
+    def asked(self, topic: str) -> None:
+        """Somebody has asked for a channel; from any thread."""
+        # The loop may have ended before the server.
+        with contextlib.suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(self._tell, topic)
+
+    def _tell(self, topic: str) -> None:
+        for at_ns, text in self._standing[topic].values():
+            self._channels[topic].log(text, log_time=at_ns)
+
+    def flush(self) -> None:
+        """Nothing is held back."""
+
+    def abandon(self) -> None:
+        """End the server."""
+        self.close()
+
+    def close(self) -> None:
+        """End the server: viewers see that it is gone."""
+        self._server.stop()
+        self._close_channels()
+
+    def _close_channels(self) -> None:
+        for channel in self._channels.values():
+            channel.close()
+
+
+class _Listener:
+    """What the library calls, from its threads."""
+
+    def __init__(self, server: FoxgloveServer) -> None:
+        self._server = server
+
+    def on_subscribe(self, client: Client, channel: ChannelView) -> None:
+        self._server.asked(channel.topic)
+
+    def on_unsubscribe(self, client: Client, channel: ChannelView) -> None:
+        pass
+
+    def on_client_advertise(self, client: Client, channel: Any) -> None:
+        pass
+
+    def on_client_unadvertise(self, client: Client, client_channel_id: int) -> None:
+        pass
+
+    def on_message_data(self, client: Client, client_channel_id: int, data: bytes) -> None:
+        pass
+
+
+def _refuse(host: str, port: int, error: Exception) -> NoReturn:
+    text = str(error).removeprefix("FoxgloveError: ")
+    raise InputError(f"cannot serve Foxglove at {host} port {port}: {text}") from None

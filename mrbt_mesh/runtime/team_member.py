@@ -1,0 +1,325 @@
+"""A robot inside a user's own asyncio program: a ROS node, a driver, a web server.
+
+    async with mrbt_mesh.join_team("mission.yaml", "A1", robot, keys="keys") as member:
+        await member.until(lambda: member.result is not None)
+
+It shares the program's event loop and process. So it installs no signal handlers, configures no
+log but its own, and ends nothing but itself: when it stops, the program goes on. A loop that stands
+still for longer than the detection time is what a stopped process is: the robot fences itself off.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from functools import partial
+from os import PathLike, fspath
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias, TypedDict, Unpack
+
+import anyio
+
+from mrbt_mesh.core.agent.effects import Stop
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts.records import OrderKind, Phase
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.runtime.driver import Driver, RobotSetup
+from mrbt_mesh.runtime.log import StandardLog
+from mrbt_mesh.runtime.program import RobotProgram, TaskContext
+from mrbt_mesh.runtime.program_loader import load_program
+from mrbt_mesh.runtime.robot_process import RobotStart, claim_run_dir, robot_setup
+from mrbt_mesh.runtime.settings import (
+    DEFAULT_BEAT_S,
+    DEFAULT_DETECTION_S,
+    DEFAULT_GATHER_S,
+    WIRED,
+)
+from mrbt_mesh.runtime.team_address import on_network
+
+if TYPE_CHECKING:
+    from mrbt_mesh.core.agent.view import AgentView
+
+File: TypeAlias = "str | PathLike[str]"
+TREES = ("T_i", "T_A", "T_G", "T_Li")
+
+
+class NotInTeamError(InputError):
+    """The robot has stopped before what was waited for; the message says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    """What a robot is to do by the plan."""
+
+    global_task: str
+    local_task: str
+
+
+class TeamMember:
+    """A robot of a team, to be read from the program around it.
+
+    What it says is what this robot knows now; `until` waits for what is to come.
+    """
+
+    def __init__(self, driver: Driver, running: asyncio.Task[Stop]) -> None:
+        self._driver = driver
+        self._running = running
+        self._changed = anyio.Event()
+        driver.on_step = self._step
+        running.add_done_callback(self._step)
+
+    def _step(self, _: object = None) -> None:
+        self._changed.set()
+        self._changed = anyio.Event()
+
+    @property
+    def _view(self) -> AgentView:
+        return self._driver.view
+
+    # -- to read ------------------------------------------------------------------------------
+
+    @property
+    def robot(self) -> str:
+        """Its id."""
+        return self._view.robot
+
+    @property
+    def has_joined(self) -> bool:
+        """Whether it has its place in the team."""
+        return self._view.plan is not None and not self._view.is_joining
+
+    @property
+    def stopped(self) -> str | None:
+        """Why it is no member any more: the mission is over, another robot of its id took its
+        place, its key was revoked; None while it is one.
+        """
+        if self._driver.stop is not None:
+            return self._driver.stop.reason
+        return "it broke" if self._running.done() else None
+
+    @property
+    def statuses(self) -> Mapping[str, str]:
+        """Of T_i, T_A, T_G and T_Li: idle, running, success or failure."""
+        return {n: s.name.lower() for n, s in zip(TREES, self._view.statuses, strict=True)}
+
+    @property
+    def result(self) -> str | None:
+        """The mission's: success or failure, None while it runs."""
+        plan = self._view.plan
+        ended = plan is not None and plan.result in (Status.SUCCESS, Status.FAILURE)
+        return plan.result.name.lower() if plan is not None and ended else None
+
+    @property
+    def order(self) -> str:
+        """The operator's standing word: resume, pause or abort."""
+        return str(self._view.facts.order())
+
+    @property
+    def is_paused(self) -> bool:
+        """Whether the operator has paused the team."""
+        return self._view.facts.order() is OrderKind.PAUSE
+
+    @property
+    def team(self) -> tuple[str, ...]:
+        """The robots that its plan counts on, itself included, sorted."""
+        return tuple(sorted(self._view.alive()))
+
+    @property
+    def agrees(self) -> bool:
+        """Whether all robots have the same plan."""
+        return self._view.agrees()
+
+    @property
+    def plan(self) -> Mapping[str, Assignment]:
+        """Robot -> what it is to do, by robot; robots without work are left out."""
+        plan = self._view.plan
+        lines = plan.lines if plan is not None else {}
+        return {r: Assignment(x.global_task, x.local_task) for r, x in sorted(lines.items())}
+
+    @property
+    def waiting(self) -> Mapping[str, str]:
+        """Global task -> why nobody does it, for what the tree asks for in vain."""
+        plan = self._view.plan
+        return {w.global_task: w.reason for w in plan.waiting} if plan is not None else {}
+
+    @property
+    def works_on(self) -> Assignment | None:
+        """What its program carries out now."""
+        claim = self._view.claim
+        if claim is None or claim.phase is not Phase.RUNNING:
+            return None
+        return Assignment(claim.global_task, claim.local_task)
+
+    @property
+    def context(self) -> TaskContext:
+        """What the program's sensors have: conditions, capabilities and positions of this robot."""
+        return self._driver.context()
+
+    # -- to await -----------------------------------------------------------------------------
+
+    async def changed(self) -> None:
+        """Wait until the robot has heard or done something; also, until it has stopped."""
+        await self._changed.wait()
+
+    async def until(self, holds: Callable[[], bool]) -> None:
+        """Wait until `holds()`, which is asked after everything that the robot hears or does.
+
+        Raises NotInTeamError if the robot has stopped, and it does not hold.
+        """
+        while not holds():
+            if self.stopped is not None:
+                raise NotInTeamError(f"{self.robot} is no member any more: {self.stopped}")
+            await self._changed.wait()
+
+    async def until_joined(self) -> None:
+        """Wait until it has its place in the team; raises NotInTeamError if it is refused."""
+        await self.until(lambda: self.has_joined)
+
+    async def until_ended(self) -> str:
+        """Wait for the mission's result, success or failure; of one that never ends, of a round.
+
+        Raises NotInTeamError if the robot has stopped before.
+        """
+        await self.until(lambda: self.result is not None)
+        return str(self.result)
+
+    async def leave(self) -> None:
+        """Hand the work over and be a member no more; at most three seconds."""
+        if self.stopped is None:
+            await self._driver.leave()
+        self._step()
+
+
+# Attributes: those of `mrbt agent`, each under its own name.
+class JoinOptions(TypedDict, total=False):
+    """What the options of `mrbt agent` say: where the team is, and how this robot takes part.
+
+    `robot_type`: of a robot that the mission does not list. `run_dir` keeps journal and events, so
+    that the robot may come back after a crash. `expect`: robots that it waits for, `gather_s` long.
+    """
+
+    keys: File | None
+    insecure: bool
+    robot_type: str | None
+    team: str | None
+    run: str | None
+    listen: Sequence[str]
+    connect: Sequence[str]
+    multicast: str | None
+    routers: Sequence[str]
+    transport: str
+    beat_s: float
+    detection_s: float
+    expect: Sequence[str] | None
+    gather_s: float
+    run_dir: File | None
+    speed: float
+    solver: str | None
+    takeover: bool
+    exit_when_done: bool
+
+
+@asynccontextmanager
+async def join_team(
+    mission: File,
+    robot: str,
+    program: RobotProgram | str | None = None,
+    **options: Unpack[JoinOptions],
+) -> AsyncIterator[TeamMember]:
+    """Be a robot of a team while the body runs, and leave it at its end, however it ends.
+
+    `mission` is a file, or a compiled one; `program` a program, or where one is (`robot.py:name`),
+    None: the mission's. Of `JoinOptions` one is needed: `keys`, a folder made by `mrbt keys`, or
+    `insecure=True`.
+
+    Raises InputError for whatever is wrong with these, before the body. What the robot's own code
+    raises ends a local task, not the body.
+    """
+    try:
+        loop = asyncio.get_running_loop()
+    except RuntimeError:
+        raise InputError("join_team needs asyncio: no event loop of it runs here") from None
+    driver = Driver(_setup(Path(fspath(mission)), robot, program, options))
+    running = loop.create_task(driver.run_as_guest(), name=f"mrbt robot {robot}")
+    member = TeamMember(driver, running)
+    try:
+        await _begun(driver, running)
+        yield member
+    finally:
+        with anyio.CancelScope(shield=True):
+            await _ended(driver, member, running)
+
+
+def _setup(
+    file: Path, robot: str, program: RobotProgram | str | None, options: JoinOptions
+) -> RobotSetup:
+    """The robot that is to join; raises InputError."""
+    keys = options.get("keys")
+    if bool(options.get("insecure")) is (keys is not None):
+        text = "give either keys=FOLDER, made by `mrbt keys`, or insecure=True"
+        raise InputError(f"join_team: {text}")
+    expect, run_dir = options.get("expect"), options.get("run_dir")
+    start = RobotStart(
+        file,
+        robot,
+        type=options.get("robot_type"),
+        solver=options.get("solver"),
+        expect=None if expect is None else tuple(expect),
+        gather_s=options.get("gather_s", DEFAULT_GATHER_S),
+        run_dir=None if run_dir is None else Path(fspath(run_dir)),
+        speed=options.get("speed", 1.0),
+        takeover=options.get("takeover", False),
+        exit_when_done=options.get("exit_when_done", False),
+    )
+    locate = partial(
+        on_network,
+        robot=robot,
+        team=options.get("team"),
+        run=options.get("run"),
+        listen=tuple(options.get("listen", ())),
+        connect=tuple(options.get("connect", ())),
+        multicast=options.get("multicast"),
+        beat_s=options.get("beat_s", DEFAULT_BEAT_S),
+        detection_s=options.get("detection_s", DEFAULT_DETECTION_S),
+        profile=options.get("transport", WIRED),
+        keys=None if keys is None else Path(fspath(keys)),
+        routers=tuple(options.get("routers", ())),
+    )
+    mission = load_mission(file)
+    reference = "the program"
+    if not isinstance(program, RobotProgram):
+        found = program or mission.program
+        if found is None:
+            raise InputError(f"mission {mission.name} names no program: give one to join_team")
+        reference, program = found, load_program(found)
+    if start.run_dir is not None:
+        try:
+            claim_run_dir(start.run_dir, robot, start.takeover)
+        except OSError as error:
+            raise InputError(f"{start.run_dir}: cannot be written: {error.strerror}") from None
+    return robot_setup(start, mission, program, reference, locate, StandardLog(robot))
+
+
+async def _begun(driver: Driver, running: asyncio.Task[Stop]) -> None:
+    """Wait until it hears its team; raises what it raised instead."""
+    begun = asyncio.ensure_future(driver.begun.wait())
+    try:
+        await asyncio.wait((begun, running), return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        begun.cancel()
+    if running.done():
+        running.result()
+
+
+async def _ended(driver: Driver, member: TeamMember, running: asyncio.Task[Stop]) -> None:
+    """Leave, also where the body was cancelled; raises what broke the robot, if anything did."""
+    if not driver.begun.is_set():
+        running.cancel()
+    elif not running.done():
+        await member.leave()
+    with contextlib.suppress(asyncio.CancelledError):
+        await running

@@ -1,0 +1,286 @@
+"""Robots inside a program of one's own, over real sessions on this machine."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+import structlog
+
+import mrbt_mesh
+from mrbt_mesh import InputError, NotInTeamError, RobotProgram, TaskContext, TeamMember, join_team
+from mrbt_mesh.runtime import team_member
+from mrbt_mesh.runtime.team import free_endpoints
+from mrbt_mesh.runtime.team_member import JoinOptions
+from tests.support.paths import mission_file
+
+EXPLORE = mission_file("explore")
+BOTH = ("R1", "R2")
+
+
+def exploring(seconds: float = 0.0) -> RobotProgram:
+    program = RobotProgram()
+
+    @program.local_task("explore")
+    async def explore(task: TaskContext, area: str) -> None:
+        await asyncio.sleep(seconds)
+
+    return program
+
+
+def places(**more: Any) -> dict[str, JoinOptions]:
+    """Where two robots are that find each other."""
+    first, second = free_endpoints(2, "tcp")
+    common: dict[str, Any] = {"insecure": True, "expect": BOTH, "beat_s": 0.05, **more}
+    return {
+        "R1": {**common, "listen": [first]},
+        "R2": {**common, "listen": [second], "connect": [first]},
+    }
+
+
+def alone(**more: Any) -> JoinOptions:
+    (place,) = free_endpoints(1, "tcp")
+    options: dict[str, Any] = {"insecure": True, "expect": ["R1"], "listen": [place], **more}
+    return JoinOptions(**options)
+
+
+async def test_two_robots_carry_a_mission_out_beside_other_tasks() -> None:
+    where, ticks = places(), 0
+
+    async def other_task() -> None:
+        nonlocal ticks
+        while True:
+            await asyncio.sleep(0)
+            ticks += 1
+
+    loop, before = asyncio.get_running_loop(), [signal.getsignal(s) for s in (2, 15)]
+    selector = loop._selector  # type: ignore[attr-defined]
+    beside = asyncio.create_task(other_task())
+    async with (
+        join_team(EXPLORE, "R1", exploring(), **where["R1"]) as a,
+        join_team(EXPLORE, "R2", exploring(), **where["R2"]) as b,
+    ):
+        await a.until_joined()
+        await b.until_joined()
+        await a.until(lambda: a.team == BOTH)
+        assert (a.stopped, b.stopped) == (None, None)
+        assert await asyncio.gather(a.until_ended(), b.until_ended()) == ["success"] * 2
+        assert a.statuses == dict.fromkeys(("T_i", "T_A", "T_G", "T_Li"), "success")
+        assert a.order == "resume"
+        assert [signal.getsignal(s) for s in (2, 15)] == before
+        assert not structlog.is_configured()
+    assert (a.stopped, b.stopped) == ("left", "left")
+    assert loop._selector is selector  # type: ignore[attr-defined]
+    assert ticks > 0
+    assert not beside.done()
+    beside.cancel()
+
+
+async def test_plan_and_work_can_be_read_and_the_robot_tells_conditions() -> None:
+    where = places()
+    async with (
+        join_team(EXPLORE, "R1", exploring(60), **where["R1"]) as a,
+        join_team(EXPLORE, "R2", exploring(60), **where["R2"]) as b,
+    ):
+        await a.until(lambda: a.works_on is not None and b.works_on is not None)
+        assert a.agrees
+        assert set(a.plan) == set(BOTH)
+        assert a.plan["R1"] == a.works_on
+        assert a.plan == b.plan
+        assert not a.is_paused
+        assert a.waiting == {}
+        a.context.lose_capability("explore")
+        await b.until(lambda: "R1" not in b.plan)
+        # A member that leaves hands its work over while the other one is still there.
+        await a.leave()
+        await b.until(lambda: b.team == ("R2",))
+        with pytest.raises(NotInTeamError, match="R1 is no member any more: left"):
+            await a.until_ended()
+
+
+async def test_what_the_body_raises_comes_out_as_it_is_and_the_robot_leaves() -> None:
+    found: list[TeamMember] = []
+
+    async def body() -> None:
+        async with join_team(EXPLORE, "R1", exploring(60), **alone()) as member:
+            found.append(member)
+            await member.until_joined()
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        await body()
+    assert found[0].stopped == "left"
+
+
+async def test_a_body_that_is_cancelled_leaves() -> None:
+    found: list[TeamMember] = []
+
+    async def body() -> None:
+        async with join_team(EXPLORE, "R1", exploring(60), **alone()) as member:
+            found.append(member)
+            await member.until(lambda: member.works_on is not None)
+            joined.set()
+            await asyncio.Event().wait()
+
+    joined = asyncio.Event()
+    task = asyncio.create_task(body())
+    await joined.wait()
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert found[0].stopped == "left"
+
+
+async def test_a_robot_that_ends_by_itself_does_not_end_the_program() -> None:
+    async with join_team(EXPLORE, "R1", exploring(), **alone(exit_when_done=True)) as member:
+        while member.stopped is None:
+            await member.changed()
+        assert member.stopped == "mission success"
+        assert member.result == "success"
+
+
+async def test_of_two_robots_of_the_same_id_one_stops_and_says_why() -> None:
+    where = places(expect=["R1"])
+    async with (
+        join_team(EXPLORE, "R1", exploring(60), **where["R1"]) as first,
+        join_team(EXPLORE, "R1", exploring(60), **where["R2"]) as second,
+    ):
+        with pytest.raises(NotInTeamError, match=r"R1 is no member any more: .* R1 "):
+            await asyncio.gather(first.until(lambda: False), second.until(lambda: False))
+        assert [first.stopped, second.stopped].count(None) == 1
+
+
+async def test_a_loop_that_stood_still_fences_its_robot_off() -> None:
+    """Its action does nothing more: another robot may have long taken over."""
+    said: list[str] = []
+    program, begun = RobotProgram(), asyncio.Event()
+
+    @program.local_task("explore")
+    async def explore(task: TaskContext, area: str) -> None:
+        begun.set()
+        try:
+            while True:
+                await asyncio.sleep(0.2)  # is due while the loop stands still
+                said.append("step")
+        except asyncio.CancelledError:
+            said.append("cancelled")
+            raise
+
+    async with join_team(EXPLORE, "R1", program, **alone(beat_s=0.05, detection_s=0.3)) as member:
+        await begun.wait()
+        said.clear()
+        begun.clear()
+        threading.Event().wait(1)
+        said.append("stood still")
+        await begun.wait()
+        assert said[:2] == ["stood still", "cancelled"]
+        assert member.stopped is None
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({}, "give either keys=FOLDER, made by `mrbt keys`, or insecure=True"),
+        ({"keys": "k", "insecure": True}, "give either keys=FOLDER"),
+        ({"insecure": True, "robot": "R9"}, "has no robot 'R9'"),
+        ({"insecure": True, "robot": "no id"}, "robot id 'no id'"),
+        ({"insecure": True, "program": RobotProgram()}, "has no local task explore"),
+        ({"insecure": True, "program": "none.py"}, "there is no such file"),
+        ({"insecure": True, "mission": "none.yaml"}, "none.yaml"),
+        ({"insecure": True, "detection_s": 0.01}, "detection"),
+        ({"insecure": True, "expect": ["a b"]}, "is no robot's id"),
+        ({"insecure": True, "run_dir": EXPLORE / "x"}, "mission.yaml/x: cannot be written"),
+    ],
+)
+async def test_what_is_wrong_is_told_before_the_body(options: Any, message: str) -> None:
+    given = {"mission": EXPLORE, "robot": "R1", "program": exploring(), **options}
+    with pytest.raises(InputError, match=message):
+        async with join_team(**given):
+            pytest.fail("the body runs")
+
+
+async def test_a_session_that_cannot_be_opened_is_told_before_the_body() -> None:
+    async with join_team(EXPLORE, "R1", exploring(60), **(place := alone())):
+        with pytest.raises(InputError):
+            async with join_team(EXPLORE, "R2", exploring(), **place):
+                pytest.fail("the body runs")
+
+
+async def test_a_robot_that_breaks_is_told_to_who_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def broken(driver: Any) -> None:
+        driver.begun.set()
+        raise ZeroDivisionError("bug")
+
+    monkeypatch.setattr(team_member.Driver, "run_as_guest", broken)
+
+    async def body() -> None:
+        async with join_team(EXPLORE, "R1", exploring(), **alone()) as member:
+            with pytest.raises(NotInTeamError, match="it broke"):
+                await member.until(lambda: False)
+
+    with pytest.raises(ZeroDivisionError, match="bug"):
+        await body()
+
+
+async def test_a_journal_lets_it_come_back(tmp_path: Path) -> None:
+    """What it has done it does not do again."""
+    done: list[str] = []
+    program = RobotProgram(record_work=True)
+
+    @program.local_task("explore")
+    async def explore(task: TaskContext, area: str) -> None:
+        done.append(area)
+
+    place = alone(run_dir=tmp_path)
+    for _ in range(2):
+        async with join_team(EXPLORE, "R1", program, **place) as member:
+            assert await member.until_ended() == "success"
+    assert sorted(done) == sorted(set(done))
+    lines = (tmp_path / "events.jsonl").read_text().splitlines()
+    assert len(lines) == 2 * len(done)
+
+
+def python(text: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", text]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+
+
+def test_a_program_that_has_joined_ends_by_itself() -> None:
+    (place,) = free_endpoints(1, "tcp")
+    done = python(f"""
+import asyncio, mrbt_mesh
+robot = mrbt_mesh.RobotProgram()
+
+@robot.local_task("explore")
+async def explore(task, area): ...
+
+async def main():
+    team = {{"insecure": True, "listen": [{place!r}], "expect": ["R1"]}}
+    async with mrbt_mesh.join_team({str(EXPLORE)!r}, "R1", robot, **team) as member:
+        print(await member.until_ended())
+
+asyncio.run(main())
+print("after")
+""")
+    assert (done.returncode, done.stdout.split()) == (0, ["success", "after"]), done.stderr
+
+
+def test_importing_the_package_loads_nothing_of_it() -> None:
+    done = python("import sys, mrbt_mesh; print(*sorted(n.partition('.')[0] for n in sys.modules))")
+    assert {"zenoh", "anyio", "asyncio", "msgpack", "pydantic"}.isdisjoint(done.stdout.split())
+    assert set(mrbt_mesh.__all__) <= {*dir(mrbt_mesh), *dir(team_member)}
+    with pytest.raises(AttributeError, match="no attribute 'join_teams'"):
+        getattr(mrbt_mesh, "join_teams")  # noqa: B009
+
+
+def test_without_asyncio_it_says_so() -> None:
+    """As in a program of trio: no loop of asyncio's runs."""
+    entering = join_team(EXPLORE, "R1", exploring(), insecure=True).__aenter__()
+    with pytest.raises(InputError, match="needs asyncio"):
+        entering.__await__().send(None)

@@ -1,0 +1,104 @@
+"""A task's surroundings, for calling a robot program's functions directly."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import anyio
+
+from mrbt_mesh import RobotProgram, TaskContext
+
+
+@dataclass
+class FakePort:
+    """A TaskPort that remembers everything."""
+
+    events: list[dict[str, Any]] = field(default_factory=list)
+    progress: list[float] = field(default_factory=list)
+    conditions: dict[str, bool] = field(default_factory=dict)
+    now_s: float = 1000.0
+
+    def set_condition(self, name: str, value: bool, at_once: bool) -> None:
+        assert not at_once
+        self.conditions[name] = value
+
+    def read_condition(self, name: str) -> bool:
+        return self.conditions.get(name, False)
+
+    def report_position(self, x: float, y: float, heading: float | None) -> None:
+        pass
+
+    def report_progress(self, fraction: float) -> None:
+        self.progress.append(fraction)
+
+    def lose_capability(self, local_task: str) -> None:
+        raise AssertionError(local_task)
+
+    def restore_capability(self, local_task: str) -> None:
+        raise AssertionError(local_task)
+
+    def set_local_condition(self, name: str, value: bool, at_once: bool) -> None:
+        raise AssertionError(name)
+
+    def read_local_condition(self, name: str) -> bool:
+        raise AssertionError(name)
+
+    def report_performance(self, local_task: str, performance: float) -> None:
+        raise AssertionError(local_task)
+
+    def record_event(self, event: Mapping[str, Any]) -> None:
+        self.events.append(dict(event))
+
+    def unix_time_s(self) -> float:
+        self.now_s += 1
+        return self.now_s
+
+
+def context(port: FakePort, local_task: str, *arguments: str, **changes: Any) -> TaskContext:
+    given = {
+        "robot": "A1",
+        "robot_type": "A",
+        "incarnation": "7-abc",
+        "pid": 42,
+        "activation": "act-1",
+        "global_task": "goal",
+        "local_task": local_task,
+        "arguments": arguments,
+        "partners": (),
+        "performance": 1e6,
+        "work": 1e-6,
+        "speed": 1.0,
+        "parameters": {},
+        "port": port,
+    }
+    return TaskContext(**{**given, **changes})
+
+
+async def run(program: RobotProgram, task: TaskContext) -> Any:
+    """What comes of the program's function for a local task."""
+    function = program.find(task.local_task.partition("(")[0])
+    assert function is not None
+    return await function(task, *task.arguments)
+
+
+def outcomes(port: FakePort) -> list[tuple[str, str | None]]:
+    """What has been recorded: (event, outcome)."""
+    return [(event["event"], event["outcome"]) for event in port.events]
+
+
+async def cancelled_while_working(program: RobotProgram, task: TaskContext) -> bool:
+    """Start the task, cancel it, and say whether the scope caught the cancellation."""
+    async with anyio.create_task_group() as group:
+        scope = anyio.CancelScope()
+
+        async def work() -> None:
+            with scope:
+                await run(program, task)
+
+        group.start_soon(work)
+        # One turn of the loop starts the task, which then waits for what never comes.
+        await anyio.lowlevel.checkpoint()
+        scope.cancel()
+    return scope.cancelled_caught
