@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long test-plain test-slow test-docker test-interop tolerance lint check-lock lock drills soak \
+.PHONY: help setup demo test test-long test-plain test-slow test-docker test-interop test-conformance tolerance lint check-lock lock drills soak \
 	test-browser screenshots bench-page clean bench bench-scale bench-security bench-failover bench-resume \
 	bench-membership bench-estimate bench-robustness bench-metrics bench-recording verify-recordings walk paper
 
@@ -21,6 +21,7 @@ help:
 	@echo "make test-docker     the docker-compose demo; as root, installs Debian's docker.io if missing"
 	@echo "make test-slow       wireless teams, discovery, split sessions, intruders, routers: minutes"
 	@echo "make test-interop    other programs judge: BehaviorTree.CPP, an open monitor, Foxglove's protocol"
+	@echo "make test-conformance all traces of BehaviorTree.CPP 4.10, told by the executor of local trees"
 	@echo "make tolerance       what mrbt analyze foretells of faults, against thousands of simulated runs"
 	@echo "make lint            ruff, mypy, import-linter"
 	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
@@ -101,7 +102,13 @@ test-docker: $(READY)
 test-interop: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[interop]'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps py_trees_js
-	$(BIN)/pytest -rs tests/adapters tests/processes/test_foxglove.py tests/formats/btcpp/test_*_as_the_library.py
+	$(BIN)/pytest -rs tests/adapters tests/processes/test_foxglove.py tests/local/test_tree_with_others.py \
+		tests/formats/btcpp/test_*_as_the_library.py
+
+# 2,602 traces and 8,000 scripts measured with BehaviorTree.CPP 4.10; `make test` tells each eighth.
+test-conformance: $(READY)
+	MRBT_CONFORMANCE=1 $(BIN)/pytest tests/local/test_engine_traces.py \
+		tests/formats/btcpp/test_script_measured.py tests/formats/btcpp/test_team_tree_traces.py
 
 drills: $(READY)
 	$(BIN)/mrbt drill --all --brief --junit drills.xml

@@ -1,12 +1,13 @@
 """mrbt-mesh: fault-tolerant teams of robots on behavior trees, with no coordinator.
 
-Robot programs import from here, and from nowhere below; tests of them from `mrbt_mesh.testing`.
+Robot programs import from here and, where they have trees, from `mrbt_mesh.local`; tests of them
+from `mrbt_mesh.testing`.
 """
 
 from typing import TYPE_CHECKING, Any
 
-from mrbt_mesh.errors import InputError
-from mrbt_mesh.runtime.program import ProgramError, RobotProgram, TaskContext, TaskFailedError
+from mrbt_mesh.errors import InputError, TaskFailedError
+from mrbt_mesh.runtime.program import ProgramError, RobotProgram, TaskContext
 from mrbt_mesh.version import __version__
 
 if TYPE_CHECKING:

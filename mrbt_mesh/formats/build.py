@@ -53,6 +53,7 @@ from mrbt_mesh.formats.mission_model import (
     validate,
 )
 from mrbt_mesh.formats.problems import Report, SourcePath, nearest
+from mrbt_mesh.formats.program_trees import ground_program_trees
 from mrbt_mesh.formats.yaml_source import read_yaml
 
 
@@ -114,8 +115,10 @@ class _Builder:
         if tree is not None:
             self.check_same_robots(tree, global_tasks, expander)
         constraints = self.constraints(global_tasks)
-        needed = (need.local_task for task in global_tasks.values() for need in task.needs)
+        needs = (need for task in global_tasks.values() for need in task.needs)
+        needed = sorted({need.local_task for need in needs})
         local_trees = self.local_trees.ground(needed)
+        program_trees = ground_program_trees(model, needed, folder, self.report)
         self.report.raise_if_any()
         assert tree is not None
         return Mission(
@@ -134,6 +137,7 @@ class _Builder:
             ends=MissionEnd(model.ends),
             local_trees=local_trees,
             local_conditions=local_conditions,
+            program_trees=program_trees,
             costs=Costs(
                 {n: t.cost for n, t in sorted(model.robot_types.items()) if t.cost != 1},
                 {n: t.cost for n, t in sorted(model.local_tasks.items()) if t.cost != 1},

@@ -96,6 +96,7 @@ def _check(mission: Mission) -> None:
     _check_global_tasks(mission)
     _check_tree(mission)
     _check_local_trees(mission)
+    _check_program_trees(mission)
 
 
 def _check_global_tasks(mission: Mission) -> None:
@@ -156,6 +157,14 @@ def _check_local_trees(mission: Mission) -> None:
                 _expect(known, f"{here}: {node.subject!r}")
             elif node.kind is Kind.CONDITION:
                 _expect(mission.knows_local_condition(node.subject), f"{here}: {node.subject!r}")
+
+
+def _check_program_trees(mission: Mission) -> None:
+    for name, tree in mission.program_trees.items():
+        split_call(name)
+        _expect(type_name(name) in mission.local_tasks, f"tree of {name}: unknown local task")
+        for _, condition in tree.outputs:
+            _expect(mission.knows_condition(condition), f"tree of {name}: output {condition!r}")
 
 
 def _check_nodes(tree: Tree, name: str) -> None:

@@ -36,7 +36,7 @@ from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
 from mrbt_mesh.core.mission.conditions import own_name
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, Mission, micro_performance
-from mrbt_mesh.formats.mission_file import read_limited
+from mrbt_mesh.formats.limited_file import read_limited
 from mrbt_mesh.formats.problems import (
     Report,
     SourcePath,

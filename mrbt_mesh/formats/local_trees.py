@@ -33,7 +33,11 @@ class LocalTrees:
         self._parameters = model.parameters
         self._report = report
         tasks = {name: list(task.parameters) for name, task in model.local_tasks.items()}
-        trees = {name: task.tree for name, task in model.local_tasks.items() if task.tree}
+        trees = {
+            name: task.tree
+            for name, task in model.local_tasks.items()
+            if task.tree and task.tree_file is None
+        }
         declared = Declared(
             {name: parameters for name, parameters in tasks.items() if name not in trees},
             {name: list(entry.parameters) for name, entry in model.local_conditions.items()},

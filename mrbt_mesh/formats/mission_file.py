@@ -12,6 +12,7 @@ from pathlib import Path
 from mrbt_mesh.core.mission.mission import Mission, performance
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.formats.compiled import compile_mission, mission_from_compiled
+from mrbt_mesh.formats.limited_file import read_limited
 from mrbt_mesh.formats.problems import MissionError, Problem, whole_file_error
 
 __all__ = ["MissionError", "Problem", "compile_mission", "load_mission", "mission_warnings"]
@@ -54,26 +55,6 @@ def _load_compiled(content: bytes, file: str, folder: Path) -> Mission:
         return mission
     # An absolute path, which is what compiling writes, stays as it is.
     return replace(mission, program=str(folder.resolve() / mission.program))
-
-
-def read_limited(path: Path, limit_bytes: int) -> bytes:
-    """The bytes of a file that people name; raises MissionError, also for one that is too large."""
-    file = str(path)
-    try:
-        if not path.exists():
-            raise whole_file_error(file, "there is no such file")
-        # Reading a pipe or a device could block, or never end.
-        if not path.is_file():
-            raise whole_file_error(file, "not a file; give the file itself")
-        with path.open("rb") as stream:
-            content = stream.read(limit_bytes + 1)
-    except OSError as error:
-        raise whole_file_error(file, f"cannot be read: {error.strerror or error}") from None
-    except ValueError as error:
-        raise whole_file_error(file, f"cannot be read: {error}") from None
-    if len(content) > limit_bytes:
-        raise whole_file_error(file, f"larger than the limit of {limit_bytes} bytes")
-    return content
 
 
 def mission_warnings(mission: Mission) -> list[str]:

@@ -9,11 +9,13 @@ Write the schema anew with `python -m mrbt_mesh.formats.mission_model`.
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import (
+    Discriminator,
     Field,
     JsonValue,
     Tag,
@@ -41,7 +43,14 @@ from mrbt_mesh.formats.file_model import (
     place_of,
 )
 from mrbt_mesh.formats.problems import Report, found
-from mrbt_mesh.formats.tree_model import MAX_SECONDS, TREE_EXPLAINED, CallText, Node, NodeModel
+from mrbt_mesh.formats.tree_model import (
+    MAX_SECONDS,
+    TREE_EXPLAINED,
+    CallText,
+    Node,
+    NodeModel,
+    Scalar,
+)
 
 MAX_PERFORMANCE_UNITS = 1e6
 MAX_WORK = 1e9
@@ -51,11 +60,24 @@ SCHEMA_FILE = Path(__file__).with_name("mission.schema.json")
 _PROGRAM = r"^[^\n]+\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"
 _SOLVER = r"^[A-Za-z_][A-Za-z0-9_.-]{0,127}(:[A-Za-z_][A-Za-z0-9_.]{0,127})?$"
 
+TREE_FILE = r"[^\n#]+\.xml(#[^\n#]+)?"
+
 EXPLAINED_HERE = TREE_EXPLAINED | {
+    f"^{TREE_FILE}$": "a BehaviorTree.CPP file is expected, e.g. fetch.xml#Fetch",
     _PROGRAM: "a Python file is expected, e.g. robot.py or robot.py:name",
     _SOLVER: "the name of a solver is expected, e.g. cp_sat or package.module:function",
 }
 
+NodeOrFile: TypeAlias = Annotated[
+    Annotated[str, Field(pattern=f"^{TREE_FILE}$"), Tag("<file>")]
+    | Annotated[CallText, Tag("<text>")]
+    | Annotated[NodeModel, Tag("<mapping>")],
+    Discriminator(
+        lambda value: _tree_tag(value),
+        custom_error_type="shape",
+        custom_error_message="a node, e.g. {Sequence: [...]}, an action's name, or FILE.xml#TreeID",
+    ),
+]
 ProgramText: TypeAlias = Annotated[str, Field(pattern=_PROGRAM)]
 SolverText: TypeAlias = Annotated[str, Field(pattern=_SOLVER)]
 ReasonText: TypeAlias = Annotated[str, Field(min_length=1, max_length=MAX_REASON)]
@@ -64,6 +86,12 @@ Performance: TypeAlias = Annotated[float, Field(gt=0, le=MAX_PERFORMANCE_UNITS)]
 Count: TypeAlias = Annotated[int, Field(ge=1, le=MAX_ROBOTS)]
 Per: TypeAlias = Literal["team", "robot"]
 Cost: TypeAlias = Annotated[int, Field(ge=0, le=MAX_COST)]
+
+
+def _tree_tag(value: Any) -> str | None:
+    if isinstance(value, str):
+        return "<file>" if ".xml" in value else "<text>"
+    return "<mapping>" if isinstance(value, dict | NodeModel) else None
 
 
 class LocalTaskModel(FileModel):
@@ -83,14 +111,34 @@ class LocalTaskOrTreeModel(LocalTaskModel):
     """A local-task type that may be a tree.
 
     `tree`: a behavior tree of other local tasks and of `local_conditions`, which each robot ticks
-    for itself; its status is the outcome, its work that of its actions (docs/local_trees.md).
+    for itself; its status is the outcome, its work that of its actions (docs/local_trees.md). Or
+    `FILE.xml#TreeID`, a BehaviorTree.CPP tree, relative to the mission file: the robot's program
+    has its leaves; `ports` are its entries at first, `outputs` the conditions that entries tell
+    when it has ended (docs/robot_trees.md).
     """
 
-    tree: Node | None = None
+    tree: NodeOrFile | None = None
+    ports: dict[str, Scalar] = {}
+    outputs: dict[str, CallText] = {}
+
+    @property
+    def tree_file(self) -> str | None:
+        """`FILE.xml#TreeID`, if the tree is one of BehaviorTree.CPP."""
+        is_file = isinstance(self.tree, str) and re.fullmatch(TREE_FILE, self.tree) is not None
+        return self.tree if isinstance(self.tree, str) and is_file else None
+
+    @model_validator(mode="after")
+    def _ports_of_a_file(self) -> LocalTaskOrTreeModel:
+        if self.tree_file is None and (self.ports or self.outputs):
+            raise PydanticCustomError(
+                "ports", "ports and outputs are those of a tree in a file: tree: FILE.xml#TreeID"
+            )
+        return self
 
     @model_validator(mode="after")
     def _work_of_actions(self) -> LocalTaskOrTreeModel:
-        if self.tree is not None and "work" in self.model_fields_set:
+        is_own = self.tree is not None and self.tree_file is None
+        if is_own and "work" in self.model_fields_set:
             raise PydanticCustomError(
                 "work", "a local task has a tree or work; the work of a tree is that of its actions"
             )

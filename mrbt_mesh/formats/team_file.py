@@ -34,7 +34,8 @@ from mrbt_mesh.core.mission.names import split_call, type_name
 from mrbt_mesh.formats.declaration import Declaration
 from mrbt_mesh.formats.expand import call_text, micro_or_report, split_template, to_micro
 from mrbt_mesh.formats.file_model import FileModel, Name, RobotName, explain
-from mrbt_mesh.formats.mission_file import MAX_YAML_BYTES, read_limited
+from mrbt_mesh.formats.limited_file import read_limited
+from mrbt_mesh.formats.mission_file import MAX_YAML_BYTES
 from mrbt_mesh.formats.mission_model import (
     EXPLAINED_HERE,
     ConditionModel,

@@ -43,8 +43,9 @@ from mrbt_mesh.core.mission.mission import (
     micro_performance,
 )
 from mrbt_mesh.core.mission.names import split_call
+from mrbt_mesh.errors import TaskFailedError
 from mrbt_mesh.runtime.local_trees import LeafEnd, LocalTreeRunner
-from mrbt_mesh.runtime.program import RobotProgram, TaskContext, TaskFailedError, TaskFunction
+from mrbt_mesh.runtime.program import RobotProgram, TaskContext, TaskFunction
 
 MAX_ERROR = 2_000
 # No mission waits longer for a bid.
@@ -281,7 +282,7 @@ class ActionRunner:
         """Call the user's function; whatever it raises is a failure of this local task."""
         ticket, (name, arguments) = effect.ticket, split_call(effect.local_task)
         context = self._context(effect, name, arguments, port)
-        function = self._program.find(name)
+        function = self._function(effect.local_task, name)
         error, reason, data, success = "", "", None, False
         if function is None:
             error = reason = f"the robot's program has no local task {name!r}"
@@ -297,6 +298,23 @@ class ActionRunner:
                 reason = _exception_reason(problem, function)
         conditions = tuple(sorted(port.conditions.items()))
         return ActionFinished(ticket, success, data, conditions, error, reason)
+
+    def _function(self, ground: str, name: str) -> TaskFunction | None:
+        """The program's function for a local task; of one that is a tree in a file, its run."""
+        program = self._mission.program_trees.get(ground)
+        if program is None:
+            return self._program.find(name)
+        from mrbt_mesh.runtime.tree_programs import carry_out, made_tree, told_outputs
+
+        async def run(context: TaskContext, *arguments: str) -> None:
+            tree = made_tree(program, self._program.leaves, {TaskContext: context})
+            try:
+                await carry_out(tree, {})
+            finally:
+                for condition, value in told_outputs(program, tree).items():
+                    context.set_condition(condition, value)
+
+        return self._program.recording(run)
 
     async def _bid(self, effect: RequestBid) -> None:
         value, error = None, ""

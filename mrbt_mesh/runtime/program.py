@@ -10,7 +10,12 @@
     def bid(task: TaskContext, part: str) -> float:
         return -arm.seconds_to(part)             # larger is better; a cost is a negative one
 
-Where the mission file has a tree for a local task, the program has the tree's actions instead.
+Where the mission file has a tree for a local task, the program has the tree's actions instead; of
+a BehaviorTree.CPP tree its leaves:
+
+    @robot.action("MoveTo")
+    async def move_to(task: TaskContext, goal: str) -> None: ...
+
 A program knows nothing of the team: it does what it is asked and says how it went. The
 runtime cancels it through an anyio cancel scope when the plan no longer wants it.
 """
@@ -22,24 +27,26 @@ import functools
 import inspect
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias, TypeVar
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, TypeVar
 
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.errors import InputError
+
+if TYPE_CHECKING:
+    from mrbt_mesh.local import Leaves
 
 Result: TypeAlias = bool | Mapping[str, Any] | None
 TaskFunction: TypeAlias = Callable[..., Awaitable[Result]]
 Bid: TypeAlias = float | None
 BidFunction: TypeAlias = Callable[..., Bid | Awaitable[Bid]]
 _T = TypeVar("_T")
+_F = TypeVar("_F", bound=Callable[..., Any])
 
 
 class ProgramError(InputError):
     """A robot program that cannot be used; the message says where and what would be right."""
-
-
-class TaskFailedError(Exception):
-    """Raise it in a local task to report failure with a reason, without a traceback in the log."""
 
 
 class TaskPort(Protocol):
@@ -180,6 +187,44 @@ class RobotProgram:
             return target
 
         return register
+
+    @cached_property
+    def leaves(self) -> Leaves:
+        """The leaves of BehaviorTree.CPP trees that are local tasks."""
+        # Most programs have none, and their robots start without all that reads such files.
+        from mrbt_mesh.local import Leaves
+
+        return Leaves(TaskContext)
+
+    def action(self, name: str) -> Callable[[_F], _F]:
+        """Register an action of BehaviorTree.CPP trees: a function of its ports.
+
+        A parameter of type TaskContext gets the context of the local task whose tree it is. See
+        `mrbt_mesh.local.Leaves.action` and docs/robot_trees.md. Raises LeafError.
+        """
+        return self.leaves.action(name)
+
+    def condition(self, name: str) -> Callable[[_F], _F]:
+        """Register a condition of such trees, which answers at once. Raises LeafError."""
+        return self.leaves.condition(name)
+
+    async def run_tree(
+        self, task: TaskContext, path: Path | str, tree: str | None = None, **ports: Any
+    ) -> None:
+        """Run a BehaviorTree.CPP tree, with `ports` as its entries, in a local task.
+
+            @robot.local_task("fetch")
+            async def fetch(task: TaskContext, where: str) -> None:
+                await robot.run_tree(task, "fetch.xml", "Fetch", goal=where)
+
+        Raises TaskFailedError unless it succeeds, with the reason of the leaf that failed last, and
+        TreeFileError.
+        """
+        from mrbt_mesh.local import BehaviorTree
+        from mrbt_mesh.runtime.tree_programs import carry_out
+
+        made = BehaviorTree.from_file(path, tree, self.leaves, given={TaskContext: task})
+        await carry_out(made, ports)
 
     def bid(self, name: str) -> Callable[[_T], _T]:
         """Register `f(task, *arguments)`, async or not: this robot's performance in a local task.

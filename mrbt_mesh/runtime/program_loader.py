@@ -42,7 +42,8 @@ def check_program(
 ) -> list[str]:
     """What `program` lacks for these `capabilities` (types or ground): `local task weld`, and
     `bid for weld` where the mission asks for bids; sorted. Of a local task that is a tree, its
-    actions: `local task grasp (in the tree of weld)`.
+    actions: `local task grasp (in the tree of weld)`; of one in a BehaviorTree.CPP file what its
+    leaves lack, with file, line and node.
     """
     claimed = {type_name(capability) for capability in capabilities}
     declared = claimed & mission.local_tasks.keys()
@@ -52,11 +53,17 @@ def check_program(
     for ground, tree in mission.local_trees.items():
         leaves = trees.setdefault(type_name(ground), set())
         leaves |= {type_name(node.subject) for node in tree.actions()}
-    needed = dict.fromkeys(declared - trees.keys(), "")
+    programs = {type_name(ground): tree for ground, tree in mission.program_trees.items()}
+    needed = dict.fromkeys(declared - trees.keys() - programs.keys(), "")
     for name in sorted(declared & trees.keys()):
         for leaf in trees[name]:
             needed.setdefault(leaf, f" (in the tree of {name})")
     lacking = [f"local task {name}{of}" for name, of in needed.items() if not program.find(name)]
+    for name in sorted(declared & programs.keys()):
+        from mrbt_mesh.runtime.tree_programs import lacking_leaves
+
+        problems = lacking_leaves(programs[name], program.leaves)
+        lacking += [f"tree of {name} ({problem})" for problem in problems]
     return sorted(lacking + [f"bid for {name}" for name in by_bid if not program.find_bid(name)])
 
 

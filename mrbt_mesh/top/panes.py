@@ -15,11 +15,17 @@ from textual.widgets import Static
 from mrbt_mesh.core.bt.tree import Kind, Status
 from mrbt_mesh.top.lanes import LEAST_S, Window, axis, lane, latest_fault
 from mrbt_mesh.top.marks import MARKS
-from mrbt_mesh.top.robot_rows import capabilities_text, robot_text, trees_text
+from mrbt_mesh.top.robot_rows import (
+    capabilities_text,
+    own_tree_text,
+    robot_text,
+    trees_text,
+)
 from mrbt_mesh.top.rows import Rows
 from mrbt_mesh.top.team import ShownTeam
 from mrbt_mesh.top.tree_rows import FoldingTree
 from mrbt_mesh.top.why_text import why_text
+from mrbt_mesh.viewmodel.own_trees import own_trees
 from mrbt_mesh.viewmodel.why import why_robot, why_task
 
 ZOOM = 1.5
@@ -269,4 +275,7 @@ class WhyPane(VerticalScroll):
         if item["statuses"]:
             text.append("\n")
             text.append_text(trees_text(item))
+        if name in self._shown.observer.facts.members:
+            text.append("\n")
+            text.append_text(own_tree_text(own_trees(self._shown.observer, name)["T_Li"]))
         return text

@@ -68,3 +68,16 @@ def trees_text(item: dict[str, Any]) -> Text:
         text.append(f"{name} ", "dim")
         text.append(f"{sign} {word}  ", style)
     return text
+
+
+def own_tree_text(told: dict[str, Any]) -> Text:
+    """T_Li, a line for each node: `told` has its rows and their statuses, as `own_trees` says."""
+    text = Text("T_Li, its own tasks", "bold")
+    depths: list[int] = []
+    for row, status in zip(told["tree"], told["statuses"], strict=True):
+        depths.append(depths[row["parent"]] + 1 if row["parent"] >= 0 else 0)
+        sign, style = MARKS[Status(status)]
+        text.append(f"\n{'  ' * depths[-1]}")
+        text.append(f"{sign} ", style)
+        text.append(row["label"], "dim" if status == Status.IDLE else "")
+    return text

@@ -25,6 +25,7 @@ from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.viewmodel.mission_view import tree_view
+from mrbt_mesh.viewmodel.program_trees import with_programs
 
 
 class OwnTrees:
@@ -87,8 +88,9 @@ def own_trees(observer: Observer, robot: str) -> dict[str, Any]:
     member = observer.facts.members[robot].member
     trees = OwnTrees(robot, local_tree_of(observer.mission, member.capabilities))
     assignment, local = trees.statuses(observer)
+    rows, statuses = with_programs(tree_view(trees.local), local, observer.mission)
     return {
         "robot": robot,
         "T_A": {"tree": tree_view(trees.assignment), "statuses": list(assignment)},
-        "T_Li": {"tree": tree_view(trees.local), "statuses": list(local)},
+        "T_Li": {"tree": rows, "statuses": statuses},
     }

@@ -84,6 +84,7 @@ def test_the_examples_are_where_the_readme_says() -> None:
         "couriers",
         "dispense",
         "explore",
+        "inspection",
         "lift",
         "tool_search",
         "vehicle_repair",
@@ -328,7 +329,7 @@ def _damaged(change: str) -> str:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("d['compiled'] = 99", "version 2 to 4 expected, found 99"),
+        ("d['compiled'] = 99", "version 2 to 5 expected, found 99"),
         ("d.pop('compiled')", "not a compiled mission"),
         ("d.pop('tree')", "damaged: KeyError"),
         ("d['name'] = 3", "name 3"),

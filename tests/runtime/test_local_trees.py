@@ -10,7 +10,7 @@ import anyio
 
 from mrbt_mesh import RobotProgram, TaskContext, TaskFailedError
 from mrbt_mesh.core.agent.effects import CancelAction, StartAction
-from mrbt_mesh.core.agent.inputs import ActionFinished, ActionStopped, Input
+from mrbt_mesh.core.agent.inputs import ActionFinished, ActionStopped
 from mrbt_mesh.core.bt.tree import NodeSpec, build_tree
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.mission.conditions import ConditionType
@@ -18,6 +18,7 @@ from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.runtime.program_loader import check_program
 from mrbt_mesh.sim.engine.clock import VirtualClock, VirtualLoop
+from tests.support.action_host import Host
 from tests.support.build import (
     action,
     condition,
@@ -31,30 +32,6 @@ from tests.support.build import (
 )
 
 Steps = Callable[[ActionRunner, "Host"], Any]
-
-
-class Host:
-    """Keeps what the runner says."""
-
-    def __init__(self, clock: VirtualClock) -> None:
-        self.clock = clock
-        self.said: list[Input] = []
-        self.logged: list[dict[str, Any]] = []
-
-    def submit(self, event: Input) -> None:
-        self.said.append(event)
-
-    def read_condition(self, name: str) -> bool:
-        return False
-
-    def record_event(self, event: Any) -> None:
-        raise AssertionError(event)
-
-    def unix_time_s(self) -> float:
-        return self.clock.now_us / 1e6
-
-    def log(self, level: str, event: str, **fields: Any) -> None:
-        self.logged.append({"level": level, "event": event, **fields})
 
 
 class Story:

@@ -33,7 +33,7 @@ HEAVY = {
 }
 
 
-@pytest.mark.parametrize("name", ["explore", "couriers"])
+@pytest.mark.parametrize("name", ["explore", "couriers", "inspection"])
 def test_a_robot_of_a_small_mission_loads_nothing_heavy(name: str, tmp_path: Path) -> None:
     """Alone it carries the whole mission out, with the program that belongs to it."""
     compiled = tmp_path / "mission.json"

@@ -33,6 +33,7 @@ EXAMPLE_SEEDS = {
     "assembly": 0.5,
     "couriers": 0.5,
     "explore": 1.0,
+    "inspection": 0.25,
     "tool_search": 1.0,
     "dispense": 0.25,
     "vehicle_repair": 0.1,

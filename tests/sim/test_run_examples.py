@@ -107,3 +107,27 @@ def test_a_local_task_that_is_a_tree_begins_anew_with_another_robot(run: Run) ->
     after = [s.ground for s in done if s.start_s > cut_off.start_s + 2]
     assert after == ["turn(1)", "turn(3)"]
     assert [each["replacement"] for each in result.summary["takeovers"]] == ["R2"]
+
+
+def test_each_robot_inspects_by_a_tree_of_behaviortree_cpp(run: Run) -> None:
+    result = run("inspection", 1)
+    # Valves 2 and 4 have more than 6 bar: the trees' script says so, the team closes them.
+    done = spans(result.events)
+    assert [s.ground for s in done if s.local_task == "close"] == ["close(2)", "close(4)"]
+    assert sorted(s.part for s in done if s.local_task == "inspect") == ["1", "2", "3", "4"]
+    rows = result.summary["global_tasks"]
+    assert {name for name, row in rows.items() if row["status"] == "success"} == {
+        *(f"inspect_valve({valve})" for valve in (1, 2, 3, 4)),
+        *("close_valve(2)", "close_valve(4)"),
+    }
+    # Two inspections of 1.5 s each, two valves of 2 s; backing up and a second way at valve 3.
+    assert result.summary["duration_s"] == pytest.approx(7.0, abs=0.2)
+
+
+def test_an_inspection_begins_anew_with_another_robot(run: Run) -> None:
+    result = run("inspection", 1, schedule=[(1_200_000, Kill("R1"))])
+    assert [each["replacement"] for each in result.summary["takeovers"]] == ["R2"]
+    done = spans(result.events)
+    assert [s.ground for s in done if s.local_task == "close"] == ["close(2)", "close(4)"]
+    (cut_off,) = (span for span in done if span.end is None)
+    assert (cut_off.robot, cut_off.ground) == ("R1", "inspect(1)")

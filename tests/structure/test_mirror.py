@@ -13,7 +13,7 @@ Tree = Callable[[dict[str, str]], Path]
 
 PACKAGES = (
     *("adapters", "analysis", "cli", "core", "drills", "formats"),
-    *("recording", "replay", "runtime", "sim", "top", "viewmodel", "web"),
+    *("local", "recording", "replay", "runtime", "sim", "top", "viewmodel", "web"),
 )
 HOMES = {name: f"mrbt_mesh/{name}" for name in PACKAGES}
 HOMES |= {name: name for name in ("agents", "benchmarks", "paper")}

@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 from mrbt_mesh.sim import Kill, Lose
-from mrbt_mesh.top.robot_rows import bar, capabilities_text, robot_text, trees_text
+from mrbt_mesh.top.robot_rows import (
+    bar,
+    capabilities_text,
+    own_tree_text,
+    robot_text,
+    trees_text,
+)
 from mrbt_mesh.top.team import ShownTeam
 from mrbt_mesh.top.why_text import why_text
+from mrbt_mesh.viewmodel.own_trees import own_trees
 from mrbt_mesh.viewmodel.why import why_robot
 from tests.support.runs import run_example
 
@@ -68,3 +75,14 @@ def test_why_names_the_candidates_and_who_is_chosen() -> None:
     assert len(chosen) == 1
     assert "B2" in chosen[0]
     assert any("A1" in line and "is dead" in line for line in lines)
+
+
+def test_its_own_tasks_with_the_trees_that_its_program_runs() -> None:
+    result = run_example("inspection", 1, expect=None, timeout_us=SECOND // 2)
+    lines = own_tree_text(own_trees(result.observer, "R1")["T_Li"]).plain.splitlines()
+    assert lines[0] == "T_Li, its own tasks"
+    assert lines[1] == "▶ Fallback"
+    (inspect,) = (index for index, line in enumerate(lines) if line.endswith("▶ inspect"))
+    assert lines[inspect + 1].endswith("· Sequence")
+    assert lines[-1].strip() == "· Script(code=too_high := bar > limit_bar)"
+    assert len(lines[inspect]) - len(lines[inspect].lstrip()) == 4

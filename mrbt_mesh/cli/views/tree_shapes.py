@@ -22,8 +22,10 @@ from mrbt_mesh.formats.btcpp.document import (
     type_id,
 )
 from mrbt_mesh.formats.btcpp.elements import Element
+from mrbt_mesh.formats.btcpp.expand import ExpandedNode
 from mrbt_mesh.formats.btcpp.library import Library
 from mrbt_mesh.viewmodel.own_trees import local_tree_of
+from mrbt_mesh.viewmodel.program_trees import node_label, program_tree, programs_by_type
 
 MAX_NOTE = 60
 
@@ -161,6 +163,13 @@ def robot_shape(mission: Mission, robot: str) -> Shape:
                 for name, value in sorted(capabilities.items())
                 if type_name(name) == leaf.label
             ]
+    programs = programs_by_type(mission)
+    for leaf in list(parts[2].walk()):
+        if leaf.look is Look.ACTION and leaf.label in programs:
+            program = programs[leaf.label]
+            leaf.look, leaf.symbol = Look.SUBTREE, LOOK_SYMBOLS[Look.SUBTREE]
+            leaf.notes.append(f"{program.source}#{program.tree}")
+            leaf.children = [_expanded_shape(program_tree(program))]
     kind = Kind.PARALLEL
     whole = Shape(Look.CONTROL, f"T_i ({kind} {len(parts)}/{len(parts)})", SYMBOLS[kind])
     whole.children = parts
@@ -170,6 +179,14 @@ def robot_shape(mission: Mission, robot: str) -> Shape:
 def _named(name: str, tree: Tree, note: str) -> Shape:
     child = _spec_shape(tree.spec(), tree, 0)[0]
     return Shape(Look.SUBTREE, name, LOOK_SYMBOLS[Look.SUBTREE], [note], [child])
+
+
+def _expanded_shape(node: ExpandedNode) -> Shape:
+    look = _LOOKS[node.category]
+    symbol = SYMBOLS.get(node.type, LOOK_SYMBOLS[look])
+    children = [_expanded_shape(child) for child in node.children]
+    notes = [_note(key, script, ": ") for key, script in node.conditions.items()]
+    return Shape(look, node_label(node), symbol, notes, children)
 
 
 def _spec_shape(spec: NodeSpec, tree: Tree, index: int) -> tuple[Shape, int]:

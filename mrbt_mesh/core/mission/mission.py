@@ -28,6 +28,11 @@ from mrbt_mesh.core.mission.constraints import Constraint, constraint_from_json,
 from mrbt_mesh.core.mission.costs import Costs
 from mrbt_mesh.core.mission.local_tasks import LocalTask
 from mrbt_mesh.core.mission.names import split_call, type_name
+from mrbt_mesh.core.mission.program_trees import (
+    ProgramTree,
+    program_trees_from_json,
+    program_trees_to_json,
+)
 
 MICRO = 1_000_000
 MAX_PERFORMANCE = 1_000_000 * MICRO
@@ -40,6 +45,8 @@ COMPILED_VERSION = 2
 BIDS_VERSION = 3
 # Of missions whose local tasks are trees; likewise.
 LOCAL_TREES_VERSION = 4
+# With trees that robots' programs run.
+PROGRAM_TREES_VERSION = 5
 
 RobotId: TypeAlias = str
 LocalTaskId: TypeAlias = str
@@ -239,7 +246,8 @@ class Mission:
     `parameters` are the file's values, for robots' programs to read; `program` names the
     default robot program, relative to the mission file. It, `costs` and `solver` are no part of
     the digest: robots with different solvers make the same plans. `local_trees`: those of ground
-    local tasks that are trees of others; `local_conditions`: what these trees may read.
+    local tasks that are trees of others; `local_conditions`: what these trees may read;
+    `program_trees`: those of ground local tasks that are BehaviorTree.CPP trees.
     """
 
     name: str
@@ -258,6 +266,7 @@ class Mission:
     ends: MissionEnd = MissionEnd.ONCE
     local_trees: Mapping[LocalTaskId, Tree] = field(default_factory=dict)
     local_conditions: Mapping[str, ConditionType] = field(default_factory=dict)
+    program_trees: Mapping[LocalTaskId, ProgramTree] = field(default_factory=dict)
 
     @cached_property
     def evaluator(self) -> Evaluator:
@@ -375,6 +384,8 @@ class Mission:
         }
 
     def _compiled_version(self) -> int:
+        if self.program_trees:
+            return PROGRAM_TREES_VERSION
         usual = BIDS_VERSION if self.has_bids else COMPILED_VERSION
         return LOCAL_TREES_VERSION if self.local_trees else usual
 
@@ -385,6 +396,11 @@ class Mission:
         return {
             **({"local_trees": trees} if trees else {}),
             **({"local_conditions": own} if own else {}),
+            **(
+                {"program_trees": program_trees_to_json(self.program_trees)}
+                if self.program_trees
+                else {}
+            ),
         }
 
 
@@ -403,8 +419,8 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
     Raises ValueError if it was not compiled by this version.
     """
     found = data.get("compiled")
-    if found not in (COMPILED_VERSION, BIDS_VERSION, LOCAL_TREES_VERSION):
-        raise ValueError(f"compiled mission version 2 to 4 expected, found {found!r}")
+    if type(found) is not int or not COMPILED_VERSION <= found <= PROGRAM_TREES_VERSION:
+        raise ValueError(f"compiled mission version 2 to 5 expected, found {found!r}")
     try:
         return Mission(
             name=data["name"],
@@ -426,6 +442,7 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
                 for name, spec in sorted(data.get("local_trees", {}).items())
             },
             local_conditions=conditions_from_json(data.get("local_conditions", {})),
+            program_trees=program_trees_from_json(data.get("program_trees", {})),
         )
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"compiled mission is damaged: {error!r}") from error

@@ -5,6 +5,6 @@
 puts SubTrees in place, `team_tree` makes a team's tree of it or says what a team cannot carry out,
 `export` writes.
 
-It may import the core, and of the other formats `problems` and `mission_file`. A file may be
+It may import the core, and of the other formats `problems` and `limited_file`. A file may be
 hostile: it is read within limits, or refused with file, line and node.
 """

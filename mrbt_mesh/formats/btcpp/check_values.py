@@ -18,7 +18,7 @@ from mrbt_mesh.formats.btcpp.builtin_nodes import (
     UNSIGNED,
 )
 from mrbt_mesh.formats.btcpp.document import pointer, read_boolean
-from mrbt_mesh.formats.btcpp.script import ScriptError
+from mrbt_mesh.formats.btcpp.script import Impossible, ScriptError
 from mrbt_mesh.formats.btcpp.script_parser import parse
 from mrbt_mesh.formats.problems import MAX_SHOWN_CHARACTERS, nearest
 
@@ -124,9 +124,15 @@ def _list_problem(item_kind: str, text: str) -> str:
 def script_problem(text: str) -> str:
     """What is wrong with a script."""
     try:
-        parse(text)
+        script = parse(text)
     except ScriptError as error:
         return f"the script {shown(text)} cannot be read: {error}"
+    for expression in script.expressions():
+        if isinstance(expression, Impossible):
+            return (
+                f"the script {shown(text)} cannot be run: only a blackboard entry can stand "
+                f"before {expression.operator!r}"
+            )
     return ""
 
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TypeAlias
-from xml.sax.saxutils import escape, quoteattr
 
 INDENT = "  "
 MAX_WIDTH = 100
+
+# xml.sax.saxutils does the same, and loads all of urllib for it.
+_IN_TEXT = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", "\r": "&#13;"})
+_IN_ATTRIBUTE = _IN_TEXT | str.maketrans({"\n": "&#10;", "\t": "&#9;"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,9 +111,17 @@ def write_content(item: Content, indent: str = "") -> str:
     return f"{_open_tag(item, '>', indent)}\n{inner}\n{indent}</{item.tag}>"
 
 
+def _quoted(value: str) -> str:
+    """An attribute's value, in single quotes if only double ones are in it."""
+    escaped = value.translate(_IN_ATTRIBUTE)
+    if '"' not in escaped:
+        return f'"{escaped}"'
+    return "'" + escaped + "'" if "'" not in escaped else '"' + escaped.replace('"', "&quot;") + '"'
+
+
 def _open_tag(element: Element, end: str, indent: str) -> str:
     """On one line, or with one attribute per line if that would be too long."""
-    attributes = [f"{name}={quoteattr(value)}" for name, value in element.attributes.items()]
+    attributes = [f"{name}={_quoted(value)}" for name, value in element.attributes.items()]
     line = indent + " ".join([f"<{element.tag}", *attributes]) + end
     if len(line) <= MAX_WIDTH or len(attributes) < 2:
         return line
@@ -120,7 +131,7 @@ def _open_tag(element: Element, end: str, indent: str) -> str:
 
 def _inline(item: Content) -> str:
     if isinstance(item, Text):
-        return escape(item.text, {"\r": "&#13;"})
+        return item.text.translate(_IN_TEXT)
     if isinstance(item, Comment):
         return f"<!--{item.text}-->"
     if isinstance(item, Instruction):

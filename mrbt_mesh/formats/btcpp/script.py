@@ -28,7 +28,7 @@ class Number:
 
 @dataclass(frozen=True, slots=True)
 class Boolean:
-    """`true` or `false`, which are 1 and 0."""
+    """`true` or `false`, which are 1.0 and 0.0."""
 
     value: bool
 
@@ -90,8 +90,26 @@ class Assign:
     value: Expression
 
 
+@dataclass(frozen=True, slots=True)
+class Impossible:
+    """An assignment to something that is no entry: it can be read, and fails when it is run."""
+
+    left: Expression
+    operator: str
+    right: Expression
+
+
 Expression: TypeAlias = (
-    Number | Boolean | String | Name | Unary | Binary | Comparison | Conditional | Assign
+    Number
+    | Boolean
+    | String
+    | Name
+    | Unary
+    | Binary
+    | Comparison
+    | Conditional
+    | Assign
+    | Impossible
 )
 
 ASSIGNMENTS = frozenset({":=", "=", "+=", "-=", "*=", "/="})
@@ -104,10 +122,10 @@ LEVELS = {
     "?": 2,
     **dict.fromkeys(LOGICAL, 3),
     **dict.fromkeys(COMPARISONS, 4),
-    "..": 5,
-    "|": 6,
-    "^": 6,
-    "&": 7,
+    "|": 5,
+    "^": 5,
+    "&": 6,
+    "..": 8,
     "+": 8,
     "-": 8,
     "*": 9,
@@ -169,13 +187,15 @@ def _renamed(expression: Expression, rename: Callable[[str], str]) -> Expression
         return Conditional(*parts)
     if isinstance(expression, Assign):
         return Assign(expression.operator, rename(expression.name), *parts)
+    if isinstance(expression, Impossible):
+        return Impossible(parts[0], expression.operator, parts[1])
     return expression
 
 
 def _parts(expression: Expression) -> tuple[Expression, ...]:
     if isinstance(expression, Unary):
         return (expression.operand,)
-    if isinstance(expression, Binary):
+    if isinstance(expression, Binary | Impossible):
         return (expression.left, expression.right)
     if isinstance(expression, Comparison):
         return expression.operands
@@ -188,39 +208,13 @@ def _parts(expression: Expression) -> tuple[Expression, ...]:
 
 def level(expression: Expression) -> int:
     """How tightly the outermost operator of `expression` binds."""
-    if isinstance(expression, Binary | Assign):
+    if isinstance(expression, Binary | Assign | Impossible):
         return LEVELS[expression.operator]
     if isinstance(expression, Comparison):
         return LEVELS["=="]
     if isinstance(expression, Conditional):
         return LEVELS["?"]
     return PREFIX_LEVEL if isinstance(expression, Unary) else ATOM_LEVEL
-
-
-def mixes(operator: str, operand: Expression) -> bool:
-    """Whether `operand` needs parentheses though it binds tighter than `operator`.
-
-    Bit operators, `!` and `~` are not mixed with arithmetic and `..`.
-    """
-    if not isinstance(operand, Binary | Unary):
-        return False
-    if (
-        isinstance(operand, Unary)
-        and operand.operator == "-"
-        and isinstance(operand.operand, Number)
-    ):
-        return False
-    kinds = {
-        _group(operator, is_prefix=False),
-        _group(operand.operator, isinstance(operand, Unary)),
-    }
-    return kinds == {"bits", "arithmetic"}
-
-
-def _group(operator: str, is_prefix: bool) -> str:
-    if operator in BITS or operator in ("!", "~"):
-        return "bits"
-    return "arithmetic" if is_prefix or operator in ("+", "-", "*", "/", "..") else "other"
 
 
 def _print(expression: Expression) -> str:
@@ -236,26 +230,25 @@ def _print(expression: Expression) -> str:
     if isinstance(expression, Unary):
         return expression.operator + _operand(expression.operand, ATOM_LEVEL)
     if isinstance(expression, Assign):
-        return f"{expression.name} {expression.operator} {_operand(expression.value, 2)}"
+        return f"{expression.name} {expression.operator} {_print(expression.value)}"
+    if isinstance(expression, Impossible):
+        left = _operand(expression.left, LEVELS["?"])
+        return f"{left} {expression.operator} {_print(expression.right)}"
     if isinstance(expression, Conditional):
-        condition, otherwise = (
-            _operand(part, LEVELS["&&"]) for part in (expression.condition, expression.otherwise)
-        )
+        condition = _operand(expression.condition, LEVELS["&&"])
+        otherwise = _operand(expression.otherwise, LEVELS["?"])
         return f"{condition} ? {_print(expression.then)} : {otherwise}"
     if isinstance(expression, Comparison):
-        first, *others = (_operand(part, LEVELS[".."]) for part in expression.operands)
+        first, *others = (_operand(part, LEVELS["|"]) for part in expression.operands)
         return first + "".join(
             f" {operator} {other}"
             for operator, other in zip(expression.operators, others, strict=True)
         )
     here = LEVELS[expression.operator]
-    left = _operand(expression.left, here, expression.operator)
-    right = _operand(expression.right, here + 1, expression.operator)
+    left, right = _operand(expression.left, here), _operand(expression.right, here + 1)
     return f"{left} {expression.operator} {right}"
 
 
-def _operand(expression: Expression, at_least: int, operator: str = "") -> str:
+def _operand(expression: Expression, at_least: int) -> str:
     text = _print(expression)
-    if level(expression) < at_least or (operator and mixes(operator, expression)):
-        return f"({text})"
-    return text
+    return f"({text})" if level(expression) < at_least else text

@@ -1,11 +1,15 @@
-"""Evaluate BehaviorTree.CPP's scripts over a blackboard that is a plain mapping."""
+"""Evaluate BehaviorTree.CPP's scripts over the entries of a blackboard.
+
+Values are those of C++: an `int` is an int64_t, a `float` a double, `None` an entry that was
+declared and never written. `values` says how they become one another.
+"""
 
 from __future__ import annotations
 
 import math
 import operator
 from collections.abc import Callable, Mapping, MutableMapping
-from typing import TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 from mrbt_mesh.formats.btcpp.script import (
     BITS,
@@ -16,6 +20,7 @@ from mrbt_mesh.formats.btcpp.script import (
     Comparison,
     Conditional,
     Expression,
+    Impossible,
     Name,
     Number,
     Script,
@@ -24,12 +29,21 @@ from mrbt_mesh.formats.btcpp.script import (
     Unary,
 )
 from mrbt_mesh.formats.btcpp.script_parser import parse
+from mrbt_mesh.formats.btcpp.values import (
+    INT64,
+    ValueTypeError,
+    as_integer,
+    as_number,
+    as_text,
+    as_truth,
+    copied_into,
+    read_text,
+)
 
 Value: TypeAlias = int | float | str
 
 # BehaviorTree.CPP takes numbers that are this close for equal: C++'s float epsilon.
 EPSILON = 2.0**-23
-_INT64 = range(-(2**63), 2**63)
 
 _ARITHMETIC: Mapping[str, Callable[[float, float], float]] = {
     "+": operator.add,
@@ -42,78 +56,125 @@ _BITWISE: Mapping[str, Callable[[int, int], int]] = {
     "|": operator.or_,
     "^": operator.xor,
 }
-_ORDER: Mapping[str, Callable[[bool, bool], bool]] = {
-    # Of (is less, is greater).
-    "<": lambda less, greater: less,
-    ">": lambda less, greater: greater,
-    "<=": lambda less, greater: not greater,
-    ">=": lambda less, greater: not less,
+_ORDER: Mapping[str, Callable[[Any, Any], bool]] = {
+    # Written as BehaviorTree.CPP does: what is no number is in every order.
+    "<": lambda left, right: not left >= right,
+    ">": lambda left, right: not left <= right,
+    "<=": lambda left, right: not left > right,
+    ">=": lambda left, right: not left < right,
 }
+
+
+class Entries(Protocol):
+    """A blackboard as a script sees it. Names may begin with `@`: the root's entries."""
+
+    def __contains__(self, name: str) -> bool: ...
+    def read(self, name: str) -> Any:
+        """The value of an entry that exists; None if it was never written."""
+        ...
+
+    def type_of(self, name: str) -> str:
+        """The entry's C++ type, empty if it has none."""
+        ...
+
+    def write(self, name: str, value: Any) -> None:
+        """Set an entry, or create it."""
+        ...
+
+    def create(self, name: str) -> None:
+        """Declare an entry of any type."""
+        ...
+
+
+class MappingEntries:
+    """Entries of a plain mapping; their types are those of their values."""
+
+    def __init__(
+        self, entries: MutableMapping[str, Any], root: MutableMapping[str, Any] | None = None
+    ) -> None:
+        self._entries = entries
+        self._root = entries if root is None else root
+
+    def _place(self, name: str) -> tuple[MutableMapping[str, Any], str]:
+        return (self._root, name[1:]) if name.startswith("@") else (self._entries, name)
+
+    def __contains__(self, name: str) -> bool:
+        entries, key = self._place(name)
+        return key in entries
+
+    def read(self, name: str) -> Any:
+        entries, key = self._place(name)
+        return entries[key]
+
+    def type_of(self, name: str) -> str:
+        names = {bool: "bool", int: "int", float: "double", str: "std::string"}
+        return names.get(type(self.read(name)), "")
+
+    def write(self, name: str, value: Any) -> None:
+        entries, key = self._place(name)
+        entries[key] = value
+
+    def create(self, name: str) -> None:
+        self.write(name, None)
 
 
 def evaluate(
     script: Script | str,
-    blackboard: MutableMapping[str, Value],
+    blackboard: MutableMapping[str, Any],
     enums: Mapping[str, int] | None = None,
-    root: MutableMapping[str, Value] | None = None,
-) -> Value:
-    """Run a script and return its last value; truth values are 1.0 and 0.0.
+    root: MutableMapping[str, Any] | None = None,
+) -> Any:
+    """Run a script on a plain mapping and return its last value; truth values are 1.0 and 0.0.
 
     `@name` is an entry of `root`, which is `blackboard` unless given. Raises ScriptError, also
     for what BehaviorTree.CPP refuses at run time: missing entries, wrong types.
     """
     parsed = parse(script) if isinstance(script, str) else script
-    run = _Run(blackboard, enums or {}, blackboard if root is None else root)
-    value: Value = 0.0
-    for statement in parsed.statements:
-        value = run.value(statement)
+    return run_script(parsed, MappingEntries(blackboard, root), enums or {})
+
+
+def run_script(script: Script, entries: Entries, enums: Mapping[str, int]) -> Any:
+    """Run a script and return its last value. Raises ScriptError."""
+    run = _Run(entries, enums)
+    value: Any = None
+    try:
+        for statement in script.statements:
+            value = run.value(statement)
+    except ValueTypeError as error:
+        raise ScriptError(str(error)) from None
     return value
 
 
-def is_true(value: Value) -> bool:
-    """Whether a condition with this value holds: a number that is not 0."""
-    if isinstance(value, str):
-        raise ScriptError(f"the text {value!r} is neither true nor false")
-    return value != 0
+def is_true(value: Any) -> bool:
+    """Whether a condition with this value holds: 1, or a real number that is not 0."""
+    try:
+        return as_truth(value)
+    except ValueTypeError as error:
+        raise ScriptError(str(error)) from None
 
 
 def _divide(left: float, right: float) -> float:
     if right != 0:
         return left / right
-    return math.nan if left == 0 or math.isnan(left) else math.copysign(math.inf, left)
+    if left == 0 or math.isnan(left):
+        return math.nan
+    return math.copysign(math.inf, left) * math.copysign(1.0, right)
 
 
-def _as_text(value: Value) -> str:
-    """As C++'s std::to_string writes it: 6 decimals for a number that is no integer."""
-    if isinstance(value, str):
-        return value
-    return f"{value:f}" if isinstance(value, float) else str(int(value))
-
-
-def _as_integer(value: Value, symbol: str) -> int:
-    if isinstance(value, str) or not math.isfinite(value) or value != int(value):
-        raise ScriptError(f"{symbol!r} needs integers, not {value!r}")
-    if int(value) not in _INT64:
-        raise ScriptError(f"{symbol!r}: {value!r} is out of the range of 64 bits")
-    return int(value)
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float)
 
 
 class _Run:
-    def __init__(
-        self,
-        blackboard: MutableMapping[str, Value],
-        enums: Mapping[str, int],
-        root: MutableMapping[str, Value],
-    ) -> None:
-        self.blackboard = blackboard
+    def __init__(self, entries: Entries, enums: Mapping[str, int]) -> None:
+        self.entries = entries
         self.enums = enums
-        self.root = root
 
-    def value(self, expression: Expression) -> Value:
+    def value(self, expression: Expression) -> Any:
         if isinstance(expression, Number | String):
             return expression.value
         if isinstance(expression, Boolean):
-            return int(expression.value)
+            return float(expression.value)
         if isinstance(expression, Name):
             return self.named(expression.name)
         if isinstance(expression, Unary):
@@ -124,103 +185,121 @@ class _Run:
         if isinstance(expression, Comparison):
             return self.comparison(expression)
         if isinstance(expression, Conditional):
-            condition = self.value(expression.condition)
+            condition = as_number(self.value(expression.condition))
             return self.value(expression.then if condition else expression.otherwise)
+        if isinstance(expression, Impossible):
+            raise ScriptError(f"only a blackboard entry can stand before {expression.operator!r}")
         return self.assign(expression)
 
-    def place(self, name: str) -> tuple[MutableMapping[str, Value], str]:
-        return (self.root, name[1:]) if name.startswith("@") else (self.blackboard, name)
-
-    def named(self, name: str) -> Value:
+    def named(self, name: str) -> Any:
         if name in self.enums:
             return float(self.enums[name])
-        entries, key = self.place(name)
-        if key not in entries:
+        if name not in self.entries:
             raise ScriptError(f"there is no blackboard entry {name!r}")
-        return entries[key]
+        return self.entries.read(name)
 
-    def unary(self, expression: Unary) -> Value:
-        value = self.value(expression.operand)
-        if isinstance(value, str):
-            raise ScriptError(f"{expression.operator!r} needs a number, not the text {value!r}")
-        if expression.operator == "-":
-            return -float(value)
-        if expression.operator == "!":
-            return float(not value)
-        if not math.isfinite(value) or int(value) not in _INT64:
+    def unary(self, expression: Unary) -> float:
+        value, symbol = self.value(expression.operand), expression.operator
+        if not _is_number(value):
+            raise ScriptError(f"{symbol!r} needs a number, not {_described(value)}")
+        number = as_number(value)
+        if symbol == "-":
+            return -number
+        if symbol == "!":
+            return float(not number)
+        if math.isnan(number) or not INT64.start <= number <= INT64.stop:
             raise ScriptError(f"'~': {value!r} is out of the range of 64 bits")
-        return float(~int(value))
+        return float(~min(int(number), INT64.stop - 1))
 
-    def binary(self, symbol: str, left: Value, right: Value) -> Value:
+    def binary(self, symbol: str, left: Any, right: Any) -> Any:
+        _check_set(symbol, left, right)
+        if _is_number(left) and _is_number(right):
+            if symbol in _ARITHMETIC:
+                return _ARITHMETIC[symbol](as_number(left), as_number(right))
+            if symbol in BITS:
+                return float(_BITWISE[symbol](as_integer(left), as_integer(right)))
+            if symbol in LOGICAL:
+                both = as_truth(left), as_truth(right)
+                return float(all(both) if symbol == "&&" else any(both))
+            return None  # BehaviorTree.CPP: numbers that are joined are nothing
         texts = isinstance(left, str) + isinstance(right, str)
-        if (symbol == ".." and texts) or (symbol == "+" and texts == 2):
-            return _as_text(left) + _as_text(right)
-        if isinstance(left, str) or isinstance(right, str) or symbol == "..":
-            raise ScriptError(f"{left!r} {symbol} {right!r} is not possible")
-        if symbol in BITS:
-            bits = _BITWISE[symbol](_as_integer(left, symbol), _as_integer(right, symbol))
-            return float(bits)
-        if symbol in LOGICAL:
-            both = (left != 0, right != 0)
-            return float(all(both) if symbol == "&&" else any(both))
-        return _ARITHMETIC[symbol](float(left), float(right))
+        numbers = _is_number(left) + _is_number(right)
+        if (symbol == "+" and texts == 2) or (symbol == ".." and texts + numbers == 2):
+            return as_text(left) + as_text(right)
+        raise ScriptError(f"{_described(left)} {symbol} {_described(right)} is not possible")
 
-    def comparison(self, expression: Comparison) -> Value:
+    def comparison(self, expression: Comparison) -> float:
         left = self.value(expression.operands[0])
         for symbol, operand in zip(expression.operators, expression.operands[1:], strict=True):
             right = self.value(operand)
+            _check_set(symbol, left, right)
             if not self.holds(symbol, left, right):
                 return 0.0
             left = right
         return 1.0
 
-    def holds(self, symbol: str, left: Value, right: Value) -> bool:
-        if isinstance(left, str) and isinstance(right, str):
-            equal, less, greater = left == right, left < right, left > right
-        else:
-            first, second = self.number(left), self.number(right)
-            equal = abs(first - second) <= EPSILON
-            less, greater = first < second, first > second
+    def holds(self, symbol: str, left: Any, right: Any) -> bool:
+        both_texts = isinstance(left, str) and isinstance(right, str)
+        first, second = (left, right) if both_texts else (self.number(left), self.number(right))
         if symbol in ("==", "!="):
-            return equal is (symbol == "==")
-        return _ORDER[symbol](less, greater)
+            equal = first == second if both_texts else abs(first - second) <= EPSILON
+            return bool(equal) is (symbol == "==")
+        return _ORDER[symbol](first, second)
 
-    def number(self, value: Value) -> float:
-        """A text next to a number is an enum's name or a number."""
-        if not isinstance(value, str):
-            return float(value)
-        if value in self.enums:
+    def number(self, value: Any) -> float:
+        """A text next to a number is true, false, an enum's name or a number."""
+        if value in ("true", "false"):
+            return float(value == "true")
+        if isinstance(value, str) and value in self.enums:
             return float(self.enums[value])
-        try:
-            return float(value)
-        except ValueError:
-            raise ScriptError(f"the text {value!r} is compared with a number") from None
+        return as_number(value)
 
-    def assign(self, expression: Assign) -> Value:
-        entries, key = self.place(expression.name)
-        symbol = expression.operator
-        if symbol != ":=" and key not in entries:
-            raise ScriptError(f"there is no blackboard entry {expression.name!r}; ':=' creates one")
+    def assign(self, expression: Assign) -> Any:
+        name, symbol = expression.name, expression.operator
+        if name not in self.entries:
+            if symbol != ":=":
+                raise ScriptError(f"there is no blackboard entry {name!r}; ':=' creates one")
+            self.entries.create(name)
         value = self.value(expression.value)
-        before = entries.get(key)
+        if value is None:
+            raise ScriptError(f"the right operand of {symbol!r} has no value")
+        before = self.entries.read(name)
         if symbol in (":=", "="):
-            is_number = before is not None and not isinstance(before, str)
-            if isinstance(value, str) and is_number:
-                value = self.number(value)
-            elif isinstance(before, str) and not isinstance(value, str):
-                value = _as_text(value)
+            after = self.replaced(name, before, value)
         else:
-            assert before is not None
-            value = self.changed(expression.name, before, symbol, value)
-        entries[key] = value
-        return value
+            after = copied_into(before, self.changed(name, before, symbol, value))
+        self.entries.write(name, after)
+        return after
 
-    def changed(self, name: str, before: Value, symbol: str, value: Value) -> Value:
+    def replaced(self, name: str, before: Any, value: Any) -> Any:
+        """What an entry holds after `=`: its type stays."""
+        entry_type = self.entries.type_of(name)
+        if before is None and not entry_type:
+            return value
+        if isinstance(value, str) and not isinstance(before, str):
+            if entry_type:
+                return read_text(value, entry_type, self.enums)
+            return self.number(value) if _is_number(before) else value
+        return copied_into(before, value)
+
+    def changed(self, name: str, before: Any, symbol: str, value: Any) -> Any:
         """What `x += value` and its kin make of x."""
-        if isinstance(value, str):
-            if symbol != "+=":
-                raise ScriptError(f"{symbol!r} needs a number, not the text {value!r}")
-            return _as_text(before) + value
-        if isinstance(before, str):
-            raise ScriptError(f"{symbol!r} needs a number in {name!r}, which holds a text")
-        return _ARITHMETIC[symbol[0]](float(before), float(value))
+        if before is None:
+            raise ScriptError(f"the entry {name!r} has no value")
+        if _is_number(value):
+            if not _is_number(before):
+                raise ScriptError(f"{symbol!r} needs a number in {name!r}, which holds a text")
+            return _ARITHMETIC[symbol[0]](as_number(before), as_number(value))
+        if symbol != "+=":
+            raise ScriptError(f"{symbol!r} needs a number, not {_described(value)}")
+        return as_text(before) + as_text(value)
+
+
+def _check_set(symbol: str, left: Any, right: Any) -> None:
+    for side, value in (("left", left), ("right", right)):
+        if value is None:
+            raise ScriptError(f"the {side} operand of {symbol!r} has no value")
+
+
+def _described(value: Any) -> str:
+    return f"the text {value!r}" if isinstance(value, str) else repr(value)

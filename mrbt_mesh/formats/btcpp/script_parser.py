@@ -15,13 +15,13 @@ from mrbt_mesh.formats.btcpp.script import (
     Comparison,
     Conditional,
     Expression,
+    Impossible,
     Name,
     Number,
     Script,
     ScriptError,
     String,
     Unary,
-    mixes,
 )
 
 MAX_CHARACTERS = 20_000
@@ -106,7 +106,9 @@ def _number(text: str, start: int) -> _Token:
         # Python refuses to convert thousands of digits.
         value = int(match[0]) if len(match[0]) < 30 else MAX_INTEGER + 1
     after = text[match.end() : match.end() + 1]
-    if after and (after == "." or ("a" + after).isidentifier()):
+    joins = text.startswith("..", match.end()) and match.re is not _HEX
+    is_period = after == "." and not joins
+    if after and (is_period or ("a" + after).isidentifier()):
         raise ScriptError(f"{after!r} cannot follow the number {match[0][:30]}", match.end() + 1)
     if value == float("inf") or (isinstance(value, int) and value > MAX_INTEGER):
         raise ScriptError("a number that is too large", column)
@@ -119,8 +121,6 @@ class _Parser:
         self.position = 0
         self.nesting = 0
         self.operators = 0
-        # By identity; the values keep the identities in use.
-        self.parenthesised: dict[int, Expression] = {}
 
     @property
     def next(self) -> _Token:
@@ -144,27 +144,23 @@ class _Parser:
 
     def script(self) -> Script:
         statements = [self.expression()]
-        while self.accept(";"):
-            self.operators = 0
-            statements.append(self.expression())
-        if self.next.kind != "end":
-            raise ScriptError(f"an operator or ';' expected, found {self.next}", self.next.column)
+        while self.accept(";") or self.next.kind != "end":
+            if self.next.kind != "end":
+                self.operators = 0
+                statements.append(self.expression())
         return Script(tuple(statements))
 
     def expression(self) -> Expression:
         """An assignment, or anything that binds tighter."""
         self.nest(self.next)
-        start = self.next
         left = self.conditional()
-        operator = self.accept(*ASSIGNMENTS)
-        if operator:
-            if not isinstance(left, Name):
-                raise ScriptError(
-                    f"only a blackboard entry can stand before {operator.text!r}", start.column
-                )
-            left = Assign(operator.text, left.name, self.conditional())
-            if again := self.accept(*ASSIGNMENTS):
-                raise ScriptError("assignments cannot be chained", again.column)
+        if operator := self.accept(*ASSIGNMENTS):
+            self.count(operator)
+            right = self.expression()
+            if isinstance(left, Name):
+                left = Assign(operator.text, left.name, right)
+            else:
+                left = Impossible(left, operator.text, right)
         self.nesting -= 1
         return left
 
@@ -172,11 +168,11 @@ class _Parser:
         condition = self.binary(LEVELS["&&"])
         if not self.accept("?"):
             return condition
+        self.nest(self.next)
         then = self.expression()
         self.expect(":", "between the two values of '?'")
-        result = Conditional(condition, then, self.binary(LEVELS["&&"]))
-        if self.next.text == "?" and self.next.kind == "operator":
-            raise ScriptError("a second '?' needs parentheses", self.next.column)
+        result = Conditional(condition, then, self.conditional())
+        self.nesting -= 1
         return result
 
     def binary(self, lowest: int) -> Expression:
@@ -188,14 +184,8 @@ class _Parser:
             right = self.binary(LEVELS[operator.text] + 1)
             if operator.text in COMPARISONS:
                 left = self.comparison(operator, left, right)
-                continue
-            for side in (left, right):
-                if mixes(operator.text, side) and id(side) not in self.parenthesised:
-                    raise ScriptError(
-                        f"{operator.text!r} next to another kind of operator needs parentheses",
-                        operator.column,
-                    )
-            left = Binary(operator.text, left, right)
+            else:
+                left = Binary(operator.text, left, right)
         return left
 
     def comparison(self, first: _Token, left: Expression, right: Expression) -> Expression:
@@ -241,6 +231,5 @@ class _Parser:
         if token.kind == "operator" and token.text == "(":
             inner = self.expression()
             self.expect(")", f"to close the one in column {token.column}")
-            self.parenthesised[id(inner)] = inner
             return inner
         raise ScriptError(f"a value expected, found {token}", token.column)

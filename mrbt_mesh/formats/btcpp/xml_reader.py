@@ -15,7 +15,7 @@ from xml.parsers import expat
 
 from mrbt_mesh.formats.btcpp.elements import Comment, Content, Element, Instruction, Text
 from mrbt_mesh.formats.btcpp.raw_characters import escaped
-from mrbt_mesh.formats.mission_file import read_limited
+from mrbt_mesh.formats.limited_file import read_limited
 from mrbt_mesh.formats.problems import MissionError, Problem
 
 MAX_BYTES = 8 << 20

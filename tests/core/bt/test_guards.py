@@ -232,7 +232,7 @@ def test_malformed_ones_are_refused(value: object) -> None:
 
 
 def test_guards_that_are_counted_one_by_one_are_caught() -> None:
-    """By the reference interpreter of BehaviorTree.CPP."""
+    """By the executor of BehaviorTree.CPP trees."""
     with MUTATIONS["guards_are_counted_one_by_one"]():
         stories = [(Grower(random.Random(f"tree/{n}")).tree(), Story(n)) for n in range(500)]
         found = [

@@ -1,4 +1,4 @@
-"""The tick in which an action returns, held against a reference interpreter of BehaviorTree.CPP."""
+"""The tick in which an action returns, held against the executor of BehaviorTree.CPP trees."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ EXPECTED = [
     (
         "postcondition_syntax",
         3,
-        "_onSuccess: the script '1 := a' cannot be read: only a blackboard entry can stand",
+        "_onSuccess: the script '1 := a' cannot be run: only a blackboard entry can stand",
         False,
     ),
     ("recursion", 7, "B/A: a tree cannot contain itself: A -> B -> A", False),

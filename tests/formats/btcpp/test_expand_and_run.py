@@ -1,29 +1,20 @@
-"""Files run in the reference interpreter: they mean what BehaviorTree.CPP does with them."""
+"""Files run by the executor: expanded into one tree they mean what they mean as they are."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from mrbt_mesh.formats.btcpp.check import check_file
-from mrbt_mesh.formats.btcpp.document import LEAVES, Category, parse_document
+from mrbt_mesh.formats.btcpp.document import Category, parse_document
+from mrbt_mesh.formats.btcpp.elements import Element
 from mrbt_mesh.formats.btcpp.expand import ExpandedNode, constant_value, expand
 from mrbt_mesh.formats.btcpp.findings import Findings
 from mrbt_mesh.formats.btcpp.library import Library, library_of
-from tests.support.btcpp.interpreter import (
-    FAILURE,
-    RUNNING,
-    SKIPPED,
-    SUCCESS,
-    Blackboard,
-    Node,
-    Status,
-    World,
-    tick,
-)
+from mrbt_mesh.local import BehaviorTree, Leaves, NodeStatus
+from mrbt_mesh.local.node import FAILURE, RUNNING, SKIPPED, SUCCESS
 
 CORPUS = Path(__file__).parent / "corpus"
 RUNNABLE = sorted(
@@ -36,47 +27,57 @@ RUNNABLE = sorted(
 
 
 class Robot:
-    """Carries out every leaf: notes it with its ports and returns SUCCESS."""
+    """Runs a library's main tree; notes what its leaves are asked for, and lets them succeed."""
 
-    def __init__(self, world: World) -> None:
-        self.world = world
+    def __init__(self, library: Library, entries: dict[str, Any]) -> None:
         self.done: list[tuple[str, dict[str, Any]]] = []
+        leaves = Leaves()
+        leaves.action("*")(self._do)
+        self.tree = BehaviorTree(library, None, leaves)
+        self.board = self.tree.blackboard
+        for name, value in entries.items():
+            self.board[name] = value
+        self.now_us = 0
 
-    def leaf(self, node: ExpandedNode) -> Callable[[], Status]:
-        def script() -> Status:
-            board = self.world.blackboard
-            values = {
-                port: board.get(value[1:-1]) if value.startswith("{") else value
-                for port, value in node.ports.items()
-            }
-            self.done.append((node.type, values))
-            return SUCCESS
+    def _do(self, leaf: str, /, **ports: Any) -> None:
+        self.done.append((leaf, ports))
 
-        return script
-
-    def node(self, node: ExpandedNode) -> Node:
-        """The interpreter's form of a node and all below it."""
-        kind: str = node.type
-        if node.category is Category.SUBTREE:
-            kind = "SubTree"
-        elif node.category in LEAVES and not _is_builtin_leaf(node.type):
-            kind = "Action"
-        children = [self.node(child) for child in node.children]
-        conditions: dict[str, Any] = dict(node.conditions)
-        return Node(kind, children, dict(node.ports), conditions, self.leaf(node), node.name)
+    def tick(self) -> NodeStatus:
+        return self.tree.engine.tick(self.now_us)
 
 
-def _is_builtin_leaf(name: str) -> bool:
-    return name.startswith(("Always", "Script", "SetBlack", "UnsetBlack", "Sleep", "WasEntry"))
-
-
-def started(library: Library, **entries: Any) -> tuple[Node, World, Robot]:
-    """The main tree, ready to be ticked."""
+def expanded(library: Library) -> Library:
+    """The main tree as one tree without SubTrees."""
     assert library.main_tree is not None
     tree = expand(library, library.main_tree)
-    world = World(Blackboard({**tree.blackboard(), **entries}), yields=True)
-    robot = Robot(world)
-    return robot.node(tree.root), world, robot
+    body = Element("BehaviorTree", {"ID": "Main"}, [_element(tree.root)])
+    models = [element for document in library.documents for element in document.model_lists]
+    root = Element("root", {"BTCPP_format": "4"}, [body, *models[:1]])
+    document = parse_document("<root/>", "expanded.xml")
+    document.items = [root]
+    return library_of(document, Findings())
+
+
+def _element(node: ExpandedNode) -> Element:
+    content = [_element(child) for child in node.children]
+    if node.category is Category.SUBTREE:
+        return Element("Sequence", dict(node.conditions), list(content))
+    return Element(node.type, {**node.ports, **node.conditions}, list(content))
+
+
+def started(library: Library, **entries: Any) -> tuple[Robot, Robot]:
+    """The main tree as it is and expanded, ready to be ticked."""
+    assert library.main_tree is not None
+    constants = expand(library, library.main_tree).blackboard()
+    return Robot(library, entries), Robot(expanded(library), {**constants, **entries})
+
+
+def ticked(library: Library, **entries: Any) -> Robot:
+    """The tree as it is, ticked once; the expanded one does the same."""
+    robot, other = started(library, **entries)
+    assert robot.tick() is other.tick() is SUCCESS
+    assert robot.done == other.done
+    return robot
 
 
 def from_text(body: str, trees: str = "") -> Library:
@@ -92,59 +93,61 @@ def test_files_of_the_corpus_run(path: Path) -> None:
     library, _ = check_file(path)
     if library.main_tree is None:
         return
-    board = {"n": 1, "wait": 5, "pose": 1, "mode": "c1", "battery": 50, "other": 2, "a": 1, "x": 1}
-    root, world, robot = started(
-        library, **board, y=2, dock="d", label="x", goal="g", v="0.1", b="s"
-    )
-    statuses = []
+    board: dict[str, Any] = {
+        "n": 1,
+        "wait": 5,
+        "pose": 1,
+        "mode": "c1",
+        "battery": 50,
+        "other": 2,
+        "x": 1,
+    }
+    board |= {"y": 2, "dock": "d", "label": "x", "goal": "g", "v": "0.1", "list": "l"}
+    robots = started(library, **board)
+    statuses: list[NodeStatus] = []
     for _ in range(12):
-        statuses.append(tick(root, world))
-        world.now_ms += 1000
+        first, second = (robot.tick() for robot in robots)
+        assert first is second
+        statuses.append(first)
+        for robot in robots:
+            robot.now_us += 1_000_000
+    assert robots[0].done == robots[1].done
     assert set(statuses) <= {RUNNING, SUCCESS, FAILURE, SKIPPED}
     if "<Action ID=" in path.read_text():
-        assert robot.done or "fallback" in path.stem
+        assert robots[0].done or "fallback" in path.stem
 
 
 def test_remapping_and_constants() -> None:
     library, _ = check_file(CORPUS / "subtree_remapping.xml")
-    root, world, robot = started(library, dock="pier", label="x")
-    assert tick(root, world) is SUCCESS
+    robot = ticked(library, dock="pier", label="x")
     assert robot.done == [("Move", {"goal": "pier", "speed": 0.5})]
 
 
 def test_autoremap_private_entries_and_explicit_ones() -> None:
     library, _ = check_file(CORPUS / "subtree_autoremap.xml")
-    root, world, robot = started(library, goal="outer", other="there", _own="mine")
-    assert tick(root, world) is SUCCESS
-    goals = [values for _, values in robot.done]
-    assert goals == [
-        {"goal": "outer", "private": None},
-        {"goal": "there", "private": None},
-        {"goal": "dock", "private": None},
-    ]
+    robot = ticked(library, goal="outer", other="there", _own="mine")
+    assert [values["goal"] for _, values in robot.done] == ["outer", "there", "dock"]
+    assert not any("private" in values for _, values in robot.done)
 
 
 def test_defaults_of_a_subtrees_model() -> None:
     library, _ = check_file(CORPUS / "subtree_model.xml")
-    root, world, robot = started(library, dock="pier")
-    assert tick(root, world) is SUCCESS
+    robot = ticked(library, dock="pier")
     assert robot.done == [("Move", {"goal": "pier", "speed": 0.3})]
 
 
 def test_nested_subtrees_share_what_is_remapped_and_nothing_else() -> None:
     library, _ = check_file(CORPUS / "subtree_nested.xml")
-    root, world, _ = started(library)
-    assert tick(root, world) is SUCCESS
-    assert world.blackboard["a"] == 1
-    assert world.blackboard["x"] == 3
-    own = [key for key in world.blackboard if key.endswith("__local")]
-    assert len(own) == 2
+    robot, other = started(library)
+    assert robot.tick() is other.tick() is SUCCESS
+    assert {name: robot.board[name] for name in robot.board.names()} == {"a": 1, "x": 3}
+    assert (other.board["a"], other.board["x"]) == (1, 3)
+    assert len([key for key in other.board.names() if key.endswith("__local")]) == 2
 
 
 def test_version_3_shares_the_blackboard_where_it_says_so() -> None:
     library, _ = check_file(CORPUS / "v3_subtrees.xml")
-    root, world, robot = started(library, goal="g", v="fast", target="t", speed="slow")
-    assert tick(root, world) is SUCCESS
+    robot = ticked(library, goal="g", v="fast", target="t", speed="slow")
     assert [values for _, values in robot.done] == [
         {"target": "g", "speed": "fast"},
         {"target": "t", "speed": "slow"},
@@ -158,11 +161,10 @@ def test_conditions_see_the_blackboard_of_their_own_tree() -> None:
         '<ScriptCondition code="done"/></Sequence></BehaviorTree>'
     )
     library = from_text('<SubTree ID="Go" done="{finished}"/>', trees)
-    root, world, robot = started(library, finished=0)
-    assert tick(root, world) is SUCCESS
-    assert tick(root, world) is SUCCESS
+    robot = ticked(library, finished=0)
+    assert robot.tick() is SUCCESS
     assert len(robot.done) == 1
-    assert world.blackboard["finished"] == 1
+    assert robot.board["finished"] == 1
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
-"""Random trees and stories, told by a reference interpreter of BehaviorTree.CPP and in facts.
+"""Random trees and stories, told by the executor of a robot's own trees and in facts.
 
-The reference interpreter ticks a tree on one robot; our evaluation reads the same story as facts:
+The executor ticks a tree as BehaviorTree.CPP does on one robot (tests/local/test_conformance.py
+holds it against the library); our evaluation reads the same story as facts:
 conditions that change, actions that start when they are asked for and end some steps later, and may
 set conditions when they do. Left out is what nobody should write: an action in a reactive node
 before its last child, which BehaviorTree.CPP starts again at every tick, and here is done once.
@@ -10,14 +11,13 @@ from __future__ import annotations
 
 import random
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec
 from mrbt_mesh.core.bt.tree import Status as Ours
-from tests.support.btcpp import interpreter as btcpp
-from tests.support.btcpp.interpreter import Node, Status
+from mrbt_mesh.formats.btcpp.elements import Element, write_content
+from mrbt_mesh.local import BehaviorTree, Leaves, NodeStatus, TreeNode
 from tests.support.build import World, action, condition
 
 CONDITIONS = ("c0", "c1", "c2")
@@ -177,51 +177,59 @@ def reference_run(spec: NodeSpec, story: Story) -> list[Shown]:
     now: dict[str, bool] = {}
     was_set: dict[str, bool] = {}
 
-    def leaf(name: str) -> Callable[[], Status]:
-        def tick() -> Status:
-            if nodes[name].status is not btcpp.RUNNING:
+    class Act(TreeNode):
+        def tick(self) -> NodeStatus:
+            name = self.name
+            if self.status is not NodeStatus.RUNNING:
                 running[name] = step
-                return btcpp.RUNNING
+                return NodeStatus.RUNNING
             success = story.end(name, starts[name], running[name], step)
             if success is None:
-                return btcpp.RUNNING
+                return NodeStatus.RUNNING
             was_set.update(story.set_by(name, starts[name]))
             now.update(was_set)
-            return btcpp.SUCCESS if success else btcpp.FAILURE
+            return NodeStatus.SUCCESS if success else NodeStatus.FAILURE
 
-        return tick
+    class Ask(TreeNode):
+        def tick(self) -> NodeStatus:
+            return NodeStatus.SUCCESS if now[self.name] else NodeStatus.FAILURE
 
-    nodes: dict[str, Node] = {}
-
-    def build(node: NodeSpec) -> Node:
-        children = [build(child) for child in node.children]
-        if node.kind is Kind.ACTION:
-            nodes[node.subject] = Node("Action", script=leaf(node.subject), name=node.subject)
-            return nodes[node.subject]
-        if node.kind is Kind.CONDITION:
-            name = node.subject
-            return Node(
-                "Condition",
-                script=lambda: btcpp.SUCCESS if now[name] else btcpp.FAILURE,
-            )
-        kind, ports = reference_kind(node)
-        return Node(kind, children, ports)
-
-    root, world = build(spec), btcpp.World()
+    leaves = Leaves()
+    leaves.node("Act")(Act)
+    leaves.node("Ask")(Ask)
+    body = write_content(reference_xml(spec))
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
+    engine = BehaviorTree.from_text(text, None, leaves).engine
+    nodes = {node.name: node for node in engine.nodes if isinstance(node, Act)}
+    for node in engine.nodes:
+        node.yields = False  # a story's tick decides all that can be decided
     shown: list[Shown] = []
     for step in range(STEPS):
         story.set_by_sensors(now, step)
         was_set.clear()
-        status = btcpp.tick(root, world)
-        if was_set and status is btcpp.RUNNING:
-            status = btcpp.tick(root, world)
-        busy = sorted(name for name, node in nodes.items() if node.status is btcpp.RUNNING)
+        status = engine.tick(step)
+        if was_set and status is NodeStatus.RUNNING:
+            status = engine.tick(step)
+        busy = sorted(name for name, node in nodes.items() if node.status is NodeStatus.RUNNING)
         # One that is halted in the tick that starts it does not count.
         starts.update(name for name in busy if running[name] == step)
         shown.append((status.name, tuple((name, starts[name]) for name in busy)))
-        if status is not btcpp.RUNNING:
+        if status is not NodeStatus.RUNNING:
             break
     return shown
+
+
+def reference_xml(node: NodeSpec) -> Element:
+    """A tree as BehaviorTree.CPP's XML."""
+    if node.kind in (Kind.ACTION, Kind.CONDITION):
+        tag = "Act" if node.kind is Kind.ACTION else "Ask"
+        return Element(tag, {"name": node.subject})
+    kind, ports = reference_kind(node)
+    # A SubTree's place makes no difference here; a Sequence of one child is as transparent.
+    element = Element("Sequence" if kind == "SubTree" else kind)
+    element.attributes = {name: str(value) for name, value in ports.items()}
+    element.content = [reference_xml(child) for child in node.children]
+    return element
 
 
 def reference_kind(node: NodeSpec) -> tuple[str, dict[str, object]]:

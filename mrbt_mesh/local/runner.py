@@ -1,0 +1,159 @@
+"""Runs a tree in an event loop: ticks it when something has happened and at a rate.
+
+Time comes from the event loop, so that on a virtual clock a run takes no time at all.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import anyio
+import anyio.abc
+import anyio.lowlevel
+
+from mrbt_mesh.errors import TaskFailedError
+from mrbt_mesh.local.engine import TickEngine
+from mrbt_mesh.local.leaf_nodes import status_of
+from mrbt_mesh.local.node import FAILURE, MICRO, RUNNING, CancelLeaf, NodeStatus, StartLeaf
+
+Watcher: TypeAlias = Callable[[], None]
+
+
+class _Run:
+    """One action that has been begun and has not stopped."""
+
+    def __init__(self) -> None:
+        self.scope = anyio.CancelScope()
+        self.stopped = anyio.Event()
+
+
+class TreeRunner:
+    """Runs one engine once, to the end of its tree.
+
+    `clock` gives seconds and has to be the one by which `anyio.sleep` waits. `on_tick` is called
+    after every tick.
+    """
+
+    def __init__(
+        self,
+        engine: TickEngine,
+        rate_hz: float,
+        clock: Callable[[], float] | None = None,
+        on_tick: Watcher | None = None,
+    ) -> None:
+        self._engine = engine
+        self._period_us = round(MICRO / rate_hz) if rate_hz > 0 else None
+        self._clock = clock or anyio.current_time
+        self._on_tick = on_tick
+        self._runs: dict[tuple[int, int], _Run] = {}
+        self._happened = anyio.Event()
+        self._error: Exception | None = None
+
+    def wake(self) -> None:
+        """Tick soon, whatever the rate is."""
+        self._happened.set()
+
+    async def run(self) -> NodeStatus:
+        """The root's status, once it is not RUNNING.
+
+        Cancelled, or ended by an error, it halts the tree and waits until its actions have
+        stopped. Raises TickError, and what a leaf raised but for TaskFailedError.
+        """
+        result = RUNNING
+        async with anyio.create_task_group() as group:
+            try:
+                result = await self._tick_to_the_end(group)
+            except Exception as error:
+                # A task group would wrap it.
+                self._error = self._error or error
+            finally:
+                with anyio.CancelScope(shield=True):
+                    await self._stop(is_halted=result is RUNNING)
+        if self._error is not None:
+            raise self._error
+        return result
+
+    async def _tick_to_the_end(self, group: anyio.abc.TaskGroup) -> NodeStatus:
+        while True:
+            self._happened = anyio.Event()
+            now_us = round(self._clock() * MICRO)
+            status = self._engine.tick(now_us)
+            self._follow(group)
+            if self._on_tick is not None:
+                self._on_tick()
+            if status is not RUNNING:
+                return status
+            await self._wait(now_us)
+            if self._error is not None:
+                raise self._error
+
+    async def _wait(self, ticked_us: int) -> None:
+        """Until something has happened, a node's time is over, or the next tick is due."""
+        if self._engine.woken:
+            await anyio.lowlevel.checkpoint()
+            return
+        ends = [self._engine.next_deadline_us]
+        if self._period_us is not None:
+            ends.append(ticked_us + self._period_us)
+        end_us = min((end for end in ends if end is not None), default=None)
+        if end_us is None:
+            await self._happened.wait()
+            return
+        wait_s = max(0.0, end_us / MICRO - self._clock())
+        with anyio.move_on_after(wait_s):
+            await self._happened.wait()
+
+    def _follow(self, group: anyio.abc.TaskGroup) -> None:
+        """Cancel and start actions; one begins once those cancelled before it have stopped."""
+        for effect in self._engine.take_effects():
+            if isinstance(effect, CancelLeaf):
+                run = self._runs.get((effect.uid, effect.run))
+                if run is not None:
+                    run.scope.cancel()
+            else:
+                stopping = [run.stopped for run in self._runs.values() if run.scope.cancel_called]
+                run = self._runs[effect.uid, effect.run] = _Run()
+                group.start_soon(self._carry_out, effect, run, stopping)
+
+    async def _carry_out(self, effect: StartLeaf, run: _Run, before: list[anyio.Event]) -> None:
+        try:
+            with run.scope:
+                for stopped in before:
+                    await stopped.wait()
+                status, reason = await self._call(effect)
+                self._engine.ended(effect.uid, effect.run, status, reason)
+        except Exception as error:
+            self._error = self._error or error
+        finally:
+            del self._runs[effect.uid, effect.run]
+            run.stopped.set()
+            self._happened.set()
+
+    async def _call(self, effect: StartLeaf) -> tuple[NodeStatus, str]:
+        node = self._engine.leaf(effect.uid)
+
+        def write(port: str, value: Any) -> None:
+            self._engine.write(effect.uid, effect.run, port, value)
+            self._happened.set()
+
+        try:
+            result = node.call(effect.inputs, write)
+            result = await result if inspect.isawaitable(result) else result
+        except TaskFailedError as failure:
+            return FAILURE, str(failure)
+        return status_of(result, node), ""
+
+    async def _stop(self, is_halted: bool) -> None:
+        """Halt a tree that has not ended, and wait until all that was begun has stopped."""
+        try:
+            if is_halted:
+                self._engine.halt()
+        except Exception as error:
+            self._error = self._error or error
+        self._engine.take_effects()
+        for run in self._runs.values():
+            run.scope.cancel()
+        while self._runs:
+            await next(iter(self._runs.values())).stopped.wait()

@@ -1,0 +1,69 @@
+"""Local tasks that are BehaviorTree.CPP trees, run by a robot's program."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from mrbt_mesh.core.mission.program_trees import ProgramTree
+from mrbt_mesh.errors import TaskFailedError
+from mrbt_mesh.formats.btcpp.document import parse_document
+from mrbt_mesh.formats.btcpp.expand import constant_value
+from mrbt_mesh.formats.btcpp.findings import Findings
+from mrbt_mesh.formats.btcpp.library import library_of
+from mrbt_mesh.formats.btcpp.values import ValueTypeError, as_truth
+from mrbt_mesh.formats.btcpp.xml_reader import TreeFileError
+from mrbt_mesh.local import BehaviorTree, BlackboardError, Leaves, NodeStatus
+
+
+def made_tree(
+    program: ProgramTree, leaves: Leaves, given: Mapping[type, Any] | None = None
+) -> BehaviorTree:
+    """The tree of a mission, with its entries set. Raises TreeFileError and BlackboardError."""
+    library = library_of(parse_document(program.xml, program.source), Findings())
+    tree = BehaviorTree(library, program.tree, leaves, given=given)
+    tree.check()  # so that ports' types are known
+    for name, text in program.ports:
+        # A text becomes what an entry that has a type needs; else it is what it looks like.
+        is_typed = bool(tree.blackboard.type_of(name))
+        tree.blackboard[name] = text if is_typed else constant_value(text)
+    return tree
+
+
+def lacking_leaves(program: ProgramTree, leaves: Leaves) -> list[str]:
+    """What keeps a program from running this tree, each with file, line and node."""
+    try:
+        made_tree(program, leaves)
+    except TreeFileError as error:
+        return [str(problem) for problem in error.problems]
+    except BlackboardError as error:
+        return [f"{program.source}: {program.tree}: {error}"]
+    return []
+
+
+async def carry_out(tree: BehaviorTree, ports: Mapping[str, Any]) -> None:
+    """Run a tree to its end. Raises TaskFailedError unless it succeeds."""
+    tree.check()
+    for name, value in ports.items():
+        tree.blackboard[name] = value
+    reasons: dict[int, str] = {}
+
+    def note() -> None:
+        reasons.update({view.uid: view.reason for view in tree.view() if view.reason})
+
+    tree.watch(note)
+    status = await tree.run()
+    if status is not NodeStatus.SUCCESS:
+        last = list(reasons.values())[-1:]
+        raise TaskFailedError(last[0] if last else f"the tree {tree.name} ended as {status.name}")
+
+
+def told_outputs(program: ProgramTree, tree: BehaviorTree) -> dict[str, bool]:
+    """The conditions that the tree's entries tell; entries without a truth tell nothing."""
+    told = {}
+    for entry, condition in program.outputs:
+        try:
+            told[condition] = as_truth(tree.blackboard.get(entry))
+        except ValueTypeError:
+            continue
+    return told

@@ -1,0 +1,88 @@
+"""BehaviorTree.CPP trees of local tasks, as views draw them below T_Li.
+
+Their nodes' statuses are known to the process of the robot alone: here they are idle.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
+from typing import Any
+
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.core.mission.program_trees import ProgramTree
+from mrbt_mesh.formats.btcpp.document import LEAVES, Category, parse_document
+from mrbt_mesh.formats.btcpp.expand import ExpandedNode, expand
+from mrbt_mesh.formats.btcpp.findings import Findings
+from mrbt_mesh.formats.btcpp.library import library_of
+
+MAX_PORT_CHARACTERS = 40
+_INNER = re.compile(r"\{(\w+_[0-9]+__)+")
+
+
+@lru_cache(maxsize=64)
+def program_tree(program: ProgramTree) -> ExpandedNode:
+    """The tree with its SubTrees in place. Raises TreeFileError for what no robot can run."""
+    library = library_of(parse_document(program.xml, program.source), Findings())
+    return expand(library, program.tree).root
+
+
+def programs_by_type(mission: Mission) -> dict[str, ProgramTree]:
+    """One tree for each type of local task that has one; the ports' values may differ."""
+    found: dict[str, ProgramTree] = {}
+    for ground, program in sorted(mission.program_trees.items()):
+        found.setdefault(type_name(ground), program)
+    return found
+
+
+def node_label(node: ExpandedNode) -> str:
+    """A short text for people: the type, a name of its own, and the ports of a leaf."""
+    text = node.type if node.name == node.type else f"{node.name} ({node.type})"
+    if node.category is Category.SUBTREE or not node.ports:
+        return text
+    shown = ", ".join(f"{name}={_short(value)}" for name, value in node.ports.items())
+    return f"{text}({shown})" if node.category in LEAVES else f"{text} {shown}"
+
+
+def _short(value: str) -> str:
+    # An entry of a SubTree's own is called as its file calls it.
+    text = _INNER.sub("{", " ".join(value.split()))
+    return text if len(text) <= MAX_PORT_CHARACTERS else text[: MAX_PORT_CHARACTERS - 1] + "…"
+
+
+def with_programs(
+    rows: Sequence[Mapping[str, Any]], statuses: Sequence[int], mission: Mission
+) -> tuple[list[dict[str, Any]], list[int]]:
+    """The rows of T_Li and their statuses, with the trees of programs below their local tasks."""
+    programs = programs_by_type(mission)
+    found: list[dict[str, Any]] = []
+    after: list[int] = []
+    moved: dict[int, int] = {-1: -1}
+    for index, row in enumerate(rows):
+        moved[index] = here = len(found)
+        found.append({**row, "parent": moved[int(row["parent"])]})
+        after.append(statuses[index])
+        program = programs.get(type_name(str(row["subject"]))) if row["kind"] == "Action" else None
+        if program is not None:
+            found += _rows(program_tree(program), here, len(found))
+            after += [0] * (len(found) - len(after))
+    return found, after
+
+
+def _rows(root: ExpandedNode, parent: int, first: int) -> Iterator[dict[str, Any]]:
+    waiting = [(root, parent)]
+    number = first
+    while waiting:
+        node, above = waiting.pop()
+        is_leaf = node.category in LEAVES or node.category is Category.SUBTREE
+        yield {
+            "kind": str(node.category) if is_leaf else node.type,
+            "label": node_label(node),
+            "name": node.name,
+            "subject": node.type if node.category in LEAVES else "",
+            "parent": above,
+        }
+        waiting += [(child, number) for child in reversed(node.children)]
+        number += 1

@@ -1,0 +1,146 @@
+"""Local tasks that are BehaviorTree.CPP trees, run by a program: without a team."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import anyio
+import pytest
+
+from mrbt_mesh import RobotProgram, TaskContext, TaskFailedError
+from mrbt_mesh.core.agent.effects import CancelAction, StartAction
+from mrbt_mesh.core.agent.inputs import ActionFinished, ActionStopped
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.mission.conditions import ConditionType
+from mrbt_mesh.core.mission.mission import MICRO, Mission
+from mrbt_mesh.core.mission.program_trees import ProgramTree
+from mrbt_mesh.local import Out
+from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
+from mrbt_mesh.runtime.program_loader import check_program
+from mrbt_mesh.sim.engine.clock import VirtualClock, VirtualLoop
+from tests.support.action_host import Host
+from tests.support.build import action, make_mission
+
+XML = (
+    '<root BTCPP_format="4"><BehaviorTree ID="Look"><Sequence><Drive goal="{goal}"/>'
+    '<Find sure="{sure}"/><Script code="far := goal > 2"/></Sequence></BehaviorTree></root>'
+)
+PORTS, OUTPUTS = (("goal", "3"),), (("far", "far_away"), ("sure", "found"), ("gone", "lost"))
+
+
+def mission_of(xml: str = XML, outputs: tuple[tuple[str, str], ...] = OUTPUTS) -> Mission:
+    mission = make_mission(action("look"))
+    conditions = {name: ConditionType(name) for name in ("far_away", "found", "lost")}
+    trees = {"look": ProgramTree("look.xml", xml, "Look", PORTS, outputs)}
+    return replace(mission, program_trees=trees, conditions=conditions)
+
+
+def program_of(told: list[str], answer: bool | str = True) -> RobotProgram:
+    robot = RobotProgram()
+
+    @robot.action("Drive")
+    async def drive(task: TaskContext, goal: int) -> None:
+        told.append(f"{task.robot} drives to {goal}")
+        await anyio.sleep(goal / 3)
+
+    @robot.action("Find")
+    async def find(sure: Out[bool]) -> bool:
+        if isinstance(answer, str):
+            raise TaskFailedError(answer)
+        sure.set(answer)
+        return answer
+
+    return robot
+
+
+def carried_out(mission: Mission, program: RobotProgram, cancel_s: float = 0) -> tuple[Any, float]:
+    """How the local task `look` ends, and when."""
+    clock = VirtualClock()
+    loop = VirtualLoop(clock)
+    host = Host(clock)
+
+    async def main() -> None:
+        async with anyio.create_task_group() as group:
+            identity = RobotIdentity("A1", "a", 1, 1.0)
+            runner = ActionRunner(group, program, mission, identity, host)
+            start = StartAction(7, "g#0", "g", "look", (), MICRO, Incarnation(1, "n"))
+            runner.carry_out(start)
+            if cancel_s:
+                await anyio.sleep(cancel_s)
+                runner.carry_out(CancelAction(7))
+
+    try:
+        loop.run_until_complete(main())
+    finally:
+        loop.close()
+    (said,) = host.said
+    return said, clock.now_us / 1e6
+
+
+def test_ports_come_from_the_mission_and_outputs_go_with_the_outcome() -> None:
+    told: list[str] = []
+    end, at_s = carried_out(mission_of(), program_of(told))
+    assert isinstance(end, ActionFinished)
+    assert end.success
+    assert end.conditions == (("far_away", True), ("found", True))
+    assert told == ["A1 drives to 3"]
+    assert at_s == 1.0
+
+
+def test_a_tree_that_fails_fails_with_the_reason_of_its_leaf() -> None:
+    end, _ = carried_out(mission_of(), program_of([], "too dark"))
+    assert isinstance(end, ActionFinished)
+    assert (end.success, end.error) == (False, "too dark")
+    end, _ = carried_out(mission_of(), program_of([], answer=False))
+    assert (end.success, end.error) == (False, "the tree Look ended as FAILURE")
+    assert end.conditions == (("found", False),)
+
+
+def test_a_tree_that_is_cancelled_stops_its_leaves() -> None:
+    end, at_s = carried_out(mission_of(), program_of([]), cancel_s=0.25)
+    assert end == ActionStopped(7)
+    assert at_s == 0.25
+
+
+def test_a_mistake_in_a_run_is_a_failure_that_says_where() -> None:
+    end, _ = carried_out(mission_of(XML.replace("goal > 2", "goal > gaol")), program_of([]))
+    assert isinstance(end, ActionFinished)
+    assert not end.success
+    assert "look.xml:1: Look/Sequence/Script: in the script" in end.error
+
+
+def test_what_a_program_lacks_is_told_before_the_start() -> None:
+    mission = mission_of()
+    assert check_program(program_of([]), mission, ["look"]) == []
+    (lacking,) = check_program(RobotProgram(), mission, ["look"])[:1]
+    assert lacking.startswith("tree of look (look.xml:1: Look/Sequence/Drive: 'Drive' is an action")
+    assert check_program(RobotProgram(), mission, []) == []
+
+
+def test_the_same_in_python(tmp_path: Path) -> None:
+    path = tmp_path / "look.xml"
+    path.write_text(XML)
+    told: list[str] = []
+    robot = program_of(told)
+
+    @robot.local_task("look")
+    async def look(task: TaskContext) -> None:
+        await robot.run_tree(task, path, "Look", goal=5)
+
+    mission = replace(mission_of(), program_trees={})
+    end, _ = carried_out(mission, robot)
+    assert end.success
+    assert told == ["A1 drives to 5"]
+    robot = program_of([], "too dark")
+    with pytest.raises(TaskFailedError, match="too dark"):
+        anyio.run(partial(robot.run_tree, _context(), path, "Look", goal=0))
+
+
+def _context() -> Any:
+    class Nobody:
+        robot = "A1"
+
+    return Nobody()
