@@ -35,7 +35,7 @@ def robot_text(robot: str, item: dict[str, Any], name_width: int) -> Text:
     if item["differs_since_s"] is not None:
         text.append(f"other plan since {item['differs_since_s']:.1f} s ", "yellow")
     if item["local_task"] is None:
-        text.append(item["idle"], "dim")
+        text.append(f"free: {item['idle']}" if item["idle"] else "", "dim")
     return text
 
 

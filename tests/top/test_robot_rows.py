@@ -28,7 +28,7 @@ def test_state_task_and_progress() -> None:
     beats = shown.observer.membership.peers["B2"].heartbeat
     assert beats is not None
     assert f"B2 ● alive   do_diagnosis(5) {bar(beats.progress)} {beats.progress}%" in rows["B2"]
-    assert rows["B1"].startswith("B1 ● alive   ✘do_diagnosis no request needs")
+    assert rows["B1"].startswith("B1 ● alive   ✘do_diagnosis free: no request")
 
 
 def test_what_is_lost_is_struck_out_and_said() -> None:
