@@ -52,6 +52,7 @@ class TeamTop(App[None]):
         Binding("n", "again(1)", "Next found", show=False),
         Binding("N", "again(-1)", "Found before", show=False),
         Binding("o", "fold_resting", "fold"),
+        Binding("i", "own_tree", "T_i"),
         Binding("plus,equals_sign", "zoom(1)", "Larger", show=False),
         Binding("minus", "zoom(-1)", "Smaller", show=False),
         Binding("l", "follow", "Follow", show=False),
@@ -131,6 +132,8 @@ class TeamTop(App[None]):
             self._robots.select(event.key)
             self._timeline.lanes.select(event.key)
             self._why.ask("robot", event.key)
+            if self._tree.robot not in (None, event.key):
+                self._show_own(event.key)
 
     def on_descendant_focus(self, event: DescendantFocus) -> None:
         """Explain what is selected in the pane that keys go to now."""
@@ -143,6 +146,20 @@ class TeamTop(App[None]):
         task = self._tree.global_task()
         if task is not None:
             self._why.ask("task", task)
+
+    def action_own_tree(self) -> None:
+        """T_i of the robot that is selected, in place of T_G; or T_G again."""
+        robot = self._robots.selected
+        if self._tree.robot is not None:
+            self._tree.show_own(None)
+        elif robot is not None:
+            self._show_own(robot)
+
+    def _show_own(self, robot: str) -> None:
+        if self._tree.show_own(robot):
+            self._why.ask("robot", robot)
+        else:
+            self.notify(f"{robot} has not joined yet", severity="warning", timeout=2)
 
     # -- keys ---------------------------------------------------------------------------------
 
@@ -169,9 +186,13 @@ class TeamTop(App[None]):
         self._tree.focus()
 
     def on_key(self, event: object) -> None:
-        """Esc leaves the search."""
-        if getattr(event, "key", "") == "escape" and self.query_one("#search").display:
+        """Esc leaves the search, or a robot's own tree."""
+        if getattr(event, "key", "") != "escape":
+            return
+        if self.query_one("#search").display:
             self.action_leave_search()
+        elif self._tree.robot is not None:
+            self._tree.show_own(None)
 
     def action_again(self, step: int) -> None:
         """The next row with the words, or the one before."""

@@ -15,17 +15,12 @@ from textual.widgets import Static
 from mrbt_mesh.core.bt.tree import Kind, Status
 from mrbt_mesh.top.lanes import LEAST_S, Window, axis, lane, latest_fault
 from mrbt_mesh.top.marks import MARKS
-from mrbt_mesh.top.robot_rows import (
-    capabilities_text,
-    own_tree_text,
-    robot_text,
-    trees_text,
-)
+from mrbt_mesh.top.robot_rows import capabilities_text, robot_text, trees_text
+from mrbt_mesh.top.robot_tree import RobotRows
 from mrbt_mesh.top.rows import Rows
 from mrbt_mesh.top.team import ShownTeam
 from mrbt_mesh.top.tree_rows import FoldingTree
 from mrbt_mesh.top.why_text import why_text
-from mrbt_mesh.viewmodel.own_trees import own_trees
 from mrbt_mesh.viewmodel.why import why_robot, why_task
 
 ZOOM = 1.5
@@ -62,7 +57,7 @@ def head_text(shown: ShownTeam) -> Text:
 
 
 class TreePane(Rows):
-    """T_G."""
+    """T_G, or T_i of a robot."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left", "fold(True)", "Fold", show=False),
@@ -74,21 +69,56 @@ class TreePane(Rows):
         super().__init__(id="tree")
         self.border_title = "T_G"
         self._shown = shown
-        self.tree_rows = FoldingTree(shown.mission["tree"])
+        self._team_rows = self.tree_rows = FoldingTree(shown.mission["tree"])
+        self._own: RobotRows | None = None
+        # The row of T_G that was selected before.
+        self._team_row = 0
+
+    @property
+    def robot(self) -> str | None:
+        """The robot whose T_i is shown; None: T_G is."""
+        return None if self._own is None else self._own.robot
+
+    def show_own(self, robot: str | None) -> bool:
+        """Show a robot's T_i, or T_G again; whether that can be: it may not have joined yet."""
+        if robot is None:
+            self._own, self.tree_rows, self.border_title = None, self._team_rows, "T_G"
+            self.look()
+            self.select(self._team_row)
+            return True
+        try:
+            found = RobotRows(self._shown.observer, robot)
+        except KeyError:
+            return False
+        if self._own is None:
+            self._team_row = self.selected or 0
+        self._own, self.tree_rows = found, FoldingTree(found.rows)
+        self.border_title = escape(f"T_i of {robot}  Esc: T_G")
+        self.look()
+        self.select(0)
+        return True
 
     def look(self) -> None:
         """Draw what is now."""
-        nodes = self._shown.nodes
+        if self._own is not None and not self._own.is_current():
+            self.show_own(self._own.robot)
+            return
+        nodes = self._told_nodes()
         rows = self.tree_rows.visible(nodes)
         texts = [self.tree_rows.text(index, depth, nodes) for index, depth in rows]
         self.show([index for index, _ in rows], texts)
+
+    def _told_nodes(self) -> dict[int, list[Any]]:
+        if self._own is None:
+            return self._shown.nodes
+        return self._own.nodes(self._shown.robots[self._own.robot]["statuses"])
 
     def action_fold(self, is_folded: bool) -> None:
         """Fold or unfold the selected row; if it is folded already, the row above."""
         index = self.selected
         if index is None:
             return
-        rows, nodes = self.tree_rows, self._shown.nodes
+        rows, nodes = self.tree_rows, self._told_nodes()
         if is_folded and (rows.is_folded(index, nodes) or not rows.children(index)):
             self.select(rows.parent(index))
         else:
@@ -98,7 +128,7 @@ class TreePane(Rows):
     def action_turn(self) -> None:
         """Fold what is open, unfold what is not."""
         if self.selected is not None:
-            is_folded = self.tree_rows.is_folded(self.selected, self._shown.nodes)
+            is_folded = self.tree_rows.is_folded(self.selected, self._told_nodes())
             self.tree_rows.fold(self.selected, not is_folded)
             self.look()
 
@@ -119,9 +149,11 @@ class TreePane(Rows):
         return True
 
     def global_task(self) -> str | None:
-        """The global task of the selected row."""
-        row = self._shown.mission["tree"][self.selected] if self.keys else None
-        return row["subject"] if row is not None and row["kind"] == str(Kind.ACTION) else None
+        """The global task of the selected row; a robot's own tree has none."""
+        if self._own is not None or not self.keys:
+            return None
+        row = self._shown.mission["tree"][self.selected]
+        return row["subject"] if row["kind"] == str(Kind.ACTION) else None
 
 
 class RobotsPane(Rows):
@@ -275,7 +307,4 @@ class WhyPane(VerticalScroll):
         if item["statuses"]:
             text.append("\n")
             text.append_text(trees_text(item))
-        if name in self._shown.observer.facts.members:
-            text.append("\n")
-            text.append_text(own_tree_text(own_trees(self._shown.observer, name)["T_Li"]))
         return text

@@ -21,6 +21,7 @@ KEYS = (
     ("m", "this pane alone, and all of them again"),
     ("Left, Right, Space", "tree: fold, unfold"),
     ("o", "tree: fold what does not run, or unfold all"),
+    ("i", "tree: T_i of the selected robot, with T_A and T_Li; T_G again"),
     ("/ then n, N", "tree: search, the next one, the one before"),
     ("+, -", "timeline: larger, smaller"),
     ("Left, Right", "timeline: scroll in time"),

@@ -35,7 +35,7 @@ def robot_text(robot: str, item: dict[str, Any], name_width: int) -> Text:
     if item["differs_since_s"] is not None:
         text.append(f"other plan since {item['differs_since_s']:.1f} s ", "yellow")
     if item["local_task"] is None:
-        text.append(item["idle"], "dim")
+        text.append(f"free: {item['idle']}" if item["idle"] else "", "dim")
     return text
 
 
@@ -67,17 +67,4 @@ def trees_text(item: dict[str, Any]) -> Text:
         sign, style = MARKS[Status[word.upper()]]
         text.append(f"{name} ", "dim")
         text.append(f"{sign} {word}  ", style)
-    return text
-
-
-def own_tree_text(told: dict[str, Any]) -> Text:
-    """T_Li, a line for each node: `told` has its rows and their statuses, as `own_trees` says."""
-    text = Text("T_Li, its own tasks", "bold")
-    depths: list[int] = []
-    for row, status in zip(told["tree"], told["statuses"], strict=True):
-        depths.append(depths[row["parent"]] + 1 if row["parent"] >= 0 else 0)
-        sign, style = MARKS[Status(status)]
-        text.append(f"\n{'  ' * depths[-1]}")
-        text.append(f"{sign} ", style)
-        text.append(row["label"], "dim" if status == Status.IDLE else "")
     return text

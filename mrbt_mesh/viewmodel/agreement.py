@@ -8,6 +8,18 @@ from typing import Any
 from mrbt_mesh.core.observer.observer import Observer
 
 
+def reported_plans(observer: Observer) -> dict[str, bytes]:
+    """The digest of the plan of each robot in good standing, as it told last; empty: it has none.
+
+    Sorted by robots.
+    """
+    return {
+        robot: peer.report.plan_digest
+        for robot, peer in sorted(observer.membership.peers.items())
+        if peer.report.has_joined and peer.state.is_alive
+    }
+
+
 class AgreementView:
     """Remembers since when each robot differs from most of the others."""
 
@@ -16,11 +28,7 @@ class AgreementView:
 
     def look(self, observer: Observer, now_us: int) -> dict[str, Any]:
         """`equal`, how many `robots` report a plan, and `differ`: robot -> since when, in s."""
-        digests = {
-            robot: peer.report.plan_digest
-            for robot, peer in sorted(observer.membership.peers.items())
-            if peer.report.has_joined and peer.state.is_alive
-        }
+        digests = reported_plans(observer)
         counts = Counter(digests.values())
         own = observer.plan.digest if observer.plan is not None else b""
         usual = max(counts, key=lambda digest: (counts[digest], digest == own, digest), default=b"")

@@ -57,6 +57,10 @@ def test_a_kill_by_its_button_its_detection_and_why(team: Team, browser: Browser
     url, robot = at_work(team)
     page, problems = opened(browser, url)
     assert "#" not in page.url, "the token is out of sight"
+    # Who has read nothing is told what to do, and what colours and idle robots mean.
+    page.wait_for_selector('#why-body:has-text("kill a robot by its button")')
+    assert page.inner_text("#map-key").split("\n") == ["not known yet", "good", "bad"]
+    page.wait_for_selector('.card .task:has-text("free: ")')
     replacement = killed(team, page, robot)
     assert replacement != robot
     # What the robots did themselves says the same.

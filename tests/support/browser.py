@@ -18,6 +18,8 @@ from tests.support.team import Team
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
+# The live page has been told how the run is.
+CONNECTED = '#result:not([data-status="idle"])'
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 MISSING = f"no {' or '.join(NAMES)} on PATH: `make test-browser` installs Debian's chromium as root"
 AXE = Path(__file__).with_name("axe") / "axe.min.js"
@@ -47,9 +49,13 @@ class Problems(list[str]):
 
 
 def opened(
-    browser: Browser, url: str, size: tuple[int, int] = WIDE, scheme: Any = "light"
+    browser: Browser,
+    url: str,
+    size: tuple[int, int] = WIDE,
+    scheme: Any = "light",
+    ready: str = CONNECTED,
 ) -> tuple[Page, Problems]:
-    """The page in a window of its own, once it is connected."""
+    """The page in a window of its own, once it is connected, or has what `ready` selects."""
     context = browser.new_context(
         viewport={"width": size[0], "height": size[1]}, color_scheme=scheme
     )
@@ -58,7 +64,7 @@ def opened(
     page.on("pageerror", lambda error: problems.append(str(error)))
     page.on("console", lambda said: problems.append(said.text) if said.type == "error" else None)
     page.goto(url)
-    page.wait_for_selector('#result:not([data-status="idle"])')
+    page.wait_for_selector(ready)
     return page, problems
 
 

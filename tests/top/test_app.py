@@ -26,6 +26,7 @@ from tests.support.watched import ALONE, watched
 SECOND = 1_000_000
 FAULTS = [(7 * SECOND, Kill("A1")), (2 * SECOND, Lose("B1", "do_diagnosis"))]
 SMALL, LARGE = (80, 24), (160, 50)
+NOT_ALL = tuple(line.replace("start A C", "start A") for line in ALONE)
 ROBOT_ORDERS = {"kill": "Ends it.", "freeze": "Silences it.", "thaw": "Wakes it."}
 TEAM_ORDERS = {"pause": "Stops all.", "resume": "Goes on.", "abort": "Ends all."}
 
@@ -180,6 +181,47 @@ async def test_search_unfolds_and_goes_on() -> None:
         assert [n.severity for n in app._notifications] == ["warning"]
         await pilot.press("slash", "q", "escape")
         assert app.focused is tree, "q was a letter there"
+
+
+async def test_a_robots_own_tree() -> None:
+    async with opened(size=LARGE) as (app, pilot):
+        tree = app.query_one(TreePane)
+        await pilot.press("down", "down", "tab", "down", "down", "down", "i")
+        assert "T_i of B2  Esc: T_G" in on_screen(app)[1]
+        assert "▾ ▶ T_i: Parallel 3/3  running" in on_screen(app)[2]
+        assert "✔ T_A, how it plans: Sequence  success" in line_of(app, "T_A, ")
+        assert "▶ do_diagnosis  running" in line_of(app, "▶ do_diagnosis")
+        # It is that of the robot that is selected, whichever that is.
+        await pilot.press("up", "up", "up")
+        assert "T_i of A1" in on_screen(app)[1]
+        assert "· T_Li, its own tasks" in line_of(app, "T_Li, "), "a dead robot ticks nothing"
+        assert "why A1" in line_of(app, "why")
+        # It folds and is searched as T_G is.
+        await pilot.press("slash", *"assign_agents", "enter")
+        assert tree.tree_rows.rows[tree.selected]["label"] == "assign_agents"
+        await pilot.press("left", "left")
+        assert "assign_agents" not in "".join(on_screen(app))
+        await pilot.press("escape")
+        assert "T_G" in on_screen(app)[1]
+        assert tree.selected == 2, "where one was before"
+        await pilot.press("i", "i")
+        assert tree.robot is None
+
+
+async def test_a_robot_that_has_not_joined_has_no_tree_yet() -> None:
+    script, observer = watched(NOT_ALL)
+    app = TeamTop(observer, lambda: script.team.now_us)
+    async with app.run_test(size=SMALL) as pilot:
+        await pilot.pause()
+        await pilot.press("i")
+        await pilot.pause()
+        assert app.query_one(TreePane).robot is None
+        assert [told.message for told in app._notifications] == ["A has not joined yet"]
+        script.block(["start C", "pass 300"])
+        app.look()
+        await pilot.press("i")
+        await pilot.pause()
+        assert app.query_one(TreePane).robot == "A"
 
 
 async def test_folding() -> None:

@@ -6,13 +6,11 @@ from mrbt_mesh.sim import Kill, Lose
 from mrbt_mesh.top.robot_rows import (
     bar,
     capabilities_text,
-    own_tree_text,
     robot_text,
     trees_text,
 )
 from mrbt_mesh.top.team import ShownTeam
 from mrbt_mesh.top.why_text import why_text
-from mrbt_mesh.viewmodel.own_trees import own_trees
 from mrbt_mesh.viewmodel.why import why_robot
 from tests.support.runs import run_example
 
@@ -35,7 +33,7 @@ def test_state_task_and_progress() -> None:
     beats = shown.observer.membership.peers["B2"].heartbeat
     assert beats is not None
     assert f"B2 ● alive   do_diagnosis(5) {bar(beats.progress)} {beats.progress}%" in rows["B2"]
-    assert rows["B1"].startswith("B1 ● alive   ✘do_diagnosis no request needs")
+    assert rows["B1"].startswith("B1 ● alive   ✘do_diagnosis free: no request")
 
 
 def test_what_is_lost_is_struck_out_and_said() -> None:
@@ -75,14 +73,3 @@ def test_why_names_the_candidates_and_who_is_chosen() -> None:
     assert len(chosen) == 1
     assert "B2" in chosen[0]
     assert any("A1" in line and "is dead" in line for line in lines)
-
-
-def test_its_own_tasks_with_the_trees_that_its_program_runs() -> None:
-    result = run_example("inspection", 1, expect=None, timeout_us=SECOND // 2)
-    lines = own_tree_text(own_trees(result.observer, "R1")["T_Li"]).plain.splitlines()
-    assert lines[0] == "T_Li, its own tasks"
-    assert lines[1] == "▶ Fallback"
-    (inspect,) = (index for index, line in enumerate(lines) if line.endswith("▶ inspect"))
-    assert lines[inspect + 1].endswith("· Sequence")
-    assert lines[-1].strip() == "· Script(code=too_high := bar > limit_bar)"
-    assert len(lines[inspect]) - len(lines[inspect].lstrip()) == 4

@@ -9,13 +9,14 @@ from mrbt_mesh.cli.views.report_style import STYLE
 from mrbt_mesh.cli.views.report_tables import (
     WAIT_TITLES,
     Table,
-    after,
+    agreement_sentence,
     agreement_text,
     comparison_table,
     difference_table,
     failure_table,
     fault_table,
     percent,
+    plan_table,
     seconds,
     spread_text,
     task_table,
@@ -26,6 +27,9 @@ from mrbt_mesh.replay.report.model import CampaignReport, RunReport, RunsReport
 
 GOOD, BAD = ("success", "green"), ("failure", "red")
 LONG = ("why", "who could", "found")
+NONE_BROKEN = "no invariant broken"
+# So many letters need a wide column, where it is scrolled sideways.
+LONGEST = 100
 SIGNS = {"success": "✔", "green": "✔", "failure": "✘", "red": "✘"}
 
 
@@ -142,15 +146,14 @@ def _waits(run: RunReport) -> str:
 def _agreement(run: RunReport) -> str:
     if run.differences is None:
         return ""
-    if not run.differences:
-        return "<p>All robots reported the same plan all the time.</p>"
-    longest = max(each.to_s - each.from_s for each in run.differences)
-    text = (
-        f"{len(run.differences)} times some robots reported another plan than most, "
-        f"{after(1e3 * (run.differing_s or 0))} in all, {after(1e3 * longest)} at most. "
-        "A robot starts a task only once those whom it concerns agree."
-    )
-    return f"<p>{escape(text)}</p>{_table(difference_table(run))}"
+    parts = [f"<p>{escape(agreement_sentence(run))}</p>"]
+    for title, table in (
+        ("Plans on which the team agreed last", plan_table(run)),
+        ("Longest times with different plans", difference_table(run)),
+    ):
+        if table.rows:
+            parts.append(f"<h3>{escape(title)}</h3>{_table(table)}")
+    return "".join(parts)
 
 
 def _expectations(run: RunReport) -> str:
@@ -167,7 +170,7 @@ def _expectations(run: RunReport) -> str:
 
 def _campaign(each: CampaignReport) -> str:
     failed = len(each.failures)
-    word = f"{failed} seeds failed" if failed else "no invariant broken"
+    word = f"{failed} {'seed' if failed == 1 else 'seeds'} failed" if failed else NONE_BROKEN
     kind = "bad" if failed else "good"
     head = (
         f'<header class="run"><h1>{escape(each.title)}</h1>'
@@ -209,7 +212,8 @@ def _table(table: Table, bars: dict[tuple[int, int], float] | None = None) -> st
         cells = []
         for column, text in enumerate(row):
             name, bar = table.head[column], (bars or {}).get((n, column))
-            kind = ' class="long"' if name in LONG else ' class="n"' if len(text) < 16 else ""
+            width = "longest" if len(text) > LONGEST else "long"
+            kind = f' class="{width}"' if name in LONG else ' class="n"' if len(text) < 16 else ""
             meter = (
                 ""
                 if bar is None

@@ -8,9 +8,12 @@ from collections.abc import Iterator
 from mrbt_mesh.cli.views.report_tables import (
     WAIT_TITLES,
     Table,
+    agreement_sentence,
     comparison_table,
+    difference_table,
     failure_table,
     fault_table,
+    plan_table,
     seconds,
     task_table,
     use_table,
@@ -61,6 +64,11 @@ def _run(run: RunReport) -> Iterator[str]:
     for title, table in [*sections, ("Global tasks", task_table(run))]:
         if table.rows:
             yield from (f"## {title}", "", *_table(table))
+    if run.differences is not None:
+        yield from ("## Agreement", "", _text(agreement_sentence(run)), "")
+        for table in (plan_table(run), difference_table(run)):
+            if table.rows:
+                yield from _table(table)
 
 
 def _table(table: Table) -> list[str]:

@@ -52,7 +52,7 @@ td, th { padding: .28rem 1.1rem .28rem 0; text-align: left; vertical-align: top;
   border-bottom: 1px solid var(--line); }
 tr:last-child td { border-bottom: 0; }
 th { font-weight: 600; color: var(--soft); font-size: .84rem; white-space: nowrap; }
-td { min-width: 3.4rem; } td.n { white-space: nowrap; } td.long { min-width: 16rem; }
+td { min-width: 3.4rem; } td.n { white-space: nowrap; } td.long, td.longest { min-width: 16rem; }
 .meter { display: inline-block; vertical-align: middle; width: 7rem; height: .6rem;
   margin-right: .6rem;
   border-radius: 99px; background: var(--mute); overflow: hidden; }
@@ -87,10 +87,12 @@ svg.gantt { display: block; width: 100%; min-width: 44rem; height: auto;
   .pair section { height: auto; } }
 @media (max-width: 40rem) { body { padding: 1.2rem .8rem 2rem; font-size: 14px; }
   section { padding: .8rem .8rem .9rem; } .cards { grid-template-columns: repeat(2, 1fr); }
-  .card b { font-size: 1.2rem; } td.long { min-width: 11rem; } }
+  .card b { font-size: 1.2rem; } td.long { min-width: 11rem; }
+  td.longest { min-width: 21rem; } }
 @media print { body { max-width: none; padding: 0; font-size: 11px; background: none; }
   section, .card { break-inside: avoid; border-color: #ccc; } .wide { overflow: visible; }
-  svg.gantt { min-width: 0; } td.long { min-width: 8rem; } td, th { padding-right: .6rem; }
+  svg.gantt { min-width: 0; } td.long, td.longest { min-width: 8rem; }
+  td, th { padding-right: .6rem; }
   h1 { font-size: 1.4rem; } * { print-color-adjust: exact; -webkit-print-color-adjust: exact; } }
 @page { size: A4 landscape; margin: 12mm; }
 """

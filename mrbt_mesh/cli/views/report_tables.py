@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from mrbt_mesh.replay.report.model import RunReport, Wait, WaitKind, spread
+from mrbt_mesh.replay.report.model import ReportedPlan, RunReport, Wait, WaitKind, spread
 
 # Waits are told that take at least so long, so many of each kind; `--json` has all.
 LEAST_WAIT_S, MOST_WAITS = 0.02, 12
@@ -61,6 +62,22 @@ def agreement_text(run: RunReport) -> str:
         return "always"
     share = 1 - run.differing_s / run.duration_s if run.duration_s > 0 else 1.0
     return f"{100 * max(0.0, share):.2f} %"
+
+
+def agreement_sentence(run: RunReport) -> str:
+    """On how many plans all robots agreed, and how long they differed."""
+    plans, found = run.plans or (), run.differences or ()
+    agreed = [plan for plan in plans if plan.agreed_s is not None]
+    took = spread_text(1e3 * _agreeing_s(plan) for plan in agreed)
+    text = f"{len(plans)} plans; all robots agreed on {len(agreed)} of them, after {took}. "
+    if not found:
+        return text + "They reported the same plan all the time."
+    longest_s = max(each.to_s - each.from_s for each in found)
+    return text + (
+        f"{len(found)} times some reported another plan than most, "
+        f"{after(1e3 * (run.differing_s or 0))} in all, {after(1e3 * longest_s)} at most. "
+        "A robot starts a task only once those whom it concerns agree."
+    )
 
 
 def fault_table(run: RunReport) -> Table:
@@ -194,6 +211,30 @@ def difference_table(run: RunReport) -> Table:
     )
     left = len(found) - len(told)
     return Table(("from", "for", "who differed"), rows, f"{left} shorter ones" if left else "")
+
+
+def plan_table(run: RunReport) -> Table:
+    """The plans on which the team agreed last, or not at all, in the order of their begins."""
+    plans = run.plans or ()
+    slow = sorted(plans, key=lambda plan: (-_agreeing_s(plan), plan.number))[:MOST_WAITS]
+    rows = tuple(_plan_row(plan) for plan in sorted(slow, key=lambda plan: plan.number))
+    left = len(plans) - len(rows)
+    note = f"{left} other plans, on which all agreed sooner" if left else ""
+    return Table(("plan", "first reported", "by", "all agreed after", "the last"), rows, note)
+
+
+def _agreeing_s(plan: ReportedPlan) -> float:
+    return math.inf if plan.agreed_s is None else plan.agreed_s - plan.from_s
+
+
+def _plan_row(plan: ReportedPlan) -> tuple[str, ...]:
+    first = [robot for robot, at_s in plan.since_s.items() if at_s == plan.from_s]
+    last_s = max(at_s for at_s in plan.since_s.values() if at_s <= (plan.agreed_s or math.inf))
+    last = [robot for robot, at_s in plan.since_s.items() if at_s == last_s]
+    agreed = "not before the next plan" if plan.agreed_s is None else after(1e3 * _agreeing_s(plan))
+    name = f"{plan.number} ({plan.digest})"
+    who = ", ".join(last) if last_s > plan.from_s else "–"
+    return (name, seconds(plan.from_s), ", ".join(first), agreed, who)
 
 
 def comparison_table(runs: Iterable[RunReport]) -> Table:

@@ -10,7 +10,8 @@ from mrbt_mesh.core.observer.episodes import MajorFault
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Waiting
 from mrbt_mesh.replay.report.model import Disagreement, Wait, WaitKind
-from mrbt_mesh.viewmodel.agreement import AgreementView
+from mrbt_mesh.replay.report.plans_held import PlansHeld
+from mrbt_mesh.viewmodel.agreement import AgreementView, reported_plans
 from mrbt_mesh.viewmodel.why import candidates, why_takeover
 
 MOST_CANDIDATES = 6
@@ -42,6 +43,7 @@ class Following:
 
     def __init__(self) -> None:
         self.takeovers: dict[int, str] = {}
+        self.plans_held = PlansHeld()
         self._agreement = AgreementView()
         self._tasks, self._idle = Episodes(), Episodes()
         self._differing, self._left = Episodes(), Episodes()
@@ -63,6 +65,7 @@ class Following:
         alive = {r for r in observer.robots() if observer.robot_state(r).is_live}
         idle = plan.idle if plan else {}
         self._idle.look({(r, why): () for r, why in idle.items() if r in alive}, now_us)
+        self.plans_held.look(reported_plans(observer), now_us)
         differ = tuple(sorted(self._agreement.look(observer, now_us)["differ"]))
         self._differing.look({(", ".join(differ), ""): differ} if differ else {}, now_us)
         states = {robot: observer.robot_state(robot) for robot in observer.robots()}
@@ -75,6 +78,7 @@ class Following:
         """The run is over: what holds, held until now."""
         for episodes in (self._tasks, self._idle, self._differing, self._left):
             episodes.look({}, now_us)
+        self.plans_held.end(now_us)
 
     def left_us(self, robot: str) -> list[tuple[int, int]]:
         """When the robot had left the team."""

@@ -113,6 +113,22 @@ class Disagreement:
 
 
 @dataclass(frozen=True)
+class ReportedPlan:
+    """A plan, by its place among the run's plans and the begin of its digest.
+
+    `from_s`: the first robot reported it; `agreed_s`: all in good standing did, None: at no time;
+    `to_s`: the last one left it for another plan. `since_s`: robot -> when it reported it first.
+    """
+
+    number: int
+    digest: str
+    from_s: float
+    agreed_s: float | None
+    to_s: float
+    since_s: dict[str, float]
+
+
+@dataclass(frozen=True)
 class TaskEnd:
     """What became of a global task, and who took part."""
 
@@ -133,8 +149,8 @@ class Expectation:
 # Attributes: a section of the page each.
 @dataclass(frozen=True)
 class RunReport:
-    """One run. `differences` is None where nobody recorded what robots reported; so are `work`,
-    `waits` where only a summary is left, and `robots` then say only type and state.
+    """One run. `plans` and `differences` are None where nobody recorded what robots reported; so
+    are `work`, `waits` where only a summary is left, and `robots` then say only type and state.
 
     `verdict`: a drill's. `notes`: what the figures do not have, and why.
     """
@@ -148,6 +164,7 @@ class RunReport:
     tasks: tuple[TaskEnd, ...] = ()
     work: tuple[ReportedWork, ...] | None = None
     waits: tuple[Wait, ...] | None = None
+    plans: tuple[ReportedPlan, ...] | None = None
     differences: tuple[Disagreement, ...] | None = None
     verdict: str | None = None
     expectations: tuple[Expectation, ...] = ()

@@ -71,6 +71,7 @@ def report_recording(
         ),
         tuple(_work(span, start_us, end_us) for span in spans if span.claimed_us <= end_us),
         tuple(sorted(waits, key=lambda wait: (wait.from_s, wait.kind, wait.who))),
+        None if robot else following.plans_held.plans(start_us),
         None if robot else following.differences(start_us),
         notes=tuple(notes),
         failures=reported_failures(summary),

@@ -60,6 +60,7 @@ export class MapView {
       this._root.append(make(line.closed ? "polygon" : "polyline", { points: text, class: `map-${line.kind}${line.closed ? "" : " map-open"}` }));
     }
     const radius = this._unit * 0.75;
+    byId("map-key").hidden = !Object.keys(this._map.places).length;
     for (const [name, place] of Object.entries(this._map.places)) {
       const [x, y] = place.at;
       const shape = make("circle", { cx: x, cy: -y, r: radius, class: `map-place ${this._store.get(`place/${name}`) ?? ""}` });

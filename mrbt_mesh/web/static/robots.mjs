@@ -4,6 +4,7 @@ import { SIGN, byId, element, hasDifferedLong, setData, setText } from "./text.m
 
 const SIGNS = { alive: "●", joining: "◌", suspect: "◐", leaving: "◍", dead: "✕", left: "○", absent: "○" };
 const TREES = ["T_i", "T_A", "T_G", "T_Li"];
+const MEANINGS = ["all it does", "how it plans", "the team's tree", "its own tasks"];
 
 export class RobotsView {
   constructor(store, robots, select, control) {
@@ -63,7 +64,7 @@ export class RobotsView {
     setText(card.type, robot.type ?? "");
     const isAt = robot.local_task !== null && robot.local_task !== undefined;
     const waits = robot.phase === "running" ? "" : ` (${robot.phase === "ready" ? "waits for its partners" : "about to begin"})`;
-    setText(card.task, isAt ? `${robot.local_task}${robot.local_task === robot.global_task ? "" : ` for ${robot.global_task}`}${waits}` : robot.idle || "no task");
+    setText(card.task, isAt ? `${robot.local_task}${robot.local_task === robot.global_task ? "" : ` for ${robot.global_task}`}${waits}` : robot.idle ? `free: ${robot.idle}` : "no task");
     if (card.task.title !== card.task.textContent) card.task.title = card.task.textContent;
     if (card.task.classList.contains("none") === isAt) card.task.classList.toggle("none", !isAt);
     const visibility = robot.phase === "running" ? "" : "hidden";
@@ -84,7 +85,7 @@ export class RobotsView {
     card.treesShown = key;
     setText(card.trees, "");
     statuses.forEach((status, i) => card.trees.append(
-      element("span", { title: `${TREES[i]} is ${status}` }, `${TREES[i]} `,
+      element("span", { title: `${TREES[i]}, ${MEANINGS[i]}: ${status}` }, `${TREES[i]} `,
         element("span", { class: `s-${status}`, "aria-hidden": "true" }, SIGN[status]), element("span", { class: "said" }, status))));
   }
 

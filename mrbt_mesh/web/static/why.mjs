@@ -3,6 +3,7 @@
 import { SIGN, STATUS, byId, element, kindSign, seconds } from "./text.mjs";
 
 const AGAIN_MS = 700;
+const TRY_IT = "Try it: kill a robot by its button. Another one takes over its work; the timeline says after how many milliseconds.";
 
 export class WhyView {
   constructor(store, select, control) {
@@ -12,6 +13,7 @@ export class WhyView {
     this._selection = null;
     this._timer = 0;
     this._shown = "";
+    if (control) byId("why-body").append(element("p", { class: "hint" }, TRY_IT));
   }
 
   show(selection) {

@@ -87,6 +87,8 @@ def test_drills_and_chaos(folder: Path) -> None:
     assert text.count("<svg") == 1, "only one of both has its recording still"
     assert "no invariant broken" in text
     markdown = mrbt("report", *given)[1]
+    assert "all robots agreed on" in text, "a drill's too, where its recording is still there"
+    assert markdown.count("## Agreement") == 1
     assert "a\\<b\\> (direct)" in markdown
     assert "✔ ends: \\<script\\>" in markdown
 

@@ -12,8 +12,10 @@ from mrbt_mesh.cli.views.report_gantt import LEFT, WIDTH, gantt, kinds, ticks
 from mrbt_mesh.cli.views.report_html import report_html
 from mrbt_mesh.cli.views.report_markdown import report_markdown
 from mrbt_mesh.replay.report.model import (
+    Disagreement,
     ReportedFailure,
     ReportedFault,
+    ReportedPlan,
     ReportedWork,
     RobotUse,
     RunReport,
@@ -104,6 +106,25 @@ def test_names_from_files_mean_nothing_to_html_and_markdown() -> None:
         if line.startswith("|"):
             # A cell's own bars are escaped: all rows of a table have the same cells.
             assert line.endswith("|")
+
+
+def test_who_agreed_on_which_plan_when() -> None:
+    plans = (
+        ReportedPlan(1, "0a0b0c0d", 0.5, 0.5, 10.0, {"A1": 0.5, "B1": 0.5}),
+        ReportedPlan(2, "1a1b1c1d", 10.0, None, 10.1, {"A1": 10.0}),
+        ReportedPlan(3, "2a2b2c2d", 10.1, 10.15, 20.0, {"A1": 10.1, "B1": 10.15}),
+    )
+    run = replace(RUN, plans=plans, differences=(Disagreement(10.0, 10.15, ("A1",)),))
+    text = report_markdown(RunsReport((run,))).split("## Agreement")[1]
+    assert "3 plans; all robots agreed on 2 of them, after 25.0 ms (≤ 50.0 ms)" in text
+    assert "| 2 (1a1b1c1d) | 10.00 s | A1 | not before the next plan | – |" in text
+    assert "| 3 (2a2b2c2d) | 10.10 s | A1 | 50.0 ms | B1 |" in text
+    assert "| 10.00 s | 150 ms | A1 |" in text
+    page = report_html(RunsReport((run,)))
+    assert "Plans on which the team agreed last" in page
+    assert "3 (2a2b2c2d)" in page
+    # Where nobody recorded what robots reported, nothing is said of it.
+    assert "Agreement" not in report_markdown(RunsReport((RUN,)))
 
 
 def test_a_table_of_markdown_keeps_its_columns() -> None:

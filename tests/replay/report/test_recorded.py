@@ -156,6 +156,27 @@ def test_robots_of_a_healthy_team_differ_only_while_they_tell_one_another(
     assert all(each.to_s > each.from_s and each.robots for each in report.differences)
 
 
+def test_a_healthy_team_agrees_on_its_plans(
+    ran: tuple[SimulationResult, RunReport, Path],
+) -> None:
+    _, report, _ = ran
+    plans = report.plans or ()
+    agreed = [plan for plan in plans if plan.agreed_s is not None]
+    assert len(agreed) > len(plans) / 2
+    for plan in agreed:
+        assert plan.agreed_s is not None
+        assert 0 <= plan.agreed_s - plan.from_s < LATE_S
+        assert plan.agreed_s < plan.to_s
+    # All work was begun under a plan on which all had agreed by then.
+    for work in report.work or ():
+        if work.running_s is not None:
+            assert any(
+                plan.agreed_s is not None and plan.agreed_s <= work.running_s + LATE_S
+                for plan in plans
+                if plan.to_s > work.from_s - LATE_S
+            )
+
+
 def test_a_bare_recording_does_not_know_when_a_robot_died(
     tmp_path: Path,
 ) -> None:
@@ -168,7 +189,7 @@ def test_a_bare_recording_does_not_know_when_a_robot_died(
         assert "B1 (performance 1) has taken over" in fault.why
         assert "A1 (performance 1.5) is dead" in fault.why
         assert TIMES_UNKNOWN in report.notes
-    assert report.differences is None
+    assert (report.plans, report.differences) == (None, None)
     assert report.notes[0].startswith("as B1 saw it")
 
 

@@ -1,0 +1,47 @@
+"""`mrbt top` in a real terminal, over a real team."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("textual", reason="pip install 'mrbt-mesh[top]'")
+
+from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
+from tests.support.terminal import Terminal
+
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
+
+
+def test_a_robot_is_looked_at_and_killed_by_keys(team: Team) -> None:
+    team.hold("explore")
+    team.up(EXPLORE)
+    team.wait_for_events(2, "explore")
+    before = team.running()
+    with Terminal("top", "--control", environment=team.environment) as terminal:
+        robot = terminal.wait_for(r"(R\d) ● alive")[1]
+        terminal.press("tab", "i")
+        terminal.wait_for(f"T_i of {robot}")
+        terminal.wait_for("T_A, how it plans: Sequence")
+        terminal.press("escape")
+        terminal.wait_for("─T_G─")
+        terminal.press("k")
+        terminal.wait_for(rf"kill {robot}\?")
+        terminal.press("y")
+        terminal.wait_for(f"{robot} ✖ dead")
+        terminal.press("q")
+        assert terminal.wait_for_end() == 0, terminal.text
+    # The team goes on without that robot, and without whoever watched.
+    assert len(team.running()) == len(before) - 1
+    team.release()
+    code, summary = team.end()
+    assert (code, summary["result"]) == (0, "success")
+    assert summary["robots"][robot]["state"] == "dead"
+
+
+def test_a_team_that_is_over_is_still_shown(team: Team) -> None:
+    team.up(EXPLORE)
+    assert team.end()[0] == 0
+    with Terminal("top", environment=team.environment, size=(80, 24)) as terminal:
+        terminal.wait_for("✔ success")
+        terminal.press("q")
+        assert terminal.wait_for_end() == 0, terminal.text
