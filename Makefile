@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long test-plain test-slow test-docker test-interop tolerance lint check-lock lock drills soak \
+.PHONY: help setup demo test test-long test-plain test-slow test-docker test-interop test-vda5050 tolerance lint check-lock lock drills soak \
 	test-browser screenshots bench-page clean bench bench-scale bench-security bench-failover bench-resume \
 	bench-membership bench-estimate bench-robustness bench-metrics bench-recording verify-recordings walk paper
 
@@ -21,6 +21,7 @@ help:
 	@echo "make test-docker     the docker-compose demo; as root, installs Debian's docker.io if missing"
 	@echo "make test-slow       wireless teams, discovery, split sessions, intruders, routers: minutes"
 	@echo "make test-interop    what other programs are given: BehaviorTree.CPP, an open monitor, Foxglove's protocol"
+	@echo "make test-vda5050    AGVs: mosquitto and npm's virtual vehicles; as root, installs Debian's if missing"
 	@echo "make tolerance       what mrbt analyze foretells of faults, against thousands of simulated runs"
 	@echo "make lint            ruff, mypy, import-linter"
 	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
@@ -102,6 +103,18 @@ test-interop: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[interop]'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps py_trees_js
 	$(BIN)/pytest -rs tests/adapters tests/processes/test_foxglove.py
+
+# Parts that others have made: a broker, virtual AGVs, published schemas (docs/vda5050.md).
+test-vda5050: $(READY)
+	@command -v mosquitto > /dev/null || apt-get install --yes mosquitto || \
+		{ echo "install mosquitto, or run this as root on Debian"; exit 1; }
+	@command -v npm > /dev/null || apt-get install --yes npm || \
+		{ echo "install node and npm, or run this as root on Debian"; exit 1; }
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[vda5050]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps vda5050-sdk==0.2.0
+	folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
+		npm install --silent --prefix "$$folder" vda-5050-lib@1.4.0 && \
+		MRBT_VDA5050_NODE="$$folder" $(BIN)/pytest -rs tests/adapters/vda5050 tests/processes/test_vda5050.py
 
 drills: $(READY)
 	$(BIN)/mrbt drill --all --brief --junit drills.xml

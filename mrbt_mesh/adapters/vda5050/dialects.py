@@ -21,17 +21,21 @@ STATE, CONNECTION, VISUALIZATION = "state", "connection", "visualization"
 
 @dataclass(frozen=True)
 class Dialect:
-    """One version. `instant_actions` are the keys under which instant actions are sent.
+    """One version. `instant_actions` are the keys under which instant actions are sent, `deviation`
+    those of the distance by which a vehicle may miss a node.
 
-    2.0.0's text says `actions` and its published schema `instantActions`; vehicles look at the one
-    or the other, so both are sent.
+    2.0.0's text says `actions` and its published schema `instantActions`; so it is with
+    `allowedDeviationXy` and `allowedDeviationXY` in 2.1.0. Vehicles look at the one or the other,
+    so both are sent.
     """
 
     name: str
     version: str
     instant_actions: tuple[str, ...]
-    elliptic_deviation: bool = False
+    deviation: tuple[str, ...] = ("allowedDeviationXy",)
+    is_deviation_elliptic: bool = False
     edges_name_nodes: bool = True
+    speed_limit: str = "maxSpeed"
 
     @property
     def major(self) -> str:
@@ -44,8 +48,18 @@ DIALECTS: Mapping[str, Dialect] = {
     for dialect in (
         Dialect("1.1", "1.1.0", ("instantActions",)),
         Dialect("2.0", "2.0.0", ("actions", "instantActions")),
-        Dialect("2.1", "2.1.0", ("actions",)),
-        Dialect("3.0", "3.0.0", ("actions",), elliptic_deviation=True, edges_name_nodes=False),
+        Dialect(
+            "2.1", "2.1.0", ("actions",), deviation=("allowedDeviationXy", "allowedDeviationXY")
+        ),
+        Dialect(
+            "3.0",
+            "3.0.0",
+            ("actions",),
+            deviation=("allowedDeviationXY",),
+            is_deviation_elliptic=True,
+            edges_name_nodes=False,
+            speed_limit="maximumSpeed",
+        ),
     )
 }
 
@@ -161,11 +175,9 @@ def _position(node: OrderNode, map_id: str, dialect: Dialect) -> Message:
     if node.theta is not None:
         result["theta"] = math.remainder(node.theta, math.tau)
     if node.deviation_m > 0:
-        if dialect.elliptic_deviation:
-            circle = {"a": node.deviation_m, "b": node.deviation_m, "theta": 0.0}
-            result["allowedDeviationXY"] = circle
-        else:
-            result["allowedDeviationXy"] = node.deviation_m
+        circle = {"a": node.deviation_m, "b": node.deviation_m, "theta": 0.0}
+        allowed = circle if dialect.is_deviation_elliptic else node.deviation_m
+        result |= dict.fromkeys(dialect.deviation, allowed)
     return result
 
 
@@ -181,7 +193,7 @@ def _edge(order: Order, index: int, dialect: Dialect) -> Message:
         edge |= {"startNodeId": start, "endNodeId": end}
     limit = order.speed_limits[index]
     if limit is not None:
-        edge["maximumSpeed" if dialect.elliptic_deviation else "maxSpeed"] = limit
+        edge[dialect.speed_limit] = limit
     return edge
 
 

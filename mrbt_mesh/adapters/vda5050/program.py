@@ -317,12 +317,9 @@ class Member:
         if lost == self._lost:
             return
         self._log.warning("capabilities", lost=sorted(lost), reason=fault)
-        if ALL in self._lost:
-            self._background.restore_capability(ALL)
-        else:
-            for name in sorted(self._lost - lost):
-                self._background.restore_capability(name)
-        for name in sorted(lost if ALL in self._lost else lost - self._lost):
+        for name in sorted(self._lost - lost) if not fault else ():
+            self._background.restore_capability(name)
+        for name in sorted(lost - self._lost):
             self._background.lose_capability(name)
         self._lost = lost
 
