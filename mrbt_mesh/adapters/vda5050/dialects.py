@@ -135,7 +135,7 @@ class OrderNode:
 
 
 @dataclass(frozen=True)
-class Order:
+class VehicleOrder:
     """A whole order: released at once, driven from the first node to the last."""
 
     order_id: str
@@ -154,7 +154,7 @@ class Order:
         return tuple(action.action_id for node in self.nodes for action in node.actions)
 
 
-def order_message(order: Order, dialect: Dialect) -> Message:
+def order_message(order: VehicleOrder, dialect: Dialect) -> Message:
     """The body of an order, without its header."""
     nodes = [
         {
@@ -181,7 +181,7 @@ def _position(node: OrderNode, map_id: str, dialect: Dialect) -> Message:
     return result
 
 
-def _edge(order: Order, index: int, dialect: Dialect) -> Message:
+def _edge(order: VehicleOrder, index: int, dialect: Dialect) -> Message:
     start, end = order.nodes[index].name, order.nodes[index + 1].name
     edge: Message = {
         "edgeId": f"{start}-{end}",

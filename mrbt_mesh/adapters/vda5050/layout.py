@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from string import Template
 
-from mrbt_mesh.adapters.vda5050.dialects import Action, Order, OrderNode, ParameterValue
-from mrbt_mesh.adapters.vda5050.messages import State
+from mrbt_mesh.adapters.vda5050.dialects import Action, OrderNode, ParameterValue, VehicleOrder
+from mrbt_mesh.adapters.vda5050.messages import VehicleState
 
 # A vehicle that is this near a node is on it, and needs no other tolerance than its own.
 ON_NODE_M = 0.1
@@ -130,7 +130,7 @@ class Layout:
                     heapq.heappush(open_, (length + self._length(here, there), [*path, there]))
         raise RouteError(f"the layout has no way from {start} to {end}")
 
-    def begin(self, state: State) -> str:
+    def begin(self, state: VehicleState) -> str:
         """The node where a vehicle's next order begins. Raises RouteError.
 
         The one that it says, else the nearest one within reach.
@@ -152,7 +152,9 @@ class Layout:
             )
         return name
 
-    def route(self, state: State, stops: Sequence[StopTemplate]) -> list[tuple[str, int | None]]:
+    def route(
+        self, state: VehicleState, stops: Sequence[StopTemplate]
+    ) -> list[tuple[str, int | None]]:
         """(node, index of the stop that is made there) from where a vehicle is. Raises RouteError.
 
         A stop where it already is begins the route.
@@ -169,7 +171,7 @@ class Layout:
                 route += [(name, None) for name in way[1:-1]] + [(way[-1], index)]
         return route
 
-    def length_m(self, state: State, stops: Sequence[StopTemplate]) -> float:
+    def length_m(self, state: VehicleState, stops: Sequence[StopTemplate]) -> float:
         """How far a vehicle would drive for these stops. Raises RouteError."""
         route = self.route(state, stops)
         gone = sum(
@@ -177,7 +179,9 @@ class Layout:
         )
         return gone + self._off(state, route[0][0])
 
-    def order(self, order_id: str, state: State, stops: Sequence[StopTemplate]) -> Order:
+    def order(
+        self, order_id: str, state: VehicleState, stops: Sequence[StopTemplate]
+    ) -> VehicleOrder:
         """The order for these stops, from where a vehicle is. Raises RouteError."""
         route = self.route(state, stops)
         off = self._off(state, route[0][0])
@@ -205,13 +209,13 @@ class Layout:
         limits = tuple(
             self.edges[route[index][0]][route[index + 1][0]] for index in range(len(route) - 1)
         )
-        return Order(order_id, self.map_id, tuple(nodes), limits)
+        return VehicleOrder(order_id, self.map_id, tuple(nodes), limits)
 
     def _length(self, start: str, end: str) -> float:
         here, there = self.nodes[start], self.nodes[end]
         return math.hypot(here.x - there.x, here.y - there.y)
 
-    def _off(self, state: State, name: str) -> float:
+    def _off(self, state: VehicleState, name: str) -> float:
         if state.place is None:
             return 0.0
         node = self.nodes[name]

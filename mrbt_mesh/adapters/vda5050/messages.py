@@ -50,7 +50,7 @@ class VehicleError:
 
 
 @dataclass(frozen=True)
-class Place:
+class VehiclePlace:
     """Where a vehicle is: metres on a map, and its heading in radians."""
 
     x: float
@@ -62,7 +62,7 @@ class Place:
 
 # Attributes: what the standard's state has and the adapter needs, flat.
 @dataclass(frozen=True)
-class State:
+class VehicleState:
     """A vehicle's state. `charge_percent` is None where it was not said.
 
     `nodes_left` and `edges_left` count what is left of its order; `actions` map ids to statuses.
@@ -80,7 +80,7 @@ class State:
     emergency_stop: str
     charge_percent: float | None
     is_charging: bool
-    place: Place | None
+    place: VehiclePlace | None
 
     @property
     def has_active_order(self) -> bool:
@@ -122,14 +122,14 @@ def read_link(message: Mapping[str, Any]) -> Link:
         raise MessageError(f"connectionState {said!r:.60} is not known") from None
 
 
-def read_state(message: Mapping[str, Any]) -> State:
+def read_state(message: Mapping[str, Any]) -> VehicleState:
     """The state, of any version. Raises MessageError where a part that is needed is missing."""
     safety = _mapping(message, "safetyState", {})
     power = _mapping(message, "powerSupply", None) or _mapping(message, "batteryState", {})
     charge = power.get("stateOfCharge", power.get("batteryCharge"))
     stop = safety.get("activeEmergencyStop", safety.get("eStop", "NONE"))
     instant = _listed(message, "instantActionStates")
-    return State(
+    return VehicleState(
         order_id=_text(message, "orderId"),
         last_node=_text(message, "lastNodeId"),
         last_sequence_id=_whole(message, "lastNodeSequenceId"),
@@ -146,7 +146,7 @@ def read_state(message: Mapping[str, Any]) -> State:
     )
 
 
-def read_place(message: Mapping[str, Any]) -> Place | None:
+def read_place(message: Mapping[str, Any]) -> VehiclePlace | None:
     """Where a vehicle is, by its state or its visualization; None where that is not told."""
     said = _mapping(message, "mobileRobotPosition", None) or _mapping(message, "agvPosition", {})
     x, y = _number(said.get("x")), _number(said.get("y"))
@@ -155,7 +155,7 @@ def read_place(message: Mapping[str, Any]) -> Place | None:
     theta, map_id = _number(said.get("theta")) or 0.0, said.get("mapId")
     # A visualization need not say whether it is certain; then it is.
     localized = said.get("localized", said.get("positionInitialized", True))
-    return Place(x, y, theta, map_id if isinstance(map_id, str) else "", localized is True)
+    return VehiclePlace(x, y, theta, map_id if isinstance(map_id, str) else "", localized is True)
 
 
 def _statuses(states: list[Any]) -> dict[str, str]:

@@ -30,13 +30,13 @@ from mrbt_mesh.adapters.vda5050.layout import FilledTask, RouteError, StopTempla
 from mrbt_mesh.adapters.vda5050.layout_file import LayoutFile, load_layout
 from mrbt_mesh.adapters.vda5050.messages import (
     MessageError,
-    Place,
+    VehiclePlace,
     decode,
     read_link,
     read_place,
     read_state,
 )
-from mrbt_mesh.adapters.vda5050.vehicle import OURS, Effect, Ended, Progress, Send, Vehicle
+from mrbt_mesh.adapters.vda5050.vehicle import OURS, Effect, Ended, OrderProgress, Send, Vehicle
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.log import robot_logger
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext, TaskFailedError
@@ -106,19 +106,19 @@ class Fleet:
 
     def __init__(self, file: LayoutFile) -> None:
         self.file = file
-        self._members: dict[str, Member] = {}
+        self._members: dict[str, ConnectedVehicle] = {}
 
-    def member(self, task: TaskContext) -> Member:
+    def member(self, task: TaskContext) -> ConnectedVehicle:
         """The vehicle of the robot that is asked; raises InputError if the file has none."""
         if task.robot not in self.file.vehicles:
             raise InputError(f"{self.file.file}: vehicles has no {task.robot}")
         if task.robot not in self._members:
-            self._members[task.robot] = Member(self.file, task.robot)
+            self._members[task.robot] = ConnectedVehicle(self.file, task.robot)
         return self._members[task.robot]
 
 
 # Attributes: the vehicle, what connects it with the broker and the robot, and what was told.
-class Member:
+class ConnectedVehicle:
     """One robot's vehicle, its connection to the broker, and the task that it is at."""
 
     def __init__(self, file: LayoutFile, robot: str) -> None:
@@ -223,7 +223,9 @@ class Member:
             try:
                 async for message in client.messages:
                     name = str(message.topic).rpartition("/")[2]
-                    if isinstance(message.payload, bytes | bytearray):
+                    # A retained state may be of long ago.
+                    is_old = message.retain and name != CONNECTION
+                    if isinstance(message.payload, bytes | bytearray) and not is_old:
                         self._take(name, message.payload)
             except aiomqtt.MqttError as error:
                 self._log.warning("broker_lost", error=str(error))
@@ -276,7 +278,7 @@ class Member:
                 self._refused.add(name)
                 self._log.warning("message_refused", topic=name, error=str(error))
 
-    def _tell_place(self, place: Place | None) -> None:
+    def _tell_place(self, place: VehiclePlace | None) -> None:
         if place is None or not place.is_localized or self._background is None:
             return
         if place.map_id in ("", self._file.layout.map_id):
@@ -301,7 +303,7 @@ class Member:
                     self._log.info("sent", topic=effect.topic, **_named(effect.body))
                 case Ended():
                     self._end = effect
-                case Progress(fraction):
+                case OrderProgress(fraction):
                     if self._job is not None:
                         self._job.report_progress(fraction)
         self._tell_faults()

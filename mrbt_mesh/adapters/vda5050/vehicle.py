@@ -20,7 +20,7 @@ from mrbt_mesh.adapters.vda5050.dialects import (
     Action,
     Dialect,
     Message,
-    Order,
+    VehicleOrder,
     cancel_order,
     instant_message,
     order_message,
@@ -35,7 +35,7 @@ from mrbt_mesh.adapters.vda5050.messages import (
     RETRIABLE,
     STOPPING,
     Link,
-    State,
+    VehicleState,
 )
 
 # How ids of the adapter's orders begin.
@@ -69,13 +69,13 @@ class Ended:
 
 
 @dataclass(frozen=True)
-class Progress:
+class OrderProgress:
     """How much of the order's nodes and actions is done, 0 to 1."""
 
     fraction: float
 
 
-Effect: TypeAlias = Send | Ended | Progress
+Effect: TypeAlias = Send | Ended | OrderProgress
 
 
 @dataclass(frozen=True)
@@ -101,12 +101,12 @@ class Vehicle:
         self._dialect = dialect
         self._battery = battery
         self._count = 0
-        self.state: State | None = None
+        self.state: VehicleState | None = None
         self._link = Link.UNKNOWN
         self._job: tuple[StopTemplate, ...] | None = None
-        self._order: Order | None = None
+        self._order: VehicleOrder | None = None
         # An order that was sent, and whose job is over.
-        self._stale: Order | None = None
+        self._stale: VehicleOrder | None = None
         self._sent_s = self._first_sent_s = now_s
         # The cancellation that is under way: its newest id, when it began, when it was sent last.
         self._cancel: tuple[str, float, float] | None = None
@@ -123,7 +123,7 @@ class Vehicle:
         self._link = Link.UNKNOWN
         self.state = None
         self._heard_s = now_s
-        return []
+        return [self._request_state()]
 
     def unlinked(self, now_s: float) -> list[Effect]:
         """The adapter has lost its connection to the broker."""
@@ -143,9 +143,13 @@ class Vehicle:
             return []
         return [self._request_state()]
 
-    def said(self, state: State, now_s: float) -> list[Effect]:
-        """A state message."""
-        self.state, self._heard_s = state, now_s
+    def said(self, state: VehicleState, now_s: float) -> list[Effect]:
+        """A state message that is not retained.
+
+        Who says it is there, whatever the connection topic says: a broker that was started again
+        has forgotten that, and not every vehicle says again that it is online.
+        """
+        self.state, self._heard_s, self._link = state, now_s, Link.ONLINE
         if state.charge_percent is not None:
             limit = self._battery.enough_percent if self._is_low else self._battery.low_percent
             self._is_low = state.charge_percent < limit
@@ -200,7 +204,7 @@ class Vehicle:
     def _is_news_due(self, now_s: float) -> bool:
         return self._was_cut_off and now_s - self._heard_s < BROKER_S
 
-    def _trouble(self, state: State, now_s: float) -> str:
+    def _trouble(self, state: VehicleState, now_s: float) -> str:
         """What a vehicle that is there says against itself."""
         fatal = [str(error) for error in state.errors if error.level == FATAL]
         if fatal:
@@ -237,7 +241,7 @@ class Vehicle:
             return self._unanswered(state, order, now_s)
         return self._judged(state, order)
 
-    def _is_cleared(self, state: State, now_s: float) -> bool:
+    def _is_cleared(self, state: VehicleState, now_s: float) -> bool:
         """Whether nothing of ours runs, and nothing that was sent may still begin to."""
         if self._ours_runs():
             return False
@@ -265,10 +269,10 @@ class Vehicle:
             if name.startswith(OURS) and "/" in name
         )
 
-    def _has_foreign_order(self, state: State) -> bool:
+    def _has_foreign_order(self, state: VehicleState) -> bool:
         return state.has_active_order and not state.order_id.startswith(OURS)
 
-    def _cancelled(self, state: State, now_s: float) -> list[Effect]:
+    def _cancelled(self, state: VehicleState, now_s: float) -> list[Effect]:
         began_s = now_s
         if self._cancel is not None:
             newest, began_s, sent_s = self._cancel
@@ -279,7 +283,7 @@ class Vehicle:
         self._cancel = action.action_id, began_s, now_s
         return [self._instant(action)]
 
-    def _begin(self, state: State, now_s: float) -> list[Effect]:
+    def _begin(self, state: VehicleState, now_s: float) -> list[Effect]:
         """Send the job's order, from where the vehicle is now."""
         if self._trouble(state, now_s):
             # The capability is lost, so the plan will take the job away, or it passes.
@@ -292,7 +296,7 @@ class Vehicle:
         self._order, self._sent_s, self._first_sent_s = order, now_s, now_s
         return [Send(ORDER, order_message(order, self._dialect))]
 
-    def _unanswered(self, state: State, order: Order, now_s: float) -> list[Effect]:
+    def _unanswered(self, state: VehicleState, order: VehicleOrder, now_s: float) -> list[Effect]:
         refusal = self._refusal(state, order)
         if refusal:
             return self._end(False, f"the vehicle refused the order: {refusal}")
@@ -304,7 +308,7 @@ class Vehicle:
             return [Send(ORDER, order_message(order, self._dialect))]
         return []
 
-    def _judged(self, state: State, order: Order) -> list[Effect]:
+    def _judged(self, state: VehicleState, order: VehicleOrder) -> list[Effect]:
         """How the order is that the vehicle has taken in."""
         statuses = {name: state.actions.get(name, "") for name in order.action_ids}
         broken = [name for name, status in statuses.items() if status in (FAILED, RETRIABLE)]
@@ -317,7 +321,7 @@ class Vehicle:
             done = len(order.nodes) - state.nodes_left
             done += sum(status == FINISHED for status in statuses.values())
             whole = len(order.nodes) + len(order.action_ids)
-            return [Progress(max(0, min(done, whole)) / whole)]
+            return [OrderProgress(max(0, min(done, whole)) / whole)]
         if not broken and state.last_sequence_id == order.last_sequence_id:
             return self._end(True, "")
         if self._was_cut_off:
@@ -328,13 +332,13 @@ class Vehicle:
             return self._end(False, self._why(state, order, broken[0]))
         return self._end(False, f"the order ended early, at {state.last_node}")
 
-    def _why(self, state: State, order: Order, action_id: str) -> str:
+    def _why(self, state: VehicleState, order: VehicleOrder, action_id: str) -> str:
         actions = {a.action_id: a for node in order.nodes for a in node.actions}
         told = [str(e) for e in state.errors if e.is_of("actionId", action_id)]
         because = f": {told[0]}" if told else ""
         return f"the vehicle's action {actions[action_id].type} failed{because}"
 
-    def _refusal(self, state: State, order: Order) -> str:
+    def _refusal(self, state: VehicleState, order: VehicleOrder) -> str:
         told = [str(e) for e in state.errors if e.is_of("orderId", order.order_id)]
         return told[0] if told and state.order_id != order.order_id else ""
 

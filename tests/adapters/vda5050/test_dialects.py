@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 from mrbt_mesh.adapters.vda5050.dialects import (
     DIALECTS,
     Action,
-    Order,
     OrderNode,
     VehicleAddress,
+    VehicleOrder,
     cancel_order,
     instant_message,
     order_message,
@@ -57,11 +57,11 @@ NODES = st.builds(
 
 
 @st.composite
-def orders(draw: Any) -> Order:
+def orders(draw: Any) -> VehicleOrder:
     nodes = tuple(draw(st.lists(NODES, min_size=1, max_size=5)))
     limit = st.none() | st.floats(0.1, 5)
     limits = tuple(draw(limit) for _ in nodes[1:])
-    return Order(draw(st.text(min_size=1, max_size=8)), "hall", nodes, limits)
+    return VehicleOrder(draw(st.text(min_size=1, max_size=8)), "hall", nodes, limits)
 
 
 def address(name: str) -> VehicleAddress:
@@ -91,7 +91,7 @@ def test_topics_and_headers(name: str, topic: str) -> None:
 
 def test_what_differs_between_the_versions() -> None:
     nodes = (OrderNode("A", 0, 0, deviation_m=1.5), OrderNode("B", 1, 0, theta=7.0))
-    order = Order("o1", "hall", nodes, (0.5,))
+    order = VehicleOrder("o1", "hall", nodes, (0.5,))
     old, new = (order_message(order, DIALECTS[name]) for name in ("2.0", "3.0"))
     assert old["nodes"][0]["nodePosition"]["allowedDeviationXy"] == 1.5
     assert new["nodes"][0]["nodePosition"]["allowedDeviationXY"] == {
@@ -113,7 +113,7 @@ def test_what_differs_between_the_versions() -> None:
 
 
 @given(orders(), st.sampled_from(sorted(DIALECTS)))
-def test_orders_are_one_chain_that_is_released(order: Order, name: str) -> None:
+def test_orders_are_one_chain_that_is_released(order: VehicleOrder, name: str) -> None:
     message = json.loads(json.dumps(order_message(order, DIALECTS[name])))
     chain = sorted([*message["nodes"], *message["edges"]], key=lambda part: part["sequenceId"])
     assert [part["sequenceId"] for part in chain] == list(range(len(chain)))
@@ -138,7 +138,7 @@ def test_messages_are_valid_by_the_schemas_of_npms_library(name: str) -> None:
     lines: list[Any] = []
 
     @given(orders(), ACTIONS)
-    def collect(order: Order, action: Action) -> None:
+    def collect(order: VehicleOrder, action: Action) -> None:
         dialect = DIALECTS[name]
         lines.append([name, "validateOrder", headed(name, order_message(order, dialect))])
         instant = instant_message([cancel_order("c"), state_request("s"), action], dialect)
@@ -161,7 +161,9 @@ def test_messages_are_valid_by_the_schemas_of_npms_library(name: str) -> None:
 
 @pytest.mark.skipif(SCHEMAS is None, reason="vda5050-sdk is not installed: make test-vda5050")
 @given(order=orders(), action=ACTIONS)
-def test_messages_are_valid_by_the_schemas_of_pypis_sdk(order: Order, action: Action) -> None:
+def test_messages_are_valid_by_the_schemas_of_pypis_sdk(
+    order: VehicleOrder, action: Action
+) -> None:
     dialect = DIALECTS["2.1"]
     _validator("order")(headed("2.1", order_message(order, dialect)))
     instant = instant_message([cancel_order("c"), action], dialect)

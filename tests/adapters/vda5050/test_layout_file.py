@@ -21,11 +21,12 @@ def test_the_examples_layout_fits_its_mission_and_the_vehicles_of_the_tests() ->
     file, mission = load_layout(LAYOUT), load_mission(mission_file("warehouse"))
     assert file.vehicles.keys() == mission.robots.keys() == VEHICLES.keys()
     assert file.tasks.keys() == mission.local_tasks.keys()
-    for robot, (manufacturer, version, x, y, node) in VEHICLES.items():
-        address = file.vehicles[robot]
-        assert (address.manufacturer, address.dialect.version) == (manufacturer, version)
+    for robot, station in VEHICLES.items():
+        address, node = file.vehicles[robot], file.layout.nodes[station["node"]]
+        assert address.manufacturer == station["manufacturer"]
+        assert address.dialect.version == station["version"]
         assert address.serial_number == robot
-        assert (file.layout.nodes[node].x, file.layout.nodes[node].y) == (x, y)
+        assert (node.x, node.y) == (station["x"], station["y"])
     places = mission.parameters["map"]["places"]
     for name, place in places.items():
         assert [file.layout.nodes[name].x, file.layout.nodes[name].y] == place["at"]

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from mrbt_mesh.adapters.vda5050.messages import (
     Link,
     MessageError,
-    Place,
     VehicleError,
+    VehiclePlace,
     decode,
     read_link,
     read_place,
@@ -59,7 +59,7 @@ THREE = {
 def test_a_state_says_the_same_in_all_versions() -> None:
     state = read_state(TWO)
     assert read_state(THREE) == state
-    assert state.place == Place(1.0, 2.5, 0.5, "m", True)
+    assert state.place == VehiclePlace(1.0, 2.5, 0.5, "m", True)
     assert (state.nodes_left, state.edges_left, state.last_sequence_id) == (1, 1, 2)
     assert (state.charge_percent, state.is_charging, state.emergency_stop) == (70, True, "AUTOACK")
     assert state.errors == (VehicleError("orderError", "WARNING", "", (("orderId", "o0"),)),)

@@ -13,7 +13,7 @@ import pytest
 
 from mrbt_mesh.adapters.vda5050.layout_file import load_layout
 from mrbt_mesh.adapters.vda5050.messages import Link
-from mrbt_mesh.adapters.vda5050.program import Member
+from mrbt_mesh.adapters.vda5050.program import ConnectedVehicle
 from mrbt_mesh.runtime.program import TaskContext, TaskFailedError
 from tests.support.extras import said_without
 from tests.support.paths import EXAMPLES
@@ -43,7 +43,7 @@ class Robot:
     def __init__(self) -> None:
         self.told = Told()
         self.file = load_layout(EXAMPLES / "warehouse/agvs.yaml")
-        self.member = Member(self.file, "F1")
+        self.member = ConnectedVehicle(self.file, "F1")
         self.member._background = context(self.told)
         self.agv = ModelAgv("W1", 0, 0)
 

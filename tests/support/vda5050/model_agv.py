@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from mrbt_mesh.adapters.vda5050.messages import State, read_state
+from mrbt_mesh.adapters.vda5050.messages import VehicleState, read_state
 
 
 class ModelAgv:
@@ -106,6 +106,6 @@ class ModelAgv:
             },
         } | changes
 
-    def state(self, **changes: Any) -> State:
+    def state(self, **changes: Any) -> VehicleState:
         """Its state, decoded."""
         return read_state(self.message(**changes))

@@ -19,22 +19,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from tests.support.paths import ROOT
+from tests.support.paths import EXAMPLES, ROOT
 
 # The folder with node_modules/vda-5050-lib: `make test-vda5050` makes it.
 LIBRARY_VARIABLE = "MRBT_VDA5050_NODE"
 HOST = "127.0.0.1"
 WAIT_S = 120.0
-SCRIPT = Path(__file__).with_name("virtual_agv.js")
-# Robot -> manufacturer, version, where it stands, at which node: as in examples/warehouse.
-VEHICLES: dict[str, tuple[str, str, float, float, str]] = {
-    "S1": ("Scoutworks", "1.1.0", 0, 6, "W3"),
-    "S2": ("Scoutworks", "1.1.0", 0, 3, "W2"),
-    "S3": ("Scoutworks", "1.1.0", 12, 6, "E3"),
-    "F1": ("Forkworks", "2.0.0", 0, 0, "W1"),
-    "F2": ("Forkworks", "2.0.0", 12, 0, "E1"),
-    "F3": ("Forkworks", "2.0.0", 12, 3, "E2"),
-}
+SCRIPT = EXAMPLES / "warehouse/virtual_agvs.js"
+# Robot -> manufacturer, version, x, y, node.
+VEHICLES: dict[str, dict[str, Any]] = json.loads(SCRIPT.with_suffix(".json").read_text())
 
 
 def lacking() -> str:
@@ -115,16 +108,12 @@ class Plant:
         self._broker.kill()
         self._broker.wait()
 
-    def start_vehicle(self, robot: str, speed: float = 2.0, place: Any = None) -> None:
-        """Start a virtual AGV at its station, or at `place` (x, y, node)."""
-        manufacturer, version, x, y, node = VEHICLES[robot]
-        if place is not None:
-            x, y, node = place
-        words = [str(self.port), version, manufacturer, robot, "hall", str(x), str(y), node]
+    def start_vehicle(self, robot: str) -> None:
+        """Start a virtual AGV at its station."""
         modules = Path(os.environ[LIBRARY_VARIABLE]) / "node_modules"
         with (self.folder / f"agv-{robot}.log").open("a") as log:
             self._vehicles[robot] = subprocess.Popen(
-                ["node", str(SCRIPT), *words, str(speed)],
+                ["node", str(SCRIPT), str(self.port), robot],
                 env=os.environ | {"NODE_PATH": str(modules)},
                 cwd=ROOT,
                 stdout=log,
