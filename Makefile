@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long test-plain test-slow test-docker test-interop test-conformance tolerance lint check-lock lock drills soak \
+.PHONY: help setup demo test test-long test-plain test-slow test-docker test-interop test-conformance test-vda5050 tolerance lint check-lock lock drills soak \
 	test-browser screenshots bench-page clean bench bench-scale bench-security bench-failover bench-resume \
 	bench-membership bench-estimate bench-robustness bench-metrics bench-recording verify-recordings walk paper
 
@@ -22,6 +22,7 @@ help:
 	@echo "make test-slow       wireless teams, discovery, split sessions, intruders, routers: minutes"
 	@echo "make test-interop    other programs judge: BehaviorTree.CPP, an open monitor, Foxglove's protocol"
 	@echo "make test-conformance all traces of BehaviorTree.CPP 4.10, told by the executor of local trees"
+	@echo "make test-vda5050    AGVs: mosquitto and npm's virtual vehicles; as root, installs Debian's if missing"
 	@echo "make tolerance       what mrbt analyze foretells of faults, against thousands of simulated runs"
 	@echo "make lint            ruff, mypy, import-linter"
 	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
@@ -109,6 +110,18 @@ test-interop: $(READY)
 test-conformance: $(READY)
 	MRBT_CONFORMANCE=1 $(BIN)/pytest tests/local/test_engine_traces.py \
 		tests/formats/btcpp/test_script_measured.py tests/formats/btcpp/test_team_tree_traces.py
+
+# Parts that others have made: a broker, virtual AGVs, published schemas (docs/vda5050.md).
+test-vda5050: $(READY)
+	@command -v mosquitto > /dev/null || apt-get install --yes mosquitto || \
+		{ echo "install mosquitto, or run this as root on Debian"; exit 1; }
+	@command -v npm > /dev/null || apt-get install --yes npm || \
+		{ echo "install node and npm, or run this as root on Debian"; exit 1; }
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[vda5050]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps vda5050-sdk==0.2.0
+	folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
+		npm install --silent --prefix "$$folder" vda-5050-lib@1.4.0 && \
+		MRBT_VDA5050_NODE="$$folder" $(BIN)/pytest -rs tests/adapters/vda5050 tests/processes/test_vda5050.py
 
 drills: $(READY)
 	$(BIN)/mrbt drill --all --brief --junit drills.xml

@@ -88,6 +88,7 @@ def test_the_examples_are_where_the_readme_says() -> None:
         "lift",
         "tool_search",
         "vehicle_repair",
+        "warehouse",
     ]
 
 

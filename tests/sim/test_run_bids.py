@@ -105,6 +105,13 @@ def test_couriers_deliver_over_a_network_that_loses_a_third(run: Run, seed: int)
     assert len(result.summary["bids"]) == 6
 
 
+def test_the_warehouse_goes_on_without_a_fork_lift(run: Run) -> None:
+    result = run("warehouse", 3, schedule=[(9 * SECOND_US, Kill("F1"))])
+    tasks = result.summary["global_tasks"]
+    assert {row["status"] for row in tasks.values()} == {"success"}
+    assert len(tasks) == 10
+
+
 def test_a_robot_tells_all_its_bids_in_one_message(run: Run) -> None:
     """Two stages of three parcels each: two messages per courier, with three bids each."""
     told: dict[str, list[int]] = {}

@@ -1,0 +1,213 @@
+"""The versions of VDA 5050 as they differ on the wire: topics, headers, names of fields.
+
+Values in, values out. Sources: the standard's texts and JSON schemas 1.1.0, 2.0.0, 2.1.0, 3.0.0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, TypeAlias
+
+Message: TypeAlias = dict[str, Any]
+# An action's parameters as the standard has them.
+ParameterValue: TypeAlias = str | int | float | bool | Sequence[Any]
+
+ORDER, INSTANT_ACTIONS = "order", "instantActions"
+STATE, CONNECTION, VISUALIZATION = "state", "connection", "visualization"
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """One version. `instant_actions` are the keys under which instant actions are sent, `deviation`
+    those of the distance by which a vehicle may miss a node.
+
+    2.0.0's text says `actions` and its published schema `instantActions`; so it is with
+    `allowedDeviationXy` and `allowedDeviationXY` in 2.1.0. Vehicles look at the one or the other,
+    so both are sent.
+    """
+
+    name: str
+    version: str
+    instant_actions: tuple[str, ...]
+    deviation: tuple[str, ...] = ("allowedDeviationXy",)
+    is_deviation_elliptic: bool = False
+    edges_name_nodes: bool = True
+    speed_limit: str = "maxSpeed"
+
+    @property
+    def major(self) -> str:
+        """The version as topics have it, e.g. `v2`."""
+        return f"v{self.version.partition('.')[0]}"
+
+
+DIALECTS: Mapping[str, Dialect] = {
+    dialect.name: dialect
+    for dialect in (
+        Dialect("1.1", "1.1.0", ("instantActions",)),
+        Dialect("2.0", "2.0.0", ("actions", "instantActions")),
+        Dialect(
+            "2.1", "2.1.0", ("actions",), deviation=("allowedDeviationXy", "allowedDeviationXY")
+        ),
+        Dialect(
+            "3.0",
+            "3.0.0",
+            ("actions",),
+            deviation=("allowedDeviationXY",),
+            is_deviation_elliptic=True,
+            edges_name_nodes=False,
+            speed_limit="maximumSpeed",
+        ),
+    )
+}
+
+
+@dataclass(frozen=True)
+class VehicleAddress:
+    """Under which topics a vehicle is reached: interface/vN/manufacturer/serial number/topic."""
+
+    interface: str
+    manufacturer: str
+    serial_number: str
+    dialect: Dialect
+
+    def topic(self, name: str) -> str:
+        """The topic `order`, `state`, ... of this vehicle."""
+        parts = self.interface, self.dialect.major, self.manufacturer, self.serial_number, name
+        return "/".join(parts)
+
+    def headed(self, header_id: int, unix_time_s: float, body: Message) -> Message:
+        """A message with its header."""
+        return {
+            "headerId": header_id,
+            "timestamp": timestamp(unix_time_s),
+            "version": self.dialect.version,
+            "manufacturer": self.manufacturer,
+            "serialNumber": self.serial_number,
+            **body,
+        }
+
+
+def timestamp(unix_time_s: float) -> str:
+    """ISO 8601 in UTC with milliseconds, as the standard wants it."""
+    text = datetime.fromtimestamp(unix_time_s, UTC).isoformat(timespec="milliseconds")
+    return text.replace("+00:00", "Z")
+
+
+@dataclass(frozen=True)
+class Action:
+    """Something that a vehicle does at a node. `blocking` is NONE, SOFT or HARD."""
+
+    action_id: str
+    type: str
+    parameters: Mapping[str, ParameterValue]
+    blocking: str = "HARD"
+
+    def encoded(self) -> Message:
+        """As messages have it, in all versions."""
+        result: Message = {
+            "actionId": self.action_id,
+            "actionType": self.type,
+            "blockingType": self.blocking,
+        }
+        if self.parameters:
+            result["actionParameters"] = [
+                {"key": key, "value": value} for key, value in self.parameters.items()
+            ]
+        return result
+
+
+@dataclass(frozen=True)
+class OrderNode:
+    """A node of an order; `deviation_m`: how far off the vehicle may be, 0 for its own tolerance.
+
+    `x` and `y` in metres, `theta` in radians.
+    """
+
+    name: str
+    x: float
+    y: float
+    theta: float | None = None
+    deviation_m: float = 0.0
+    actions: tuple[Action, ...] = ()
+
+
+@dataclass(frozen=True)
+class VehicleOrder:
+    """A whole order: released at once, driven from the first node to the last."""
+
+    order_id: str
+    map_id: str
+    nodes: tuple[OrderNode, ...]
+    speed_limits: tuple[float | None, ...]
+
+    @property
+    def last_sequence_id(self) -> int:
+        """The sequence id of the last node: nodes have even ones, edges odd ones."""
+        return 2 * (len(self.nodes) - 1)
+
+    @property
+    def action_ids(self) -> tuple[str, ...]:
+        """The ids of all its actions, in their order."""
+        return tuple(action.action_id for node in self.nodes for action in node.actions)
+
+
+def order_message(order: VehicleOrder, dialect: Dialect) -> Message:
+    """The body of an order, without its header."""
+    nodes = [
+        {
+            "nodeId": node.name,
+            "sequenceId": 2 * index,
+            "released": True,
+            "nodePosition": _position(node, order.map_id, dialect),
+            "actions": [action.encoded() for action in node.actions],
+        }
+        for index, node in enumerate(order.nodes)
+    ]
+    edges = [_edge(order, index, dialect) for index in range(len(order.nodes) - 1)]
+    return {"orderId": order.order_id, "orderUpdateId": 0, "nodes": nodes, "edges": edges}
+
+
+def _position(node: OrderNode, map_id: str, dialect: Dialect) -> Message:
+    result: Message = {"x": node.x, "y": node.y, "mapId": map_id}
+    if node.theta is not None:
+        result["theta"] = math.remainder(node.theta, math.tau)
+    if node.deviation_m > 0:
+        circle = {"a": node.deviation_m, "b": node.deviation_m, "theta": 0.0}
+        allowed = circle if dialect.is_deviation_elliptic else node.deviation_m
+        result |= dict.fromkeys(dialect.deviation, allowed)
+    return result
+
+
+def _edge(order: VehicleOrder, index: int, dialect: Dialect) -> Message:
+    start, end = order.nodes[index].name, order.nodes[index + 1].name
+    edge: Message = {
+        "edgeId": f"{start}-{end}",
+        "sequenceId": 2 * index + 1,
+        "released": True,
+        "actions": [],
+    }
+    if dialect.edges_name_nodes:
+        edge |= {"startNodeId": start, "endNodeId": end}
+    limit = order.speed_limits[index]
+    if limit is not None:
+        edge[dialect.speed_limit] = limit
+    return edge
+
+
+def instant_message(actions: Sequence[Action], dialect: Dialect) -> Message:
+    """The body of a message of instant actions, without its header."""
+    encoded = [action.encoded() for action in actions]
+    return dict.fromkeys(dialect.instant_actions, encoded)
+
+
+def cancel_order(action_id: str) -> Action:
+    """Stop the order that runs, whichever it is."""
+    return Action(action_id, "cancelOrder", {}, "NONE")
+
+
+def state_request(action_id: str) -> Action:
+    """Send the state now: vehicles say it only when it changes, and each half minute."""
+    return Action(action_id, "stateRequest", {}, "NONE")

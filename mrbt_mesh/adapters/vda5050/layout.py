@@ -1,0 +1,222 @@
+"""The ways of a plant and what local tasks mean there: from a local task to an order.
+
+Values in, values out. Routes are shortest ways by length; ties are broken by names. This is no
+traffic control: two vehicles may be sent along the same edge at the same time, even towards one
+another.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from string import Template
+
+from mrbt_mesh.adapters.vda5050.dialects import Action, OrderNode, ParameterValue, VehicleOrder
+from mrbt_mesh.adapters.vda5050.messages import VehicleState
+
+# A vehicle that is this near a node is on it, and needs no other tolerance than its own.
+ON_NODE_M = 0.1
+
+
+class RouteError(Exception):
+    """There is no way there; the text says from where to where."""
+
+
+@dataclass(frozen=True)
+class LayoutNode:
+    """A place of the layout in metres; `theta` in radians where vehicles must have that heading."""
+
+    x: float
+    y: float
+    theta: float | None = None
+
+
+@dataclass(frozen=True)
+class ActionTemplate:
+    """An action of a stop; texts may name parameters of the local task, e.g. `$rack`."""
+
+    type: str
+    parameters: Mapping[str, ParameterValue]
+    blocking: str
+
+
+@dataclass(frozen=True)
+class StopTemplate:
+    """A node to drive to, which may be a parameter, and what is done there."""
+
+    at: str
+    actions: tuple[ActionTemplate, ...]
+
+
+@dataclass(frozen=True)
+class FilledTask:
+    """A ground local task: where to drive, and the conditions that hold afterwards."""
+
+    stops: tuple[StopTemplate, ...]
+    sets: Mapping[str, bool]
+
+
+@dataclass(frozen=True)
+class TaskTemplate:
+    """What a local task is for a vehicle, and which conditions it sets when it has succeeded."""
+
+    parameters: tuple[str, ...]
+    stops: tuple[StopTemplate, ...]
+    sets: Mapping[str, bool]
+
+    def filled(self, arguments: Sequence[str]) -> FilledTask:
+        """With the values of a ground local task. Raises RouteError."""
+        if len(arguments) != len(self.parameters):
+            wanted = ", ".join(self.parameters) or "none"
+            raise RouteError(f"the layout has other parameters: {wanted}")
+        values = dict(zip(self.parameters, arguments, strict=True))
+        stops = tuple(
+            StopTemplate(
+                _fill(stop.at, values),
+                tuple(
+                    ActionTemplate(
+                        _fill(action.type, values),
+                        {key: _filled(value, values) for key, value in action.parameters.items()},
+                        action.blocking,
+                    )
+                    for action in stop.actions
+                ),
+            )
+            for stop in self.stops
+        )
+        return FilledTask(stops, {_fill(name, values): value for name, value in self.sets.items()})
+
+
+def _fill(text: str, values: Mapping[str, str]) -> str:
+    return Template(text).safe_substitute(values)
+
+
+def _filled(value: ParameterValue, values: Mapping[str, str]) -> ParameterValue:
+    return _fill(value, values) if isinstance(value, str) else value
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A map's nodes and its directed edges with their speed limits, in m/s, None for none.
+
+    A vehicle that does not say on which node it is may be up to `reach_m` away from the one at
+    which its order begins.
+    """
+
+    map_id: str
+    nodes: Mapping[str, LayoutNode]
+    edges: Mapping[str, Mapping[str, float | None]]
+    reach_m: float = 2.0
+
+    def way(self, start: str, end: str) -> list[str]:
+        """The nodes of the shortest way, both ends included. Raises RouteError."""
+        for name in (start, end):
+            if name not in self.nodes:
+                raise RouteError(f"the layout has no node {name!r}")
+        open_: list[tuple[float, list[str]]] = [(0.0, [start])]
+        closed: set[str] = set()
+        while open_:
+            length, path = heapq.heappop(open_)
+            here = path[-1]
+            if here == end:
+                return path
+            if here in closed:
+                continue
+            closed.add(here)
+            for there in self.edges.get(here, ()):
+                if there not in closed:
+                    heapq.heappush(open_, (length + self._length(here, there), [*path, there]))
+        raise RouteError(f"the layout has no way from {start} to {end}")
+
+    def begin(self, state: VehicleState) -> str:
+        """The node where a vehicle's next order begins. Raises RouteError.
+
+        The one that it says, else the nearest one within reach.
+        """
+        if state.last_node in self.nodes:
+            return state.last_node
+        place = state.place
+        if place is None:
+            said = repr(state.last_node) if state.last_node else "no node"
+            raise RouteError(f"the vehicle says {said} and no position: the layout needs one")
+        off, name = min(
+            (math.hypot(node.x - place.x, node.y - place.y), name)
+            for name, node in self.nodes.items()
+        )
+        if off > self.reach_m:
+            raise RouteError(
+                f"the vehicle is at ({place.x:.1f}, {place.y:.1f}), {off:.1f} m from the nearest "
+                f"node ({name})"
+            )
+        return name
+
+    def route(
+        self, state: VehicleState, stops: Sequence[StopTemplate]
+    ) -> list[tuple[str, int | None]]:
+        """(node, index of the stop that is made there) from where a vehicle is. Raises RouteError.
+
+        A stop where it already is begins the route.
+        """
+        route: list[tuple[str, int | None]] = [(self.begin(state), None)]
+        for index, stop in enumerate(stops):
+            way = self.way(route[-1][0], stop.at)
+            if len(way) == 1 and route[-1][1] is None:
+                route[-1] = (way[0], index)
+            elif len(way) == 1:
+                # Two stops at one node need it twice, and a vehicle that drives on the spot.
+                raise RouteError(f"two stops at {stop.at} without another between them")
+            else:
+                route += [(name, None) for name in way[1:-1]] + [(way[-1], index)]
+        return route
+
+    def length_m(self, state: VehicleState, stops: Sequence[StopTemplate]) -> float:
+        """How far a vehicle would drive for these stops. Raises RouteError."""
+        route = self.route(state, stops)
+        gone = sum(
+            self._length(route[index][0], route[index + 1][0]) for index in range(len(route) - 1)
+        )
+        return gone + self._off(state, route[0][0])
+
+    def order(
+        self, order_id: str, state: VehicleState, stops: Sequence[StopTemplate]
+    ) -> VehicleOrder:
+        """The order for these stops, from where a vehicle is. Raises RouteError."""
+        route = self.route(state, stops)
+        off = self._off(state, route[0][0])
+        nodes, count = [], 0
+        for position, (name, stop) in enumerate(route):
+            node = self.nodes[name]
+            templates = stops[stop].actions if stop is not None else ()
+            actions = tuple(
+                Action(f"{order_id}/{count + number}", each.type, each.parameters, each.blocking)
+                for number, each in enumerate(templates, start=1)
+            )
+            count += len(actions)
+            # The vehicle stands somewhere, with some heading: the first node must admit that.
+            first = position == 0
+            nodes.append(
+                OrderNode(
+                    name,
+                    node.x,
+                    node.y,
+                    None if first or stop is None else node.theta,
+                    off + ON_NODE_M if first and off > ON_NODE_M else 0.0,
+                    actions,
+                )
+            )
+        limits = tuple(
+            self.edges[route[index][0]][route[index + 1][0]] for index in range(len(route) - 1)
+        )
+        return VehicleOrder(order_id, self.map_id, tuple(nodes), limits)
+
+    def _length(self, start: str, end: str) -> float:
+        here, there = self.nodes[start], self.nodes[end]
+        return math.hypot(here.x - there.x, here.y - there.y)
+
+    def _off(self, state: VehicleState, name: str) -> float:
+        if state.place is None:
+            return 0.0
+        node = self.nodes[name]
+        return math.hypot(node.x - state.place.x, node.y - state.place.y)

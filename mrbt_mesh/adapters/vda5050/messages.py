@@ -1,0 +1,224 @@
+"""What vehicles say, decoded from any version into one form, or refused."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+MAX_MESSAGE_BYTES = 1_000_000
+FINISHED, FAILED, RETRIABLE = "FINISHED", "FAILED", "RETRIABLE"
+# A vehicle with such an error cannot go on with its order; with the second kind, with none.
+STOPPING = frozenset({"FATAL", "CRITICAL"})
+FATAL = "FATAL"
+# Modes in which a vehicle follows the orders of its fleet's control.
+FOLLOWING = frozenset({"AUTOMATIC", "SEMIAUTOMATIC"})
+
+
+class MessageError(Exception):
+    """What came is no message of VDA 5050; the text says why."""
+
+
+class Link(StrEnum):
+    """What is known of a vehicle's connection to the broker."""
+
+    UNKNOWN = "UNKNOWN"
+    ONLINE = "ONLINE"
+    OFFLINE = "OFFLINE"
+    BROKEN = "CONNECTIONBROKEN"
+    HIBERNATING = "HIBERNATING"
+
+
+@dataclass(frozen=True)
+class VehicleError:
+    """An error that a vehicle tells. `references` are (key, value) pairs."""
+
+    type: str
+    level: str
+    description: str
+    references: tuple[tuple[str, str], ...]
+
+    def is_of(self, key: str, value: str) -> bool:
+        """Whether it refers to this, e.g. to an order's id."""
+        return (key, value) in self.references
+
+    def __str__(self) -> str:
+        return f"{self.type}: {self.description}" if self.description else self.type
+
+
+@dataclass(frozen=True)
+class VehiclePlace:
+    """Where a vehicle is: metres on a map, and its heading in radians."""
+
+    x: float
+    y: float
+    theta: float
+    map_id: str
+    is_localized: bool
+
+
+# Attributes: what the standard's state has and the adapter needs, flat.
+@dataclass(frozen=True)
+class VehicleState:
+    """A vehicle's state. `charge_percent` is None where it was not said.
+
+    `nodes_left` and `edges_left` count what is left of its order; `actions` map ids to statuses.
+    """
+
+    order_id: str
+    last_node: str
+    last_sequence_id: int
+    nodes_left: int
+    edges_left: int
+    actions: Mapping[str, str]
+    instant_actions: Mapping[str, str]
+    errors: tuple[VehicleError, ...]
+    mode: str
+    emergency_stop: str
+    charge_percent: float | None
+    is_charging: bool
+    place: VehiclePlace | None
+
+    @property
+    def has_active_order(self) -> bool:
+        """Whether it still has something to drive or to do for its order.
+
+        Up to 2.1 instant actions stand among the others; those of the adapter are told apart by
+        who sent them (`vehicle.py`).
+        """
+        ended = FINISHED, FAILED
+        return bool(self.nodes_left or self.edges_left) or any(
+            status not in ended for status in self.actions.values()
+        )
+
+    def status_of(self, action_id: str) -> str | None:
+        """The status of an action, instant or of an order; None where it is not told."""
+        return self.actions.get(action_id) or self.instant_actions.get(action_id)
+
+
+def decode(payload: bytes | bytearray) -> Mapping[str, Any]:
+    """A message as JSON. Raises MessageError."""
+    if len(payload) > MAX_MESSAGE_BYTES:
+        raise MessageError(f"larger than {MAX_MESSAGE_BYTES} bytes")
+    try:
+        message = json.loads(payload)
+    except (ValueError, RecursionError) as error:
+        raise MessageError(f"not JSON: {error}") from None
+    if not isinstance(message, dict):
+        raise MessageError("not a JSON object")
+    return message
+
+
+def read_link(message: Mapping[str, Any]) -> Link:
+    """The connection state; 3.0 writes it with an underscore. Raises MessageError."""
+    said = message.get("connectionState")
+    text = said.replace("_", "") if isinstance(said, str) else ""
+    try:
+        return Link(text)
+    except ValueError:
+        raise MessageError(f"connectionState {said!r:.60} is not known") from None
+
+
+def read_state(message: Mapping[str, Any]) -> VehicleState:
+    """The state, of any version. Raises MessageError where a part that is needed is missing."""
+    safety = _mapping(message, "safetyState", {})
+    power = _mapping(message, "powerSupply", None) or _mapping(message, "batteryState", {})
+    charge = power.get("stateOfCharge", power.get("batteryCharge"))
+    stop = safety.get("activeEmergencyStop", safety.get("eStop", "NONE"))
+    instant = _listed(message, "instantActionStates")
+    return VehicleState(
+        order_id=_text(message, "orderId"),
+        last_node=_text(message, "lastNodeId"),
+        last_sequence_id=_whole(message, "lastNodeSequenceId"),
+        nodes_left=len(_list(message, "nodeStates")),
+        edges_left=len(_list(message, "edgeStates")),
+        actions=_statuses(_list(message, "actionStates")),
+        instant_actions=_statuses(instant),
+        errors=tuple(_error(each) for each in _listed(message, "errors")),
+        mode=_text(message, "operatingMode"),
+        emergency_stop=stop if isinstance(stop, str) else "",
+        charge_percent=_number(charge),
+        is_charging=power.get("charging") is True,
+        place=read_place(message),
+    )
+
+
+def read_place(message: Mapping[str, Any]) -> VehiclePlace | None:
+    """Where a vehicle is, by its state or its visualization; None where that is not told."""
+    said = _mapping(message, "mobileRobotPosition", None) or _mapping(message, "agvPosition", {})
+    x, y = _number(said.get("x")), _number(said.get("y"))
+    if x is None or y is None:
+        return None
+    theta, map_id = _number(said.get("theta")) or 0.0, said.get("mapId")
+    # A visualization need not say whether it is certain; then it is.
+    localized = said.get("localized", said.get("positionInitialized", True))
+    return VehiclePlace(x, y, theta, map_id if isinstance(map_id, str) else "", localized is True)
+
+
+def _statuses(states: list[Any]) -> dict[str, str]:
+    found = {}
+    for each in states:
+        if not isinstance(each, dict):
+            raise MessageError("an action state is not an object")
+        found[_text(each, "actionId")] = _text(each, "actionStatus")
+    return found
+
+
+def _error(said: Any) -> VehicleError:
+    if not isinstance(said, dict):
+        raise MessageError("an error is not an object")
+    references = []
+    for each in _listed(said, "errorReferences"):
+        if isinstance(each, dict):
+            references.append((str(each.get("referenceKey")), str(each.get("referenceValue"))))
+    description = said.get("errorDescription")
+    return VehicleError(
+        _text(said, "errorType"),
+        _text(said, "errorLevel"),
+        description if isinstance(description, str) else "",
+        tuple(references),
+    )
+
+
+def _text(message: Mapping[str, Any], key: str) -> str:
+    value = message.get(key)
+    if not isinstance(value, str):
+        raise MessageError(f"{key} is not text: {value!r:.60}")
+    return value
+
+
+def _whole(message: Mapping[str, Any], key: str) -> int:
+    value = message.get(key)
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise MessageError(f"{key} is not a whole number: {value!r:.60}")
+    return value
+
+
+def _number(value: Any) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _list(message: Mapping[str, Any], key: str) -> list[Any]:
+    value = message.get(key)
+    if not isinstance(value, list):
+        raise MessageError(f"{key} is not a list: {value!r:.60}")
+    return value
+
+
+def _listed(message: Mapping[str, Any], key: str) -> list[Any]:
+    """A list that may be missing, or null as some vehicles write it."""
+    return [] if message.get(key) is None else _list(message, key)
+
+
+def _mapping(message: Mapping[str, Any], key: str, default: Any) -> Any:
+    value = message.get(key)
+    return value if isinstance(value, dict) else default

@@ -1,0 +1,340 @@
+"""The part that talks MQTT: a robot program whose robots are vehicles of VDA 5050.
+
+What is to be decided is decided by `vehicle.py`; here are the clock, the broker and the robot's
+runtime. The broker is given a last will for this adapter: it cancels the vehicle's order. So a
+vehicle does not drive on when its robot's process has died and another robot takes over.
+"""
+
+from __future__ import annotations
+
+import json
+import ssl
+import time
+import uuid
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import anyio
+
+from mrbt_mesh.adapters.vda5050.dialects import (
+    CONNECTION,
+    INSTANT_ACTIONS,
+    STATE,
+    VISUALIZATION,
+    Message,
+    cancel_order,
+    instant_message,
+)
+from mrbt_mesh.adapters.vda5050.layout import FilledTask, RouteError, StopTemplate, TaskTemplate
+from mrbt_mesh.adapters.vda5050.layout_file import LayoutFile, load_layout
+from mrbt_mesh.adapters.vda5050.messages import (
+    MessageError,
+    VehiclePlace,
+    decode,
+    read_link,
+    read_place,
+    read_state,
+)
+from mrbt_mesh.adapters.vda5050.vehicle import OURS, Effect, Ended, OrderProgress, Send, Vehicle
+from mrbt_mesh.errors import InputError, TaskFailedError
+from mrbt_mesh.runtime.log import robot_logger
+from mrbt_mesh.runtime.program import RobotProgram, TaskContext
+
+if TYPE_CHECKING:
+    import aiomqtt
+
+EXTRA = "vda5050"
+TICK_S = 0.25
+RECONNECT_S = 0.5
+# How long a task that was cancelled waits for its vehicle to say that it has stopped.
+STOP_S = 5.0
+# How long a bid waits for what the vehicle says first.
+FIRST_STATE_S = 5.0
+ALL = "all"
+
+
+def robot_program(layout_file: str | Path) -> RobotProgram:
+    """A program for robots that are the vehicles of a layout file, each by its robot's id.
+
+    Raises InputError without the extra, and for a file that cannot be used.
+    """
+    require_extra()
+    fleet = Fleet(load_layout(Path(layout_file)))
+    program = RobotProgram()
+
+    @program.background
+    async def connect(task: TaskContext) -> None:
+        # A robot without a vehicle has to say that it can do nothing before it fails.
+        task.lose_capability(ALL)
+        await fleet.member(task).run(task)
+
+    for name, template in fleet.file.tasks.items():
+        _serve(program, fleet, name, template)
+    return program
+
+
+def require_extra() -> None:
+    """Raises InputError without the library."""
+    try:
+        import aiomqtt  # noqa: F401
+    except ImportError:
+        raise InputError(f"VDA 5050 needs more: pip install 'mrbt-mesh[{EXTRA}]'") from None
+
+
+def _serve(program: RobotProgram, fleet: Fleet, name: str, template: TaskTemplate) -> None:
+    def filled(arguments: tuple[str, ...]) -> FilledTask:
+        try:
+            return template.filled(arguments)
+        except RouteError as error:
+            raise TaskFailedError(str(error)) from None
+
+    @program.local_task(name)
+    async def perform(task: TaskContext, *arguments: str) -> None:
+        wanted = filled(arguments)
+        await fleet.member(task).perform(task, wanted.stops)
+        for condition, value in wanted.sets.items():
+            task.set_condition(condition, value)
+
+    @program.bid(name)
+    async def bid(task: TaskContext, *arguments: str) -> float | None:
+        return await fleet.member(task).bid(filled(arguments).stops)
+
+
+class Fleet:
+    """The vehicles of a layout file whose robots run in this process: one, but in tests."""
+
+    def __init__(self, file: LayoutFile) -> None:
+        self.file = file
+        self._members: dict[str, ConnectedVehicle] = {}
+
+    def member(self, task: TaskContext) -> ConnectedVehicle:
+        """The vehicle of the robot that is asked; raises InputError if the file has none."""
+        if task.robot not in self.file.vehicles:
+            raise InputError(f"{self.file.file}: vehicles has no {task.robot}")
+        if task.robot not in self._members:
+            self._members[task.robot] = ConnectedVehicle(self.file, task.robot)
+        return self._members[task.robot]
+
+
+# Attributes: the vehicle, what connects it with the broker and the robot, and what was told.
+class ConnectedVehicle:
+    """One robot's vehicle, its connection to the broker, and the task that it is at."""
+
+    def __init__(self, file: LayoutFile, robot: str) -> None:
+        self._file = file
+        self._address = file.vehicles[robot]
+        self._log = robot_logger(robot).bind(vehicle=self._address.serial_number)
+        self._session = uuid.uuid4().hex[:12]
+        self.vehicle = Vehicle(
+            f"{robot}-{self._session}",
+            file.layout,
+            self._address.dialect,
+            file.battery,
+            time.monotonic(),
+        )
+        self._background: TaskContext | None = None
+        self._job: TaskContext | None = None
+        self._end: Ended | None = None
+        self._outbox: list[Send] = []
+        self._news = anyio.Event()
+        self._header_ids: dict[str, int] = {}
+        self._lost: frozenset[str] = frozenset((ALL,))
+        self._refused: set[str] = set()
+
+    # -- what the robot's runtime asks for ------------------------------------------------------
+
+    async def perform(self, task: TaskContext, stops: tuple[StopTemplate, ...]) -> None:
+        """Have an order carried out; raises TaskFailedError. Cancelled: cancels it there."""
+        self._job, self._end = task, None
+        try:
+            self._apply(lambda now_s: self.vehicle.start(stops, now_s))
+            while self._end is None:
+                await self._news.wait()
+        except BaseException:
+            self._job = None
+            self._apply(self.vehicle.cancel)
+            with anyio.CancelScope(shield=True), anyio.move_on_after(STOP_S):
+                while self.vehicle.is_reachable and not self.vehicle.is_clear:
+                    await self._news.wait()
+            raise
+        self._job = None
+        if not self._end.success:
+            raise TaskFailedError(self._end.reason)
+
+    async def bid(self, stops: tuple[StopTemplate, ...]) -> float | None:
+        """Minus the metres to drive; None for a vehicle that can do nothing now."""
+        with anyio.move_on_after(FIRST_STATE_S):
+            while not self.vehicle.is_reachable:
+                await self._news.wait()
+        state = self.vehicle.state
+        if state is None or self.vehicle.fault(time.monotonic()):
+            return None
+        try:
+            return -round(self._file.layout.length_m(state, stops), 2)
+        except RouteError:
+            return None
+
+    async def run(self, task: TaskContext) -> None:
+        """Keep the connection to the broker as long as the robot lives."""
+        self._background = task
+        async with anyio.create_task_group() as group:
+            group.start_soon(self._tick)
+            while True:
+                await self._connect()
+                self._apply(self.vehicle.unlinked)
+                await anyio.sleep(RECONNECT_S)
+
+    # -- the broker ----------------------------------------------------------------------------
+
+    async def _connect(self) -> None:
+        """One connection, from its begin to its end."""
+        import aiomqtt
+
+        broker, address = self._file.broker, self._address
+        action = cancel_order(f"{OURS}{self._session}-will-{uuid.uuid4().hex[:8]}")
+        will = self._payload(INSTANT_ACTIONS, instant_message([action], address.dialect))
+        try:
+            async with aiomqtt.Client(
+                broker.host,
+                broker.port,
+                username=broker.username,
+                password=broker.password,
+                keepalive=broker.keepalive_s,
+                tls_context=ssl.create_default_context() if broker.tls else None,
+                will=aiomqtt.Will(address.topic(INSTANT_ACTIONS), will, qos=1),
+                timeout=2 * broker.keepalive_s,
+            ) as client:
+                for name in (CONNECTION, STATE, VISUALIZATION):
+                    await client.subscribe(address.topic(name), qos=1)
+                self._log.info("broker_connected", broker=f"{broker.host}:{broker.port}")
+                self._outbox.clear()
+                self._apply(self.vehicle.linked)
+                await self._exchange(client)
+        except (aiomqtt.MqttError, OSError) as error:
+            self._log.warning("broker_unreachable", error=str(error))
+
+    async def _exchange(self, client: aiomqtt.Client) -> None:
+        """Take in what comes and send what is to go, until the connection is gone."""
+        import aiomqtt
+
+        async with anyio.create_task_group() as group:
+            group.start_soon(self._send_on, client)
+            try:
+                async for message in client.messages:
+                    name = str(message.topic).rpartition("/")[2]
+                    # A retained state may be of long ago.
+                    is_old = message.retain and name != CONNECTION
+                    if isinstance(message.payload, bytes | bytearray) and not is_old:
+                        self._take(name, message.payload)
+            except aiomqtt.MqttError as error:
+                self._log.warning("broker_lost", error=str(error))
+            except BaseException:
+                # The robot stops in an orderly way, so the broker does not send the last will.
+                with anyio.CancelScope(shield=True), anyio.move_on_after(STOP_S):
+                    self._apply(self.vehicle.cancel)
+                    await self._send(client)
+                raise
+            group.cancel_scope.cancel()
+
+    async def _send_on(self, client: aiomqtt.Client) -> None:
+        while True:
+            await self._send(client)
+            await self._news.wait()
+
+    async def _send(self, client: aiomqtt.Client) -> None:
+        import aiomqtt
+
+        while self._outbox:
+            effect = self._outbox.pop(0)
+            try:
+                payload = self._payload(effect.topic, effect.body)
+                await client.publish(self._address.topic(effect.topic), payload)
+            except aiomqtt.MqttError:
+                # The connection is gone, as the other side of it will notice; all is sent again.
+                return
+
+    def _payload(self, topic: str, body: Message) -> bytes:
+        header_id = self._header_ids.get(topic, 0)
+        self._header_ids[topic] = (header_id + 1) % (1 << 32)
+        return json.dumps(self._address.headed(header_id, time.time(), body)).encode()
+
+    def _take(self, name: str, payload: bytes | bytearray) -> None:
+        """A message; one that cannot be used is told once for each topic, and left out."""
+        try:
+            message = decode(payload)
+            if name == CONNECTION:
+                link = read_link(message)
+                self._log.info("vehicle_connection", state=str(link))
+                self._apply(lambda now_s: self.vehicle.connection(link, now_s))
+            elif name == STATE:
+                state = read_state(message)
+                self._tell_place(state.place)
+                self._apply(lambda now_s: self.vehicle.said(state, now_s))
+            elif name == VISUALIZATION:
+                self._tell_place(read_place(message))
+        except MessageError as error:
+            if name not in self._refused:
+                self._refused.add(name)
+                self._log.warning("message_refused", topic=name, error=str(error))
+
+    def _tell_place(self, place: VehiclePlace | None) -> None:
+        if place is None or not place.is_localized or self._background is None:
+            return
+        if place.map_id in ("", self._file.layout.map_id):
+            try:
+                self._background.report_position(place.x, place.y, place.theta)
+            except ValueError as error:
+                raise MessageError(str(error)) from None
+
+    # -- what follows --------------------------------------------------------------------------
+
+    async def _tick(self) -> None:
+        while True:
+            self._apply(self.vehicle.tick)
+            await anyio.sleep(TICK_S)
+
+    def _apply(self, step: Callable[[float], list[Effect]]) -> None:
+        """Let the vehicle take one step, and carry out what follows."""
+        for effect in step(time.monotonic()):
+            match effect:
+                case Send():
+                    self._outbox.append(effect)
+                    self._log.info("sent", topic=effect.topic, **_named(effect.body))
+                case Ended():
+                    self._end = effect
+                case OrderProgress(fraction):
+                    if self._job is not None:
+                        self._job.report_progress(fraction)
+        self._tell_faults()
+        self._news.set()
+        self._news = anyio.Event()
+
+    def _tell_faults(self) -> None:
+        """Tell the team what this robot cannot do any more, and what it can do again."""
+        if self._background is None:
+            return
+        fault = self.vehicle.fault(time.monotonic())
+        lost = frozenset((ALL,)) if fault else self._prevented()
+        if lost == self._lost:
+            return
+        self._log.warning("capabilities", lost=sorted(lost), reason=fault)
+        for name in sorted(self._lost - lost) if not fault else ():
+            self._background.restore_capability(name)
+        for name in sorted(lost - self._lost):
+            self._background.lose_capability(name)
+        self._lost = lost
+
+    def _prevented(self) -> frozenset[str]:
+        """The local tasks that the vehicle's errors prevent, by the layout file."""
+        state = self.vehicle.state
+        kinds = {error.type for error in state.errors} if state is not None else set()
+        return frozenset(name for kind in kinds for name in self._file.errors.get(kind, ()))
+
+
+def _named(body: Message) -> dict[str, Any]:
+    """What a log says of a message."""
+    if "orderId" in body:
+        return {"order": body["orderId"], "nodes": [node["nodeId"] for node in body["nodes"]]}
+    actions = body["actions"] if "actions" in body else body["instantActions"]
+    return {"actions": [action["actionType"] for action in actions]}

@@ -1,0 +1,363 @@
+"""One vehicle's order as a state machine: what it says and what is wanted in, messages out.
+
+Pure: time is handed in, ids count up from the session's name, nothing is sent from here.
+
+An order is this session's, of an earlier life of the same robot (`OURS`), or foreign. What is ours
+and no longer wanted is cancelled as soon as it is seen, whenever that is: so the order of a robot
+that died, or whose task was taken away while its vehicle was out of reach, is never driven beside
+another robot's. A foreign order is left alone, and the vehicle is no use for the team meanwhile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from mrbt_mesh.adapters.vda5050.dialects import (
+    INSTANT_ACTIONS,
+    ORDER,
+    Action,
+    Dialect,
+    Message,
+    VehicleOrder,
+    cancel_order,
+    instant_message,
+    order_message,
+    state_request,
+)
+from mrbt_mesh.adapters.vda5050.layout import Layout, RouteError, StopTemplate
+from mrbt_mesh.adapters.vda5050.messages import (
+    FAILED,
+    FATAL,
+    FINISHED,
+    FOLLOWING,
+    RETRIABLE,
+    STOPPING,
+    Link,
+    VehicleState,
+)
+
+# How ids of the adapter's orders begin.
+OURS = "mrbt-"
+# Orders and instant actions may be lost (quality of service 0): they are sent again so often.
+AGAIN_S = 2.0
+# An order that is taken in by then neither is nor is refused has failed.
+ACCEPT_S = 10.0
+# A vehicle that drives on for so long after it was told to stop is no use for the team.
+OBEY_S = 10.0
+# The standard has vehicles send a state every 30 s at least.
+SILENT_S = 45.0
+# The broker may be away for so long: orders go on meanwhile.
+BROKER_S = 3.0
+
+
+@dataclass(frozen=True)
+class Send:
+    """Publish this body, with a header, under a topic of the vehicle."""
+
+    topic: str
+    body: Message
+
+
+@dataclass(frozen=True)
+class Ended:
+    """The job is over. `reason` says why it failed."""
+
+    success: bool
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class OrderProgress:
+    """How much of the order's nodes and actions is done, 0 to 1."""
+
+    fraction: float
+
+
+Effect: TypeAlias = Send | Ended | OrderProgress
+
+
+@dataclass(frozen=True)
+class Battery:
+    """Below `low_percent` a vehicle takes no orders, until it has `enough_percent` again."""
+
+    low_percent: float = 15.0
+    enough_percent: float = 30.0
+
+
+# Attributes: what is wanted (job), what was sent, what the vehicle said, and since when.
+class Vehicle:
+    """The order of one vehicle. Every method returns what is to be done; `now_s` never goes back.
+
+    `session` is a name that no other life of this robot has.
+    """
+
+    def __init__(
+        self, session: str, layout: Layout, dialect: Dialect, battery: Battery, now_s: float
+    ) -> None:
+        self._session = f"{OURS}{session}"
+        self._layout = layout
+        self._dialect = dialect
+        self._battery = battery
+        self._count = 0
+        self.state: VehicleState | None = None
+        self._link = Link.UNKNOWN
+        self._job: tuple[StopTemplate, ...] | None = None
+        self._order: VehicleOrder | None = None
+        # An order that was sent, and whose job is over.
+        self._stale: VehicleOrder | None = None
+        self._sent_s = self._first_sent_s = now_s
+        # The cancellation that is under way: its newest id, when it began, when it was sent last.
+        self._cancel: tuple[str, float, float] | None = None
+        self._unlinked_s: float | None = now_s - BROKER_S
+        self._heard_s = now_s
+        self._is_low = False
+        self._was_cut_off = False
+
+    # -- what happens --------------------------------------------------------------------------
+
+    def linked(self, now_s: float) -> list[Effect]:
+        """The adapter has its connection to the broker: nothing that was heard before counts."""
+        self._unlinked_s = None
+        self._link = Link.UNKNOWN
+        self.state = None
+        self._heard_s = now_s
+        return [self._request_state()]
+
+    def unlinked(self, now_s: float) -> list[Effect]:
+        """The adapter has lost its connection to the broker."""
+        if self._unlinked_s is None:
+            self._unlinked_s = now_s
+        self._was_cut_off = True
+        return []
+
+    def connection(self, link: Link, now_s: float) -> list[Effect]:
+        """The vehicle's connection topic, which is retained, or its last will."""
+        was, self._link = self._link, link
+        if link is not Link.ONLINE:
+            # What it said before it went is not where it will be when it comes back.
+            self.state = None
+            return []
+        if was is Link.ONLINE:
+            return []
+        return [self._request_state()]
+
+    def said(self, state: VehicleState, now_s: float) -> list[Effect]:
+        """A state message that is not retained.
+
+        Who says it is there, whatever the connection topic says: a broker that was started again
+        has forgotten that, and not every vehicle says again that it is online.
+        """
+        self.state, self._heard_s, self._link = state, now_s, Link.ONLINE
+        if state.charge_percent is not None:
+            limit = self._battery.enough_percent if self._is_low else self._battery.low_percent
+            self._is_low = state.charge_percent < limit
+        return self._advance(now_s)
+
+    def start(self, stops: Sequence[StopTemplate], now_s: float) -> list[Effect]:
+        """A new job; the one before has ended or was cancelled."""
+        self._job = tuple(stops)
+        self._was_cut_off = False
+        return self._advance(now_s)
+
+    def cancel(self, now_s: float) -> list[Effect]:
+        """The job is no longer wanted: its order is cancelled at the vehicle."""
+        self._give_up()
+        return self._advance(now_s)
+
+    def tick(self, now_s: float) -> list[Effect]:
+        """Time has passed."""
+        return self._advance(now_s)
+
+    # -- what is known -------------------------------------------------------------------------
+
+    @property
+    def is_reachable(self) -> bool:
+        """Whether the vehicle can be told something, and has said how it is."""
+        return self._unlinked_s is None and self._link is Link.ONLINE and self.state is not None
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether nothing of ours is left at the vehicle; unknown while it is out of reach."""
+        sent = self._order is not None or self._stale is not None
+        return self.is_reachable and not sent and not self._ours_runs()
+
+    def fault(self, now_s: float) -> str:
+        """Why this vehicle can do nothing for the team now; empty if it can."""
+        if self._unlinked_s is not None:
+            return "" if now_s - self._unlinked_s < BROKER_S else "no connection to the broker"
+        if self._link is not Link.ONLINE:
+            # Just linked again: what the broker retained has not come yet.
+            if self._link is Link.UNKNOWN and self._job is not None and self._is_news_due(now_s):
+                return ""
+            said = "nothing" if self._link is Link.UNKNOWN else str(self._link)
+            return f"the vehicle is not online (connection topic: {said})"
+        if self.state is None:
+            if self._job is not None and self._is_news_due(now_s):
+                return ""
+            return "the vehicle has not said its state"
+        if now_s - self._heard_s >= SILENT_S:
+            return f"no state of the vehicle for {SILENT_S:g} s"
+        return self._trouble(self.state, now_s)
+
+    def _is_news_due(self, now_s: float) -> bool:
+        return self._was_cut_off and now_s - self._heard_s < BROKER_S
+
+    def _trouble(self, state: VehicleState, now_s: float) -> str:
+        """What a vehicle that is there says against itself."""
+        fatal = [str(error) for error in state.errors if error.level == FATAL]
+        if fatal:
+            return f"the vehicle has a fatal error: {fatal[0]}"
+        if state.mode not in FOLLOWING:
+            return f"the vehicle's operating mode is {state.mode}"
+        if state.emergency_stop not in ("", "NONE"):
+            return f"the vehicle's emergency stop is active ({state.emergency_stop})"
+        if self._is_low:
+            return f"the vehicle's battery is low ({state.charge_percent:g} %)"
+        place = state.place
+        if place is not None and not place.is_localized:
+            return "the vehicle does not know where it is"
+        if place is not None and place.map_id not in ("", self._layout.map_id):
+            return f"the vehicle is on map {place.map_id}, the layout on {self._layout.map_id}"
+        if self._has_foreign_order(state):
+            return f"the vehicle has an order of somebody else ({state.order_id or 'no id'})"
+        if self._cancel is not None and now_s - self._cancel[1] >= OBEY_S:
+            return "the vehicle was told to stop its order and does not"
+        return ""
+
+    # -- what follows --------------------------------------------------------------------------
+
+    def _advance(self, now_s: float) -> list[Effect]:
+        if not self.is_reachable or self.state is None:
+            return []
+        state, order = self.state, self._order
+        if order is None:
+            if not self._is_cleared(state, now_s):
+                return self._cancelled(state, now_s)
+            self._stale = self._cancel = None
+            return self._begin(state, now_s) if self._job is not None else []
+        if state.order_id != order.order_id:
+            return self._unanswered(state, order, now_s)
+        return self._judged(state, order)
+
+    def _is_cleared(self, state: VehicleState, now_s: float) -> bool:
+        """Whether nothing of ours runs, and nothing that was sent may still begin to."""
+        if self._ours_runs():
+            return False
+        stale = self._stale
+        if stale is None or state.order_id == stale.order_id or self._refusal(state, stale):
+            return True
+        if self._has_foreign_order(state):
+            return True
+        if self._cancel is None:
+            return False
+        # The vehicle had not taken it in yet: its answer to the cancellation came after it. Where
+        # none comes, and nothing begins, the order was lost; should it begin yet, it is cancelled.
+        answered = state.status_of(self._cancel[0]) in (FINISHED, FAILED)
+        answered = answered or any(e.is_of("actionId", self._cancel[0]) for e in state.errors)
+        return answered or now_s - self._cancel[1] >= OBEY_S
+
+    def _ours_runs(self) -> bool:
+        state = self.state
+        if state is None or not state.order_id.startswith(OURS):
+            return False
+        # Up to 2.1 instant actions, e.g. to charge, stand among those of the order.
+        return bool(state.nodes_left or state.edges_left) or any(
+            status not in (FINISHED, FAILED)
+            for name, status in state.actions.items()
+            if name.startswith(OURS) and "/" in name
+        )
+
+    def _has_foreign_order(self, state: VehicleState) -> bool:
+        return state.has_active_order and not state.order_id.startswith(OURS)
+
+    def _cancelled(self, state: VehicleState, now_s: float) -> list[Effect]:
+        began_s = now_s
+        if self._cancel is not None:
+            newest, began_s, sent_s = self._cancel
+            at_it = state.status_of(newest) not in (None, FINISHED, FAILED)
+            if at_it or now_s - sent_s < AGAIN_S:
+                return []
+        action = cancel_order(self._next_id("cancel"))
+        self._cancel = action.action_id, began_s, now_s
+        return [self._instant(action)]
+
+    def _begin(self, state: VehicleState, now_s: float) -> list[Effect]:
+        """Send the job's order, from where the vehicle is now."""
+        if self._trouble(state, now_s):
+            # The capability is lost, so the plan will take the job away, or it passes.
+            return []
+        assert self._job is not None
+        try:
+            order = self._layout.order(self._next_id("order"), state, self._job)
+        except RouteError as error:
+            return self._end(False, str(error))
+        self._order, self._sent_s, self._first_sent_s = order, now_s, now_s
+        return [Send(ORDER, order_message(order, self._dialect))]
+
+    def _unanswered(self, state: VehicleState, order: VehicleOrder, now_s: float) -> list[Effect]:
+        refusal = self._refusal(state, order)
+        if refusal:
+            return self._end(False, f"the vehicle refused the order: {refusal}")
+        if now_s - self._first_sent_s >= ACCEPT_S:
+            # Should it come to it yet, it will be cancelled: no job has that order.
+            return self._end(False, f"the vehicle did not take the order in {ACCEPT_S:g} s")
+        if now_s - self._sent_s >= AGAIN_S:
+            self._sent_s = now_s
+            return [Send(ORDER, order_message(order, self._dialect))]
+        return []
+
+    def _judged(self, state: VehicleState, order: VehicleOrder) -> list[Effect]:
+        """How the order is that the vehicle has taken in."""
+        statuses = {name: state.actions.get(name, "") for name in order.action_ids}
+        broken = [name for name, status in statuses.items() if status in (FAILED, RETRIABLE)]
+        stopping = [error for error in state.errors if error.level in STOPPING]
+        if state.nodes_left or state.edges_left or set(statuses.values()) - {FINISHED, FAILED}:
+            if stopping and stopping[0].level != FATAL:
+                return self._end(False, f"the vehicle cannot go on: {stopping[0]}")
+            if broken and not self._was_cut_off:
+                return self._end(False, self._why(state, order, broken[0]))
+            done = len(order.nodes) - state.nodes_left
+            done += sum(status == FINISHED for status in statuses.values())
+            whole = len(order.nodes) + len(order.action_ids)
+            return [OrderProgress(max(0, min(done, whole)) / whole)]
+        if not broken and state.last_sequence_id == order.last_sequence_id:
+            return self._end(True, "")
+        if self._was_cut_off:
+            # The broker has told the vehicle to stop when this adapter was gone: once more.
+            self._was_cut_off, self._order, self._stale = False, None, None
+            return self._begin(state, self._heard_s)
+        if broken:
+            return self._end(False, self._why(state, order, broken[0]))
+        return self._end(False, f"the order ended early, at {state.last_node}")
+
+    def _why(self, state: VehicleState, order: VehicleOrder, action_id: str) -> str:
+        actions = {a.action_id: a for node in order.nodes for a in node.actions}
+        told = [str(e) for e in state.errors if e.is_of("actionId", action_id)]
+        because = f": {told[0]}" if told else ""
+        return f"the vehicle's action {actions[action_id].type} failed{because}"
+
+    def _refusal(self, state: VehicleState, order: VehicleOrder) -> str:
+        told = [str(e) for e in state.errors if e.is_of("orderId", order.order_id)]
+        return told[0] if told and state.order_id != order.order_id else ""
+
+    def _end(self, success: bool, reason: str) -> list[Effect]:
+        """The job is over; what may be left of its order is cancelled with the next news."""
+        self._give_up()
+        return [Ended(success, reason)]
+
+    def _give_up(self) -> None:
+        self._job = None
+        if self._order is not None:
+            self._stale, self._order, self._cancel = self._order, None, None
+
+    def _request_state(self) -> Send:
+        return self._instant(state_request(self._next_id("state")))
+
+    def _instant(self, action: Action) -> Send:
+        return Send(INSTANT_ACTIONS, instant_message([action], self._dialect))
+
+    def _next_id(self, kind: str) -> str:
+        self._count += 1
+        return f"{self._session}-{kind}-{self._count}"

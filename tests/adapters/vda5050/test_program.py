@@ -1,0 +1,196 @@
+"""A vehicle's robot as its runtime sees it: tasks, bids, faults. The broker has its own tests
+(tests/processes/test_vda5050.py).
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import anyio
+import pytest
+
+from mrbt_mesh.adapters.vda5050.layout_file import load_layout
+from mrbt_mesh.adapters.vda5050.messages import Link
+from mrbt_mesh.adapters.vda5050.program import ConnectedVehicle
+from mrbt_mesh.errors import TaskFailedError
+from mrbt_mesh.runtime.program import TaskContext
+from tests.support.extras import said_without
+from tests.support.paths import EXAMPLES
+from tests.support.vda5050.model_agv import ModelAgv
+
+
+class Told:
+    """A port that keeps what a program says."""
+
+    def __init__(self) -> None:
+        self.said: list[tuple[str, Any]] = []
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *arguments: self.said.append((name, *arguments))
+
+
+def context(port: Any) -> TaskContext:
+    nothing: tuple[str, ...] = ()
+    return TaskContext(
+        *("F1", "Fork", "1.a", 1, "", "", "", nothing, nothing, 1.0, 1.0, 1.0), {}, port
+    )
+
+
+class Robot:
+    """A member with a model vehicle, connected by hand."""
+
+    def __init__(self) -> None:
+        self.told = Told()
+        self.file = load_layout(EXAMPLES / "warehouse/agvs.yaml")
+        self.member = ConnectedVehicle(self.file, "F1")
+        self.member._background = context(self.told)
+        self.agv = ModelAgv("W1", 0, 0)
+
+    def connect(self) -> None:
+        self.member._apply(self.member.vehicle.linked)
+        self.take("connection", {"connectionState": str(Link.ONLINE)})
+
+    def take(self, name: str, message: Any) -> None:
+        self.member._take(name, json.dumps(message).encode())
+
+    def hear(self, **changes: Any) -> None:
+        self.take("state", self.agv.message(**changes))
+
+    def deliver(self) -> None:
+        sent, self.member._outbox = self.member._outbox, []
+        for each in sent:
+            self.agv.take(each.topic, each.body)
+
+    def capabilities(self) -> list[tuple[str, ...]]:
+        found = [each for each in self.told.said if "capability" in each[0]]
+        self.told.said.clear()
+        return found
+
+
+def test_without_the_extra_it_says_what_to_install() -> None:
+    said = said_without("aiomqtt", "mrbt_mesh.adapters.vda5050", "robot_program('x.yaml')")
+    assert "pip install 'mrbt-mesh[vda5050]'" in said
+
+
+def test_the_package_does_not_import_the_library() -> None:
+    text = Path("mrbt_mesh/adapters/vda5050/program.py")
+    assert "\nimport aiomqtt" not in (EXAMPLES.parent / text).read_text()
+
+
+async def test_faults_take_capabilities_and_give_them_back() -> None:
+    robot = Robot()
+    robot.connect()
+    assert robot.capabilities() == []
+    robot.hear()
+    assert robot.capabilities() == [("restore_capability", "all")]
+    robot.hear(operatingMode="MANUAL")
+    assert robot.capabilities() == [("lose_capability", "all")]
+    robot.hear()
+    assert robot.capabilities() == [("restore_capability", "all")]
+    # An error that the layout file names prevents one local task.
+    broken = [{"errorType": "forkError", "errorLevel": "WARNING"}]
+    robot.hear(errors=broken)
+    assert robot.capabilities() == [("lose_capability", "deliver")]
+    robot.hear(errors=broken, operatingMode="MANUAL")
+    assert robot.capabilities() == [("lose_capability", "all")]
+    robot.hear(errors=broken)
+    assert robot.capabilities() == [("restore_capability", "all"), ("lose_capability", "deliver")]
+    robot.hear()
+    assert robot.capabilities() == [("restore_capability", "deliver")]
+
+
+async def test_a_bid_waits_for_the_first_state() -> None:
+    robot = Robot()
+    stops = robot.file.tasks["count"].filled(("R1",)).stops
+    bids: list[float | None] = []
+
+    async def ask() -> None:
+        bids.append(await robot.member.bid(stops))
+
+    async with anyio.create_task_group() as group:
+        group.start_soon(ask)
+        await anyio.wait_all_tasks_blocked()
+        assert bids == []
+        robot.connect()
+        robot.hear()
+    assert bids == [-6.0]
+    robot.hear(operatingMode="MANUAL")
+    assert await robot.member.bid(stops) is None
+
+
+async def test_a_task_is_an_order_and_fails_with_a_reason() -> None:
+    robot = Robot()
+    robot.connect()
+    robot.hear()
+    stops = robot.file.tasks["count"].filled(("R1",)).stops
+    port = Told()
+    async with anyio.create_task_group() as group:
+        group.start_soon(robot.member.perform, context(port), stops)
+        await anyio.wait_all_tasks_blocked()
+        robot.deliver()
+        for _ in range(3):
+            robot.agv.step()
+            robot.hear()
+    assert [name for name, *_ in port.said] == ["report_progress"] * 2
+
+
+async def test_a_refused_task_fails_with_the_vehicles_words() -> None:
+    robot = Robot()
+    robot.connect()
+    robot.hear()
+    robot.agv.refuses = True
+    stops = robot.file.tasks["count"].filled(("R1",)).stops
+
+    async def perform() -> None:
+        with pytest.raises(TaskFailedError, match="refused the order: orderError"):
+            await robot.member.perform(context(Told()), stops)
+
+    async with anyio.create_task_group() as group:
+        group.start_soon(perform)
+        await anyio.wait_all_tasks_blocked()
+        robot.deliver()
+        robot.hear()
+
+
+async def test_a_cancelled_task_ends_when_its_vehicle_has_stopped() -> None:
+    robot = Robot()
+    robot.connect()
+    robot.hear()
+    stops = robot.file.tasks["count"].filled(("R1",)).stops
+    ended = anyio.Event()
+
+    async def perform() -> None:
+        try:
+            await robot.member.perform(context(Told()), stops)
+        finally:
+            ended.set()
+
+    async with anyio.create_task_group() as group:
+        group.start_soon(perform)
+        await anyio.wait_all_tasks_blocked()
+        robot.deliver()
+        robot.hear()
+        group.cancel_scope.cancel()
+        with anyio.CancelScope(shield=True):
+            await anyio.wait_all_tasks_blocked()
+            assert not ended.is_set()
+            assert robot.agv.is_active
+            robot.deliver()
+            robot.hear()
+    assert ended.is_set()
+    assert not robot.agv.is_active
+
+
+async def test_positions_of_the_layouts_map_are_told_and_nonsense_is_left_out() -> None:
+    robot = Robot()
+    robot.connect()
+    robot.take("visualization", {"agvPosition": {"x": 1, "y": 2, "theta": 0.5, "mapId": "hall"}})
+    robot.take("visualization", {"agvPosition": {"x": 1, "y": 2, "theta": 0.5, "mapId": "yard"}})
+    assert [each for each in robot.told.said if each[0] == "report_position"] == [
+        ("report_position", 1.0, 2.0, 0.5)
+    ]
+    for message in ([], {"orderId": 3}, "x"):
+        robot.take("state", message)
+    assert robot.member.vehicle.state is None
