@@ -144,13 +144,13 @@ def program() -> RobotProgram:
     _, known = example("explore")
     simulated = sys.modules["simulated"]
     assert known is not None
-    made = RobotProgram()
+    made = RobotProgram(record_work=True)
 
     async def act(task: TaskContext, item: str) -> None:
         await simulated.work(task)
 
     for name in ("pick", "place"):
-        made.local_task(name)(simulated.physical(act))
+        made.local_task(name)(act)
     return made
 
 
