@@ -61,10 +61,12 @@ lint: $(READY)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# Teams of real processes wait most of the time: two at once, after everything else.
+# Teams of real processes wait most of the time: two at once, after everything else. Browsers do not:
+# beside one a team may come to run too late.
 test: lint
 	$(BIN)/pytest -n auto -m "not processes"
-	$(BIN)/pytest -n 2 -rs -m "processes and not docker and not slow"
+	$(BIN)/pytest -n 2 -rs -m "processes and not docker and not slow and not browser"
+	$(BIN)/pytest -rs -m browser tests/browser
 
 # The same with more seeds and more examples of every property.
 test-long: $(READY)

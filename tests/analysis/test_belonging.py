@@ -24,7 +24,7 @@ from tests.support.single_robot_trees import VARIABLES, Grower
 
 S = 1_000_000
 ROBOTS = ("R1", "R2", "R3")
-CASES = int(os.environ.get("MRBT_EXAMPLES", "40"))
+CASES = int(os.environ.get("MRBT_EXAMPLES", "25"))
 
 
 def is_own(name: str) -> bool:

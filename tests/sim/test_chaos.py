@@ -21,7 +21,7 @@ from tests.support.runs import source
 # Each test is many runs: much of the usual limit on a busy machine.
 pytestmark = pytest.mark.timeout(600)
 
-SEEDS = int(os.environ.get("MRBT_CHAOS_SEEDS", "20"))
+SEEDS = int(os.environ.get("MRBT_CHAOS_SEEDS", "10"))
 BLOCK = 20
 # What was never checked was not shown. Exclusive tasks and garbage are in one seed of five only.
 EVERYWHERE = {"I1", "I2", "I3", "I4", "I6", "I7", "I9"}
