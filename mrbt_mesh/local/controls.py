@@ -37,12 +37,9 @@ class InOrder(TreeNode):
         super().__init__(*arguments)
         self.goes_on = FAILURE if "Fallback" in self.type else SUCCESS
         self.is_async = self.type.startswith("Async")
-        self.index = 0
-        self.skipped = 0
 
-    def halt(self) -> None:
+    def clear(self) -> None:
         self.index = self.skipped = 0
-        super().halt()
 
     def tick(self) -> NodeStatus:
         if self.status is not RUNNING:
@@ -64,16 +61,12 @@ class InOrder(TreeNode):
                     self.world.woken = True
                     return RUNNING
             else:
-                return self._ended(status)
-        all_skipped = self.skipped == count
-        reset_all(children)
-        self.index = self.skipped = 0
-        return SKIPPED if all_skipped else self.goes_on
+                return self.stopped(status)
+        return self.ended(SKIPPED if self.skipped == count else self.goes_on)
 
-    def _ended(self, status: NodeStatus) -> NodeStatus:
-        reset_all(self.children)
-        self.index = 0
-        return status
+    def stopped(self, status: NodeStatus) -> NodeStatus:
+        """A child does not let it go on."""
+        return self.ended(status)
 
 
 class SequenceWithMemory(InOrder):
@@ -86,9 +79,10 @@ class SequenceWithMemory(InOrder):
         self.is_async = True
 
     def halt(self) -> None:
-        TreeNode.halt(self)
+        reset_all(self.children)
+        self.status = IDLE
 
-    def _ended(self, status: NodeStatus) -> NodeStatus:
+    def stopped(self, status: NodeStatus) -> NodeStatus:
         reset_all(self.children[self.index :])
         return status
 
@@ -119,10 +113,8 @@ class Reactive(TreeNode):
             elif status is SKIPPED:
                 reset(child)
             else:
-                reset_all(children)
-                return status
-        reset_all(children)
-        return SKIPPED if all_skipped else goes_on
+                return self.ended(status)
+        return self.ended(SKIPPED if all_skipped else goes_on)
 
 
 class ParallelNode(TreeNode):
@@ -131,17 +123,8 @@ class ParallelNode(TreeNode):
     __slots__ = ("done", "failures", "successes")
     CHILDREN: ClassVar[tuple[int, int | None]] = (1, None)
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def clear(self) -> None:
         self.done: set[int] = set()
-        self.successes = self.failures = 0
-
-    def halt(self) -> None:
-        self._clear()
-        super().halt()
-
-    def _clear(self) -> None:
-        self.done.clear()
         self.successes = self.failures = 0
 
     def threshold(self, port: str) -> tuple[int, int]:
@@ -159,31 +142,25 @@ class ParallelNode(TreeNode):
         _, allowed = self.threshold("failure_count")
         self.status = RUNNING
         skipped, count = 0, len(self.children)
-        for index, child in enumerate(self.children):
-            if index not in self.done:
-                status = child.execute()
-                if status is SKIPPED:
-                    skipped += 1
-                elif status is not RUNNING:
-                    self._note(index, status)
+        for index in range(count):
+            skipped += self.tick_child(index)
             enough = self.successes >= needed
             if enough or (given < 0 and self.successes + skipped >= needed):
-                return self._ended(SUCCESS)
+                return self.ended(SUCCESS)
             if count - self.failures < needed or self.failures == allowed:
-                return self._ended(FAILURE)
+                return self.ended(FAILURE)
         return SKIPPED if skipped == count else RUNNING
 
-    def _note(self, index: int, status: NodeStatus) -> None:
-        self.done.add(index)
-        if status is SUCCESS:
-            self.successes += 1
-        else:
-            self.failures += 1
-
-    def _ended(self, status: NodeStatus) -> NodeStatus:
-        self._clear()
-        reset_all(self.children)
-        return status
+    def tick_child(self, index: int) -> bool:
+        """Tick a child that has not ended yet; whether it was skipped."""
+        if index in self.done:
+            return False
+        status = self.children[index].execute()
+        if status is SUCCESS or status is FAILURE:
+            self.done.add(index)
+            self.successes += status is SUCCESS
+            self.failures += status is FAILURE
+        return status is SKIPPED
 
 
 class ParallelAll(ParallelNode):
@@ -194,19 +171,13 @@ class ParallelAll(ParallelNode):
     def tick(self) -> NodeStatus:
         _, allowed = self.threshold("max_failures")
         self.status = RUNNING
-        skipped, count = 0, len(self.children)
-        for index, child in enumerate(self.children):
-            if index not in self.done:
-                status = child.execute()
-                if status is SKIPPED:
-                    skipped += 1
-                elif status is not RUNNING:
-                    self._note(index, status)
+        count = len(self.children)
+        skipped = sum(map(self.tick_child, range(count)))
         if skipped == count:
             return SKIPPED
         if skipped + len(self.done) < count:
             return RUNNING
-        return self._ended(FAILURE if self.failures >= allowed else SUCCESS)
+        return self.ended(FAILURE if self.failures >= allowed else SUCCESS)
 
 
 class IfThenElse(TreeNode):
@@ -215,13 +186,8 @@ class IfThenElse(TreeNode):
     __slots__ = ("index",)
     CHILDREN: ClassVar[tuple[int, int | None]] = (2, 3)
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def clear(self) -> None:
         self.index = 0
-
-    def halt(self) -> None:
-        self.index = 0
-        super().halt()
 
     def tick(self) -> NodeStatus:
         self.status = RUNNING
@@ -237,10 +203,7 @@ class IfThenElse(TreeNode):
                 return FAILURE
             self.index = 1 if status is SUCCESS else 2
         status = self.children[self.index].execute()
-        if status is not RUNNING:
-            reset_all(self.children)
-            self.index = 0
-        return status
+        return status if status is RUNNING else self.ended(status)
 
 
 class WhileDoElse(TreeNode):
@@ -261,9 +224,7 @@ class WhileDoElse(TreeNode):
         if 1 - chosen < len(branches):
             reset(branches[1 - chosen])
         status = branches[chosen].execute() if chosen < len(branches) else FAILURE
-        if status is not RUNNING:
-            reset_all(self.children)
-        return status
+        return status if status is RUNNING else self.ended(status)
 
 
 class Switch(TreeNode):
@@ -271,13 +232,8 @@ class Switch(TreeNode):
 
     __slots__ = ("chosen",)
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def clear(self) -> None:
         self.chosen = -1
-
-    def halt(self) -> None:
-        self.chosen = -1
-        super().halt()
 
     def _text(self, port: str) -> str | None:
         try:
@@ -310,9 +266,7 @@ class Switch(TreeNode):
             reset(self.children[self.chosen])
         status = self.children[chosen].execute()
         self.chosen = chosen if status is RUNNING else -1
-        if status not in (RUNNING, SKIPPED):
-            reset_all(self.children)
-        return status
+        return status if status in (RUNNING, SKIPPED) else self.ended(status)
 
 
 def _number(text: str) -> float | None:
@@ -329,8 +283,7 @@ class TryCatch(TreeNode):
     __slots__ = ("in_catch", "index", "skipped")
     CHILDREN: ClassVar[tuple[int, int | None]] = (2, None)
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def clear(self) -> None:
         self.index = self.skipped = 0
         self.in_catch = False
 
@@ -339,8 +292,6 @@ class TryCatch(TreeNode):
             reset_all(self.children[:-1])
             if self.children[-1].execute() is RUNNING:
                 reset(self.children[-1])
-        self.index = self.skipped = 0
-        self.in_catch = False
         super().halt()
 
     def tick(self) -> NodeStatus:
@@ -363,13 +314,8 @@ class TryCatch(TreeNode):
         if self.in_catch:
             if self.children[-1].execute() is RUNNING:
                 return RUNNING
-            self.in_catch = False
-            result = FAILURE
-        else:
-            result = SKIPPED if self.skipped == tried else SUCCESS
-        reset_all(self.children)
-        self.index = self.skipped = 0
-        return result
+            return self.ended(FAILURE)
+        return self.ended(SKIPPED if self.skipped == tried else SUCCESS)
 
 
 CONTROLS: dict[str, type[TreeNode]] = {

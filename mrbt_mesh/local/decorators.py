@@ -77,11 +77,9 @@ class Again(Decorator):
         is_retry = self.type == "RetryUntilSuccessful"
         self.goes_on = FAILURE if is_retry else SUCCESS
         self.limit_port = "num_attempts" if is_retry else "num_cycles"
-        self.count = 0
 
-    def halt(self) -> None:
+    def clear(self) -> None:
         self.count = 0
-        super().halt()
 
     def tick(self) -> NodeStatus:
         limit = int(self.input(self.limit_port, "int"))
@@ -138,12 +136,10 @@ class Precondition(Decorator):
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        self.goes_on = False
         self.texts: dict[str, Any] = {}
 
-    def halt(self) -> None:
+    def clear(self) -> None:
         self.goes_on = False
-        super().halt()
 
     def tick(self) -> NodeStatus:
         otherwise = self.input("else", "BT::NodeStatus")
@@ -220,12 +216,10 @@ class Updated(Decorator):
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self.otherwise = SKIPPED if self.type == "SkipUnlessUpdated" else RUNNING
-        self.running = False
         self.seen = 0
 
-    def halt(self) -> None:
+    def clear(self) -> None:
         self.running = False
-        super().halt()
 
     def tick(self) -> NodeStatus:
         if not self.running:

@@ -38,13 +38,8 @@ class PipelineSequence(TreeNode):
     __slots__ = ("last",)
     CHILDREN: ClassVar[tuple[int, int | None]] = (1, None)
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def clear(self) -> None:
         self.last = 0
-
-    def halt(self) -> None:
-        self.last = 0
-        super().halt()
 
     def tick(self) -> NodeStatus:
         self.status = RUNNING
@@ -52,17 +47,12 @@ class PipelineSequence(TreeNode):
         for index, child in enumerate(self.children):
             status = _afresh(child)
             if status is FAILURE:
-                return self._ended(FAILURE)
+                return self.ended(FAILURE)
             if status is RUNNING and index >= self.last:
                 self.last = index
                 return RUNNING
             skipped += status is SKIPPED
-        return self._ended(SKIPPED if skipped == len(self.children) else SUCCESS)
-
-    def _ended(self, status: NodeStatus) -> NodeStatus:
-        reset_all(self.children)
-        self.last = 0
-        return status
+        return self.ended(SKIPPED if skipped == len(self.children) else SUCCESS)
 
 
 class RecoveryNode(TreeNode):
@@ -71,13 +61,8 @@ class RecoveryNode(TreeNode):
     __slots__ = ("index", "retries")
     CHILDREN: ClassVar[tuple[int, int | None]] = (2, 2)
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def clear(self) -> None:
         self.index = self.retries = 0
-
-    def halt(self) -> None:
-        self.index = self.retries = 0
-        super().halt()
 
     def tick(self) -> NodeStatus:
         allowed = int(self.input("number_of_retries", "int"))
@@ -88,7 +73,7 @@ class RecoveryNode(TreeNode):
                 return RUNNING
             if self.index == 0:
                 if status is not FAILURE or self.retries >= allowed:
-                    return self._ended(status)
+                    return self.ended(status)
                 reset(self.children[0])
                 self.index = 1
             elif status is SUCCESS:
@@ -96,13 +81,8 @@ class RecoveryNode(TreeNode):
                 self.retries += 1
                 self.index = 0
             else:
-                return self._ended(FAILURE)
-        return self._ended(FAILURE)
-
-    def _ended(self, status: NodeStatus) -> NodeStatus:
-        self.index = self.retries = 0
-        reset_all(self.children)
-        return status
+                return self.ended(FAILURE)
+        return self.ended(FAILURE)
 
 
 class RoundRobin(TreeNode):
@@ -114,13 +94,8 @@ class RoundRobin(TreeNode):
     __slots__ = ("failed", "index", "skipped")
     CHILDREN: ClassVar[tuple[int, int | None]] = (1, None)
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def clear(self) -> None:
         self.index = self.failed = self.skipped = 0
-
-    def halt(self) -> None:
-        self.index = self.failed = self.skipped = 0
-        super().halt()
 
     def tick(self) -> NodeStatus:
         self.status = RUNNING
@@ -138,10 +113,7 @@ class RoundRobin(TreeNode):
                 return SUCCESS
             self.failed += status is FAILURE
             self.skipped += status is SKIPPED
-        all_skipped = self.skipped == count
-        self.index = self.failed = self.skipped = 0
-        reset_all(self.children)
-        return SKIPPED if all_skipped else FAILURE
+        return self.ended(SKIPPED if self.skipped == count else FAILURE)
 
 
 class _Gate(Decorator):
@@ -154,11 +126,11 @@ class _Gate(Decorator):
         self.first = True
 
     def begin(self) -> None:
-        """A new round of this node begins."""
+        """A new round of this node begins. A subclass says what follows."""
         raise NotImplementedError
 
     def is_open(self) -> bool:
-        """Whether the child is due again."""
+        """Whether the child is due again. A subclass says when."""
         raise NotImplementedError
 
     def succeeded(self) -> None:
@@ -212,9 +184,8 @@ class RateController(_Gate):
     def succeeded(self) -> None:
         self._wait()
 
-    def halt(self) -> None:
+    def clear(self) -> None:
         self.world.deadlines_us.pop(self.uid, None)
-        super().halt()
 
 
 class SpeedController(_Gate):

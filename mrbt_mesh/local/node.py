@@ -126,7 +126,7 @@ class TreeNode:
     """One node of a tree that runs.
 
     `status` is the one by which its parent goes on; `shown` the last one that it returned, in tick
-    `shown_at`. A subclass defines `tick`, and `halt` if it has state of its own.
+    `shown_at`. A subclass defines `tick`, and `clear` if it has state of its own.
     """
 
     __slots__ = (
@@ -168,18 +168,29 @@ class TreeNode:
         self.shown = IDLE
         self.shown_at = 0
         self.reads: dict[str, Any] = {}
+        self.clear()
 
     def prepare(self) -> None:
         """Called once, when ports and children are known. Raises TickError for wrong ports."""
 
     def tick(self) -> NodeStatus:
-        """The node's own rule."""
+        """The node's own rule; each subclass has one."""
         raise NotImplementedError
+
+    def clear(self) -> None:
+        """Forget how far the node has come: before its first run, at its end, when it is halted."""
 
     def halt(self) -> None:
         """Forget the state of the run; children are halted."""
+        self.clear()
         reset_all(self.children)
         self.status = IDLE
+
+    def ended(self, status: NodeStatus) -> NodeStatus:
+        """End the run with this status; children that still go on are halted."""
+        self.clear()
+        reset_all(self.children)
+        return status
 
     def expire(self) -> None:
         """The deadline that the node has set is over."""

@@ -17,15 +17,11 @@ class Timeout(Decorator):
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        self.started = self.child_halted = False
+        self.child_halted = False
 
-    def _stop(self) -> None:
+    def clear(self) -> None:
         self.started = False
         self.world.deadlines_us.pop(self.uid, None)
-
-    def halt(self) -> None:
-        self._stop()
-        super().halt()
 
     def expire(self) -> None:
         if self.child.status is RUNNING:
@@ -41,11 +37,11 @@ class Timeout(Decorator):
             if limit_us > 0:
                 self.world.deadlines_us[self.uid] = self.world.now_us + limit_us
         if self.child_halted:
-            self._stop()
+            self.clear()
             return FAILURE
         status = self.tick_child()
         if status is SUCCESS or status is FAILURE:
-            self._stop()
+            self.clear()
         return status
 
 
@@ -56,12 +52,11 @@ class Delay(Decorator):
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        self.started = self.complete = False
+        self.complete = False
 
-    def halt(self) -> None:
+    def clear(self) -> None:
         self.started = False
         self.world.deadlines_us.pop(self.uid, None)
-        super().halt()
 
     def expire(self) -> None:
         self.complete = True
@@ -87,14 +82,9 @@ class Sleep(TreeNode):
 
     __slots__ = ("waits",)
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        self.waits = False
-
-    def halt(self) -> None:
+    def clear(self) -> None:
         self.waits = False
         self.world.deadlines_us.pop(self.uid, None)
-        super().halt()
 
     def expire(self) -> None:
         self.waits = False
