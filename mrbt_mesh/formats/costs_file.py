@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from mrbt_mesh.core.mission.costs import Costs
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.formats.file_model import FileModel, Name, explain
+from mrbt_mesh.formats.file_model import FileModel, Name, read_model
 from mrbt_mesh.formats.limited_file import read_limited
 from mrbt_mesh.formats.mission_model import Cost
 from mrbt_mesh.formats.problems import found, nearest, whole_file_error
@@ -34,13 +34,7 @@ def costs_from_file(path: Path, mission: Mission) -> Costs:
     data, report = read_yaml(decode(read_limited(path, MAX_BYTES), str(path)), str(path))
     if not isinstance(data, dict):
         raise whole_file_error(str(path), f"robot_types: ... is expected, found {found(data)}")
-    try:
-        model = _CostsModel.model_validate(data, context=report)
-    except ValidationError as error:
-        for detail in error.errors(include_url=False):
-            report.add(*explain(detail))
-        report.raise_if_any()
-        raise
+    model = read_model(_CostsModel, data, report)
     for section, names, known in (
         ("robot_types", model.robot_types, mission.robot_types),
         ("local_tasks", model.local_tasks, mission.local_tasks),

@@ -7,7 +7,7 @@ can be turned back into a place in the file.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, TypeAlias, TypeVar
 
 from pydantic import (
     BaseModel,
@@ -15,6 +15,7 @@ from pydantic import (
     Discriminator,
     Field,
     PlainValidator,
+    ValidationError,
     ValidationInfo,
     model_validator,
 )
@@ -29,6 +30,7 @@ from mrbt_mesh.core.mission.names import (
 from mrbt_mesh.formats.problems import Report, SourcePath, found, nearest
 from mrbt_mesh.formats.yaml_source import SourceDict
 
+_Model = TypeVar("_Model", bound=BaseModel)
 _NAME = f"^{NAME_PATTERN}$"
 _ROBOT = f"^{ROBOT_PATTERN}$"
 _REPEAT = f"{{0,{MAX_ARGUMENTS - 1}}}"
@@ -119,6 +121,22 @@ def place_of(detail: ErrorDetails) -> SourcePath:
     return tuple(
         part for part in detail["loc"] if isinstance(part, int) or part[:1] not in ("<", "[")
     )
+
+
+def read_model(
+    kind: type[_Model], data: Any, report: Report, explained: Mapping[str, str] = EXPLAINED
+) -> _Model:
+    """The file's content as this model; for `explained` see `explain`.
+
+    Raises MissionError with all that is wrong with its shape.
+    """
+    try:
+        return kind.model_validate(data, context=report)
+    except ValidationError as error:
+        for detail in error.errors(include_url=False):
+            report.add(*explain(detail, explained))
+    report.raise_if_any()
+    raise AssertionError("what is refused has problems")
 
 
 def explain(

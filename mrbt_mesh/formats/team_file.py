@@ -27,13 +27,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field, JsonValue, ValidationError
+from pydantic import Field, JsonValue
 
 from mrbt_mesh.core.mission.mission import MAX_ROBOTS, performance
 from mrbt_mesh.core.mission.names import split_call, type_name
 from mrbt_mesh.formats.declaration import Declaration
 from mrbt_mesh.formats.expand import call_text, micro_or_report, split_template, to_micro
-from mrbt_mesh.formats.file_model import FileModel, Name, RobotName, explain
+from mrbt_mesh.formats.file_model import FileModel, Name, RobotName, read_model
 from mrbt_mesh.formats.limited_file import read_limited
 from mrbt_mesh.formats.mission_file import MAX_YAML_BYTES
 from mrbt_mesh.formats.mission_model import (
@@ -171,13 +171,7 @@ def load_team(path: Path) -> TeamFile:
         if key in data:
             report.add((key,), f"a team file has no {key}: they come from the tree that is lifted")
             del data[key]
-    try:
-        model = TeamModel.model_validate(data, context=report)
-    except ValidationError as error:
-        for detail in error.errors(include_url=False):
-            report.add(*explain(detail, EXPLAINED_HERE))
-        report.raise_if_any()
-        raise AssertionError("a refused team has problems") from None
+    model = read_model(TeamModel, data, report, EXPLAINED_HERE)
     _check(model, report)
     report.raise_if_any()
     return TeamFile(model, file)

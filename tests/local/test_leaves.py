@@ -8,6 +8,7 @@ import pytest
 
 from mrbt_mesh.formats.btcpp.document import Category
 from mrbt_mesh.local import InOut, LeafError, Leaves, Out, TreeNode
+from mrbt_mesh.local.controls import Reactive
 from mrbt_mesh.local.leaves import LeafPort, leaf_of
 
 
@@ -93,9 +94,11 @@ def test_a_type_is_registered_once() -> None:
         leaves.condition("A")(lambda: None)
     with pytest.raises(LeafError, match="needs a name"):
         leaves.action("")
-    leaves.node("N")(TreeNode)
+    leaves.node("N")(Reactive)
     with pytest.raises(LeafError, match="'N' is registered twice"):
-        leaves.node("N")(TreeNode)
+        leaves.node("N")(Reactive)
+    with pytest.raises(LeafError, match="TreeNode has no method tick"):
+        leaves.node("M")(TreeNode)
     with pytest.raises(LeafError, match="is no subclass of TreeNode"):
         leaves.node("M")(dict)  # type: ignore[type-var]
     assert leaves.names() == ["A", "N"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import anyio
@@ -17,42 +17,34 @@ from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime import actions
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.runtime.program_loader import check_program
+from tests.support.action_host import Host
 from tests.support.paths import mission_file
 
 COURIERS = mission_file("couriers")
 PARCELS = ("bread", "keys", "flowers")
 
 
-class FakeHost:
-    """Keeps what the runner says."""
+class BidHost(Host):
+    """Tells when the runner has said something."""
 
     def __init__(self) -> None:
-        self.said: list[BidsMade] = []
+        super().__init__()
         self.has_said = anyio.Event()
 
     def submit(self, event: Input) -> None:
-        assert isinstance(event, BidsMade)
-        self.said.append(event)
+        super().submit(event)
         self.has_said.set()
 
-    def read_condition(self, name: str) -> bool:
-        raise AssertionError(name)
-
-    def record_event(self, event: Mapping[str, Any]) -> None:
-        raise AssertionError(event)
-
-    def unix_time_s(self) -> float:
-        return 0.0
-
-    def log(self, level: str, event: str, **fields: Any) -> None:
-        raise AssertionError(event)
+    @property
+    def bids(self) -> list[BidsMade]:
+        return [event for event in self.said if isinstance(event, BidsMade)]
 
 
 def answers(program: RobotProgram, *parcels: str) -> list[BidsMade]:
     """What comes of asking for bids for these parcels at once, until somebody has answered."""
 
     async def ask() -> list[BidsMade]:
-        host = FakeHost()
+        host = BidHost()
         async with anyio.create_task_group() as group:
             identity = RobotIdentity("K1", "bicycle", 1, 1.0)
             runner = ActionRunner(group, program, load_mission(COURIERS), identity, host)
@@ -64,7 +56,7 @@ def answers(program: RobotProgram, *parcels: str) -> list[BidsMade]:
                 )
             await host.has_said.wait()
             group.cancel_scope.cancel()
-        return host.said
+        return host.bids
 
     return anyio.run(ask)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -16,29 +15,8 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.failure_reasons import MAX_REASON, FailureReason, one_line
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
+from tests.support.action_host import Host
 from tests.support.build import action, make_mission
-
-
-class FakeHost:
-    """Keeps what the runner says."""
-
-    def __init__(self) -> None:
-        self.said: list[Input] = []
-
-    def submit(self, event: Input) -> None:
-        self.said.append(event)
-
-    def read_condition(self, name: str) -> bool:
-        raise AssertionError(name)
-
-    def record_event(self, event: Mapping[str, Any]) -> None:
-        raise AssertionError(event)
-
-    def unix_time_s(self) -> float:
-        return 0.0
-
-    def log(self, level: str, event: str, **fields: Any) -> None:
-        raise AssertionError(event)
 
 
 def end_of(program: RobotProgram) -> ActionFinished:
@@ -48,7 +26,7 @@ def end_of(program: RobotProgram) -> ActionFinished:
     mission = replace(mission, conditions={"told": ConditionType("told", failure=told)})
 
     async def run() -> list[Input]:
-        host = FakeHost()
+        host = Host()
         async with anyio.create_task_group() as group:
             identity = RobotIdentity("R1", "T", 1, 1.0)
             runner = ActionRunner(group, program, mission, identity, host)

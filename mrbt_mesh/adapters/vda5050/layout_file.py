@@ -12,7 +12,7 @@ from pathlib import Path
 from string import Template
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import Field, JsonValue, ValidationError
+from pydantic import Field, JsonValue
 
 from mrbt_mesh.adapters.vda5050.dialects import DIALECTS, VehicleAddress
 from mrbt_mesh.adapters.vda5050.layout import (
@@ -24,7 +24,7 @@ from mrbt_mesh.adapters.vda5050.layout import (
 )
 from mrbt_mesh.adapters.vda5050.vehicle import Battery
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.formats.file_model import EXPLAINED, FileModel, Name, RobotName, explain
+from mrbt_mesh.formats.file_model import EXPLAINED, FileModel, Name, RobotName, read_model
 from mrbt_mesh.formats.limited_file import read_limited
 from mrbt_mesh.formats.mission_file import MAX_YAML_BYTES
 from mrbt_mesh.formats.problems import Report, nearest, whole_file_error
@@ -151,13 +151,7 @@ def load_layout(path: Path) -> LayoutFile:
     data, report = read_yaml(decode(read_limited(path, MAX_YAML_BYTES), file), file)
     if not isinstance(data, dict):
         raise whole_file_error(file, "a layout is expected (nodes: ..., vehicles: ...)")
-    try:
-        model = LayoutFileModel.model_validate(data, context=report)
-    except ValidationError as error:
-        for detail in error.errors(include_url=False):
-            report.add(*explain(detail, _EXPLAINED))
-        report.raise_if_any()
-        raise AssertionError("a refused layout has problems") from None
+    model = read_model(LayoutFileModel, data, report, _EXPLAINED)
     _check(model, report)
     report.raise_if_any()
     return LayoutFile(

@@ -61,12 +61,16 @@ def test_a_frozen_robot_is_found_in_the_detection_time_and_found_again(robots: i
     assert alive(team) == {robots: robots}
 
 
+def heartbeat_of(has_joined: bool) -> Heartbeat:
+    """The first one of a robot's life, in a mission of four nodes."""
+    report = SelfReport(Incarnation(int(has_joined), "n"), 1, bytes(8), has_joined, 0)
+    return Heartbeat(report, False, bytes(8), (0,) * 4, 0, (), {})
+
+
 def test_a_newcomer_looks_for_those_that_it_has_not_heard() -> None:
     robots = [f"R{number:02}" for number in range(40)]
     members = Membership("R00", Timing().of_team(40))
-    beat = Heartbeat(
-        SelfReport(Incarnation(0, "n"), 1, bytes(8), False, 0), False, bytes(8), (0,) * 4, 0, (), {}
-    )
+    beat = heartbeat_of(False)
     for robot in robots[1:21]:
         members.receive_heartbeat(robot, beat, 0)
     sought: set[str] = set()
@@ -85,9 +89,7 @@ def test_a_newcomer_looks_for_those_that_it_has_not_heard() -> None:
 def test_who_knows_few_of_a_large_team_does_not_talk_to_all_of_it() -> None:
     robots = [f"R{number:02}" for number in range(40)]
     members = Membership("R00", Timing().of_team(40))
-    beat = Heartbeat(
-        SelfReport(Incarnation(0, "n"), 1, bytes(8), False, 0), False, bytes(8), (0,) * 4, 0, (), {}
-    )
+    beat = heartbeat_of(False)
     for robot in robots[1:4]:
         members.receive_heartbeat(robot, beat, 0)
     found = members.neighbourhood.audience(1, robots, (), seeks=True)
@@ -115,9 +117,7 @@ def test_that_a_robot_has_joined_is_told_by_its_facts_and_not_once_more() -> Non
 def test_tokens_that_anybody_can_show_have_nobody_spoken_to() -> None:
     robots = [f"R{number:02}" for number in range(40)]
     members = Membership("R00", Timing().of_team(40))
-    beat = Heartbeat(
-        SelfReport(Incarnation(1, "n"), 1, bytes(8), True, 0), False, bytes(8), (0,) * 4, 0, (), {}
-    )
+    beat = heartbeat_of(True)
     for robot in robots[1:]:
         members.receive_heartbeat(robot, beat, 0)
     members.neighbourhood.audience(1, robots, ())
