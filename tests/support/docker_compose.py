@@ -6,6 +6,7 @@ import io
 import json
 import re
 import subprocess
+import sys
 import tarfile
 import threading
 from collections.abc import Callable, Mapping
@@ -171,10 +172,23 @@ class Lines:
 
     def until(self, pattern: str) -> re.Match[str]:
         """Read on until a line matches; the test's own time limit applies."""
+        (found,) = self.until_all(pattern)
+        return found
+
+    def until_all(self, *patterns: str) -> list[re.Match[str]]:
+        """Read on until each pattern has matched a line, in any order: what different robots tell
+        comes in no fixed one. Returns each pattern's first match.
+        """
         assert self._process.stdout is not None
+        found: dict[str, re.Match[str]] = {}
         for line in self._process.stdout:
+            sys.stdout.write(line)
             self.seen.append(line.rstrip())
-            found = re.search(pattern, line)
-            if found:
-                return found
-        raise AssertionError(f"no line with {pattern!r} in:\n" + "\n".join(self.seen))
+            for pattern in patterns:
+                match = re.search(pattern, line)
+                if match is not None:
+                    found.setdefault(pattern, match)
+            if len(found) == len(patterns):
+                return [found[pattern] for pattern in patterns]
+        missing = [pattern for pattern in patterns if pattern not in found]
+        raise AssertionError(f"no line with {missing} in:\n" + "\n".join(self.seen))

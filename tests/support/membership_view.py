@@ -18,10 +18,12 @@ PLAN = b"planplan"
 
 
 class View:
-    """Robot M's view of the others, told what it hears at which millisecond."""
+    """Robot M's view of the others, told what it hears at which millisecond; with `me` empty that
+    of an observer.
+    """
 
-    def __init__(self, *robots: str) -> None:
-        self.members = Membership("M", TIMING)
+    def __init__(self, *robots: str, me: str = "M") -> None:
+        self.members = Membership(me, TIMING)
         self.ms = 0
         self.numbers: dict[str, int] = {}
         self.can_answer = False

@@ -11,6 +11,9 @@ The silence limit follows from how regularly news of this robot came so far (`Ar
 `Timing.silence_limit_us`). When most robots fall silent together, the fault is probably here, and
 all of them are given one detection time more.
 
+Who only watches a team holds a silent robot for dead when one of the team does, or nobody is left
+there who could: that it has not heard a robot itself is no fault of the team's.
+
 Sources: SWIM (Das, Gupta, Motivala 2002); Lifeguard (Dadgar, Phillips, Currey 2018).
 """
 
@@ -27,10 +30,13 @@ PROBE_SHARE = 2
 
 
 class FailureDetector:
-    """Judges the peers of one robot. It changes their thresholds and `is_probed`, nothing else."""
+    """Judges the peers of one robot, or of whoever only watches (`is_observer`). It changes their
+    thresholds and `is_probed`, nothing else.
+    """
 
-    def __init__(self, timing: Timing) -> None:
+    def __init__(self, timing: Timing, is_observer: bool = False) -> None:
         self._timing = timing
+        self._is_observer = is_observer
         # By share of overdue news.
         self._silence_limits_us: dict[int, int] = {}
 
@@ -98,7 +104,10 @@ class FailureDetector:
             else:
                 silent_us = now_us - peer.last_heard_us
                 is_dead = peer.state is State.SUSPECT and (
-                    silent_us >= self._limit_us(peer, peers) + extra_us
+                    (
+                        silent_us >= self._limit_us(peer, peers) + extra_us
+                        and self._may_judge_silence(peer, peers)
+                    )
                     or _has_everybody_lost_token(robot, around, peers)
                     or (not around.is_complete and _is_confirmed(peer, peers))
                 )
@@ -116,6 +125,12 @@ class FailureDetector:
         if _accusers(peer, peers):
             return max(self._timing.detection_us, peer.probe_after_us)
         return peer.silence_limit_us
+
+    def _may_judge_silence(self, peer: Peer, peers: Mapping[str, Peer]) -> bool:
+        """Whether a robot is dead because nothing was heard of it here."""
+        if not self._is_observer or _accusers(peer, peers):
+            return True
+        return not any(other.state.is_alive and other.report.has_joined for other in peers.values())
 
     def next_due_us(self, judged: Mapping[str, Peer], extra_us: int, now_us: int) -> int:
         """When a judgement may differ from the present one, if nothing is heard until then.

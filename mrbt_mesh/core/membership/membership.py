@@ -55,7 +55,7 @@ class Membership:
         self.report_changes = 0
         self.news_changes = 0
         self.next_detection_us = 0
-        self._detector = FailureDetector(timing)
+        self._detector = FailureDetector(timing, is_observer=not me)
         self._detected_at_changes = -1
         # Whom the last heartbeats of robots suspected, and the peers that this robot suspects.
         self._suspected_by: dict[str, set[str]] = {}

@@ -62,6 +62,23 @@ def test_a_verdict_follows_that_of_another_robot_if_there_was_silence_here_as_we
         )
 
 
+def test_who_only_watches_believes_the_team_as_long_as_there_is_one() -> None:
+    view = View("A", "B", me="")
+    for ms in range(100, 2_000, 100):
+        view.ms = ms
+        view.hear("B")
+        assert view["A"] is (SUSPECT if ms >= 500 else ALIVE)
+    view.hear("B", declares_dead="A")
+    assert view["A"] is DEAD
+
+
+def test_who_only_watches_finds_out_by_himself_that_all_are_dead() -> None:
+    view = View("A", "B", me="")
+    assert view.at(400)["A"] is ALIVE
+    assert view.at(1_999)["A"] is SUSPECT
+    assert {view.at(2_100)[robot] for robot in "AB"} == {DEAD}
+
+
 def test_a_verdict_of_another_robot_alone_kills_nobody() -> None:
     view = View("A", "B", "C")
     for ms in range(100, 3_000, 100):
