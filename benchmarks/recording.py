@@ -133,8 +133,9 @@ def measure(folder: Path, robots: int, seconds: float) -> dict[str, Any]:
     finally:
         for process in running:
             process.send_signal(signal.SIGTERM)
-        for process in running:
-            process.wait(30)
+        ends = [process.wait(30) for process in running]
+    if any(ends):
+        raise RuntimeError(f"robots ended with exit statuses {ends}")
     rows = {name: json.loads((folder / f"{name}.measured").read_text()) for name in names}
     changes = [_plan_changes_per_s(folder / f"{name}.mcap") for name in names]
     spent_s = sum(row["recorder_s"] for row in rows.values())

@@ -30,6 +30,8 @@ class Run:
 
     def __init__(self, folder: Path, mission: Path, *options: str) -> None:
         self.folder = folder / "run"
+        self._events: list[dict[str, Any]] = []
+        self._events_size = 0
         environment = os.environ | {"MRBT_STATE_DIR": str(folder)}
         command = [sys.executable, "-m", "mrbt_mesh", "up", str(mission)]
         command += ["--run-dir", str(self.folder), "--json", *options]
@@ -38,8 +40,12 @@ class Run:
         )
 
     def events(self) -> list[dict[str, Any]]:
-        """All physical events so far."""
-        return read_events(self.folder / EVENTS_FILE)
+        """All physical events so far. Asked again and again: it takes no time from the team."""
+        path = self.folder / EVENTS_FILE
+        size = path.stat().st_size if path.exists() else 0
+        if size != self._events_size:
+            self._events, self._events_size = read_events(path), size
+        return self._events
 
     def processes(self) -> dict[str, psutil.Process]:
         """Robot -> its process, of those that live."""
