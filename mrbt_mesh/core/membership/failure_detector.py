@@ -132,6 +132,12 @@ class FailureDetector:
             return True
         return not any(other.state.is_alive and other.report.has_joined for other in peers.values())
 
+    def is_told(self, peer: Peer, peers: Mapping[str, Peer]) -> bool:
+        """Whether everybody has heard of this death: one has told it, which is enough for all
+        whose token of the dead is gone, as it is here.
+        """
+        return _is_confirmed(peer, peers)
+
     def next_due_us(self, judged: Mapping[str, Peer], extra_us: int, now_us: int) -> int:
         """When a judgement may differ from the present one, if nothing is heard until then.
 

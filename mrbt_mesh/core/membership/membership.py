@@ -296,7 +296,7 @@ class Membership:
             before.setdefault(robot, peer.state)
             if peer.is_judged and not around.is_complete:
                 self._told_dead_until_us[robot] = now_us + self.timing.max_silence_us
-                self.news_changes += 1
+                self.news_changes += not detector.is_told(peer, peers)
             self._set(robot, peer, State.DEAD)
             peer.is_probed = False
             self._accused.discard(robot)

@@ -101,6 +101,18 @@ def test_in_a_large_team_it_is_enough_if_the_token_of_a_neighbour_is_gone_here_a
     assert view[gone] is ALIVE
     view.lose_token(gone)
     assert view[gone] is DEAD
+    assert view.members.news_changes == 0, "one has told everybody"
+
+
+def test_of_neighbours_that_lose_a_token_those_tell_everybody_whom_nobody_has_told() -> None:
+    view = View(*(f"R{number}" for number in range(16)))
+    gone = view.members.neighbourhood.robots[0]
+    view.lose_token(gone)
+    assert (view[gone], view.members.news_changes) == (SUSPECT, 0)
+    for monitor in view.members.neighbourhood.monitors(gone):
+        if monitor in view.numbers:
+            view.hear(monitor, lost_token=[gone])
+    assert (view[gone], view.members.news_changes) == (DEAD, 1)
 
 
 def test_in_a_small_team_each_hears_of_tokens_itself_and_all_must_have_lost_it() -> None:
