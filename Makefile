@@ -64,7 +64,7 @@ lint: $(READY)
 # Teams of real processes wait most of the time: two at once, after everything else. Browsers do not:
 # beside one a team may come to run too late.
 test: lint
-	$(BIN)/pytest -n auto -m "not processes"
+	$(BIN)/pytest -n auto -m "not processes and not browser"
 	$(BIN)/pytest -n 2 -rs -m "processes and not docker and not slow and not browser"
 	$(BIN)/pytest -rs -m browser tests/browser
 

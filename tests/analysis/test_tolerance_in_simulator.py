@@ -16,7 +16,7 @@ from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import Kill, simulate
 from tests.support.paths import EXAMPLES
 
-TIMEOUT_US = 25_000_000
+TIMEOUT_US = 15_000_000
 SPEED = 5.0
 
 

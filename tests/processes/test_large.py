@@ -81,7 +81,7 @@ def test_a_robot_that_dies_is_replaced(team: Team, tmp_path: Path) -> None:
     assert len(load_mission(mission).tree.nodes) >= LARGE_NODES
     team.hold("visit")
     team.up(mission)
-    victim = team.wait_for_event("visit")
+    victim = team.wait_for_work(team.wait_for_event("visit"))
     team.signal(victim["robot"], signal.SIGKILL)
     team.wait_for_replacement(victim)
     team.release()

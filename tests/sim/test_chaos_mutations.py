@@ -22,7 +22,7 @@ CAUGHT = {
     "stale_claims_stay_valid": ("I6", (80, 166)),
     "no_repair": ("I2", (4, 34)),
     "starts_without_agreement": ("I4", (23,)),
-    "any_optimum": ("I7", (28, 36)),
+    "any_optimum": ("I7", (40, 31)),
     "bids_not_awaited": ("I7", (0, 19)),
     "told_before_synced": ("I9", (0, 1)),
     "prunes_what_is_current": ("I3", (3, 2)),

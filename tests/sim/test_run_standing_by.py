@@ -10,6 +10,7 @@ from mrbt_mesh.core.agent.commands import ORDER
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import Command, Fault, Kill, Leave, Perform, Restart, SimulationResult, simulate
+from tests.support.effort import seeds
 from tests.support.paths import EXAMPLES
 
 S = 1_000_000
@@ -32,7 +33,7 @@ def told(result: SimulationResult) -> list[tuple[int, str | None]]:
     return [(round(each["from_s"]), each["result"]) for each in rounds]
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(5))
 def test_three_damages_three_rounds(seed: int) -> None:
     result = run(seed=seed)
     assert told(result) == [(4, "success"), (30, "success"), (56, "success")]

@@ -98,7 +98,7 @@ def assert_agreement(script: Script) -> None:
         assert other.plan.packed == first.plan.packed
 
 
-@settings(max_examples=60)
+@settings(max_examples=20)
 @given(st.lists(commands, max_size=25))
 def test_a_healed_team_agrees_and_finishes(history: list[str]) -> None:
     script = Script()

@@ -25,13 +25,14 @@ from mrbt_mesh.core.assignment.solvers import (
     default_solver,
     min_cost_flow,
 )
+from tests.support.effort import seeds
 from tests.support.problems import last_optimum, permuted, perturbed, random_problem
 
 CASES_PER_SEED = 500
 
 
-@pytest.mark.parametrize("seed", range(10))
-def test_5000_cases_with_ties_have_one_answer_whoever_solves_them(seed: int) -> None:
+@pytest.mark.parametrize("seed", seeds(10))
+def test_cases_with_ties_have_one_answer_whoever_solves_them(seed: int) -> None:
     draw = random.Random(seed)
     feasible = ambiguous = 0
     for case in range(CASES_PER_SEED):
@@ -54,7 +55,7 @@ def test_5000_cases_with_ties_have_one_answer_whoever_solves_them(seed: int) -> 
     assert ambiguous > CASES_PER_SEED // 5
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", seeds(5))
 @pytest.mark.parametrize(("robots", "demands"), [(30, 20), (60, 15)])
 def test_so_have_larger_ones(robots: int, demands: int, seed: int) -> None:
     draw = random.Random(f"{seed}/{robots}")

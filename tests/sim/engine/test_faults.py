@@ -203,7 +203,7 @@ def test_one_broken_link_kills_nobody(run: Run) -> None:
     assert not any("robot_dead" in line for line in result.effect_log)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", seeds(5))
 def test_tokens_that_lie_kill_nobody(run: Run, seed: int) -> None:
     choose = random.Random(seed)
     schedule = [
@@ -214,7 +214,7 @@ def test_tokens_that_lie_kill_nobody(run: Run, seed: int) -> None:
     assert not any("robot_dead" in line for line in result.effect_log)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", seeds(5))
 def test_garbage_changes_nothing(run: Run, seed: int) -> None:
     """I8: the robots do the same things at the same times as without it."""
     schedule = [(at_us, Garbage(robot, 40)) for robot in ROBOTS for at_us in (25_000, 999_983)]

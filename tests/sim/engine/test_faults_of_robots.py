@@ -29,6 +29,7 @@ from mrbt_mesh.sim import (
 )
 from mrbt_mesh.sim.engine.journal import SimJournal
 from mrbt_mesh.sim.engine.network import LinkKnobs
+from tests.support.effort import seeds
 from tests.support.runs import Run, undisturbed
 
 SECOND_US = 1_000_000
@@ -106,7 +107,7 @@ def test_nobody_dies_of_no_action() -> None:
         KillAfter("B1", 0)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", seeds(5))
 def test_a_team_that_is_killed_as_a_whole_goes_on_from_its_journals(run: Run, seed: int) -> None:
     schedule: list[tuple[int, Fault]] = [(12 * SECOND_US, Kill(robot)) for robot in ROBOTS]
     schedule += [(14 * SECOND_US + 10_000 * i, Restart(robot)) for i, robot in enumerate(ROBOTS)]
