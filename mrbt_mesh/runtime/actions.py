@@ -29,6 +29,7 @@ from mrbt_mesh.core.agent.inputs import (
     PerformanceChanged,
     PositionReported,
     ProgressReported,
+    TreeTicked,
 )
 from mrbt_mesh.core.bt.local_run import OwnConditions
 from mrbt_mesh.core.bt.tree import Tree
@@ -137,6 +138,7 @@ class _Port:
         self._whole = whole
         self.conditions: dict[str, bool] = {}
         self.own_conditions: dict[str, bool] = {}
+        self._tree_statuses = b""
 
     def set_condition(self, name: str, value: bool, at_once: bool) -> None:
         if not self._mission.knows_condition(name):
@@ -170,6 +172,12 @@ class _Port:
         if self._ticket is not None:
             percent = max(0, min(100, round(fraction * 100)))
             self._host.submit(ProgressReported(self._ticket, percent))
+
+    def report_tree(self, statuses: bytes) -> None:
+        """The tree that is the action has been ticked: the statuses of its nodes in preorder."""
+        if self._ticket is not None and statuses != self._tree_statuses:
+            self._tree_statuses = statuses
+            self._host.submit(TreeTicked(self._ticket, statuses))
 
     def report_position(self, x: float, y: float, heading: float | None) -> None:
         self._host.submit(PositionReported(milli_position(x, y, heading)))
@@ -273,7 +281,8 @@ class ActionRunner:
             )
             return end.success, inner.own_conditions
 
-        success = await LocalTreeRunner(self._group, tree, self._own, run_leaf).run()
+        runner = LocalTreeRunner(self._group, tree, self._own, run_leaf, port.report_tree)
+        success = await runner.run()
         conditions = tuple(sorted(port.conditions.items()))
         reason = "" if success else reason
         return ActionFinished(effect.ticket, success, data or None, conditions, reason=reason)
@@ -282,7 +291,7 @@ class ActionRunner:
         """Call the user's function; whatever it raises is a failure of this local task."""
         ticket, (name, arguments) = effect.ticket, split_call(effect.local_task)
         context = self._context(effect, name, arguments, port)
-        function = self._function(effect.local_task, name)
+        function = self._function(effect.local_task, name, port)
         error, reason, data, success = "", "", None, False
         if function is None:
             error = reason = f"the robot's program has no local task {name!r}"
@@ -299,7 +308,7 @@ class ActionRunner:
         conditions = tuple(sorted(port.conditions.items()))
         return ActionFinished(ticket, success, data, conditions, error, reason)
 
-    def _function(self, ground: str, name: str) -> TaskFunction | None:
+    def _function(self, ground: str, name: str, port: _Port) -> TaskFunction | None:
         """The program's function for a local task; of one that is a tree in a file, its run."""
         program = self._mission.program_trees.get(ground)
         if program is None:
@@ -309,7 +318,7 @@ class ActionRunner:
         async def run(context: TaskContext, *arguments: str) -> None:
             tree = made_tree(program, self._program.leaves, {TaskContext: context})
             try:
-                await carry_out(tree, {})
+                await carry_out(tree, {}, port.report_tree)
             finally:
                 for condition, value in told_outputs(program, tree).items():
                     context.set_condition(condition, value)

@@ -24,7 +24,9 @@ RunLeaf: TypeAlias = Callable[[str], Awaitable[LeafEnd]]
 
 
 class LocalTreeRunner:
-    """Runs one tree once. `group` is what its actions are started in."""
+    """Runs one tree once. `group` is what its actions are started in; `tell` hears the statuses of
+    its nodes after each tick.
+    """
 
     def __init__(
         self,
@@ -32,10 +34,12 @@ class LocalTreeRunner:
         tree: Tree,
         conditions: OwnConditions,
         run_leaf: RunLeaf,
+        tell: Callable[[bytes], None],
     ) -> None:
         self._group = group
         self._conditions = conditions
         self._run_leaf = run_leaf
+        self._tell = tell
         self._run = LocalRun(tree, conditions)
         self._result = Status.RUNNING
         # By activation: actions and Timeouts that have been begun and have not ended.
@@ -62,6 +66,7 @@ class LocalTreeRunner:
         if self._result is Status.RUNNING:
             found = self._run.tick()
             self._result = found.status
+            self._tell(found.statuses)
             self._follow(found)
 
     def _follow(self, found: Evaluation) -> None:

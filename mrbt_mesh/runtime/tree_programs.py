@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from mrbt_mesh.core.mission.program_trees import ProgramTree
@@ -41,15 +41,25 @@ def lacking_leaves(program: ProgramTree, leaves: Leaves) -> list[str]:
     return []
 
 
-async def carry_out(tree: BehaviorTree, ports: Mapping[str, Any]) -> None:
-    """Run a tree to its end. Raises TaskFailedError unless it succeeds."""
+async def carry_out(
+    tree: BehaviorTree,
+    ports: Mapping[str, Any],
+    tell: Callable[[bytes], None] | None = None,
+) -> None:
+    """Run a tree to its end. Raises TaskFailedError unless it succeeds.
+
+    `tell` hears the statuses of its nodes in preorder after each tick; a skipped node is idle.
+    """
     tree.check()
     for name, value in ports.items():
         tree.blackboard[name] = value
     reasons: dict[int, str] = {}
 
     def note() -> None:
-        reasons.update({view.uid: view.reason for view in tree.view() if view.reason})
+        views = list(tree.view())
+        reasons.update({view.uid: view.reason for view in views if view.reason})
+        if tell is not None:
+            tell(bytes(view.status % NodeStatus.SKIPPED for view in views))
 
     tree.watch(note)
     status = await tree.run()

@@ -11,7 +11,7 @@ from typing import Any
 from mrbt_mesh.core.bt.tree import Kind, Status
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.viewmodel.mission_view import tree_view
-from mrbt_mesh.viewmodel.own_trees import OwnTrees, local_tree_of
+from mrbt_mesh.viewmodel.own_trees import OwnTrees, local_tree_of, running_tree
 from mrbt_mesh.viewmodel.program_trees import with_programs
 
 MEANINGS = {"T_A": "how it plans", "T_G": "the team's tree", "T_Li": "its own tasks"}
@@ -51,7 +51,8 @@ class RobotRows:
         return self._observer.facts.members[self.robot].member.capabilities
 
     def _with_programs(self, statuses: bytes) -> tuple[list[dict[str, Any]], list[int]]:
-        return with_programs(self._local, statuses, self._observer.mission)
+        running = running_tree(self._observer, self.robot)
+        return with_programs(self._local, statuses, self._observer.mission, running)
 
     def _add(self, part: str, rows: Sequence[Mapping[str, Any]]) -> None:
         first = len(self.rows)

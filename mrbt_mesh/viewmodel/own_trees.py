@@ -1,13 +1,13 @@
 """T_A and T_Li of one robot, with the statuses of their nodes as far as they can be seen.
 
-A robot tells the others the statuses of the roots alone; the rest follows from the facts that all
-hold.
+A robot tells the others the statuses of the roots, and of the tree that carries out its local task
+if one does; the rest follows from the facts that all hold.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from mrbt_mesh.core.bt.evaluation import OwnFacts
 from mrbt_mesh.core.bt.evaluator import Evaluator
@@ -20,6 +20,7 @@ from mrbt_mesh.core.bt.robot_tree import (
     local_tree,
 )
 from mrbt_mesh.core.bt.tree import Status, Tree
+from mrbt_mesh.core.facts.records import Phase
 from mrbt_mesh.core.mission.mission import Mission, performance
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.observer.observer import Observer
@@ -47,16 +48,45 @@ class OwnTrees:
         return self._local.tree
 
     def statuses(self, observer: Observer) -> tuple[bytes, bytes]:
-        """T_A's as of the last plan, T_Li's as of the robot's claim; all idle unless it lives.
-
-        Inside a local task that is a tree of its own nothing is seen.
+        """T_A's as of the last plan, T_Li's as of the robot's claim and what it tells of the tree
+        that it runs; all idle unless it lives.
         """
         plan = observer.plan
         if plan is None or not observer.robot_state(self._robot).is_live:
             return bytes(len(self.assignment.nodes)), bytes(len(self.local.nodes))
         assignment = self._assignment.evaluate(_assignment_facts(plan))
-        local = self._local.evaluate(_local_facts(observer, self._robot))
-        return assignment.statuses, local.statuses
+        local = self._local.evaluate(_local_facts(observer, self._robot)).statuses
+        return assignment.statuses, self._with_inner(local, running_tree(observer, self._robot))
+
+    def _with_inner(self, statuses: bytes, running: RunningTree) -> bytes:
+        """With the nodes of the local task that runs, where it is a tree of the mission file."""
+        nodes, names = self.local.nodes, _assigned_names(running.local_task)
+        for node in nodes:
+            if running.statuses and node.subject in names:
+                first = node.index + 1  # what is done when it is assigned stands beside that
+                after = (n.index for n in nodes[first + 1 :] if n.parent < first)
+                last = next(after, len(nodes))
+                if last - first == len(running.statuses):
+                    return statuses[:first] + running.statuses + statuses[last:]
+        return statuses
+
+
+class RunningTree(NamedTuple):
+    """The tree that carries out a robot's local task: the statuses of its nodes in preorder; empty
+    if none does.
+    """
+
+    local_task: str
+    statuses: bytes
+
+
+def running_tree(observer: Observer, robot: str) -> RunningTree:
+    """As the robot has told it last."""
+    claim, peer = observer.claim(robot), observer.membership.peers.get(robot)
+    beat = peer.heartbeat if peer is not None and peer.state.is_live else None
+    if claim is None or beat is None or claim.phase is not Phase.RUNNING:
+        return RunningTree("", b"")
+    return RunningTree(claim.local_task, beat.tree_statuses)
 
 
 def _assignment_facts(plan: Plan) -> OwnFacts:
@@ -70,8 +100,12 @@ def _local_facts(observer: Observer, robot: str) -> OwnFacts:
     claim = observer.claim(robot)
     if claim is None:
         return OwnFacts(frozenset())
-    names = {claim.local_task, type_name(claim.local_task)}
-    return OwnFacts(frozenset({ASSIGNED, *(f"{ASSIGNED}({name})" for name in names)}))
+    return OwnFacts(frozenset({ASSIGNED, *_assigned_names(claim.local_task)}))
+
+
+def _assigned_names(local_task: str) -> set[str]:
+    """The conditions of T_Li that say that this one is assigned."""
+    return {f"{ASSIGNED}({name})" for name in (local_task, type_name(local_task))}
 
 
 def local_tree_of(mission: Mission, capabilities: Mapping[str, int]) -> Tree:
@@ -88,7 +122,8 @@ def own_trees(observer: Observer, robot: str) -> dict[str, Any]:
     member = observer.facts.members[robot].member
     trees = OwnTrees(robot, local_tree_of(observer.mission, member.capabilities))
     assignment, local = trees.statuses(observer)
-    rows, statuses = with_programs(tree_view(trees.local), local, observer.mission)
+    running = running_tree(observer, robot)
+    rows, statuses = with_programs(tree_view(trees.local), local, observer.mission, running)
     return {
         "robot": robot,
         "T_A": {"tree": tree_view(trees.assignment), "statuses": list(assignment)},

@@ -1,6 +1,6 @@
 """BehaviorTree.CPP trees of local tasks, as views draw them below T_Li.
 
-Their nodes' statuses are known to the process of the robot alone: here they are idle.
+The statuses of their nodes are what the robot tells of the one that it runs.
 """
 
 from __future__ import annotations
@@ -53,9 +53,15 @@ def _short(value: str) -> str:
 
 
 def with_programs(
-    rows: Sequence[Mapping[str, Any]], statuses: Sequence[int], mission: Mission
+    rows: Sequence[Mapping[str, Any]],
+    statuses: Sequence[int],
+    mission: Mission,
+    running: tuple[str, bytes] = ("", b""),
 ) -> tuple[list[dict[str, Any]], list[int]]:
-    """The rows of T_Li and their statuses, with the trees of programs below their local tasks."""
+    """The rows of T_Li and their statuses, with the trees of programs below their local tasks.
+
+    `running`: the local task that is carried out, and the statuses of the nodes of its tree.
+    """
     programs = programs_by_type(mission)
     found: list[dict[str, Any]] = []
     after: list[int] = []
@@ -66,8 +72,10 @@ def with_programs(
         after.append(statuses[index])
         program = programs.get(type_name(str(row["subject"]))) if row["kind"] == "Action" else None
         if program is not None:
-            found += _rows(program_tree(program), here, len(found))
-            after += [0] * (len(found) - len(after))
+            inner = list(_rows(program_tree(program), here, len(found)))
+            found += inner
+            is_told = type_name(running[0]) == row["subject"] and len(running[1]) == len(inner)
+            after += running[1] if is_told else bytes(len(inner))
     return found, after
 
 

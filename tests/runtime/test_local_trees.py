@@ -11,7 +11,7 @@ import anyio
 from mrbt_mesh import RobotProgram, TaskContext, TaskFailedError
 from mrbt_mesh.core.agent.effects import CancelAction, StartAction
 from mrbt_mesh.core.agent.inputs import ActionFinished, ActionStopped
-from mrbt_mesh.core.bt.tree import NodeSpec, build_tree
+from mrbt_mesh.core.bt.tree import NodeSpec, Status, build_tree
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.mission import Mission
@@ -32,6 +32,9 @@ from tests.support.build import (
 )
 
 Steps = Callable[[ActionRunner, "Host"], Any]
+
+
+IDLE, RUNNING, SUCCESS, FAILURE = Status
 
 
 class Story:
@@ -96,6 +99,14 @@ def test_its_status_is_the_outcome_with_data_and_conditions_of_its_actions() -> 
     host = play(sequence(action("a"), action("b")), story)
     assert host.said == [ActionFinished(7, True, {"a": "done", "b": "done"}, (("told", True),))]
     assert story.told == ["1 a", "2 b"]
+
+
+def test_the_statuses_of_its_nodes_are_told_when_they_change() -> None:
+    host = play(sequence(fallback(action("a"), action("b")), condition("c1")), Story("a"))
+    assert host.ticked == [
+        bytes([RUNNING, RUNNING, RUNNING, IDLE, IDLE]),
+        bytes([RUNNING, RUNNING, FAILURE, RUNNING, IDLE]),
+    ]
 
 
 def test_a_failure_is_logged_and_the_tree_decides_what_it_means() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,10 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.mission.program_trees import ProgramTree
-from mrbt_mesh.local import Out
+from mrbt_mesh.local import NodeStatus, Out
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.runtime.program_loader import check_program
+from mrbt_mesh.runtime.tree_programs import made_tree
 from mrbt_mesh.sim.engine.clock import VirtualClock, VirtualLoop
 from tests.support.action_host import Host
 from tests.support.build import action, make_mission
@@ -59,6 +61,14 @@ def program_of(told: list[str], answer: bool | str = True) -> RobotProgram:
 def carried_out(mission: Mission, program: RobotProgram, cancel_s: float = 0) -> tuple[Any, float]:
     """How the local task `look` ends, and when."""
     clock = VirtualClock()
+    (said,) = run_look(mission, program, clock, cancel_s).said
+    return said, clock.now_us / 1e6
+
+
+def run_look(
+    mission: Mission, program: RobotProgram, clock: VirtualClock, cancel_s: float = 0
+) -> Host:
+    """Carry the local task `look` out, in virtual time."""
     loop = VirtualLoop(clock)
     host = Host(clock)
 
@@ -76,8 +86,15 @@ def carried_out(mission: Mission, program: RobotProgram, cancel_s: float = 0) ->
         loop.run_until_complete(main())
     finally:
         loop.close()
-    (said,) = host.said
-    return said, clock.now_us / 1e6
+    return host
+
+
+def test_the_statuses_of_its_nodes_are_told_when_they_change() -> None:
+    ticked = run_look(mission_of(), program_of([]), VirtualClock()).ticked
+    tree = made_tree(mission_of().program_trees["look"], program_of([]).leaves)
+    assert {len(statuses) for statuses in ticked} == {len([*tree.view()])}
+    assert all(before != after for before, after in pairwise(ticked))
+    assert ticked[0][0] == NodeStatus.RUNNING
 
 
 def test_ports_come_from_the_mission_and_outputs_go_with_the_outcome() -> None:

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 from typing import Any
 
-from mrbt_mesh.core.agent.inputs import Input
+from mrbt_mesh.core.agent.inputs import Input, TreeTicked
 from mrbt_mesh.sim.engine.clock import VirtualClock
 
 
 class Host:
-    """Keeps what the runner says. Without a clock it is always the same time."""
+    """Keeps what the runner says; `ticked`: the statuses of trees, which are for people. Without a
+    clock it is always the same time.
+    """
 
     def __init__(self, clock: VirtualClock | None = None) -> None:
         self.clock = clock
         self.said: list[Input] = []
+        self.ticked: list[bytes] = []
         self.logged: list[dict[str, Any]] = []
 
     def submit(self, event: Input) -> None:
-        self.said.append(event)
+        if isinstance(event, TreeTicked):
+            self.ticked.append(event.statuses)
+        else:
+            self.said.append(event)
 
     def read_condition(self, name: str) -> bool:
         return False

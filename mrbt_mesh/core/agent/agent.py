@@ -37,6 +37,7 @@ from mrbt_mesh.core.agent.inputs import (
     QueryReceived,
     RouterAnswered,
     TokenChanged,
+    TreeTicked,
 )
 from mrbt_mesh.core.agent.lifecycle import Lifecycle
 from mrbt_mesh.core.agent.planner import Planner
@@ -129,7 +130,7 @@ class Agent:
                 self._reports.finished(event, now_us)
             case ActionStopped(ticket):
                 self._context.work.stopped(ticket)
-            case ProgressReported() | PositionReported():
+            case ProgressReported() | TreeTicked() | PositionReported():
                 self._take_for_people(event)
             case ConditionSet(name, value):
                 self._reports.set_conditions({name: value}, now_us)
@@ -146,9 +147,11 @@ class Agent:
             case _:
                 pass  # TimerFired: what is due is followed up
 
-    def _take_for_people(self, event: ProgressReported | PositionReported) -> None:
+    def _take_for_people(self, event: ProgressReported | TreeTicked | PositionReported) -> None:
         """What heartbeats carry for those who watch; nothing follows from it."""
         if isinstance(event, ProgressReported):
             self._context.work.progressed(event.ticket, event.percent)
+        elif isinstance(event, TreeTicked):
+            self._context.work.tree_ticked(event.ticket, event.statuses)
         else:
             self._context.position = event.position

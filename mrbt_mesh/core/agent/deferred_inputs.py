@@ -22,6 +22,7 @@ _ALWAYS = (
     inputs.TimerFired,
     inputs.PositionReported,
     inputs.ProgressReported,
+    inputs.TreeTicked,
     inputs.PlanMade,
 )
 

@@ -19,6 +19,7 @@ from mrbt_mesh.core.agent.inputs import (
     PositionReported,
     ProgressReported,
     TimerFired,
+    TreeTicked,
 )
 from mrbt_mesh.core.agent.lifecycle import Lifecycle
 from mrbt_mesh.core.agent.planner import Planner
@@ -30,7 +31,13 @@ from mrbt_mesh.core.membership.timing import NEVER_US
 # In a team of which not all are neighbours plans come no closer than so much for each other robot.
 PLAN_SPACING_US = 200
 # What robots and operators ask for always has its answer.
-_MAY_CHANGE_NOTHING = (MessageReceived, PositionReported, ProgressReported, TimerFired)
+_MAY_CHANGE_NOTHING = (
+    MessageReceived,
+    PositionReported,
+    ProgressReported,
+    TimerFired,
+    TreeTicked,
+)
 
 
 # Attributes: the parts of the agent that are brought up to date, and what the last step went by.

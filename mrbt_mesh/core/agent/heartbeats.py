@@ -175,6 +175,7 @@ class Heartbeats:
             executor.leases.grantor.grants(),
             membership.alive_digest(context.replica.incarnation),
             context.position,
+            context.work.tree_statuses,
         )
         data = context.config.engine.write_heartbeat(beat, context.replica.header)
         context.emit(Publish(MessageKind.HEARTBEAT, data, to))

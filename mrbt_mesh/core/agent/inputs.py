@@ -103,6 +103,16 @@ class ProgressReported:
 
 
 @dataclass(frozen=True, slots=True)
+class TreeTicked:
+    """The tree that carries out the action has been ticked: the statuses of its nodes, a byte each,
+    in preorder.
+    """
+
+    ticket: int
+    statuses: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class PositionReported:
     """Where the robot is; told with the heartbeats to come."""
 
@@ -192,6 +202,7 @@ Input: TypeAlias = (
     | ActionFinished
     | ActionStopped
     | ProgressReported
+    | TreeTicked
     | PositionReported
     | ConditionSet
     | CapabilityChanged

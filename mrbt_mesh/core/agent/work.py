@@ -13,6 +13,7 @@ from mrbt_mesh.core.agent.effects import CancelAction, Effect, StartAction
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.wire import MAX_TREE_NODES
 from mrbt_mesh.core.planning.plan import Line
 
 
@@ -41,6 +42,8 @@ class Work:
         self.claim: Claim | None = None
         self.action: Ticket | None = None
         self.progress = 0
+        # Of the nodes of the tree that is the action, if one is.
+        self.tree_statuses = b""
         # How the local task ended that was assigned last, until T_Li has been ticked with it.
         self.ended: tuple[str, Status] | None = None
         self._stopping = False
@@ -88,7 +91,7 @@ class Work:
         claim = self.claim
         self._tickets += 1
         self._stopping = False
-        self.progress = 0
+        self.progress, self.tree_statuses = 0, b""
         self.action = Ticket(
             self._tickets, claim.activation, claim.global_task, claim.local_task, coalition
         )
@@ -109,13 +112,18 @@ class Work:
         if self.action is not None and self.action.number == number:
             self.progress = max(0, min(100, percent))
 
+    def tree_ticked(self, number: int, statuses: bytes) -> None:
+        """What the nodes of the action's tree have come to."""
+        if self.action is not None and self.action.number == number and not self._stopping:
+            self.tree_statuses = statuses if len(statuses) <= MAX_TREE_NODES else b""
+
     def finish(self, number: int, success: bool) -> Ticket | None:
         """An action ended by itself; returns it, or None if it is not known."""
         action = self.action
         if action is None or action.number != number:
             return None
         self.action = None
-        self.progress = 0
+        self.progress, self.tree_statuses = 0, b""
         if self.claim is not None and not self._stopping:
             self.claim = None
             self.line = None
@@ -139,5 +147,5 @@ class Work:
         if self.action is None or self._stopping:
             return []
         self._stopping = True
-        self.progress = 0
+        self.progress, self.tree_statuses = 0, b""
         return [CancelAction(self.action.number)]

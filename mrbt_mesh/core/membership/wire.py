@@ -25,10 +25,11 @@ from mrbt_mesh.core.facts.store import (
 )
 from mrbt_mesh.core.mission.names import is_robot_id
 
-SCHEMA = 6
+SCHEMA = 7
 MAX_MESSAGE_BYTES = 4 << 20
 MAX_ITEMS = 100_000
 MAX_NONCE = 32
+MAX_TREE_NODES = 4_096  # of a larger tree of a local task no statuses are told
 DIGEST_BYTES = 8
 # Thousandths: a million units each way; once around each way.
 MAX_COORDINATE, MAX_HEADING = 10**9, 6_284
@@ -133,7 +134,8 @@ class Heartbeat:
 
     `relays`: robot -> its newest self-report that the sender knows. `lease_request`: the activation
     and the id of the coalition for which the sender needs leases. `alive_digest` is over the robots
-    that the sender holds for alive. `position`: where the robot says it is; only people read it.
+    that the sender holds for alive. `position`: where the robot says it is; `tree_statuses`: of the
+    nodes, in preorder, of the tree that carries out its local task, if one does: people read them.
     """
 
     report: SelfReport
@@ -147,6 +149,7 @@ class Heartbeat:
     lease_grants: tuple[LeaseGrant, ...] = ()
     alive_digest: bytes = bytes(DIGEST_BYTES)
     position: Position | None = None
+    tree_statuses: bytes = b""
 
 
 def encode(header: Header, kind: MessageKind, body: Any) -> bytes:
@@ -251,6 +254,7 @@ def pack_heartbeat(heartbeat: Heartbeat) -> list[Any]:
         list(heartbeat.lease_request) if heartbeat.lease_request is not None else None,
         [[g.coalition, g.member, g.number] for g in heartbeat.lease_grants],
         None if where is None else [where.x, where.y, where.heading],
+        heartbeat.tree_statuses,
     ]
 
 
@@ -267,22 +271,18 @@ def parse_reports(rows: Any) -> dict[str, SelfReport]:
     return dict([_relay(row) for row in _rows(rows, 7)])
 
 
-def _every_relay_is_new(row: list[Any]) -> bool:
-    return True
-
-
 def parse_heartbeat(
-    body: Any, is_new_relay: Callable[[list[Any]], bool] = _every_relay_is_new
+    body: Any, is_new_relay: Callable[[list[Any]], bool] = lambda _: True
 ) -> Heartbeat:
     """The inverse of `pack_heartbeat`; raises WireError.
 
     Relays, most of a heartbeat in a large team, are only taken where `is_new_relay(row)` of
     [robot, counter, nonce, number, ...], as yet unchecked.
     """
-    if not isinstance(body, list) or len(body) != 15:
+    if not isinstance(body, list) or len(body) != 16:
         raise WireError("beat is malformed")
     counter, nonce, number, flags, plan, facts, alive, statuses, result, progress, *tables = body
-    suspicions, relays, request, grants, where = tables
+    suspicions, relays, request, grants, where, tree = tables
     flags = _count(flags, 3)
     if not isinstance(statuses, list) or len(statuses) != 4:
         raise WireError("beat statuses are malformed")
@@ -309,6 +309,7 @@ def parse_heartbeat(
         tuple(LeaseGrant(_name(c), _robot(m), _count(n)) for c, m, n in _rows(grants, 3)),
         _digest(alive),
         _position(where),
+        _tree_statuses(tree),
     )
 
 
@@ -340,6 +341,12 @@ def _position(value: Any) -> Position | None:
         if type(number) is not int or not -most <= number <= most:
             raise WireError("position is malformed")
     return Position(x, y, heading)
+
+
+def _tree_statuses(value: Any) -> bytes:
+    if not isinstance(value, bytes) or len(value) > MAX_TREE_NODES or max(value, default=0) > 3:
+        raise WireError("statuses of a tree are malformed")
+    return value
 
 
 def _lease_request(value: Any) -> tuple[str, str] | None:

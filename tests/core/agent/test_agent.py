@@ -15,6 +15,7 @@ from mrbt_mesh.core.agent import inputs
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.facts.store import MAX_VALUE_BYTES, Incarnation
 from mrbt_mesh.core.membership.wire import (
+    MAX_TREE_NODES,
     Header,
     Heartbeat,
     MessageKind,
@@ -188,6 +189,7 @@ def test_result_data_travels_with_the_outcome() -> None:
         inputs.ActionFinished(99, True),
         inputs.ActionStopped(99),
         inputs.ProgressReported(99, 50),
+        inputs.TreeTicked(99, b"\1"),
         inputs.ConditionSet("nonsense", True),
     ],
 )
@@ -205,6 +207,21 @@ def test_progress_is_shown_in_percent(reported: int, shown: int) -> None:
     robot = script.team.processes["A"]
     give(script, inputs.ProgressReported(robot.tickets[-1], reported))
     assert inside.context(robot.agent).work.progress == shown
+
+
+def test_the_statuses_of_the_tree_that_runs_go_when_its_action_does() -> None:
+    script = team()
+    robot = script.team.processes["A"]
+    work = inside.context(robot.agent).work
+    give(script, inputs.TreeTicked(robot.tickets[-1] + 1, b"\3"))
+    assert work.tree_statuses == b""
+    give(script, inputs.TreeTicked(robot.tickets[-1], b"\1\2\0"))
+    assert work.tree_statuses == b"\1\2\0"
+    give(script, inputs.TreeTicked(robot.tickets[-1], bytes(MAX_TREE_NODES + 1)))
+    assert work.tree_statuses == b"", "too many to be told"
+    give(script, inputs.TreeTicked(robot.tickets[-1], b"\1"))
+    script.team.give(robot, inputs.ActionFinished(robot.tickets.pop(), True))
+    assert work.tree_statuses == b""
 
 
 # -- time and ends ----------------------------------------------------------------------------

@@ -64,6 +64,7 @@ beats = st.builds(
         st.integers(-(10**9), 10**9),
         st.none() | st.integers(-3_142, 3_142),
     ),
+    st.lists(st.integers(0, 3), max_size=20).map(bytes),
 )
 GOOD_VALUES: list[tuple[str, Any]] = [
     ("member", ["A", {"drill": 5, "fix(2)": 7}, ["drill"], False, "1.0", "host", 77]),
@@ -351,6 +352,17 @@ def test_outcome_data_that_cannot_be_sent_is_a_value_error(value: Any) -> None:
 def test_a_position_that_is_none_is_refused(where: Any) -> None:
     report = SelfReport(Incarnation(1, "n"), 1, bytes(8), True, 0)
     body = pack_heartbeat(Heartbeat(report, False, bytes(8), (0, 0, 0, 0), 0, (), {}))
-    assert parse_heartbeat([*body[:-1], [1_500, -2_000, None]]).position == Position(1_500, -2_000)
-    with pytest.raises(WireError):
-        parse_heartbeat([*body[:-1], where])
+    *before, _, tree = body
+    there = [1_500, -2_000, None]
+    assert parse_heartbeat([*before, there, tree]).position == Position(1_500, -2_000)
+    with pytest.raises(WireError, match="position"):
+        parse_heartbeat([*before, where, tree])
+
+
+@pytest.mark.parametrize("statuses", ["", None, [1], b"\0\4", bytes(wire.MAX_TREE_NODES + 1)])
+def test_statuses_of_a_tree_that_are_none_are_refused(statuses: Any) -> None:
+    report = SelfReport(Incarnation(1, "n"), 1, bytes(8), True, 0)
+    body = pack_heartbeat(Heartbeat(report, False, bytes(8), (0, 0, 0, 0), 0, (), {}))
+    assert parse_heartbeat([*body[:-1], b"\1\2"]).tree_statuses == b"\1\2"
+    with pytest.raises(WireError, match="statuses of a tree"):
+        parse_heartbeat([*body[:-1], statuses])
