@@ -1,6 +1,6 @@
 """The binding file: which actions, services and topics of ROS 2 local tasks and conditions are.
 
-docs/ros2.md explains the keys, examples/delivery/ros2.yaml is one.
+docs/ros2.md explains the keys; `mrbt new --ros2` writes one.
 """
 
 from __future__ import annotations
@@ -341,7 +341,10 @@ def bind_message(file: BindingFile, robot: str | None, node: str = "mrbt") -> Bi
                 "type": task.type,
                 "type_place": [*place, "type"],
                 "lifecycle": named(task.lifecycle),
-                "bodies": [{"place": list(where), "body": body} for where, body in bodies],
+                "bodies": [
+                    {"place": list(where), "body": body, "is_written": where[0] != "values"}
+                    for where, body in bodies
+                ],
                 "feedback": _fields(place, {"progress": task.progress}),
                 "result": _fields(place, results),
             }

@@ -66,7 +66,7 @@ class FilledBinding:
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownValues:
     """What `$name` stands for: robots' values, arguments, and the tables of their meanings."""
 
     values: Mapping[str, str]
@@ -115,7 +115,7 @@ def filled(
         wanted = ", ".join(binding.parameters) or "none"
         raise FillError(f"the binding has other parameters: {wanted}")
     values = {**robot_values, **dict(zip(binding.parameters, arguments, strict=True))}
-    known = Known(values, tables)
+    known = KnownValues(values, tables)
     sets = {known.text(name): value for name, value in binding.sets.items()}
     on_cancel = None if binding.on_cancel is None else known.data(binding.on_cancel)
     return FilledBinding(known.data(binding.body), on_cancel, sets)
@@ -136,7 +136,7 @@ def bodies_to_check(
         found.append(((*place, part), body))
         for name in binding.parameters:
             for argument in tables.get(name, {}):
-                made = Known({name: argument}, tables).data(body)
+                made = KnownValues({name: argument}, tables).data(body)
                 if made != body:
                     found.append((("values", name, argument), made))
     return found
@@ -148,7 +148,7 @@ def lacking_parts(binding: TaskBinding, tables: Tables) -> list[tuple[SourcePath
     for name in binding.parameters:
         for argument in tables.get(name, {}):
             try:
-                Known({name: argument}, tables).data([binding.body, binding.on_cancel])
+                KnownValues({name: argument}, tables).data([binding.body, binding.on_cancel])
             except FillError as error:
                 found.append((("values", name, argument), str(error)))
     return found

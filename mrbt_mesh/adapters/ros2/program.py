@@ -19,7 +19,7 @@ from mrbt_mesh.adapters.ros2.binding_file import BindingFile, bind_message, load
 from mrbt_mesh.adapters.ros2.bindings import (
     FilledBinding,
     FillError,
-    Known,
+    KnownValues,
     TaskBinding,
     filled,
 )
@@ -110,7 +110,6 @@ class _Run:
         self.changed = anyio.Event()
 
 
-# Attributes: the file, the bridge, the tasks that it is at, and what was told of servers.
 class ConnectedRobot:
     """One robot, its bridge, and the tasks that it is at."""
 
@@ -347,7 +346,7 @@ class ConnectedRobot:
                 found = self._file.conditions[name].expressions[""].truth(fields)
                 if self._told.get(name) is not found:
                     self._told[name] = found
-                    ground = Known(self._values, {}).text(name)
+                    ground = KnownValues(self._values, {}).text(name)
                     self._background.set_condition(ground, found)
         except (MessageExpressionError, ValueError) as error:
             self._complain(topic, str(error))

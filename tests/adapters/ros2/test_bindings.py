@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.adapters.ros2.bindings import (
     FillError,
-    Known,
+    KnownValues,
     TaskBinding,
     bodies_to_check,
     filled,
@@ -61,12 +61,12 @@ def test_arguments_that_lead_to_nothing(arguments: tuple[str, ...], said: str) -
 
 def test_a_part_of_what_has_no_table() -> None:
     with pytest.raises(FillError, match="values has no table for tool"):
-        Known({"tool": "drill"}, TABLES).data("$tool.x")
+        KnownValues({"tool": "drill"}, TABLES).data("$tool.x")
 
 
 @given(PLAIN)
 def test_what_names_nothing_known_stays_as_it_is(data: Any) -> None:
-    assert Known({}, {}).data(data) == _unescaped(data)
+    assert KnownValues({}, {}).data(data) == _unescaped(data)
 
 
 def _unescaped(data: Any) -> Any:

@@ -41,7 +41,6 @@ class Ros(Protocol):
     def listen(self, topic: dict[str, Any], told: Callable[[dict[str, Any]], None]) -> None: ...
 
 
-# Attributes: the servers, what was heard and is not told yet, and the watch over the robot.
 class Bridge:
     """One robot's bindings while it lives. `clock`: seconds that never go back."""
 

@@ -37,9 +37,14 @@ def _check_task(task: dict[str, Any], found: list[dict[str, Any]]) -> None:
             fill(getattr(kind, body)() if body else kind(), each["body"])
         except UnfitError as problem:
             # What is wrong as written is wrong with every value that is filled in.
-            if str(problem) not in texts:
-                found.append({"place": [*each["place"], *problem.path], "text": str(problem)})
+            if str(problem) in texts:
+                continue
             texts.add(str(problem))
+            if each["is_written"]:
+                place, text = [*each["place"], *problem.path], problem.what
+            else:
+                place, text = each["place"], str(problem)
+            found.append({"place": place, "text": text})
     if result:
         _check_fields(getattr(kind, result), task["result"], found)
     if feedback:

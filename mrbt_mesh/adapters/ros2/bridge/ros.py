@@ -130,11 +130,9 @@ class _LifeQuestions:
             self._apply(lambda keeper, now_s: keeper.heard(now_s))
 
         for name in names:
-            service = f"{name}/get_parameters"
-            if self._node.count_services(service) == 0:
+            client = self.client(f"{name}/get_parameters", GetParameters)
+            if not self.ask(client, GetParameters.Request(), heard):
                 heard(None)
-            else:
-                self.ask(self.client(service, GetParameters), GetParameters.Request(), heard)
 
 
 class ActionEnd:

@@ -29,11 +29,12 @@ _STEP = re.compile(r"\.?([A-Za-z_]\w*)|\[(-?\d+)\]")
 class UnfitError(Exception):
     """What does not fit, with the place in the message; the text says what would.
 
-    `path` are the keys that lead there.
+    `path` are the keys that lead there, `what` is the text without them.
     """
 
     def __init__(self, text: str, place: str = "") -> None:
         super().__init__(f"{place}: {text}" if place else text)
+        self.what = text
         self.path = [int(i) if i else name for name, i in _PLACE.findall(place)]
 
 

@@ -11,6 +11,11 @@ from mrbt_mesh.adapters.ros2.bridge.checks import problems_of
 pytestmark = pytest.mark.usefixtures("messages")
 
 
+def body(data: Any, *place: str) -> dict[str, Any]:
+    """A message to be checked, and where it stands."""
+    return {"place": list(place), "body": data, "is_written": place[:1] != ("values",)}
+
+
 def task(**changes: Any) -> dict[str, Any]:
     good: dict[str, Any] = {
         "id": "go",
@@ -18,8 +23,16 @@ def task(**changes: Any) -> dict[str, Any]:
         "type": "test_robots/action/Drive",
         "type_place": ["local_tasks", "go", "type"],
         "bodies": [
-            {"place": ["local_tasks", "go", "goal"], "body": {"pose": "$place"}},
-            {"place": ["values", "place", "gate"], "body": {"pose": {"position": {"x": 1}}}},
+            {
+                "is_written": True,
+                "place": ["local_tasks", "go", "goal"],
+                "body": {"pose": "$place"},
+            },
+            {
+                "is_written": False,
+                "place": ["values", "place", "gate"],
+                "body": {"pose": {"position": {"x": 1}}},
+            },
         ],
         "feedback": [["left", ["local_tasks", "go", "progress"]]],
         "result": [["error_msg", ["local_tasks", "go", "reason"]]],
@@ -32,18 +45,26 @@ TOPIC = {"type": "test_robots/msg/Scan", "type_place": ["conditions", "near", "t
 
 def test_what_fits() -> None:
     look = task(kind="srv", type="test_robots/srv/Look", result=[["success", []]])
-    look["bodies"] = [{"place": [], "body": {"name": "door"}}]
+    look["bodies"] = [body({"name": "door"})]
     publish = task(kind="msg", type="test_robots/msg/Point")
-    publish["bodies"] = [{"place": [], "body": {"x": 3}}]
+    publish["bodies"] = [body({"x": 3})]
     topic = TOPIC | {"fields": [["ranges[0]", ["conditions", "near", "expression"]]]}
     assert problems_of({"tasks": [task(), look, publish], "topics": [topic]}) == []
 
 
 def test_each_problem_has_its_place() -> None:
     bodies = [
-        {"place": ["local_tasks", "go", "goal"], "body": {"pose": {"positon": {}}}},
-        {"place": ["values", "place", "gate"], "body": {"pose": {"positon": {}}}},
-        {"place": ["values", "place", "yard"], "body": {"speed": "fast"}},
+        {
+            "is_written": True,
+            "place": ["local_tasks", "go", "goal"],
+            "body": {"pose": {"positon": {}}},
+        },
+        {
+            "is_written": False,
+            "place": ["values", "place", "gate"],
+            "body": {"pose": {"positon": {}}},
+        },
+        body({"speed": "fast"}, "values", "place", "yard"),
     ]
     bad = task(
         bodies=bodies,
@@ -55,11 +76,13 @@ def test_each_problem_has_its_place() -> None:
     # What is wrong as written is not told again of each value.
     assert [each["place"] for each in found] == [
         ["local_tasks", "go", "goal", "pose", "positon"],
-        ["values", "place", "yard", "speed"],
+        ["values", "place", "yard"],
         ["local_tasks", "go", "reason"],
         ["local_tasks", "go", "progress"],
         ["conditions", "near", "expression"],
     ]
+    assert found[0]["text"].startswith("there is no field 'positon'")
+    assert found[1]["text"] == "speed: a number is expected, not 'fast'"
 
 
 def test_nothing_is_said_of_what_belongs_to_an_unknown_type() -> None:

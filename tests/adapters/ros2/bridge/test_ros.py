@@ -214,14 +214,19 @@ async def test_a_server_that_stands_still_is_lost_and_its_goal_cancelled_afterwa
         assert robot._at_servers
         servers.process.send_signal(signal.SIGCONT)
         await told.until("restore_capability", "work", after=count)
-        assert not robot._at_servers
+        # Nothing else begins before that goal has stopped.
         await perform(robot, "work", "2")
+        assert not robot._at_servers
 
 
 def test_mistakes_that_only_ros_knows(tmp_path: Path) -> None:
     path = tmp_path / "ros2.yaml"
     for old, new, said in (
-        ("{order: $", "{ordr: $", "goal/ordr: there is no field 'ordr'; did you mean 'order'?"),
+        (
+            "{order: $",
+            "{ordr: $",
+            "work/goal/ordr: there is no field 'ordr'; did you",
+        ),
         ("/SetBool", "/SetBol", "ask/type: std_srvs has no srv SetBol; did you mean 'SetBool'?"),
         ("position.x", "position.xx", "position/x: m.pose.pose.position.xx: there is no field"),
         ("m.data, l", "m.date, l", "open/expression: m.date: there is no field 'date'; did you"),
