@@ -7,6 +7,7 @@ team is told of conditions, positions and servers that are not there.
 from __future__ import annotations
 
 import re
+import time
 import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -23,6 +24,7 @@ from mrbt_mesh.adapters.ros2.bindings import (
     TaskBinding,
     filled,
 )
+from mrbt_mesh.adapters.ros2.bridge.watch import LifeWatch
 from mrbt_mesh.adapters.ros2.bridge_process import (
     BridgePipe,
     bridge_command,
@@ -36,6 +38,8 @@ from mrbt_mesh.runtime.log import robot_logger
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext
 
 RESTART_S = 1.0
+# Of a bridge that does not come up: longer and longer.
+MAX_RESTART_S = 30.0
 # How long a task that was cancelled waits for its server to say that it has stopped.
 STOP_S = 5.0
 # So often the bridge hears something in the time in which it would miss the robot.
@@ -110,6 +114,7 @@ class _Run:
         self.changed = anyio.Event()
 
 
+# Attributes: the file, the bridge, the tasks that it is at, and what was told of servers.
 class ConnectedRobot:
     """One robot, its bridge, and the tasks that it is at."""
 
@@ -123,6 +128,7 @@ class ConnectedRobot:
         self._pipe: BridgePipe | None = None
         self._runs: dict[int, _Run] = {}
         self._count = 0
+        self._was_ready = False
         self._up: set[str] = set()
         # Goals that have not ended: if the bridge dies, the next one has them cancelled.
         self._at_servers: dict[int, tuple[str, bytes]] = {}
@@ -231,28 +237,41 @@ class ConnectedRobot:
         self._background = task
         node = "mrbt_" + re.sub(r"\W", "_", self._robot)
         bind = bind_message(self._file, self._robot, node)
+        pause_s = RESTART_S
         while True:
+            self._was_ready = False
             try:
                 async with bridge_process(self._command, bridge_environment(self._file)) as pipe:
                     await self._serve_bridge(pipe, bind)
+                    self._bridge_gone()
             except OSError as error:
                 self._log.error("bridge_not_started", error=str(error))
             self._log.warning("bridge_ended")
-            self._bridge_gone()
-            await anyio.sleep(RESTART_S)
+            pause_s = RESTART_S if self._was_ready else min(2 * pause_s, MAX_RESTART_S)
+            await anyio.sleep(pause_s)
 
     async def _serve_bridge(self, pipe: BridgePipe, bind: dict[str, Any]) -> None:
+        """Until the bridge has ended, or is silent for the detection time."""
         pipe.say(bind)
+        watch = LifeWatch(self._file.detection_s, time.monotonic())
         async with anyio.create_task_group() as group:
             group.start_soon(pipe.send_on)
-            group.start_soon(self._beat, pipe)
+            group.start_soon(self._beat, pipe, watch, group.cancel_scope)
             group.start_soon(self._listen_to_complaints, pipe)
             async for message in pipe.heard():
                 self._take(pipe, message)
+                if self._was_ready:
+                    watch.heard(time.monotonic())
             group.cancel_scope.cancel()
 
-    async def _beat(self, pipe: BridgePipe) -> None:
+    async def _beat(self, pipe: BridgePipe, watch: LifeWatch, scope: anyio.CancelScope) -> None:
+        """Say something regularly, which the bridge answers."""
         while True:
+            was_there = watch.is_there
+            watch.tick(time.monotonic())
+            if was_there and not watch.is_there:
+                self._log.warning("bridge_silent")
+                scope.cancel()
             pipe.say({"op": "beat"})
             await anyio.sleep(self._file.detection_s / BEATS)
 
@@ -268,6 +287,7 @@ class ConnectedRobot:
 
     def _ready(self, pipe: BridgePipe) -> None:
         self._log.info("bridge_ready")
+        self._was_ready = True
         for name, goal_id in self._at_servers.values():
             pipe.say({"op": "forget", "task": name, "goal_ids": [goal_id]})
         self._at_servers.clear()

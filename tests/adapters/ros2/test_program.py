@@ -16,6 +16,7 @@ from typing import Any
 import anyio
 import pytest
 
+from mrbt_mesh.adapters.ros2 import bridge_process
 from mrbt_mesh.adapters.ros2 import program as ros2_program
 from mrbt_mesh.adapters.ros2.binding_file import load_bindings
 from mrbt_mesh.adapters.ros2.program import ConnectedRobot, bound_program, robot_program
@@ -320,6 +321,37 @@ async def test_a_bridge_that_ends_is_started_again(
             await again.wait()
             group.cancel_scope.cancel()
     assert [each["node"] for each in heard] == ["mrbt_A1", "mrbt_A1"]
+
+
+async def test_a_bridge_that_stands_still_is_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ros2_program, "RESTART_S", 0.0)
+    monkeypatch.setattr(bridge_process, "STOP_S", 0.0)
+    robot = Robot(tmp_path)
+    object.__setattr__(robot.file, "detection_s", 0.5)
+    robot.member._command = [sys.executable, str(ROOT / "tests/support/ros2/standin_bridge.py")]
+    take, binds = robot.member._take, anyio.Event()
+
+    def taken(pipe: Any, message: dict[str, Any]) -> None:
+        if message["op"] == "ready":
+            take(pipe, message)
+            robot.up("plain")
+            pipe.say({"op": "freeze"})
+        elif message["op"] != "echo":
+            take(pipe, message)
+        elif "node" in message["message"] and not robot.told.said:
+            pipe.say({"say": {"op": "ready"}})
+        elif "node" in message["message"]:
+            binds.set()
+
+    monkeypatch.setattr(robot.member, "_take", taken)
+    with anyio.fail_after(60):
+        async with anyio.create_task_group() as group:
+            group.start_soon(robot.member.run, context(robot.told))
+            await binds.wait()
+            group.cancel_scope.cancel()
+    assert robot.told.said == [("restore_capability", "plain"), ("lose_capability", "plain")]
 
 
 async def test_a_robot_begins_without_its_capabilities(tmp_path: Path) -> None:

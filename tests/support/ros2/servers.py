@@ -2,7 +2,8 @@
 
 `work` (test_msgs/action/Fibonacci) counts to its order, fails for 13, refuses 0; `ask`
 (std_srvs/srv/SetBool) says yes or no; `command` (std_msgs/msg/String) is answered on `done`; `door`
-is a latched topic; `odom` says a place.
+is a latched topic; `odom` says a place; `manager` is a lifecycle node, which the commands
+`activate` and `deactivate` change.
 """
 
 import sys
@@ -13,6 +14,7 @@ from nav_msgs.msg import Odometry
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
+from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
@@ -62,12 +64,21 @@ def main(namespace: str) -> None:
         cancel_callback=lambda _: CancelResponse.ACCEPT,
         callback_group=ReentrantCallbackGroup(),
     )
+    manager = LifecycleNode("manager", namespace=namespace)
+    manager.trigger_configure()
+
+    def command(message):
+        if message.data == "activate":
+            manager.trigger_activate()
+        elif message.data == "deactivate":
+            manager.trigger_deactivate()
+        done.publish(String(data=f"done: {message.data}"))
+
     node.create_service(SetBool, "ask", ask)
-    node.create_subscription(
-        String, "command", lambda m: done.publish(String(data=f"done: {m.data}")), 10
-    )
+    node.create_subscription(String, "command", command, 10)
     executor = MultiThreadedExecutor(4)
     executor.add_node(node)
+    executor.add_node(manager)
     executor.spin()
     server.destroy()
 

@@ -1,11 +1,13 @@
 """In place of the bridge's program where there is no ROS: it says what it is asked to say.
 
-`say` has it send a message of that kind; `end` has it end. Everything it hears it sends back.
+`say` has it send that message, `end` has it end, `freeze` has it stand still. Everything else it
+hears it sends back.
 """
 
 from __future__ import annotations
 
 import os
+import signal
 import sys
 
 import msgpack
@@ -21,6 +23,8 @@ def main() -> None:
         for message in unpacker:
             if message.get("op") == "end":
                 os._exit(3)
+            if message.get("op") == "freeze":
+                signal.pause()
             said = message.get("say", {"op": "echo", "message": message})
             os.write(1, msgpack.packb(said))
     sys.stderr.write("the pipe has ended\n")

@@ -83,6 +83,8 @@ class Bridge:
         elif op == "forget":
             goal_ids = message["goal_ids"]
             self._apply(message["task"], lambda keeper, now_s: keeper.forget(goal_ids, now_s))
+        elif op == "beat":
+            self._tell({"op": "beat"})
 
     def robot_gone(self) -> None:
         """The pipe has ended: whatever runs is cancelled."""

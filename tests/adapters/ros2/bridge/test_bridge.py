@@ -102,6 +102,12 @@ def test_a_goal_its_feedback_and_its_end() -> None:
     assert len(robot.news("feedback")) == 1
 
 
+def test_the_robot_is_answered() -> None:
+    robot = Robot()
+    robot.bridge.command({"op": "beat"})
+    assert robot.told == [{"op": "beat"}]
+
+
 def test_a_cancelled_goal() -> None:
     robot = Robot()
     robot.hear()
