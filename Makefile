@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long test-plain test-slow test-docker test-interop test-conformance test-vda5050 tolerance lint check-lock lock drills soak \
+.PHONY: help setup demo test test-long test-plain test-slow test-docker test-interop test-conformance test-ros2 test-vda5050 tolerance lint check-lock lock drills soak \
 	test-browser screenshots bench-page clean bench bench-scale bench-security bench-failover bench-resume \
 	bench-membership bench-estimate bench-robustness bench-metrics bench-recording verify-recordings walk paper
 
@@ -22,6 +22,7 @@ help:
 	@echo "make test-slow       wireless teams, discovery, split sessions, intruders, routers: minutes"
 	@echo "make test-interop    other programs judge: BehaviorTree.CPP, an open monitor, Foxglove's protocol"
 	@echo "make test-conformance all traces of BehaviorTree.CPP 4.10, told by the executor of local trees"
+	@echo "make test-ros2       robots of ROS 2: rclpy's action servers, in a .venv-ros2 that is made once"
 	@echo "make test-vda5050    AGVs: mosquitto and npm's virtual vehicles; as root, installs Debian's if missing"
 	@echo "make tolerance       what mrbt analyze foretells of faults, against thousands of simulated runs"
 	@echo "make lint            ruff, mypy, import-linter"
@@ -125,6 +126,13 @@ test-vda5050: $(READY)
 		npm install --silent --prefix "$$folder" vda-5050-lib@1.4.0 && \
 		MRBT_VDA5050_NODE="$$folder" $(BIN)/pytest -rs tests/adapters/vda5050 tests/processes/test_vda5050.py
 
+# rclpy has a virtual environment of its own: its wheels start every Python of theirs anew.
+ROS2 := .venv-ros2
+test-ros2: $(READY)
+	PYTHON=$(abspath $(BIN))/python sh tests/support/ros2/make-ros2 $(ROS2)
+	MRBT_ROS2_PYTHON=$(abspath $(ROS2))/bin/python $(BIN)/pytest -rs tests/adapters/ros2 \
+		tests/processes/test_ros2.py
+
 drills: $(READY)
 	$(BIN)/mrbt drill --all --brief --junit drills.xml
 
@@ -182,4 +190,4 @@ lock:
 		--no-header --no-emit-index-url --upgrade --extra dev pyproject.toml -o requirements.lock
 
 clean:
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(ROS2) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -8,8 +8,9 @@ from pathlib import Path
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.shipped import example_mission, shipped
 
-_FOLDER = Path(__file__).with_name("template")
+TEMPLATES = Path(__file__).with_name("template")
 _FILES = ("mission.yaml", "robot.py", "test_mission.py")
+_ROS2_FILES = ("mission.yaml", "robot.py", "ros2.yaml", "virtual_robots.py")
 # How an example names its robots' program; in a copy, that lies beside the mission.
 _PROGRAM = re.compile(r"\.\./\.\./agents/(\w+\.py)")
 _IMPORT = re.compile(r"^(?:from|import) (\w+)", re.MULTILINE)
@@ -21,7 +22,13 @@ class FolderInUseError(InputError):
 
 def template_files() -> dict[str, str]:
     """A small mission and robot of the user's own: texts by file name."""
-    return {name: (_FOLDER / name).read_text(encoding="utf-8") for name in _FILES}
+    return {name: (TEMPLATES / name).read_text(encoding="utf-8") for name in _FILES}
+
+
+def ros2_files() -> dict[str, str]:
+    """The same for robots of ROS 2, with virtual ones to begin with: texts by file name."""
+    folder = TEMPLATES / "ros2"
+    return {name: (folder / name).read_text(encoding="utf-8") for name in _ROS2_FILES}
 
 
 def example_files(name: str) -> dict[str, str]:

@@ -5,11 +5,14 @@ from pathlib import Path
 
 import pytest
 
+from mrbt_mesh.adapters.ros2 import program as ros2_program
+from mrbt_mesh.adapters.ros2.binding_file import load_bindings
 from mrbt_mesh.formats.mission_file import load_mission, mission_warnings
 from mrbt_mesh.formats.shipped import example_mission, examples
 from mrbt_mesh.formats.template import (
     FolderInUseError,
     example_files,
+    ros2_files,
     template_files,
     write_files,
 )
@@ -32,6 +35,29 @@ def test_the_new_mission_and_its_robots_fit_together(
     for robot in mission.robots.values():
         assert check_program(program, mission, robot.capabilities) == []
     assert "simulated" not in written[1].read_text()
+
+
+def test_robots_of_ros_2_and_their_mission_fit_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without ROS: the program that robot.py makes when the bridge has found nothing wrong."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.setattr(ros2_program, "check_bindings", lambda file: None)
+    written = write_files(tmp_path / "my_team", ros2_files())
+    assert [path.name for path in written] == [
+        *("mission.yaml", "robot.py", "ros2.yaml", "virtual_robots.py")
+    ]
+    mission = load_mission(written[0])
+    assert mission_warnings(mission) == []
+    assert mission.program is not None
+    program = load_program(mission.program)
+    assert program.record_work
+    for robot in mission.robots.values():
+        assert check_program(program, mission, robot.capabilities) == []
+    bindings = load_bindings(written[2])
+    assert bindings.values["place"].keys() == set(mission.parameters["patrol"])
+    [sets] = [task.sets for task in bindings.tasks.values() if task.sets]
+    assert {name.partition("(")[0] for name in sets} <= mission.conditions.keys()
 
 
 @pytest.mark.parametrize("name", examples())

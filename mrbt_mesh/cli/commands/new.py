@@ -14,6 +14,7 @@ def new(
     example: Annotated[
         str | None, option(f"Copy this example: {', '.join(examples())}.", "NAME")
     ] = None,
+    ros2: Annotated[bool, option("For robots of ROS 2, with virtual ones to try it.")] = False,
 ) -> None:
     """Write a small mission and a robot of your own that run at once; or copy an example.
 
@@ -22,13 +23,25 @@ def new(
     import click
 
     from mrbt_mesh.errors import InputError
-    from mrbt_mesh.formats.template import example_files, template_files, write_files
+    from mrbt_mesh.formats.template import (
+        example_files,
+        ros2_files,
+        template_files,
+        write_files,
+    )
 
+    if ros2 and example is not None:
+        raise InputError("give either --example or --ros2")
     try:
-        files = template_files() if example is None else example_files(example)
+        files = ros2_files() if ros2 else template_files()
+        files = files if example is None else example_files(example)
         written = write_files(folder, files)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
     for path in written:
         click.echo(f"wrote {path}")
+    if ros2:
+        click.echo(f"\nfirst, with ROS 2: python3 {folder / 'virtual_robots.py'} A1 A2 A3")
+        click.echo(f"then, beside it: mrbt up {folder / 'mission.yaml'}")
+        return
     click.echo(f"\nnow: mrbt up {folder / 'mission.yaml'}")

@@ -1,0 +1,175 @@
+"""What the robot asks for to the keepers of its servers, and what these say back to the robot.
+
+The robot says something several times in the time in which losses have to be noticed. If it does
+not, it stands still or is cut off from itself, its team gives its work to others, and so its goals
+are cancelled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from .calls import CallKeeper
+from .goals import GoalKeeper
+from .server import RunEnded, ServerEffect, ServerKeeper, ServerTold
+from .values import UnfitError
+from .watch import LifeWatch
+
+# Goals that a robot which has gone leaves behind have so long to stop.
+STOP_S = 3.0
+
+Tell = Callable[[dict[str, Any]], None]
+Step = Callable[[Any, float], "list[ServerEffect]"]
+
+
+class RosEnd(Protocol):
+    """The client's end of one server."""
+
+    def carry_out(self, effect: ServerEffect) -> None: ...
+
+
+class Ros(Protocol):
+    """What the bridge needs of ROS."""
+
+    def serve(
+        self,
+        task: dict[str, Any],
+        apply: Callable[[Step], None],
+        feedback: Callable[[bytes, dict[str, Any]], None],
+    ) -> RosEnd: ...
+    def listen(self, topic: dict[str, Any], told: Callable[[dict[str, Any]], None]) -> None: ...
+
+
+class Bridge:
+    """One robot's bindings while it lives. `clock`: seconds that never go back."""
+
+    def __init__(self, bind: dict[str, Any], tell: Tell, clock: Callable[[], float]) -> None:
+        self._bind, self._tell, self._clock = bind, tell, clock
+        self._robot = LifeWatch(bind["detection_s"], clock())
+        self._robot.heard(clock())
+        self._keepers: dict[str, ServerKeeper] = {}
+        self._ends: dict[str, RosEnd] = {}
+        self._runs: dict[int, str] = {}
+        self._silenced: set[int] = set()
+        self._news: dict[tuple[str, Any], dict[str, Any]] = {}
+        self._heard: dict[str, dict[str, Any]] = {}
+        self._ended_s: float | None = None
+
+    def connect(self, ros: Ros) -> None:
+        """Make the clients. Raises UnfitError for a name that ROS refuses."""
+        for task in self._bind["tasks"]:
+            name = task["id"]
+            kind = GoalKeeper if task["kind"] == "action" else CallKeeper
+            self._keepers[name] = kind(self._bind["detection_s"], self._clock())
+            self._ends[name] = ros.serve(task, self._applier(name), self._feedback(name))
+        for topic in self._bind["topics"]:
+            ros.listen(topic, self._listener(topic["id"], topic["always"]))
+
+    # -- the robot -----------------------------------------------------------------------------
+
+    def command(self, message: dict[str, Any]) -> None:
+        """What the robot wants."""
+        now_s = self._clock()
+        self._robot.heard(now_s)
+        op = message["op"]
+        if op == "start":
+            name, run = message["task"], message["run"]
+            self._runs[run] = name
+            goal_id, body = message["goal_id"], message["body"]
+            self._apply(name, lambda keeper, now_s: keeper.start(run, goal_id, body, now_s))
+        elif op == "cancel" and message["run"] in self._runs:
+            self._apply(self._runs[message["run"]], _cancelling(message["run"]))
+        elif op == "forget":
+            goal_ids = message["goal_ids"]
+            self._apply(message["task"], lambda keeper, now_s: keeper.forget(goal_ids, now_s))
+        elif op == "beat":
+            self._tell({"op": "beat"})
+
+    def robot_gone(self) -> None:
+        """The pipe has ended: whatever runs is cancelled."""
+        self._ended_s = self._clock()
+        self._cancel_all()
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the robot has gone and nothing of it is left, or has had its time."""
+        if self._ended_s is None:
+            return False
+        clear = all(keeper.is_clear for keeper in self._keepers.values())
+        return clear or self._clock() - self._ended_s >= STOP_S
+
+    def tick(self) -> None:
+        """Time has passed; commands that have come are to be taken in before."""
+        was_there = self._robot.is_there
+        self._robot.tick(self._clock())
+        if was_there and not self._robot.is_there:
+            self._silenced |= set(self._runs)
+            self._cancel_all()
+        for name in self._keepers:
+            self._apply(name, lambda keeper, now_s: keeper.tick(now_s))
+        for (op, key), fields in self._news.items():
+            word = "run" if op == "feedback" else "topic"
+            self._tell({"op": op, word: key, "fields": fields})
+        self._news.clear()
+
+    def _cancel_all(self) -> None:
+        for run, name in list(self._runs.items()):
+            self._apply(name, _cancelling(run))
+
+    # -- ROS -----------------------------------------------------------------------------------
+
+    def _applier(self, name: str) -> Callable[[Step], None]:
+        return lambda step: self._apply(name, step)
+
+    def _feedback(self, name: str) -> Callable[[bytes, dict[str, Any]], None]:
+        def heard(goal_id: bytes, fields: dict[str, Any]) -> None:
+            keeper = self._keepers[name]
+            assert isinstance(keeper, GoalKeeper)
+            run = keeper.run_of(goal_id)
+            if run is not None and fields:
+                self._news["feedback", run] = fields
+            self._apply(name, lambda keeper, now_s: keeper.heard(now_s))
+
+        return heard
+
+    def _listener(self, name: str, always: bool) -> Callable[[dict[str, Any]], None]:
+        def heard(fields: dict[str, Any]) -> None:
+            if always or self._heard.get(name) != fields:
+                self._heard[name] = self._news["heard", name] = fields
+
+        return heard
+
+    def _apply(self, name: str, step: Step) -> None:
+        """Let a keeper take one step, and carry out what follows."""
+        keeper = self._keepers[name]
+        for effect in step(keeper, self._clock()):
+            if isinstance(effect, RunEnded):
+                self._end(effect)
+            elif isinstance(effect, ServerTold):
+                told = {"task": name, "is_up": effect.is_up, "why": effect.why}
+                self._tell({"op": "server", **told})
+            else:
+                try:
+                    self._ends[name].carry_out(effect)
+                except UnfitError as problem:
+                    self._apply(name, _refusing(getattr(effect, "run", -1), str(problem)))
+
+    def _end(self, effect: RunEnded) -> None:
+        self._runs.pop(effect.run, None)
+        # Feedback that comes after the end belongs to nothing.
+        self._news.pop(("feedback", effect.run), None)
+        how = effect.how
+        if effect.run in self._silenced:
+            self._silenced.discard(effect.run)
+            how = "silenced" if how == "cancelled" else how
+        told = {"run": effect.run, "how": how, "text": effect.text, "fields": effect.fields}
+        self._tell({"op": "ended", **told})
+
+
+def _cancelling(run: int) -> Step:
+    return lambda keeper, now_s: keeper.cancel(run, now_s)
+
+
+def _refusing(run: int, text: str) -> Step:
+    return lambda keeper, now_s: keeper.refused(run, text, now_s)

@@ -1,0 +1,61 @@
+"""The calls of one service, or the messages for one topic. They cannot be cancelled in ROS 2."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .server import RunEnded, SendCall, ServerEffect, ServerKeeper
+
+
+class CallKeeper(ServerKeeper):
+    """One service's calls, one at a time. A published message is a call that ends at once."""
+
+    def __init__(self, detection_s: float, now_s: float) -> None:
+        super().__init__(detection_s, now_s)
+        self._run: int | None = None
+        self._body: Any = None
+        self._is_sent = False
+
+    def start(self, run: int, goal_id: bytes, body: Any, now_s: float) -> list[ServerEffect]:
+        """A new call."""
+        effects = self.cancel(self._run, now_s) if self._run is not None else []
+        self._run, self._body, self._is_sent = run, body, False
+        return effects + self._advance(now_s)
+
+    def cancel(self, run: int, now_s: float) -> list[ServerEffect]:
+        """Nobody waits for the answer any more."""
+        return self._end(run, "cancelled", "", {})
+
+    def refused(self, run: int, text: str, now_s: float) -> list[ServerEffect]:
+        """The request cannot be made of what is wanted."""
+        return self._end(run, "unfit", text, {})
+
+    def answered(
+        self, run: int, text: str, fields: dict[str, Any], now_s: float
+    ) -> list[ServerEffect]:
+        """The service has answered, or the message is published."""
+        return self.heard(now_s) + self._end(run, "succeeded", text, fields)
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether nobody waits for an answer."""
+        return self._run is None
+
+    def _came_back(self) -> list[ServerEffect]:
+        # The answer may have been lost with the process that was to give it.
+        return self._end(self._run, "lost", "", {}) if self._is_sent else []
+
+    def _advance(self, now_s: float) -> list[ServerEffect]:
+        effects = self._told(self._watch.is_there)
+        if self._watch.is_there and self._run is not None and not self._is_sent:
+            self._is_sent = True
+            effects.append(SendCall(self._run, self._body))
+        return effects
+
+    def _end(
+        self, run: int | None, how: str, text: str, fields: dict[str, Any]
+    ) -> list[ServerEffect]:
+        if run is None or run != self._run:
+            return []
+        self._run, self._body, self._is_sent = None, None, False
+        return [RunEnded(run, how, text, fields)]

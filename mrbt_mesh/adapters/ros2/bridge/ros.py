@@ -1,0 +1,306 @@
+"""The part that calls rclpy: clients of actions and services, publishers, subscriptions.
+
+All of it happens in the one thread that spins the node. What is decided is decided by keepers.
+"""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import rclpy
+from action_msgs.srv import CancelGoal as CancelGoalService
+from lifecycle_msgs.msg import State
+from lifecycle_msgs.srv import GetState
+from rcl_interfaces.srv import GetParameters
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from unique_identifier_msgs.msg import UUID
+
+from .goals import GoalKeeper
+from .server import AskLife, AskResult, CancelGoal, SendCall, SendGoal, ServerEffect
+from .values import fill, find_type, read_field, reason_of, stamp_now
+
+# Hands a step of a keeper to the bridge, which carries out what follows.
+Apply = Callable[[Callable[[Any, float], "list[ServerEffect]"]], None]
+Told = Callable[[Any, "dict[str, Any]"], None]
+
+
+class RosNode:
+    """The bridge's node, and what spins it. `on_tick` is called every `tick_s`."""
+
+    def __init__(self, name: str, tick_s: float, on_tick: Callable[[], None]) -> None:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        self.node: Any = rclpy.create_node(name)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self._guard = self.node.create_guard_condition(on_tick)
+        self.node.create_timer(tick_s, on_tick)
+
+    def wake(self) -> None:
+        """Have `on_tick` called now; from any thread."""
+        self._guard.trigger()
+
+    def spin_while(self, holds: Callable[[], bool]) -> None:
+        """Do what is to be done as long as `holds`."""
+        while holds() and rclpy.ok():
+            self._executor.spin_once(timeout_sec=1.0)
+
+    def serve(
+        self, task: dict[str, Any], apply: Apply, feedback: Told
+    ) -> ActionEnd | ServiceEnd | PublisherEnd:
+        """The client's end of a task's server. Raises what rclpy says of a bad name."""
+        if task["kind"] == "action":
+            return ActionEnd(self.node, task, apply, feedback)
+        if task["kind"] == "srv":
+            return ServiceEnd(self.node, task, apply)
+        return PublisherEnd(self.node, task, apply)
+
+    def listen(self, topic: dict[str, Any], told: Callable[[dict[str, Any]], None]) -> None:
+        """Read a topic's fields."""
+        paths = [path for path, _ in topic["fields"]]
+        # Whoever sends reliably is heard by a subscription that does not ask for it, too.
+        latched = topic["latched"]
+        qos = QoSProfile(
+            depth=1,
+            reliability=ReliabilityPolicy.RELIABLE if latched else ReliabilityPolicy.BEST_EFFORT,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        )
+
+        def heard(message: Any) -> None:
+            told({path: read_field(message, path) for path in paths})
+
+        self.node.create_subscription(find_type(topic["type"], "msg"), topic["name"], heard, qos)
+
+
+class _LifeQuestions:
+    """Questions that a server's node answers without doing anything: one is open at a time."""
+
+    def __init__(self, node: Any, lifecycle: str | None, apply: Apply) -> None:
+        self._node = node
+        self._lifecycle = lifecycle
+        self._apply = apply
+        self._clients: dict[str, Any] = {}
+        self._open: list[tuple[Any, Any]] = []
+
+    def client(self, service: str, kind: Any) -> Any:
+        """A client that is made once."""
+        if service not in self._clients:
+            self._clients[service] = self._node.create_client(kind, service)
+        return self._clients[service]
+
+    def ask(self, client: Any, request: Any, answered: Callable[[Any], None]) -> bool:
+        """Ask, whatever became of the question before; returns whether there is anybody."""
+        if not client.service_is_ready():
+            return False
+        future = client.call_async(request)
+        self._open.append((client, future))
+        future.add_done_callback(lambda done: answered(done.result()))
+        return True
+
+    def renew(self) -> None:
+        """Forget the questions that were not answered."""
+        for client, future in self._open:
+            client.remove_pending_request(future)
+        self._open.clear()
+
+    def ask_lifecycle(self) -> bool:
+        """Ask for the state of the node that has to be active; False if none has to be."""
+        if self._lifecycle is None:
+            return False
+        name = self._lifecycle
+
+        def answered(response: Any) -> None:
+            state = response.current_state
+            if state.id == State.PRIMARY_STATE_ACTIVE:
+                self._apply(lambda keeper, now_s: keeper.heard(now_s))
+            else:
+                self._apply(lambda keeper, _: keeper.unusable(f"{name} is {state.label}"))
+
+        self.ask(self.client(f"{name}/get_state", GetState), GetState.Request(), answered)
+        return True
+
+    def ask_nodes(self, names: Iterable[str]) -> None:
+        """Ask nodes for no parameters; one that has none to give is there while DDS says so."""
+
+        def heard(_: Any) -> None:
+            self._apply(lambda keeper, now_s: keeper.heard(now_s))
+
+        for name in names:
+            client = self.client(f"{name}/get_parameters", GetParameters)
+            if not self.ask(client, GetParameters.Request(), heard):
+                heard(None)
+
+
+class ActionEnd:
+    """The client's end of an action."""
+
+    def __init__(self, node: Any, task: dict[str, Any], apply: Apply, feedback: Told) -> None:
+        self._node, self._task, self._apply, self._feedback = node, task, apply, feedback
+        self._type = find_type(task["type"], "action")
+        self._client = ActionClient(node, self._type, task["name"])
+        self._name = node.resolve_service_name(task["name"])
+        self._questions = _LifeQuestions(node, task["lifecycle"], apply)
+        self._results: dict[bytes, Any] = {}
+
+    def carry_out(self, effect: ServerEffect) -> None:
+        """Raises UnfitError for a goal that the type cannot say."""
+        if isinstance(effect, SendGoal):
+            self._send(effect)
+        elif isinstance(effect, CancelGoal):
+            self._cancel(effect.goal_id)
+        elif isinstance(effect, AskResult):
+            self._ask_result(effect.goal_id)
+        elif isinstance(effect, AskLife):
+            self._ask_life()
+
+    def _send(self, effect: SendGoal) -> None:
+        goal = self._type.Goal()
+        fill(goal, effect.body)
+        stamp_now(goal, effect.body, self._node.get_clock().now().to_msg())
+        paths = [path for path, _ in self._task["feedback"]]
+        goal_id = effect.goal_id
+
+        def feedback(message: Any) -> None:
+            self._feedback(goal_id, {path: read_field(message.feedback, path) for path in paths})
+
+        future = self._client.send_goal_async(goal, feedback, UUID(uuid=list(goal_id)))
+        future.add_done_callback(
+            lambda done: self._apply(
+                lambda keeper, now_s: keeper.answered(goal_id, done.result().accepted, now_s)
+            )
+        )
+
+    def _cancel(self, goal_id: bytes) -> None:
+        self._call_cancel(
+            goal_id, lambda keeper, code, now_s: keeper.cancel_answered(goal_id, code, now_s)
+        )
+
+    def _call_cancel(
+        self, goal_id: bytes, step: Callable[[GoalKeeper, int, float], list[ServerEffect]]
+    ) -> None:
+        request = CancelGoalService.Request()
+        request.goal_info.goal_id = UUID(uuid=list(goal_id))
+        client = self._questions.client(f"{self._name}/_action/cancel_goal", CancelGoalService)
+
+        def answered(response: Any) -> None:
+            self._apply(lambda keeper, now_s: step(keeper, response.return_code, now_s))
+
+        self._questions.ask(client, request, answered)
+
+    def _ask_result(self, goal_id: bytes) -> None:
+        service = self._type.Impl.GetResultService
+        client = self._questions.client(f"{self._name}/_action/get_result", service)
+        earlier = self._results.pop(goal_id, None)
+        if earlier is not None:
+            client.remove_pending_request(earlier)
+        request = service.Request()
+        request.goal_id = UUID(uuid=list(goal_id))
+        paths = [path for path, _ in self._task["result"]]
+
+        def answered(done: Any) -> None:
+            self._results.pop(goal_id, None)
+            status, result = done.result().status, done.result().result
+            fields = {path: read_field(result, path) for path in paths}
+            self._apply(
+                lambda keeper, now_s: keeper.result(
+                    goal_id, status, reason_of(result), fields, now_s
+                )
+            )
+
+        self._results[goal_id] = future = client.call_async(request)
+        future.add_done_callback(answered)
+
+    def _ask_life(self) -> None:
+        self._questions.renew()
+        found = self._node.get_publishers_info_by_topic(f"{self._name}/_action/status")
+        servers = frozenset(bytes(info.endpoint_gid) for info in found)
+        self._apply(lambda keeper, _: keeper.servers(servers))
+        if not self._client.server_is_ready() or self._questions.ask_lifecycle():
+            return
+        # A goal that nobody has: a server says so, and writes nothing into its log.
+        self._call_cancel(uuid.uuid4().bytes, lambda keeper, _, now_s: keeper.heard(now_s))
+
+
+class ServiceEnd:
+    """The client's end of a service."""
+
+    def __init__(self, node: Any, task: dict[str, Any], apply: Apply) -> None:
+        self._node, self._task, self._apply = node, task, apply
+        self._type = find_type(task["type"], "srv")
+        self._client = node.create_client(self._type, task["name"])
+        self._questions = _LifeQuestions(node, task["lifecycle"], apply)
+        self._call: Any = None
+
+    def carry_out(self, effect: ServerEffect) -> None:
+        """Raises UnfitError for a request that the type cannot say."""
+        if isinstance(effect, SendCall):
+            self._send(effect)
+        elif isinstance(effect, AskLife):
+            self._questions.renew()
+            if self._client.service_is_ready() and not self._questions.ask_lifecycle():
+                self._questions.ask_nodes(self._servers())
+
+    def _send(self, effect: SendCall) -> None:
+        request = self._type.Request()
+        fill(request, effect.body)
+        stamp_now(request, effect.body, self._node.get_clock().now().to_msg())
+        paths = [path for path, _ in self._task["result"]]
+        run = effect.run
+
+        def answered(done: Any) -> None:
+            response = done.result()
+            fields = {path: read_field(response, path) for path in paths}
+            if isinstance(getattr(response, "success", None), bool):
+                fields["success"] = response.success
+            text = reason_of(response)
+            self._apply(lambda keeper, now_s: keeper.answered(run, text, fields, now_s))
+
+        if self._call is not None:
+            self._client.remove_pending_request(self._call)
+        self._call = self._client.call_async(request)
+        self._call.add_done_callback(answered)
+
+    def _servers(self) -> list[str]:
+        found = []
+        for name, namespace in self._node.get_node_names_and_namespaces():
+            try:
+                services = self._node.get_service_names_and_types_by_node(name, namespace)
+            except RuntimeError:
+                # It went just now.
+                continue
+            if self._client.srv_name in dict(services):
+                found.append(_full_name(name, namespace))
+        return found
+
+
+class PublisherEnd:
+    """The publisher of a topic; its servers are the nodes that listen."""
+
+    def __init__(self, node: Any, task: dict[str, Any], apply: Apply) -> None:
+        self._node, self._apply = node, apply
+        self._type = find_type(task["type"], "msg")
+        self._publisher = node.create_publisher(self._type, task["name"], 10)
+        self._questions = _LifeQuestions(node, task["lifecycle"], apply)
+
+    def carry_out(self, effect: ServerEffect) -> None:
+        """Raises UnfitError for a message that the type cannot say."""
+        if isinstance(effect, SendCall):
+            message = self._type()
+            fill(message, effect.body)
+            stamp_now(message, effect.body, self._node.get_clock().now().to_msg())
+            self._publisher.publish(message)
+            self._apply(lambda keeper, now_s: keeper.answered(effect.run, "", {}, now_s))
+        elif isinstance(effect, AskLife):
+            self._questions.renew()
+            found = self._node.get_subscriptions_info_by_topic(self._publisher.topic_name)
+            names = {_full_name(info.node_name, info.node_namespace) for info in found}
+            if self._publisher.get_subscription_count() and not self._questions.ask_lifecycle():
+                self._questions.ask_nodes(sorted(names))
+
+
+def _full_name(name: str, namespace: str) -> str:
+    return f"{namespace.rstrip('/')}/{name}"

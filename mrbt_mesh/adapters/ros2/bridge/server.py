@@ -1,0 +1,125 @@
+"""Whether a server can be used, and what is asked of it, whatever kind of server it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from .watch import LifeWatch
+
+
+@dataclass(frozen=True)
+class SendGoal:
+    """Ask an action server to take this goal."""
+
+    run: int
+    goal_id: bytes
+    body: Any
+
+
+@dataclass(frozen=True)
+class CancelGoal:
+    """Ask an action server to cancel a goal."""
+
+    goal_id: bytes
+
+
+@dataclass(frozen=True)
+class AskResult:
+    """Ask for a goal's result; of one that the server does not know, it says so at once."""
+
+    goal_id: bytes
+
+
+@dataclass(frozen=True)
+class SendCall:
+    """Call a service, or publish a message."""
+
+    run: int
+    body: Any
+
+
+@dataclass(frozen=True)
+class AskLife:
+    """Ask the server something that it has to answer and that changes nothing."""
+
+
+@dataclass(frozen=True)
+class RunEnded:
+    """What a run was about is over. `fields` are those asked for of the result."""
+
+    run: int
+    how: str
+    text: str
+    fields: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class ServerTold:
+    """The server can be used from now on, or cannot, and why."""
+
+    is_up: bool
+    why: str
+
+
+ServerEffect = SendGoal | CancelGoal | AskResult | SendCall | AskLife | RunEnded | ServerTold
+
+
+class ServerKeeper:
+    """One server. Every method returns what is to be done; `now_s` never goes back."""
+
+    def __init__(self, detection_s: float, now_s: float) -> None:
+        self._watch = LifeWatch(detection_s, now_s)
+        self._is_up = False
+        self._why_not = "the server has not been found"
+
+    def start(self, run: int, goal_id: bytes, body: Any, now_s: float) -> list[ServerEffect]:
+        """Something new is wanted; what was before has ended or was cancelled."""
+        raise NotImplementedError
+
+    def cancel(self, run: int, now_s: float) -> list[ServerEffect]:
+        """It is wanted no longer; its end is told when the server has stopped."""
+        raise NotImplementedError
+
+    def refused(self, run: int, text: str, now_s: float) -> list[ServerEffect]:
+        """What is wanted is nothing that the server's type could say."""
+        raise NotImplementedError
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether nothing of ours is at the server, or may be."""
+        raise NotImplementedError
+
+    def heard(self, now_s: float) -> list[ServerEffect]:
+        """A sign of life: an answer to whatever was asked, or feedback."""
+        was_there = self._watch.is_there
+        self._watch.heard(now_s)
+        effects = [] if was_there else self._came_back()
+        return effects + self._advance(now_s)
+
+    def unusable(self, why: str) -> list[ServerEffect]:
+        """The server is there and says that it cannot be used now."""
+        self._watch.gone()
+        self._why_not = why
+        return self._told(False)
+
+    def tick(self, now_s: float) -> list[ServerEffect]:
+        """Time has passed."""
+        was_there = self._watch.is_there
+        effects: list[ServerEffect] = [AskLife()] if self._watch.tick(now_s) else []
+        if was_there and not self._watch.is_there:
+            self._why_not = "the server does not answer"
+        return effects + self._advance(now_s)
+
+    def _came_back(self) -> list[ServerEffect]:
+        """It was silent, or never heard before."""
+        return []
+
+    def _advance(self, now_s: float) -> list[ServerEffect]:
+        return self._told(self._watch.is_there)
+
+    def _told(self, is_up: bool) -> list[ServerEffect]:
+        if self._is_up is is_up:
+            return []
+        self._is_up = is_up
+        return [ServerTold(is_up, "" if is_up else self._why_not)]

@@ -1,0 +1,143 @@
+"""The robot's end of the pipe to its bridge: how it is started, what is said and heard."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import anyio
+import anyio.abc
+import msgpack
+
+from mrbt_mesh.adapters.ros2.binding_file import BindingFile, bind_message
+from mrbt_mesh.errors import InputError
+
+FOLDER = Path(__file__).with_name("bridge")
+CHECK_S = 60.0
+# A bridge cancels the goals that are left before it ends.
+STOP_S = 5.0
+MAX_SAID = 2_000
+
+
+def bridge_command(file: BindingFile) -> list[str]:
+    """The words that start the bridge."""
+    # A Python without msgpack takes this one's, whose part in Python serves all versions.
+    words = [file.python, str(FOLDER), str(Path(msgpack.__file__).parent)]
+    if file.setup is None:
+        return words
+    shell = "bash" if file.setup.endswith(".bash") else "sh"
+    return [shell, "-c", '. "$0" && exec "$@"', file.setup, *words]
+
+
+def bridge_environment(file: BindingFile) -> dict[str, str]:
+    """The bridge's environment."""
+    domain = {} if file.domain is None else {"ROS_DOMAIN_ID": str(file.domain)}
+    return {**os.environ, **domain}
+
+
+def check_bindings(file: BindingFile, command: list[str] | None = None) -> None:
+    """Have the bridge say whether the bindings fit the types of ROS.
+
+    Raises InputError, with the lines, if they do not, or if there is no bridge to be had.
+    """
+    command = command or bridge_command(file)
+    line = file.report.line(("bridge", "python"))
+    place = f"{file.file}:{line}: bridge/python"
+    try:
+        done = subprocess.run(
+            command,
+            input=msgpack.packb(bind_message(file, None)),
+            env=bridge_environment(file),
+            capture_output=True,
+            timeout=CHECK_S,
+            check=False,
+        )
+    except OSError as error:
+        raise InputError(f"{place}: {command[0]}: {error.strerror}") from None
+    except subprocess.TimeoutExpired:
+        raise InputError(f"{place}: {file.python} said nothing for {CHECK_S:g} s") from None
+    for message in _unpacked(done.stdout):
+        if message["op"] == "failed":
+            raise InputError(f"{place}: {message['text']}; name the Python that has rclpy")
+        if message["problems"]:
+            raise file.told(message["problems"])
+        return
+    said = done.stderr.decode(errors="replace").strip()[-MAX_SAID:]
+    raise InputError(f"{place}: the bridge ended with status {done.returncode}: {said}")
+
+
+def _unpacked(content: bytes) -> Iterator[dict[str, Any]]:
+    unpacker = msgpack.Unpacker()
+    unpacker.feed(content)
+    yield from unpacker
+
+
+class BridgePipe:
+    """Messages to and from a bridge that runs."""
+
+    def __init__(self, process: anyio.abc.Process) -> None:
+        self._process = process
+        self._unpacker = msgpack.Unpacker()
+        self._outbox: list[dict[str, Any]] = []
+        self._news = anyio.Event()
+
+    def say(self, message: dict[str, Any]) -> None:
+        """Have a message sent, after those before."""
+        self._outbox.append(message)
+        self._news.set()
+
+    async def send_on(self) -> None:
+        """Send what is said, until the bridge is gone."""
+        assert self._process.stdin is not None
+        try:
+            while True:
+                while self._outbox:
+                    await self._process.stdin.send(msgpack.packb(self._outbox.pop(0)))
+                self._news = anyio.Event()
+                await self._news.wait()
+        except (anyio.BrokenResourceError, anyio.ClosedResourceError, OSError):
+            return
+
+    async def heard(self) -> AsyncIterator[dict[str, Any]]:
+        """What the bridge says, until it is gone."""
+        assert self._process.stdout is not None
+        async for chunk in self._process.stdout:
+            self._unpacker.feed(chunk)
+            for message in self._unpacker:
+                yield message
+
+    async def complaints(self) -> AsyncIterator[str]:
+        """The lines that ROS and the bridge write as errors and warnings."""
+        assert self._process.stderr is not None
+        rest = b""
+        async for chunk in self._process.stderr:
+            *lines, rest = (rest + chunk).split(b"\n")
+            for line in lines:
+                yield line.decode(errors="replace")[:MAX_SAID]
+            rest = rest[-MAX_SAID:]
+        if rest:
+            yield rest.decode(errors="replace")
+
+
+@asynccontextmanager
+async def bridge_process(
+    command: list[str], environment: dict[str, str]
+) -> AsyncIterator[BridgePipe]:
+    """Start a bridge; at the end its goals are cancelled, and it is gone. Raises OSError."""
+    # Ctrl-C in a terminal is for the robot, which ends in order and the bridge with it.
+    process = await anyio.open_process(command, env=environment, start_new_session=True)
+    try:
+        yield BridgePipe(process)
+    finally:
+        with anyio.CancelScope(shield=True):
+            assert process.stdin is not None
+            await process.stdin.aclose()
+            with anyio.move_on_after(STOP_S):
+                await process.wait()
+            if process.returncode is None:
+                process.kill()
+            await process.aclose()

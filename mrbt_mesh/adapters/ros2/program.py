@@ -1,0 +1,384 @@
+"""A robot program whose local tasks are actions, services and topics of ROS 2.
+
+rclpy is in a process of its own, the bridge. Here are the tasks, what becomes of them, and what the
+team is told of conditions, positions and servers that are not there.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+import uuid
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import anyio
+
+from mrbt_mesh.adapters.ros2.binding_file import BindingFile, bind_message, load_bindings
+from mrbt_mesh.adapters.ros2.bindings import (
+    FilledBinding,
+    FillError,
+    KnownValues,
+    TaskBinding,
+    filled,
+)
+from mrbt_mesh.adapters.ros2.bridge.watch import LifeWatch
+from mrbt_mesh.adapters.ros2.bridge_process import (
+    BridgePipe,
+    bridge_command,
+    bridge_environment,
+    bridge_process,
+    check_bindings,
+)
+from mrbt_mesh.adapters.ros2.expression import MessageExpressionError
+from mrbt_mesh.errors import TaskFailedError
+from mrbt_mesh.runtime.log import robot_logger
+from mrbt_mesh.runtime.program import RobotProgram, TaskContext
+
+RESTART_S = 1.0
+# Of a bridge that does not come up: longer and longer.
+MAX_RESTART_S = 30.0
+# How long a task that was cancelled waits for its server to say that it has stopped.
+STOP_S = 5.0
+# So often the bridge hears something in the time in which it would miss the robot.
+BEATS = 5
+
+_FAILURES = {
+    "aborted": "the server aborted the goal",
+    "cancelled": "the goal was cancelled by somebody else",
+    "rejected": "the server rejected the goal",
+    "lost": "nothing is known of it any more",
+}
+
+
+def robot_program(binding_file: str | Path, *, record_work: bool = False) -> RobotProgram:
+    """A program for robots whose local tasks are bound to ROS 2 by a file.
+
+    `record_work` is that of RobotProgram. What it returns may be given more local tasks, bids and
+    sensors. Raises InputError for a file that cannot be used, also where it does not fit the types
+    of ROS.
+    """
+    file = load_bindings(Path(binding_file))
+    check_bindings(file)
+    return bound_program(file, bridge_command(file), record_work)
+
+
+def bound_program(file: BindingFile, command: list[str], record_work: bool = False) -> RobotProgram:
+    """The same with a file that is right, and a command that starts the bridge."""
+    program = RobotProgram(record_work=record_work)
+    robots: dict[str, ConnectedRobot] = {}
+
+    def member(task: TaskContext) -> ConnectedRobot:
+        if task.robot not in robots:
+            robots[task.robot] = ConnectedRobot(file, task.robot, command)
+        return robots[task.robot]
+
+    @program.background
+    async def connect(task: TaskContext) -> None:
+        # A robot without its bridge has to say what it cannot do before it fails.
+        for name in file.tasks:
+            task.lose_capability(name)
+        await member(task).run(task)
+
+    for name in file.tasks:
+        _serve(program, member, name)
+    return program
+
+
+def _serve(program: RobotProgram, member: Any, name: str) -> None:
+    @program.local_task(name)
+    async def perform(task: TaskContext, *arguments: str) -> None:
+        await member(task).perform(task, name, arguments)
+
+
+@dataclass
+class _Run:
+    """A task that the bridge is at. `end` is what it said last of it."""
+
+    number: int
+    task: TaskContext
+    name: str
+    binding: TaskBinding
+    goal_id: bytes
+    body: Any
+    is_sent: bool = False
+    end: dict[str, Any] | None = None
+    # What the topic said that tells when it is done, since it began.
+    until: Mapping[str, Any] | None = None
+    changed: anyio.Event = field(default_factory=anyio.Event)
+
+    def news(self) -> None:
+        self.changed.set()
+        self.changed = anyio.Event()
+
+
+# Attributes: the file, the bridge, the tasks that it is at, and what was told of servers.
+class ConnectedRobot:
+    """One robot, its bridge, and the tasks that it is at."""
+
+    def __init__(self, file: BindingFile, robot: str, command: list[str]) -> None:
+        self._file = file
+        self._robot = robot
+        self._command = command
+        self._log = robot_logger(robot)
+        self._values = file.robot_values(robot)
+        self._background: TaskContext | None = None
+        self._pipe: BridgePipe | None = None
+        self._runs: dict[int, _Run] = {}
+        self._count = 0
+        self._was_ready = False
+        self._up: set[str] = set()
+        # Goals that have not ended: if the bridge dies, the next one has them cancelled.
+        self._at_servers: dict[int, tuple[str, bytes]] = {}
+        self._told: dict[str, Any] = {}
+
+    # -- what the robot's runtime asks for -----------------------------------------------------
+
+    async def perform(self, task: TaskContext, name: str, arguments: tuple[str, ...]) -> None:
+        """Have a local task carried out; raises TaskFailedError. Cancelled: cancels it there."""
+        binding = self._file.tasks[name]
+        try:
+            wanted = filled(binding, self._values, arguments, self._file.values)
+        except FillError as error:
+            raise TaskFailedError(str(error)) from None
+        run = self._start(task, name, binding, wanted.body)
+        try:
+            with anyio.move_on_after(binding.within_s) as limit:
+                await self._finished(run)
+            if limit.cancelled_caught:
+                raise TaskFailedError(f"not done within {binding.within_s:g} s")
+        except BaseException:
+            with anyio.CancelScope(shield=True):
+                await self._stop(run, wanted)
+            raise
+        finally:
+            del self._runs[run.number]
+        self._judge(run, wanted)
+
+    def _start(self, task: TaskContext, name: str, binding: TaskBinding, body: Any) -> _Run:
+        self._count += 1
+        run = _Run(self._count, task, name, binding, uuid.uuid4().bytes, body)
+        self._runs[run.number] = run
+        self._send(run)
+        return run
+
+    def _send(self, run: _Run) -> None:
+        """Have the bridge begin; one that is not there yet hears of it when it is."""
+        if self._pipe is None:
+            return
+        run.is_sent = True
+        if run.binding.kind == "action":
+            self._at_servers[run.number] = (run.name, run.goal_id)
+        start = {"task": run.name, "run": run.number, "goal_id": run.goal_id, "body": run.body}
+        self._pipe.say({"op": "start", **start})
+
+    async def _finished(self, run: _Run) -> None:
+        """Wait for its end and, where that is not all, for what tells that it is done."""
+        while run.end is None:
+            await run.changed.wait()
+        until = run.binding.until
+        if until is None or run.end["how"] != "succeeded":
+            return
+        while not self._holds(run):
+            await run.changed.wait()
+
+    def _holds(self, run: _Run) -> bool:
+        assert run.binding.until is not None
+        try:
+            return run.until is not None and run.binding.until.expressions[""].truth(run.until)
+        except MessageExpressionError as error:
+            raise TaskFailedError(f"until: {error}") from None
+
+    async def _stop(self, run: _Run, wanted: FilledBinding) -> None:
+        """What is not wanted any more is stopped, as far as the server can be told."""
+        if wanted.on_cancel is not None:
+            stop = self._start(run.task, run.name, run.binding, wanted.on_cancel)
+            del self._runs[stop.number]
+        if run.end is not None or self._pipe is None:
+            return
+        self._pipe.say({"op": "cancel", "run": run.number})
+        with anyio.move_on_after(STOP_S):
+            while run.end is None and run.name in self._up:
+                await run.changed.wait()
+
+    def _judge(self, run: _Run, wanted: FilledBinding) -> None:
+        """Raises TaskFailedError unless what the server said is a success."""
+        assert run.end is not None
+        how, text, fields = (run.end[key] for key in ("how", "text", "fields"))
+        binding = run.binding
+        try:
+            if binding.reason is not None and how in ("succeeded", "aborted"):
+                text = str(binding.reason.value(fields))
+            if how == "unfit":
+                raise TaskFailedError(text)
+            if how == "silenced":
+                limit = f"{self._file.detection_s:g} s"
+                reason = f"this robot's process stood still for {limit}: its goal was cancelled"
+                raise TaskFailedError(reason)
+            if how != "succeeded":
+                raise TaskFailedError(_FAILURES[how] + (f": {text}" if text else ""))
+            success = binding.success
+            if success is not None and not success.truth(fields):
+                raise TaskFailedError(text or f"the result says otherwise: {success.text}")
+            if success is None and fields.get("success") is False and binding.kind == "srv":
+                raise TaskFailedError(text or "the service answered: success is false")
+            for name, value in wanted.sets.items():
+                found = value if isinstance(value, bool) else value.truth(fields)
+                run.task.set_condition(name, found)
+        except MessageExpressionError as error:
+            raise TaskFailedError(str(error)) from None
+
+    # -- the bridge ----------------------------------------------------------------------------
+
+    async def run(self, task: TaskContext) -> None:
+        """Keep a bridge as long as the robot lives."""
+        self._background = task
+        node = "mrbt_" + re.sub(r"\W", "_", self._robot)
+        bind = bind_message(self._file, self._robot, node)
+        pause_s = RESTART_S
+        while True:
+            self._was_ready = False
+            try:
+                async with bridge_process(self._command, bridge_environment(self._file)) as pipe:
+                    await self._serve_bridge(pipe, bind)
+                    self._bridge_gone()
+            except OSError as error:
+                self._log.error("bridge_not_started", error=str(error))
+            self._log.warning("bridge_ended")
+            pause_s = RESTART_S if self._was_ready else min(2 * pause_s, MAX_RESTART_S)
+            await anyio.sleep(pause_s)
+
+    async def _serve_bridge(self, pipe: BridgePipe, bind: dict[str, Any]) -> None:
+        """Until the bridge has ended, or is silent for the detection time."""
+        pipe.say(bind)
+        watch = LifeWatch(self._file.detection_s, time.monotonic())
+        async with anyio.create_task_group() as group:
+            group.start_soon(pipe.send_on)
+            group.start_soon(self._beat, pipe, watch, group.cancel_scope)
+            group.start_soon(self._listen_to_complaints, pipe)
+            async for message in pipe.heard():
+                self._take(pipe, message)
+                if self._was_ready:
+                    watch.heard(time.monotonic())
+            group.cancel_scope.cancel()
+
+    async def _beat(self, pipe: BridgePipe, watch: LifeWatch, scope: anyio.CancelScope) -> None:
+        """Say something regularly, which the bridge answers."""
+        while True:
+            was_there = watch.is_there
+            watch.tick(time.monotonic())
+            if was_there and not watch.is_there:
+                self._log.warning("bridge_silent")
+                scope.cancel()
+            pipe.say({"op": "beat"})
+            await anyio.sleep(self._file.detection_s / BEATS)
+
+    async def _listen_to_complaints(self, pipe: BridgePipe) -> None:
+        async for line in pipe.complaints():
+            self._log.warning("bridge_said", text=line)
+
+    def _bridge_gone(self) -> None:
+        """Nothing can be done any more, and what is at servers is out of reach."""
+        self._pipe = None
+        for name in sorted(self._up):
+            self._server(name, False, "the bridge to ROS has ended")
+
+    def _ready(self, pipe: BridgePipe) -> None:
+        self._log.info("bridge_ready")
+        self._was_ready = True
+        for name, goal_id in self._at_servers.values():
+            pipe.say({"op": "forget", "task": name, "goal_ids": [goal_id]})
+        self._at_servers.clear()
+        self._pipe = pipe
+        for run in self._runs.values():
+            if not run.is_sent:
+                self._send(run)
+            elif run.end is None:
+                run.end = {"how": "lost", "text": "the bridge to ROS had ended", "fields": {}}
+                run.news()
+
+    def _take(self, pipe: BridgePipe, message: dict[str, Any]) -> None:
+        """What the bridge says."""
+        match message["op"]:
+            case "ready":
+                self._ready(pipe)
+            case "server":
+                self._server(message["task"], message["is_up"], message["why"])
+            case "feedback":
+                self._feedback(message["run"], message["fields"])
+            case "ended":
+                self._ended(message)
+            case "heard":
+                self._heard(message["topic"], message["fields"])
+            case "failed":
+                self._log.error("bridge_failed", error=message["text"])
+            case "checked":
+                self._log.error("bindings_refused", error=str(self._file.told(message["problems"])))
+
+    # -- what follows --------------------------------------------------------------------------
+
+    def _server(self, name: str, is_up: bool, why: str) -> None:
+        """Tell the team what this robot cannot do any more, and what it can do again."""
+        assert self._background is not None
+        if is_up:
+            self._up.add(name)
+            self._log.info("server_found", local_task=name)
+            self._background.restore_capability(name)
+        else:
+            self._up.discard(name)
+            self._log.warning("server_lost", local_task=name, reason=why)
+            self._background.lose_capability(name)
+        for run in self._runs.values():
+            run.news()
+
+    def _ended(self, message: dict[str, Any]) -> None:
+        self._at_servers.pop(message["run"], None)
+        run = self._runs.get(message["run"])
+        if run is not None:
+            # What tells that it is done has to be said after it began.
+            run.end, run.until = message, None
+            run.news()
+
+    def _feedback(self, number: int, fields: Mapping[str, Any]) -> None:
+        run = self._runs.get(number)
+        if run is None or run.binding.progress is None:
+            return
+        try:
+            run.task.report_progress(run.binding.progress.number(fields))
+        except MessageExpressionError as error:
+            self._complain(f"{run.name}/progress", str(error))
+
+    def _heard(self, topic: str, fields: Mapping[str, Any]) -> None:
+        kind, _, name = topic.partition("/")
+        if kind == "until":
+            for run in self._runs.values():
+                if run.name == name:
+                    run.until = fields
+                    run.news()
+            return
+        assert self._background is not None
+        try:
+            if kind == "position":
+                self._place(fields)
+            else:
+                found = self._file.conditions[name].expressions[""].truth(fields)
+                if self._told.get(name) is not found:
+                    self._told[name] = found
+                    ground = KnownValues(self._values, {}).text(name)
+                    self._background.set_condition(ground, found)
+        except (MessageExpressionError, ValueError) as error:
+            self._complain(topic, str(error))
+
+    def _place(self, fields: Mapping[str, Any]) -> None:
+        assert self._file.position is not None
+        assert self._background is not None
+        found = {k: e.number(fields) for k, e in self._file.position.expressions.items()}
+        self._background.report_position(found["x"], found["y"], found.get("heading"))
+
+    def _complain(self, place: str, error: str) -> None:
+        """What cannot be used is told once for each place, and left out."""
+        if self._told.get(f"error/{place}") is None:
+            self._told[f"error/{place}"] = True
+            self._log.warning("message_refused", place=place, error=error)
