@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long test-plain test-slow test-docker test-interop test-conformance test-vda5050 tolerance lint check-lock lock drills soak \
+.PHONY: help setup demo test test-long test-plain test-slow test-docker test-interop test-conformance test-vda5050 test-world tolerance lint check-lock lock drills soak \
 	test-browser screenshots bench-page clean bench bench-scale bench-security bench-failover bench-resume \
 	bench-membership bench-estimate bench-robustness bench-metrics bench-recording verify-recordings walk paper
 
@@ -23,6 +23,7 @@ help:
 	@echo "make test-interop    other programs judge: BehaviorTree.CPP, an open monitor, Foxglove's protocol"
 	@echo "make test-conformance all traces of BehaviorTree.CPP 4.10, told by the executor of local trees"
 	@echo "make test-vda5050    AGVs: mosquitto and npm's virtual vehicles; as root, installs Debian's if missing"
+	@echo "make test-world      the workshop with bodies: MuJoCo, the mission in virtual time, a drill"
 	@echo "make tolerance       what mrbt analyze foretells of faults, against thousands of simulated runs"
 	@echo "make lint            ruff, mypy, import-linter"
 	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
@@ -124,6 +125,11 @@ test-vda5050: $(READY)
 	folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
 		npm install --silent --prefix "$$folder" vda-5050-lib@1.4.0 && \
 		MRBT_VDA5050_NODE="$$folder" $(BIN)/pytest -rs tests/adapters/vda5050 tests/processes/test_vda5050.py
+
+# The workshop with bodies (docs/workshop.md): eight minutes.
+test-world: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[world]'
+	$(BIN)/pytest -rs tests/examples/workshop tests/processes/test_workshop.py
 
 drills: $(READY)
 	$(BIN)/mrbt drill --all --brief --junit drills.xml
