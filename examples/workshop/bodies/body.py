@@ -23,7 +23,7 @@ SPEEDS = {"A": 1.2, "B": 1.2, "C": 1.0}
 # Where the tip is when the arm is in, from the middle of the base, and how far it gets.
 TIP_M = 0.45
 LEAST_REACH_M, MOST_REACH_M = 0.75, 1.4
-PLAN_EVERY_S, NO_WAY_S, SETTLE_S, STUCK_S, IDLE_S = 0.5, 30.0, 6.0, 10.0, 2.0
+PLAN_EVERY_S, NO_WAY_S, SETTLE_S, STUCK_S, IDLE_S = 0.5, 15.0, 6.0, 10.0, 2.0
 TRIES = 8
 
 
@@ -158,7 +158,7 @@ class Body:
         """Drive to the nearest of some places, past whatever stands there, and say which it was.
 
         It turns towards `facing` as it comes near, else to where it drives. Raises
-        TaskFailedError if there is no way for half a minute.
+        TaskFailedError if there is no way for a while.
         """
         way: list[Place] = []
         planned_s = seen_s = -math.inf
@@ -234,7 +234,12 @@ class Body:
             pass
         docks = self.floor.docks(target, LEAST_REACH_M, MOST_REACH_M)
         for _ in range(TRIES):
-            dock = await self.drive(docks, facing=target)
+            try:
+                dock = await self.drive(docks, facing=target)
+            except TaskFailedError:
+                # Rather in the way of the cover than not at all.
+                docks = self.floor.docks(target, LEAST_REACH_M, MOST_REACH_M, in_lanes=True)
+                dock = await self.drive(docks, facing=target)
             if await self.settle(dock, _angle(dock, target)):
                 break
             docks = [each for each in docks if math.dist(each, dock) > 0.3]

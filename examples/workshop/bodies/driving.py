@@ -19,8 +19,10 @@ Box: TypeAlias = tuple[float, float, float, float]  # west, south, east, north
 Cell: TypeAlias = tuple[int, int]
 
 CELL_M = 0.2
-# What a robot keeps from walls, and from the hits of its range finder: behind a hit there is more.
-MARGIN_M, HIT_MARGIN_M = 0.06, 0.27
+# What a robot keeps from walls, and from the hits of its range finder.
+MARGIN_M, HIT_MARGIN_M = 0.06, 0.12
+# Behind a hit there is more, as much as a robot is thick: so far behind it something is as well.
+BEHIND_M = (0.0, 0.2, 0.4)
 # A hit so near to what is known to stand there is that.
 KNOWN_M = 0.12
 # Hits farther away than this are of something that will have moved.
@@ -73,7 +75,9 @@ class Floor:
         edge = min(hit[0] - west, east - hit[0], hit[1] - south, north - hit[1])
         return edge < KNOWN_M or any(_to_box(hit, box) < KNOWN_M for box in self._site.solids)
 
-    def docks(self, target: Place, least_m: float, most_m: float) -> list[Place]:
+    def docks(
+        self, target: Place, least_m: float, most_m: float, *, in_lanes: bool = False
+    ) -> list[Place]:
         """Where a robot may stand that reaches a target from `least_m` to `most_m` away."""
         found = []
         count = int((most_m - least_m) / 0.1)
@@ -86,7 +90,7 @@ class Floor:
                     target[1] + away_m * math.sin(angle),
                 )
                 in_lane = any(_to_box(place, box) <= 0 for box in self._site.lanes)
-                if not in_lane and self.is_free(place):
+                if (in_lanes or not in_lane) and self.is_free(place):
                     found.append(place)
         return found
 
@@ -200,8 +204,12 @@ class Sights:
             if range_m >= NEAR_M:
                 continue
             angle = senses.heading + number * math.tau / rays
-            hit = (here[0] + range_m * math.cos(angle), here[1] + range_m * math.sin(angle))
-            if not self._floor.is_known(hit):
+            cos, sin = math.cos(angle), math.sin(angle)
+            if self._floor.is_known((here[0] + range_m * cos, here[1] + range_m * sin)):
+                continue
+            for behind_m in BEHIND_M:
+                away_m = range_m + behind_m
+                hit = (here[0] + away_m * cos, here[1] + away_m * sin)
                 cell = (math.floor(hit[0] / SIGHT_M), math.floor(hit[1] / SIGHT_M))
                 kept[cell] = (hit, senses.time_s)
         self._seen = kept

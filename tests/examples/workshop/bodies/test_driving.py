@@ -84,6 +84,7 @@ def test_the_nearest_goal_is_chosen_unless_it_is_taken() -> None:
     near, far = (-2.0, -1.5), (3.0, -1.5)
     assert FLOOR.plan((-3.0, -1.5), [far, near], [])[-1] == near
     assert FLOOR.plan((-3.0, -1.5), [far, near], [(-2.0, -1.2)])[-1] == far
+    assert FLOOR.plan((-3.0, -1.5), [far, near], [(-2.0, -1.0)])[-1] == near
     assert FLOOR.plan((-3.0, -1.5), [near], [near]) == []
 
 
@@ -101,6 +102,7 @@ def test_docks_are_within_reach_free_and_in_no_lane() -> None:
         assert 0.749 <= math.dist((x, y), target) <= 1.351
         assert FLOOR.is_free((x, y))
         assert not 1.5 <= x <= 2.5
+    assert set(docks) < set(FLOOR.docks(target, 0.75, 1.35, in_lanes=True))
     # Seen from all sides from which it can be reached.
     assert {y > 0 for _, y in docks} == {True, False}
 
@@ -109,6 +111,7 @@ def test_one_goes_straight_only_where_it_is_free() -> None:
     assert FLOOR.sees((-3, -2), (3, -2), [])
     assert not FLOOR.sees((-3, 0), (3, 0), [])
     assert not FLOOR.sees((-3, -2), (3, -2), [(0, -2.2)])
+    assert FLOOR.sees((-3, -2), (3, -2), [(0, -2.5)])
     way = [(-2.8, -2.0), (-2.5, -2.0), (-2.1, -2.0), (-1.9, -2.0)]
     assert FLOOR.aim((-3.0, -2.0), way, []) == (-2.1, -2.0)
     assert FLOOR.aim((-3.0, -2.0), way, [(-2.1, -2.0)]) == way[0]
@@ -119,17 +122,21 @@ def test_what_stands_there_for_good_is_not_news() -> None:
     # The wall is 3 m ahead of where x is 1, the block 1 m behind the robot at x 2.
     assert sights.look(senses(1.0, 2.0, r0=3.0)) == []
     assert sights.look(senses(2.0, 0.0, **{f"r{RAYS // 2}": 1.0})) == []
-    assert sights.look(senses(2.0, 0.0, r0=1.0)) == [(3.0, 0.0)]
+    # Of anything else one does not see how thick it is: as thick as a robot.
+    thick = [(3.0, 0.0), (3.2, 0.0), (3.4, 0.0)]
+    assert sights.look(senses(2.0, 0.0, r0=1.0)) == [pytest.approx(each) for each in thick]
 
 
 def test_what_is_out_of_sight_is_remembered_for_a_while() -> None:
     sights = Sights(OPEN)
-    (hit,) = sights.look(senses(0.0, 0.0, 0.0, r0=1.0))
+    seen = set(sights.look(senses(0.0, 0.0, 0.0, r0=1.0)))
     # From beyond something that hides it, it is still known.
     hidden = senses(-1.0, 0.0, 5.0, r0=0.5)
-    assert set(sights.look(hidden)) == {hit, (-0.5, 0.0)}
+    new = {(-0.5, 0.0), (-0.3, 0.0), (-0.1, 0.0)}
+    found = {(round(x, 6), round(y, 6)) for x, y in sights.look(hidden)}
+    assert found == seen | new
     late = replace(hidden, time_s=REMEMBERED_S + 1)
-    assert sights.look(late) == [(-0.5, 0.0)]
+    assert len(sights.look(late)) == len(new)
 
 
 def test_what_has_gone_is_forgotten_at_once() -> None:
