@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long test-plain test-slow test-docker test-interop test-conformance test-ros2 test-vda5050 tolerance lint check-lock lock drills soak \
+.PHONY: help setup demo test test-long test-plain test-slow test-docker test-interop test-conformance test-ros2 test-vda5050 test-world tolerance lint check-lock lock drills soak \
 	test-browser screenshots bench-page clean bench bench-scale bench-security bench-failover bench-resume \
 	bench-membership bench-estimate bench-robustness bench-metrics bench-recording verify-recordings walk paper
 
@@ -24,6 +24,7 @@ help:
 	@echo "make test-conformance all traces of BehaviorTree.CPP 4.10, told by the executor of local trees"
 	@echo "make test-ros2       robots of ROS 2: rclpy's action servers, in a .venv-ros2 that is made once"
 	@echo "make test-vda5050    AGVs: mosquitto and npm's virtual vehicles; as root, installs Debian's if missing"
+	@echo "make test-world      the workshop with bodies: MuJoCo, the mission in virtual time, a drill"
 	@echo "make tolerance       what mrbt analyze foretells of faults, against thousands of simulated runs"
 	@echo "make lint            ruff, mypy, import-linter"
 	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
@@ -132,6 +133,11 @@ test-ros2: $(READY)
 	PYTHON=$(abspath $(BIN))/python sh tests/support/ros2/make-ros2 $(ROS2)
 	MRBT_ROS2_PYTHON=$(abspath $(ROS2))/bin/python $(BIN)/pytest -rs tests/adapters/ros2 \
 		tests/processes/test_ros2.py
+
+# The workshop with bodies (docs/workshop.md): eight minutes.
+test-world: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[world]'
+	$(BIN)/pytest -rs tests/examples/workshop tests/processes/test_workshop.py
 
 drills: $(READY)
 	$(BIN)/mrbt drill --all --brief --junit drills.xml

@@ -47,6 +47,19 @@ def test_starts_and_ends_of_a_program_that_records_nothing_itself() -> None:
     assert found.duration_s < 2
 
 
+def test_a_program_is_told_that_time_is_virtual() -> None:
+    """So that it can have its robot's body in the same process."""
+    told = []
+    program = RobotProgram()
+
+    @program.local_task("*")
+    async def anything(task: TaskContext, *arguments: str) -> None:
+        told.append(task.is_virtual)
+
+    run(EXPLORE, program)
+    assert told == [True, True]
+
+
 def test_a_program_that_records_its_work_is_recorded_once() -> None:
     program = load_program(load_mission(EXPLORE).program or "")
     assert program.recorded() is program

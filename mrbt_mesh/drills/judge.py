@@ -10,6 +10,7 @@ from typing import Any
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.drills.beside import Check
 from mrbt_mesh.drills.inject import Deeds
 from mrbt_mesh.drills.journals import Done
 from mrbt_mesh.drills.links import LinkLine, silent_at_the_end, slow_returns
@@ -29,13 +30,15 @@ class DrillVerdict:
     found: str
 
 
+# Attributes: all that is judged, from wherever it comes.
 @dataclass
 class Evidence:
     """What is known of a run. `journals` as at the end, when `is_obsolete` says of an activation
     that no evaluation can reach it any more.
 
     `takeovers` as in summary.json, with `inflicted`: whether the drill did that to the robot,
-    and `ended`: whether its process had really ended.
+    and `ended`: whether its process had really ended. `beside_ended`: what should have run until
+    the end. `checks`: what the commands to be asked said.
     """
 
     result: str
@@ -50,6 +53,8 @@ class Evidence:
     journals: Mapping[str, frozenset[Done]] = field(default_factory=dict)
     is_obsolete: Callable[[str], bool] = lambda activation: False
     links: list[LinkLine] = field(default_factory=list)
+    beside_ended: list[str] = field(default_factory=list)
+    checks: list[Check] = field(default_factory=list)
 
 
 def judge(expect: ExpectModel, mission: Mission, evidence: Evidence) -> list[DrillVerdict]:
@@ -97,6 +102,14 @@ class _Judge:
             found.append(self.links_back(expect.links_back_within_s))
         if expect.stalls is not None:
             found.append(self.stalls(expect.stalls))
+        found += [
+            DrillVerdict("beside the team until its end", False, ended)
+            for ended in self.evidence.beside_ended
+        ]
+        found += [
+            DrillVerdict(check.command, check.status == 0, check.said)
+            for check in self.evidence.checks
+        ]
         return found
 
     # -- the run --------------------------------------------------------------------------

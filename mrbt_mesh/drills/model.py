@@ -14,6 +14,7 @@ from mrbt_mesh.core.agent.commands import Decision
 from mrbt_mesh.core.facts.records import Phase
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MAX_ROBOTS, MICRO
 from mrbt_mesh.core.observer.task_log import TaskState
+from mrbt_mesh.drills.beside import words
 from mrbt_mesh.formats.file_model import (
     EXPLAINED,
     FileModel,
@@ -25,7 +26,7 @@ from mrbt_mesh.formats.file_model import (
 )
 
 MAX_SECONDS = 3_600.0
-MAX_STEPS = 1_000
+MAX_STEPS, MAX_BESIDE = 1_000, 9
 DONE = "done"
 
 _DRILL = r"^[A-Za-z0-9_]{1,64}$"
@@ -33,11 +34,20 @@ DRILL_EXPLAINED = EXPLAINED | {
     _DRILL: "the name of a drill is expected: 1 to 64 letters, digits or _",
 }
 
+
+def _is_command(text: object) -> bool:
+    try:
+        return isinstance(text, str) and bool(words(text))
+    except ValueError:
+        return False
+
+
 Seconds: TypeAlias = Annotated[float, Field(ge=0, le=MAX_SECONDS)]
 Permille: TypeAlias = Annotated[int, Field(ge=1, le=1_000)]
 Count: TypeAlias = Annotated[int, Field(ge=0, le=MAX_ROBOTS)]
 RouterNumber: TypeAlias = Annotated[int, Field(ge=1, le=9)]
 Profile: TypeAlias = Literal["wired", "wireless"]
+Command: TypeAlias = Annotated[str, one_of("a command, e.g. python world.py", _is_command)]
 Yes: TypeAlias = Annotated[Literal[True], one_of("true", lambda v: v is True)]
 
 _PHASES = (*(phase.name.lower() for phase in Phase), DONE)
@@ -340,7 +350,8 @@ class ExpectModel(FileModel):
     """What must hold at the end. Beside it, all steps must have been carried out.
 
     `links_back_within_s`: every link that fell silent is heard again so soon after the heal
-    before. `stalls`: at most so many links fall silent that no step has disturbed.
+    before. `stalls`: at most so many links fall silent that no step has disturbed. `checks`:
+    commands that end with 0 when the team has ended, before what is beside it does.
     """
 
     result: Literal["success", "failure", "blocked"] = "success"
@@ -357,6 +368,7 @@ class ExpectModel(FileModel):
     false_deaths: Count | None = None
     links_back_within_s: Seconds | None = None
     stalls: Count | None = None
+    checks: list[Command] = []
 
 
 class TimingModel(FileModel):
@@ -379,7 +391,8 @@ class DrillModel(FileModel):
 
     `for_each` makes one drill per combination of its values; `$name` stands for a value.
     `quick`: part of the short set. `routers`: so many, numbered from 1 on, of which all robots are
-    clients; they try the first one first.
+    clients; they try the first one first. `beside`: commands that run beside the team from before
+    its start until after its end, in the drill file's folder.
     """
 
     name: Annotated[str, Field(pattern=_DRILL)]
@@ -394,6 +407,7 @@ class DrillModel(FileModel):
     transport: Profiles = "wired"
     network: Literal["loopback", "namespaces"] = "loopback"
     routers: Annotated[int, Field(ge=0, le=9)] = 0
+    beside: Annotated[list[Command], Field(max_length=MAX_BESIDE)] = []
     steps: Annotated[list[StepOrCycle], Field(max_length=MAX_STEPS)] = []
     expect: ExpectModel = ExpectModel()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -13,6 +14,7 @@ import anyio
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.summary import run_summary
+from mrbt_mesh.drills.beside import beside
 from mrbt_mesh.drills.drill_file import Drill
 from mrbt_mesh.drills.inject import Deed, DrillInjector
 from mrbt_mesh.drills.journals import read
@@ -71,18 +73,20 @@ async def run_drill(
 ) -> DrillRun:
     """Carry a drill out in a new run directory; `tell` gets the timeline as it happens.
 
-    Whatever happens, no process of the team is left behind. Raises TransportError, RunDirError,
-    NamespaceError, RoutersError.
+    Whatever happens, no process of the team or beside it is left behind. Raises TransportError,
+    RunDirError, NamespaceError, RoutersError, BesideError.
     """
     begun_s = time.monotonic()
     with (
         places(drill.model.network, sorted(drill.mission.robots)) as (network, found),
         routers(drill.model.routers) as between,
+        beside(drill.model.beside, drill.path.parent, os.environ) as around,
     ):
         info = _new_run(drill, profile, found, between)
         run_dir = RunDir.create(folder, info, compile_mission(drill.mission))
         hold = run_dir.path / HOLD_FILE
-        team = Team(run_dir, info, drill.mission, {HOLD_VARIABLE: str(hold)})
+        environment = {HOLD_VARIABLE: str(hold), **around.environment}
+        team = Team(run_dir, info, drill.mission, environment)
         run = _Run(drill, team, network, between, hold, tell)
         with launched_from_here(run_dir):
             try:
@@ -92,6 +96,8 @@ async def run_drill(
             finally:
                 with anyio.CancelScope(shield=True):
                     await team.end()
+        evidence.beside_ended = around.ended()
+        evidence.checks = [around.check(command) for command in drill.model.expect.checks]
     evidence.crashes = team.crashes()
     evidence.events = read_events(run_dir.path / EVENTS_FILE)
     robots = run_dir.robots()

@@ -13,6 +13,7 @@ _FILES = ("mission.yaml", "robot.py", "test_mission.py")
 _ROS2_FILES = ("mission.yaml", "robot.py", "ros2.yaml", "virtual_robots.py")
 # How an example names its robots' program; in a copy, that lies beside the mission.
 _PROGRAM = re.compile(r"\.\./\.\./agents/(\w+\.py)")
+_COMPILED = "__pycache__"
 _IMPORT = re.compile(r"^(?:from|import) (\w+)", re.MULTILINE)
 
 
@@ -32,16 +33,19 @@ def ros2_files() -> dict[str, str]:
 
 
 def example_files(name: str) -> dict[str, str]:
-    """An example and the programs of its robots: texts by file name, for one folder.
+    """An example and the programs of its robots: texts by path below one folder.
 
     Raises UnknownExampleError.
     """
     found: dict[str, str] = {}
     programs: list[str] = []
-    for path in sorted(example_mission(name).parent.iterdir()):
+    folder = example_mission(name).parent
+    for path in sorted(folder.rglob("*")):
+        if path.is_dir() or path.parent.name == _COMPILED:
+            continue
         text = path.read_text(encoding="utf-8")
         programs += _PROGRAM.findall(text)
-        found[path.name] = _PROGRAM.sub(r"\1", text)
+        found[path.relative_to(folder).as_posix()] = _PROGRAM.sub(r"\1", text)
     while programs:
         program = programs.pop()
         path = shipped("agents") / program
@@ -65,6 +69,7 @@ def write_files(folder: Path, files: dict[str, str]) -> list[Path]:
     written = []
     for name, text in files.items():
         target = folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
         # "x" refuses a file that appeared since the check above.
         with target.open("x", encoding="utf-8") as stream:
             stream.write(text)

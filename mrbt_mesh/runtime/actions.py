@@ -74,6 +74,7 @@ class RobotIdentity:
     type: str
     pid: int
     speed: float
+    is_virtual: bool = False
 
 
 class _NoBidError(Exception):
@@ -398,4 +399,5 @@ class ActionRunner:
             speed=self._identity.speed,
             parameters=self._mission.parameters,
             port=port,
+            is_virtual=self._identity.is_virtual,
         )

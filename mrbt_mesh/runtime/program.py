@@ -73,6 +73,7 @@ class TaskContext:
     `performance` is this robot's p(i, l) when the task began, `work` the local task's nominal
     work; a simulated robot needs work / (performance * speed) seconds. `partners` are the other
     robots that the plan has on the same local task. `parameters` are the mission file's parameters.
+    `is_virtual`: a simulation in virtual time, where all robots share one process and event loop.
     """
 
     robot: str
@@ -89,6 +90,7 @@ class TaskContext:
     speed: float
     parameters: Mapping[str, Any]
     port: TaskPort
+    is_virtual: bool = False
 
     def set_condition(self, name: str, value: bool, *, at_once: bool = False) -> None:
         """Set a declared condition, ground, e.g. `broken(2)`.

@@ -135,6 +135,9 @@ def test_cycles_are_written_out(tmp_path: Path) -> None:
         ("restart: $robot", "join: {killed}", 22, "a robot, or a list of robots, is expected"),
         ("times: 1", "times: 1, at_most: 2", 36, "times, or at_least and at_most, or one of them"),
         ("do_diagnosis}", "do_it}", 38, "no local task 'do_it' in this mission"),
+        ("speed: 4", "beside: python world.py", 7, "a list is expected"),
+        ("speed: 4", "beside: [python 'world.py]", 7, "a command, e.g. python world.py is"),
+        ("result: success", "checks: ['']", 33, "a command, e.g. python world.py is expected"),
         ("result: success", "result: good", 33, "success, failure or blocked is expected"),
     ],
 )

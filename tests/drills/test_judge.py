@@ -11,6 +11,7 @@ import pytest
 from mrbt_mesh.core.facts.records import OUTCOME
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.membership.peer import State
+from mrbt_mesh.drills.beside import Check
 from mrbt_mesh.drills.inject import Deed, Deeds, Snapshot
 from mrbt_mesh.drills.journals import Done, read
 from mrbt_mesh.drills.judge import DrillVerdict, Evidence, judge, unjournaled
@@ -384,3 +385,14 @@ def test_a_simulated_run_with_a_kill_is_judged_like_a_real_one() -> None:
     found = verdicts(evidence, done=done, never=never, takeover_within_s=2)
     assert [v for v in found if not v.holds] == []
     assert len(found) == 5 + 2 + 2 + 1
+
+
+def test_what_was_asked_beside_the_team_decides_as_well() -> None:
+    asked = [Check("python world.py --judge", 0, "mended"), Check("true", None, "no answer")]
+    ended = ["python world.py has ended with status 1: no model"]
+    found = verdicts(Evidence("success", checks=asked, beside_ended=ended))
+    assert found == [
+        DrillVerdict("beside the team until its end", False, ended[0]),
+        DrillVerdict("python world.py --judge", True, "mended"),
+        DrillVerdict("true", False, "no answer"),
+    ]

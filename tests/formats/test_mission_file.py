@@ -89,6 +89,7 @@ def test_the_examples_are_where_the_readme_says() -> None:
         "tool_search",
         "vehicle_repair",
         "warehouse",
+        "workshop",
     ]
 
 

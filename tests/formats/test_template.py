@@ -18,6 +18,7 @@ from mrbt_mesh.formats.template import (
 )
 from mrbt_mesh.runtime.program_loader import check_program, load_program
 from tests.support.paths import ROOT
+from tests.support.workshop import needs_world
 
 
 def test_the_new_mission_and_its_robots_fit_together(
@@ -65,6 +66,8 @@ def test_the_copy_of_an_example_is_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     """Its program, and what that imports, lie beside the mission; nothing points elsewhere."""
+    if name == "workshop":
+        needs_world()
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.delitem(sys.modules, "simulated", raising=False)
     written = write_files(tmp_path, example_files(name))

@@ -16,7 +16,7 @@ PACKAGES = (
     *("local", "recording", "replay", "runtime", "sim", "top", "viewmodel", "web"),
 )
 HOMES = {name: f"mrbt_mesh/{name}" for name in PACKAGES}
-HOMES |= {name: name for name in ("agents", "benchmarks", "paper")}
+HOMES |= {name: name for name in ("agents", "benchmarks", "examples", "paper")}
 
 
 def test_tests_bear_the_names_of_what_they_test() -> None:

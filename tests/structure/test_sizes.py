@@ -18,7 +18,7 @@ from tests.support.structure.source import Finding, settle
 
 Tree = Callable[[dict[str, str]], Path]
 
-FOLDERS = ("mrbt_mesh", "agents", "benchmarks", "drills", "paper", "tests")
+FOLDERS = ("mrbt_mesh", "agents", "benchmarks", "drills", "examples", "paper", "tests")
 FIELDS = "".join(f"    f{number}: int\n" for number in range(12))
 
 

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from mrbt_mesh.cli.framework.terminal import console, errors
 from mrbt_mesh.cli.views.drill_view import headline, line_text, takeover_text, verdict_text
+from mrbt_mesh.drills.beside import BesideError
 from mrbt_mesh.drills.drill_file import Drill, drill_files, drill_folder, load_drills
 from mrbt_mesh.drills.judge import DrillVerdict
 from mrbt_mesh.drills.model import Profile
@@ -99,7 +100,13 @@ class DrillSession:
         tell = (lambda line: None) if self._brief else self._print_line
         try:
             return await run_drill(found, profile, folder, tell)
-        except (TransportError, RunDirError, NamespaceError, RoutersError) as error:
+        except (
+            TransportError,
+            RunDirError,
+            NamespaceError,
+            RoutersError,
+            BesideError,
+        ) as error:
             return DrillRun(
                 found.label,
                 profile,

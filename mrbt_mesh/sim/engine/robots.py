@@ -100,7 +100,8 @@ class Robots:
             self._environment.without_journal(robot)
         setup = self._setup
         description = setup.mission.robots[robot]
-        identity = RobotIdentity(robot, description.type, FIRST_PID + self._lives, setup.speed)
+        pid = FIRST_PID + self._lives
+        identity = RobotIdentity(robot, description.type, pid, setup.speed, is_virtual=True)
         config = self._config(identity, journal)
 
         def make_agent(now_us: int) -> Agent:
