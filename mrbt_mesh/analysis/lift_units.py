@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from mrbt_mesh.analysis.lift_mission import LiftedMission, lifted_mission
 from mrbt_mesh.analysis.unit_tasks import UnitTasks
 from mrbt_mesh.analysis.unit_team import UnitTeam
-from mrbt_mesh.analysis.units import Knowledge, Piece, split
+from mrbt_mesh.analysis.units import HandUnit, Knowledge, Piece, split
 from mrbt_mesh.core.mission.mission import MICRO
 from mrbt_mesh.formats.btcpp.document import Category, Document
-from mrbt_mesh.formats.btcpp.expand import ExpandedTree, expand
+from mrbt_mesh.formats.btcpp.expand import ExpandedNode, ExpandedTree, expand
 from mrbt_mesh.formats.btcpp.library import Library
 from mrbt_mesh.formats.btcpp.team_tree import translated
 from mrbt_mesh.formats.declaration import Declaration
@@ -52,12 +52,12 @@ def lift_units(
     """
     expanded = expand(library, tree)
     unit_team = UnitTeam(team, expanded, library)
-    together = _together(expanded, by_hand) if by_hand is not None else {}
-    knowledge = Knowledge(unit_team.is_asked, unit_team.of_robots, together)
+    named = _by_hand(expanded, by_hand) if by_hand is not None else {}
+    knowledge = Knowledge(unit_team.is_asked, unit_team.of_robots, named)
     found = split(expanded, library, knowledge)
     if by_hand is not None:
-        _check_apart(found, together, by_hand)
-    tasks = UnitTasks(unit_team, together)
+        _check_apart(found, named, by_hand.file)
+    tasks = UnitTasks(unit_team, named)
     between = ExpandedTree(tasks.team_tree(found), expanded.constants)
     translated_tree = translated(library, between, Category.ACTION, team.model.conditions)
     team_of_units = _team_of_units(tasks, unit_team, file)
@@ -70,40 +70,45 @@ def lift_units(
 # -- by hand ----------------------------------------------------------------------------------
 
 
-def _together(tree: ExpandedTree, by_hand: UnitsByHand) -> dict[int, str]:
-    """The unit of each node that is named, by the node's identity."""
+def _by_hand(tree: ExpandedTree, by_hand: UnitsByHand) -> dict[int, HandUnit]:
+    """The unit of each node that is named, by the node's identity.
+
+    A unit with one name is each node that is called so; with several, all of them together.
+    """
     nodes = list(tree.root.walk())
-    found: dict[int, str] = {}
+    found: dict[int, HandUnit] = {}
     problems = []
     for unit, names in by_hand.units.items():
         for name in names:
-            matching = [
-                node for node in nodes if name in (node.path, node.name, f"{node.path}:{node.line}")
-            ]
+            matching = [node for node in nodes if name in _names(node)]
             if not matching:
-                known = [node.path for node in nodes] if "/" in name else [n.name for n in nodes]
+                known = {node.path if "/" in name else node.name for node in nodes}
                 message = f"no node has the path or name {name!r}{nearest(name, known)}"
                 problems.append(Problem(by_hand.file, 0, f"units/{unit}", message))
-            for node in matching:
-                other = found.setdefault(id(node), unit)
-                if other != unit:
-                    message = f"{node.path} is in the unit {other!r}, too"
+            for number, node in enumerate(matching):
+                own = HandUnit(unit, number if len(names) == 1 else 0)
+                other = found.setdefault(id(node), own)
+                if other != own:
+                    message = f"{node.path} is in the unit {other.name!r}, too"
                     problems.append(Problem(by_hand.file, 0, f"units/{unit}", message))
     if problems:
         raise MissionError(problems)
     return found
 
 
-def _check_apart(found: Piece, together: Mapping[int, str], by_hand: UnitsByHand) -> None:
+def _names(node: ExpandedNode) -> tuple[str, ...]:
+    return node.path, node.name, node.type, f"{node.path}:{node.line}"
+
+
+def _check_apart(found: Piece, by_hand: Mapping[int, HandUnit], file: str) -> None:
     problems = []
     for unit in found.units():
         inside = (inner for node in unit.nodes for inner in node.walk())
-        names = sorted({together[id(node)] for node in inside if id(node) in together})
-        if len(names) > 1:
-            listed = " and ".join(map(repr, names))
-            why = "; ".join(unit.reasons)
-            message = f"{listed} cannot be told apart: {why}"
-            problems.append(Problem(by_hand.file, 0, "units", message))
+        named = {by_hand[id(node)] for node in inside if id(node) in by_hand}
+        if len(named) > 1:
+            listed = " and ".join(repr(name) for name in sorted(each.name for each in named))
+            message = f"{listed} cannot be told apart: {'; '.join(unit.reasons)}"
+            problems.append(Problem(file, 0, "units", message))
     if problems:
         raise MissionError(problems)
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from mrbt_mesh.analysis.unit_team import UnitTeam
-from mrbt_mesh.analysis.units import Piece
+from mrbt_mesh.analysis.units import HandUnit, Piece
 from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN, MAX_ARGUMENTS, NAME_PATTERN
 from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
 from mrbt_mesh.formats.btcpp.document import LEAVES, MODELS, TREE, Category, Document, pointer
@@ -55,7 +55,7 @@ class UnitTasks:
     """
 
     team: UnitTeam
-    by_hand: Mapping[int, str]
+    by_hand: Mapping[int, HandUnit]
     trees: dict[str, Element] = field(default_factory=dict)
     tasks: dict[str, UnitTask] = field(default_factory=dict)
     uses: list[UnitUse] = field(default_factory=list)
@@ -128,7 +128,8 @@ class UnitTasks:
         return found
 
     def _wanted(self, piece: Piece, original: str | None) -> str:
-        by_hand = {self.by_hand[id(node)] for node in _all(piece.nodes) if id(node) in self.by_hand}
+        inside = [id(node) for node in _all(piece.nodes)]
+        by_hand = {self.by_hand[node].name for node in inside if node in self.by_hand}
         if by_hand:
             return min(by_hand)
         (first, *_) = piece.nodes

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from mrbt_mesh.analysis.annotations import annotated, annotated_names
+from mrbt_mesh.analysis.units import OwnUse
 from mrbt_mesh.core.mission.mission import MICRO, performance
 from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN, MAX_ARGUMENTS
 from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
@@ -108,11 +109,10 @@ class UnitTeam:
         values = [value if _ARGUMENT.fullmatch(value) else "_" for value in values]
         return self.team.declaration(call_text(node.type, values))
 
-    def of_robots(self, node: ExpandedNode) -> Iterator[tuple[str, bool]]:
-        """Conditions and resources with `per: robot` that a leaf has to do with, in words.
+    def of_robots(self, node: ExpandedNode) -> Iterator[OwnUse]:
+        """Conditions and resources with `per: robot` that a leaf has to do with.
 
-        With each, whether it is as it was at first when the leaf has succeeded. Arguments are not
-        looked at, which may only be known when the leaf runs.
+        Arguments are not looked at, which may only be known when the leaf runs.
         """
         names = list(annotated_names(node.metadata))
         if self.category(node) is Category.CONDITION:
@@ -124,14 +124,18 @@ class UnitTeam:
                 value = given[text] if key == "effects" else None
                 names.append((key, split_template(text)[0], value))
         own = [row for row in names if row[0] != "uses" and self.team.belongs_to_robots(row[1])]
-        restored = {n for _, n, value in own if value is not None and value is self.team.default(n)}
-        for _, name, _ in own:
-            yield f"the robot's own condition {name!r}", name in restored
+        read = {name for key, name, _ in own if key in ("reads", "requires")}
+        made = {name: value for key, name, value in own if key == "effects"}
+        restored = {name for name, value in made.items() if value is self.team.default(name)}
+        for name in dict.fromkeys(name for _, name, _ in own):
+            words = f"the robot's own condition {name!r}"
+            yield OwnUse(words, name in made.keys() - read, name in restored)
         for key, name, _ in names:
             resource = self.team.model.resources.get(name)
             if key == "uses" and resource is not None and resource.per == "robot":
-                # What was in it has been put down.
-                yield f"the robot's own resource {name!r}", bool(restored)
+                # With what the robot holds ends what is in its gripper.
+                words = f"the robot's own resource {name!r}"
+                yield OwnUse(words, bool(made) and not read, bool(restored))
 
     # -- units ------------------------------------------------------------------------------------
 

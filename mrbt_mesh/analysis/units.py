@@ -28,7 +28,30 @@ BETWEEN = frozenset(KINDS) - {"SequenceWithMemory", "Timeout", "SubTree"}
 _LOOPS = frozenset({"RetryUntilSuccessful", "Repeat", "KeepRunningUntilFailure"})
 _REACTIVE = frozenset({"ReactiveSequence", "ReactiveFallback", "WhileDoElse"})
 _RUNS = frozenset({"Sequence", "AsyncSequence", "Fallback", "AsyncFallback"})
+# They succeed when all that is in them has.
+_ALL_OF_IT = frozenset({"Sequence", "AsyncSequence", "ReactiveSequence", "PipelineSequence"})
+_ALL_OF_IT |= {"SequenceWithMemory", "RetryUntilSuccessful", "Timeout", "Delay"}
 _ALWAYS = frozenset({"AlwaysSuccess", "AlwaysFailure"})
+
+
+@dataclass(frozen=True, slots=True)
+class OwnUse:
+    """What a leaf has to do with something of its robot, told in `words`.
+
+    `begins`: it does not matter what it was before; `ends`: it is left as it is at first.
+    """
+
+    words: str
+    begins: bool = False
+    ends: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class HandUnit:
+    """A unit by hand; several may have one name."""
+
+    name: str
+    number: int = 0
 
 
 @dataclass(frozen=True)
@@ -36,14 +59,13 @@ class Knowledge:
     """What the team file says of leaves.
 
     `is_asked`: whether a node is a condition that the whole team knows. `of_robots`: what a leaf
-    needs, reads or changes that every robot has for itself, in words, and whether the leaf leaves
-    it as it is at first. `together`: the name of the unit that a node was put into by hand, by the
-    node's identity.
+    needs, reads or changes that every robot has for itself. `by_hand`: the unit that a node was
+    put into, by the node's identity.
     """
 
     is_asked: Callable[[ExpandedNode], bool] = lambda _: False
-    of_robots: Callable[[ExpandedNode], Iterable[tuple[str, bool]]] = lambda _: ()
-    together: Mapping[int, str] = field(default_factory=dict)
+    of_robots: Callable[[ExpandedNode], Iterable[OwnUse]] = lambda _: ()
+    by_hand: Mapping[int, HandUnit] = field(default_factory=dict)
 
 
 @dataclass
@@ -101,9 +123,9 @@ class Splitter:
     # -- one node -------------------------------------------------------------------------------
 
     def piece(self, node: ExpandedNode) -> Piece:
-        by_hand = self.knowledge.together.get(id(node))
+        by_hand = self.knowledge.by_hand.get(id(node))
         if by_hand is not None:
-            return Piece((node,), True, (f"it is the unit {by_hand!r} by hand",))
+            return Piece((node,), True, (f"it is the unit {by_hand.name!r} by hand",))
         if self.is_asked(node):
             return Piece((node,), False)
         reason = self.kept_whole(node)
@@ -119,7 +141,7 @@ class Splitter:
 
     def is_asked(self, node: ExpandedNode) -> bool:
         """Whether the team knows it: a condition of the team file, or what never changes."""
-        is_plain = not node.conditions and id(node) not in self.knowledge.together
+        is_plain = not node.conditions and id(node) not in self.knowledge.by_hand
         return is_plain and (node.type in _ALWAYS or self.knowledge.is_asked(node))
 
     def kept_whole(self, node: ExpandedNode) -> str:
@@ -234,21 +256,29 @@ class Splitter:
     def of_robots(
         self, children: Sequence[ExpandedNode]
     ) -> Iterator[tuple[tuple[str, str], list[int]]]:
-        """What of a robot children have to do with; it ends where it is as it was at first."""
-        users: dict[str, list[int]] = {}
+        """What of a robot children have to do with, as long as one hands it to the next."""
+        users: dict[object, list[int]] = {}
+        words: dict[object, str] = {}
         for number, child in enumerate(children):
-            restored: dict[str, bool] = {}
-            for inner in child.walk():
-                restored |= dict(sorted(self.knowledge.of_robots(inner)))
-                by_hand = self.knowledge.together.get(id(inner))
+            first: dict[object, bool] = {}
+            last: dict[object, bool] = {}
+            for inner, is_certain in _with_certainty(child):
+                for use in self.knowledge.of_robots(inner):
+                    words[use.words] = use.words
+                    first.setdefault(use.words, use.begins and is_certain)
+                    last[use.words] = use.ends and is_certain
+                by_hand = self.knowledge.by_hand.get(id(inner))
                 if by_hand is not None:
-                    restored[f"the unit {by_hand!r} by hand"] = False
-            for words, is_restored in restored.items():
-                users.setdefault(words, []).append(number)
-                if is_restored:
-                    yield ("", words), users.pop(words)
-        for words, numbers in users.items():
-            yield ("", words), numbers
+                    words[by_hand] = f"the unit {by_hand.name!r} by hand"
+                    first[by_hand] = last[by_hand] = False
+            for key, begins in first.items():
+                if begins and key in users:
+                    yield ("", words[key]), users.pop(key)
+                users.setdefault(key, []).append(number)
+                if last[key]:
+                    yield ("", words[key]), users.pop(key)
+        for key, numbers in users.items():
+            yield ("", words[key]), numbers
 
     def why(self, entry: str, rows: Sequence[tuple[ExpandedNode, EntryAccess]]) -> str:
         """Who writes an entry and who reads it."""
@@ -296,7 +326,7 @@ class Splitter:
         """Whether the team alone decides it."""
         if not node.children:
             return self.is_asked(node)
-        whole = bool(self.kept_whole(node)) or id(node) in self.knowledge.together
+        whole = bool(self.kept_whole(node)) or id(node) in self.knowledge.by_hand
         return not whole and all(map(self.is_known, node.children))
 
     def robots_condition(self, node: ExpandedNode) -> ExpandedNode | None:
@@ -325,6 +355,17 @@ def _kept_subtree(node: ExpandedNode) -> str:
         if any("@" in (pointer(text) or "") for text in texts):
             return f"{inner.name} in it uses an entry of the outermost tree"
     return ""
+
+
+def _with_certainty(node: ExpandedNode) -> Iterator[tuple[ExpandedNode, bool]]:
+    """All nodes below, and whether each has been ticked to its end where `node` has succeeded."""
+    waiting = [(node, True)]
+    while waiting:
+        inner, is_certain = waiting.pop()
+        yield inner, is_certain
+        passes = inner.type in _ALL_OF_IT or inner.category is Category.SUBTREE
+        below = is_certain and passes and not inner.conditions
+        waiting += [(child, below) for child in reversed(inner.children)]
 
 
 def _also_shared(words: str, rows: Sequence[tuple[ExpandedNode, EntryAccess]]) -> str:

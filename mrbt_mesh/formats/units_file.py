@@ -1,12 +1,12 @@
 """Which nodes of a single robot's tree belong together, said by hand.
 
     units:
-      serve_table: [TakeOrder, BringDrinks]     # nodes, by name
-      clean_up: [Main/Sequence/CleanUp]         # by path
-      first: ["Main/Sequence/Go:12"]            # by path and line, where several have one path
+      serve_table: [TakeOrder, BringDrinks]     # these nodes together
+      clean: [CleanUp]                          # each node that is called so
+      first: ["Main/Sequence/Go:12"]            # by path, or by path and line
 
-Each unit has the nodes that are named, all below them, and what stands between them. What is not
-named is split as `--units auto` does it.
+Nodes are named by their name, type or path. A unit has what is named, all below it, and what
+stands between. What is not named is split as `--units auto` does it.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mrbt_mesh.analysis.units import Knowledge, Piece, split
+from mrbt_mesh.analysis.units import Knowledge, OwnUse, Piece, split
 from mrbt_mesh.formats.btcpp.expand import ExpandedNode, expand
 from tests.support.unit_trees import read
 
@@ -118,8 +118,9 @@ def test_what_the_team_knows_and_what_is_a_robots_own() -> None:
         "Other",
     ]
 
-    def holds(node: ExpandedNode) -> list[tuple[str, bool]]:
-        return {"Work": [("the hand", False)], "Other": [("the hand", True)]}.get(node.type, [])
+    def holds(node: ExpandedNode) -> list[OwnUse]:
+        hand = "the hand"
+        return {"Work": [OwnUse(hand)], "Other": [OwnUse(hand, ends=True)]}.get(node.type, [])
 
     owns = Knowledge(of_robots=holds)
     assert units(sequence(WORK, GO, OTHER), owns) == ["Sequence"]
@@ -128,4 +129,19 @@ def test_what_the_team_knows_and_what_is_a_robots_own() -> None:
         "Work to Other",
         "Work to Other",
         "Go",
+    ]
+
+    def moves(node: ExpandedNode) -> list[OwnUse]:
+        place = {"Go": [OwnUse("where", begins=True)], "Work": [OwnUse("where")]}
+        return place.get(node.type, [])
+
+    # It begins anew with each drive that is certain.
+    knows_place = Knowledge(of_robots=moves)
+    assert units(sequence(GO, WORK, GO, WORK, OTHER), knows_place) == [
+        "Go to Work",
+        "Go to Work",
+        "Other",
+    ]
+    assert units(sequence(GO, f"<Fallback>{OTHER}{GO}</Fallback>", WORK), knows_place) == [
+        "Sequence"
     ]

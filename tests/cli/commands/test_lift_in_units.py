@@ -127,10 +127,13 @@ def test_units_and_cuts_are_told_with_their_reasons(folder: Path) -> None:
 
 
 def test_a_split_by_hand(folder: Path) -> None:
-    units = by_hand(folder, "units: {tell: [Report, Fallback], patrol: [Look]}")
+    units = by_hand(folder, "units: {tell: [Report, Fallback], patrol: [Look, Look]}")
     data = told(folder, units)["units"]
     assert [unit["call"] for unit in data] == ["patrol", "tell"]
     assert data[0]["reasons"] == ["the unit 'patrol' by hand: Look, Look"]
+    units = by_hand(folder, "units: {visit: [Look]}")
+    calls = [unit["call"] for unit in told(folder, units)["units"]]
+    assert calls == ["visit(dock)", "visit_2", "Report", "Hoot"]
     units = by_hand(folder, 'units: {first: ["Round/Sequence/Look:4"]}')
     calls = [unit["call"] for unit in told(folder, units)["units"]]
     assert calls == ["first(dock)", "Look", "Report", "Hoot"]
@@ -148,7 +151,7 @@ def test_a_split_by_hand(folder: Path) -> None:
         ("units: {a: [Report], b: [Report]}", "is in the unit 'a', too"),
         (
             "units: {a: [Plan], b: [Follow]}",
-            "'a' and 'b' cannot be told apart: the unit 'a' by hand: Look",
+            "'a' and 'b' cannot be told apart: the entry 'path'",
         ),
         ("units: {a: []}", "units.yaml"),
         ("unit: {a: [Plan]}", "unit"),
