@@ -51,6 +51,7 @@ def lift_units(
     Raises MissionError for whatever does not fit, with its place.
     """
     expanded = expand(library, tree)
+    _check_subtrees(expanded)
     unit_team = UnitTeam(team, expanded, library)
     named = _by_hand(expanded, by_hand) if by_hand is not None else {}
     knowledge = Knowledge(unit_team.is_asked, unit_team.of_robots, named)
@@ -65,6 +66,22 @@ def lift_units(
     notes = (*mission.notes, *_notes(tasks, unit_team))
     mission = LiftedMission(mission.data, mission.lifted, notes)
     return LiftedUnits(mission, tasks.document(file), found, tasks)
+
+
+def _check_subtrees(tree: ExpandedTree) -> None:
+    """Nobody can carry out a SubTree that is in none of the files."""
+    problems = [
+        Problem(
+            node.file,
+            node.line,
+            node.path,
+            f"there is no tree {node.type!r}; name its file (--models) or its folder (--trees)",
+        )
+        for node in tree.root.walk()
+        if node.category is Category.SUBTREE and not node.children
+    ]
+    if problems:
+        raise MissionError(problems)
 
 
 # -- by hand ----------------------------------------------------------------------------------

@@ -9,7 +9,11 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.shipped import example_mission, shipped
 
 _FOLDER = Path(__file__).with_name("template")
-_FILES = ("mission.yaml", "robot.py", "test_mission.py")
+# By the folder that they are in: what robots they are for.
+_FILES = {
+    "": ("mission.yaml", "robot.py", "test_mission.py"),
+    "vda5050": ("mission.yaml", "agvs.yaml", "robot.py"),
+}
 # How an example names its robots' program; in a copy, that lies beside the mission.
 _PROGRAM = re.compile(r"\.\./\.\./agents/(\w+\.py)")
 _IMPORT = re.compile(r"^(?:from|import) (\w+)", re.MULTILINE)
@@ -19,9 +23,13 @@ class FolderInUseError(InputError):
     """The place for the new files is a file, or a folder that has something in it."""
 
 
-def template_files() -> dict[str, str]:
-    """A small mission and robot of the user's own: texts by file name."""
-    return {name: (_FOLDER / name).read_text(encoding="utf-8") for name in _FILES}
+def template_files(kind: str = "") -> dict[str, str]:
+    """A small mission and robot of the user's own: texts by file name.
+
+    `kind`: "vda5050" for robots that are AGVs, else robots that have a program of their own.
+    """
+    folder = _FOLDER / kind
+    return {name: (folder / name).read_text(encoding="utf-8") for name in _FILES[kind]}
 
 
 def example_files(name: str) -> dict[str, str]:

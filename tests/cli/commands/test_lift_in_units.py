@@ -175,6 +175,17 @@ def test_units_are_auto_or_a_file(folder: Path, units: str, message: str) -> Non
     assert message in err
 
 
+def test_a_subtree_that_is_nowhere(folder: Path) -> None:
+    tree = folder / "tree.xml"
+    tree.write_text(TREE.replace('<BehaviorTree ID="Look">', '<BehaviorTree ID="Watch">'))
+    code, _, err = run(folder)
+    assert code == 2
+    assert "tree.xml:4: Round/Sequence/Look: there is no tree 'Look'" in err
+    other = folder / "look.xml"
+    other.write_text(TREE.replace(' main_tree_to_execute="Round"', ""))
+    assert run(folder, "--models", str(other))[0] == 0
+
+
 def test_what_a_team_lacks_is_told(folder: Path) -> None:
     team = folder / "team.yaml"
     team.write_text(TEAM.replace('parameters: {office: "red;blue"}', "").replace("Hoot: {}", ""))
