@@ -216,6 +216,11 @@ def _notes(tasks: UnitTasks, team: UnitTeam) -> list[Problem]:
         listed = ", ".join(f"{name}{_meant(name, known)}" for name in unnamed)
         message = f"not named, so every robot is taken to have them: {listed}"
         notes.append(Problem(file, 0, "local_tasks", message))
+    for name, node in actions.items():
+        for argument in team.unknown_arguments(node):
+            message = f"{name} declares something of ${argument}, which no task's argument can be"
+            text = f"{message} here: nothing is taken to be known of what it does"
+            notes.append(Problem(node.file, node.line, node.path, text))
     return notes
 
 

@@ -25,6 +25,7 @@ from mrbt_mesh.formats.btcpp.loadable import loadable
 _NAME = re.compile(NAME_PATTERN)
 _ARGUMENT = re.compile(ARGUMENT_PATTERN)
 _LONGEST = 56  # so that a number still fits
+_LONGEST_TITLE = 64
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,9 @@ class UnitTasks:
                 call=use.call,
             )
         children = [self.team_tree(child, first) for child in piece.children]
-        return replace(first, children=children)
+        # A mission's names have no slash, which paths are made of.
+        name = re.sub(r"[/\n]", "-", first.name)[:_LONGEST_TITLE]
+        return replace(first, children=children, name=name)
 
     # -- one unit ---------------------------------------------------------------------------------
 

@@ -100,14 +100,30 @@ class UnitTeam:
         task = self.team.model.local_tasks.get(node.type)
         if task is None or not task.model_fields_set & set(DECLARES):
             return None
+        if self.unknown_arguments(node):
+            return None
+        values = [value or "" for value in self.bound(node, task).values()]
+        plain = [value if _ARGUMENT.fullmatch(value) else "_" for value in values]
+        return self.team.declaration(call_text(node.type, plain))
+
+    def unknown_arguments(self, node: ExpandedNode) -> list[str]:
+        """Parameters on which it depends what a leaf does to the world, and that have no value yet.
+
+        What is a robot's own stays in the unit, whatever its arguments are.
+        """
+        task = self.team.model.local_tasks.get(node.type)
+        if task is None:
+            return []
         bound = self.bound(node, task)
         texts = [text for key in DECLARES[:-1] for text in getattr(task, key)]
-        used = {name for text in texts for name in re.findall(r"\$(\w+)", text)}
-        values = [bound.get(name) or "_" for name in task.parameters]
-        if any(not _ARGUMENT.fullmatch(bound.get(name) or "") for name in used):
-            return None
-        values = [value if _ARGUMENT.fullmatch(value) else "_" for value in values]
-        return self.team.declaration(call_text(node.type, values))
+        calls = [split_template(text) for text in texts]
+        used = {
+            argument.removeprefix("$")
+            for name, arguments in calls
+            for argument in arguments
+            if argument.startswith("$") and not self.team.belongs_to_robots(name)
+        }
+        return sorted(name for name in used if not _ARGUMENT.fullmatch(bound.get(name) or ""))
 
     def of_robots(self, node: ExpandedNode) -> Iterator[OwnUse]:
         """Conditions and resources with `per: robot` that a leaf has to do with.

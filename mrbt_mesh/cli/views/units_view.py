@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rich.console import Group, RenderableType
@@ -10,6 +10,7 @@ from rich.text import Text
 
 from mrbt_mesh.analysis.lift_units import LiftedUnits
 from mrbt_mesh.analysis.unit_tasks import UnitUse
+from mrbt_mesh.analysis.units import Piece
 
 
 def units_data(found: LiftedUnits) -> dict[str, Any]:
@@ -52,11 +53,28 @@ def render_units(found: LiftedUnits) -> RenderableType:
             inside = ", ".join(node.name for node in use.piece.nodes)
             lines.append(Text(f"      {inside}"))
         lines += [Text(f"      together: {reason}", "dim") for reason in use.piece.reasons]
-    cuts = list(_cuts(found))
+    calls = {id(use.piece): use.call for use in found.tasks.uses}
+    cuts = [line for piece in found.split.walk() for line in _cut_lines(piece, calls)]
     if cuts:
-        lines += [Text(), Text("Cut apart, for different robots:", "bold")]
-    for path, first_name, second_name, reason in cuts:
-        pair = f"{first_name} | {second_name}"
-        lines.append(Text.assemble(("✂", "green"), " ", pair, (f"  {path}: {reason}", "dim")))
-    lines += [Text(), Text("Between them:", "bold")]
+        lines += [Text(), Text("Cut apart, for different robots:", "bold"), *cuts]
+    if found.mission.lifted.decisions:
+        lines += [Text(), Text("Between them:", "bold")]
     return Group(*lines)
+
+
+def _cut_lines(piece: Piece, calls: Mapping[int, str]) -> Iterator[Text]:
+    """The children of one node, with each reason once."""
+    path = piece.nodes[0].path
+    names = [calls.get(id(child), child.label) for child in piece.children]
+    reasons = [reason for _, _, reason in piece.cuts]
+    for reason in dict.fromkeys(reasons):
+        runs = [[names[0]]]
+        for name, own in zip(names[1:], reasons, strict=True):
+            if own == reason:
+                runs[-1].append(name)
+            else:
+                runs.append([name])
+        for run in runs:
+            if len(run) > 1:
+                pair = " | ".join(run)
+                yield Text.assemble(("✂", "green"), " ", pair, (f"  {path}: {reason}", "dim"))

@@ -175,6 +175,15 @@ def test_units_are_auto_or_a_file(folder: Path, units: str, message: str) -> Non
     assert message in err
 
 
+def test_names_of_nodes_become_names_that_a_mission_may_have(folder: Path) -> None:
+    tree = folder / "tree.xml"
+    name = "one/two " * 20
+    tree.write_text(TREE.replace("<Sequence>", f'<Sequence name="{name}">', 1))
+    code, _, err = run(folder, "-o", str(folder / "mission.yaml"))
+    assert code == 0, err
+    assert load_mission(folder / "mission.yaml").tree.nodes[0].name == ("one-two " * 20)[:64]
+
+
 def test_a_subtree_that_is_nowhere(folder: Path) -> None:
     tree = folder / "tree.xml"
     tree.write_text(TREE.replace('<BehaviorTree ID="Look">', '<BehaviorTree ID="Watch">'))
@@ -199,6 +208,15 @@ def test_what_a_team_lacks_is_told(folder: Path) -> None:
     code, _, err = run(folder)
     assert code == 2
     assert "no robot can do all of the unit Report: C1 lacks Report; C2 lacks Report" in err
+
+
+def test_what_depends_on_an_argument_that_is_not_known_yet(folder: Path) -> None:
+    team = folder / "team.yaml"
+    declares = "Follow: {parameters: [path], writes: [floor($path)], work: 4}, Plan: {reads: []}"
+    team.write_text(TEAM.replace("Plan: {work: 1}, Follow: {work: 4}", declares))
+    code, _, err = run(folder)
+    assert code == 0
+    assert "Follow declares something of $path" in err
 
 
 CARRY = """
