@@ -115,7 +115,8 @@ def _action_ends(action: Declaration | None, known: Known) -> Ends:
     ruled_out = any(known.get(name) is (not value) for name, value in action.requires.items())
     after = {**without(known, action.writes), **action.requires, **action.effects}
     certain = all(asked) and not action.may_fail
-    return Ends(None if ruled_out else after, None if certain else known)
+    failed = without(known, action.writes)
+    return Ends(None if ruled_out else after, None if certain else failed)
 
 
 def _in_order(spec: NodeSpec, known: Known, declared: Declarations) -> Ends:

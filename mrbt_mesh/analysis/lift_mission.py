@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from mrbt_mesh.analysis.annotations import annotated
 from mrbt_mesh.analysis.belonging import Follows, Templates, follows, renewable, templates
 from mrbt_mesh.analysis.lift import Lifted, Lifter
 from mrbt_mesh.analysis.places import walk
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec
 from mrbt_mesh.core.mission.names import split_call, type_name
 from mrbt_mesh.formats.btcpp.document import Category, read_boolean
-from mrbt_mesh.formats.btcpp.library import Library
+from mrbt_mesh.formats.btcpp.library import Library, TreeSource
 from mrbt_mesh.formats.btcpp.team_tree import ALWAYS, TeamTree, to_team_tree
 from mrbt_mesh.formats.declaration import Declaration
 from mrbt_mesh.formats.mission_model import FailureReasonModel
 from mrbt_mesh.formats.mission_writer import tree_data
 from mrbt_mesh.formats.problems import MissionError, Problem, nearest
-from mrbt_mesh.formats.team_file import TeamFile
+from mrbt_mesh.formats.team_file import TeamFile, TeamTaskModel, UnitTaskModel
 
-# What may be written at a node of the XML, in the words of a team file.
 INDEPENDENT = "_independent"
-LISTS = {"_reads": "reads", "_writes": "writes", "_uses": "uses"}
-VALUES = {"_requires": "requires", "_effects": "effects"}
-MAY_FAIL = "_may_fail"
 
 
 @dataclass(frozen=True)
@@ -46,10 +43,21 @@ def lift_mission(
     Raises MissionError with the node's path and line for whatever a team cannot carry out.
     """
     found = to_team_tree(library, tree, Category.ACTION, team.model.conditions)
+    return lifted_mission(found, team, library.trees[tree], independent, name)
+
+
+def lifted_mission(
+    found: TeamTree,
+    team: TeamFile,
+    source: TreeSource,
+    independent: Collection[str],
+    name: str,
+) -> LiftedMission:
+    """As `lift_mission`, of a tree that has been translated; its tasks are those of `team`."""
     if found.spec is None:
         raise MissionError(found.refusals)
     spec = found.spec
-    _check_tasks(spec, found, team, library, tree)
+    _check_tasks(spec, team, source)
     declared = _declarations(spec, found, team)
     work_us = {subject: team.work_us(subject) for subject in _subjects(spec, Kind.ACTION)}
     lifter = Lifter(declared, work_us, _independent(spec, found, independent))
@@ -99,10 +107,7 @@ def _subjects(spec: NodeSpec, kind: Kind) -> list[str]:
     return list(dict.fromkeys(subjects))
 
 
-def _check_tasks(
-    spec: NodeSpec, found: TeamTree, team: TeamFile, library: Library, tree: str
-) -> None:
-    source = library.trees[tree]
+def _check_tasks(spec: NodeSpec, team: TeamFile, source: TreeSource) -> None:
     problems = []
     for subject in _subjects(spec, Kind.ACTION):
         name, arguments = split_call(subject)
@@ -119,7 +124,9 @@ def _check_tasks(
         problems.append(Problem(team.file, 1, "local_tasks", message))
     if problems:
         where = source.document.file
-        problems.append(Problem(where, source.element.line, tree, "is the tree with these actions"))
+        problems.append(
+            Problem(where, source.element.line, source.id, "is the tree with these actions")
+        )
         raise MissionError(problems)
 
 
@@ -130,32 +137,10 @@ def _declarations(spec: NodeSpec, found: TeamTree, team: TeamFile) -> dict[str, 
         if node.kind is not Kind.ACTION:
             continue
         known = declared.get(node.subject) or team.declaration(node.subject)
-        extra = found.annotations.get(place, {})
-        if {*LISTS, *VALUES, MAY_FAIL} & extra.keys():
-            known = _annotated(known or Declaration(), extra)
-            known = replace(known, uses=team.shared(known.uses))
+        known = annotated(known, found.annotations.get(place, {}), team)
         if known is not None:
             declared[node.subject] = known
     return declared
-
-
-def _annotated(known: Declaration, extra: Mapping[str, str]) -> Declaration:
-    """`_reads="map; door(1)"`, `_effects="door_open(1); !dark"`, `_may_fail="true"`."""
-    changes: dict[str, Any] = {}
-    for attribute, name in LISTS.items():
-        if attribute in extra:
-            changes[name] = getattr(known, name) | frozenset(_items(extra[attribute]))
-    for attribute, name in VALUES.items():
-        if attribute in extra:
-            values = {t.lstrip("! "): not t.startswith("!") for t in _items(extra[attribute])}
-            changes[name] = {**getattr(known, name), **values}
-    if MAY_FAIL in extra:
-        changes["may_fail"] = known.may_fail or bool(read_boolean(extra[MAY_FAIL]))
-    return replace(known, **changes)
-
-
-def _items(text: str) -> Iterable[str]:
-    return (item.strip() for item in text.split(";") if item.strip())
 
 
 def _independent(spec: NodeSpec, found: TeamTree, named: Collection[str]) -> frozenset[str]:
@@ -191,7 +176,8 @@ def _mission_data(
     actions = list(dict.fromkeys(map(type_name, _subjects(lifted.tree, Kind.ACTION))))
     data["local_tasks"] = {
         task: _only_given(
-            {"parameters": list(given.parameters), "work": given.work}, {"parameters": []}
+            {"parameters": list(given.parameters), **_tree_of(given), "work": given.work},
+            {"parameters": [], "ports": {}},
         )
         for task, given in model.local_tasks.items()
     }
@@ -205,6 +191,13 @@ def _mission_data(
     }
     data["tree"] = tree_data(lifted.tree)
     return data
+
+
+def _tree_of(given: TeamTaskModel) -> dict[str, Any]:
+    """The tree of a unit."""
+    if not isinstance(given, UnitTaskModel):
+        return {}
+    return {"tree": given.tree, "ports": dict(given.ports)}
 
 
 def _only_given(values: dict[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:

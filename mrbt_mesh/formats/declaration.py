@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 class Declaration:
     """What one action does. Names are conditions or anything else that is read or written.
 
-    `requires` must hold for it to succeed; with success `effects` hold, with failure nothing has
-    changed. `writes` are further things that it changes. `uses` are resources of which the team has
-    one: whoever uses it is in the way of others. `may_fail`: even if all that it requires holds.
-    `work` is its duration, in microseconds.
+    `requires` must hold for it to succeed; with success `effects` hold, with failure they are as
+    they were. `writes` are further things that it changes, or may have changed. `uses` are
+    resources of which the team has one: whoever uses it is in the way of others. `may_fail`: even
+    if all that it requires holds. `work` is its duration, in microseconds.
     """
 
     reads: frozenset[str] = frozenset()

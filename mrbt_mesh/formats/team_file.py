@@ -23,7 +23,7 @@ anything.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -62,6 +62,13 @@ class TeamTaskModel(LocalTaskModel):
     may_fail: bool = False
 
 
+class UnitTaskModel(TeamTaskModel):
+    """A local task that is a unit of a tree; no team file has one, `mrbt lift` makes them."""
+
+    tree: str = ""
+    ports: dict[str, str] = {}
+
+
 class ResourceModel(FileModel):
     """Something that actions use: there is one for the team, or every robot has its own."""
 
@@ -83,10 +90,11 @@ class TeamModel(FileModel):
 
 @dataclass(frozen=True)
 class TeamFile:
-    """A team file that has been read."""
+    """A team file that has been read. `declared`: what ground actions do, beside the file."""
 
     model: TeamModel
     file: str
+    declared: Mapping[str, Declaration] = field(default_factory=dict)
 
     def parameters(self, task: str) -> list[str] | None:
         """The parameters of a local-task type; None if there is none of that name."""
@@ -115,18 +123,20 @@ class TeamFile:
         return [
             robot
             for robot in self.model.robots
-            if all(performance(self._capabilities(robot), action) for action in actions)
+            if all(performance(self.capabilities_of(robot), action) for action in actions)
         ]
 
-    def _capabilities(self, robot: str) -> dict[str, int]:
-        """What a robot can do; of a type that is unknown, nothing."""
+    def capabilities_of(self, robot: str) -> dict[str, int]:
+        """What a robot can do, in micro-units; of a type that is unknown, nothing."""
         entry = self.model.robots[robot]
-        own = {} if isinstance(entry, str) else entry.capabilities
-        kind = self.model.robot_types.get(entry if isinstance(entry, str) else entry.type)
-        given = {**(kind.capabilities if kind is not None else {}), **own}
-        return {
-            call_text(*split_template(text)): to_micro(value or 0) for text, value in given.items()
-        }
+        if isinstance(entry, str):
+            return self.capabilities_of_type(entry)
+        return self.capabilities_of_type(entry.type) | _micro(entry.capabilities)
+
+    def capabilities_of_type(self, kind: str) -> dict[str, int]:
+        """What robots of a type can do."""
+        found = self.model.robot_types.get(kind)
+        return _micro(found.capabilities) if found is not None else {}
 
     def work_us(self, ground: str) -> int:
         """How long an action takes a robot of performance 1, in microseconds."""
@@ -134,6 +144,8 @@ class TeamFile:
 
     def declaration(self, ground: str) -> Declaration | None:
         """What the action `name(arguments)` does; None if it declares nothing."""
+        if ground in self.declared:
+            return self.declared[ground]
         name, arguments = split_call(ground)
         task = self.model.local_tasks[name]
         if not task.model_fields_set & set(DECLARES):
@@ -152,6 +164,13 @@ class TeamFile:
             task.may_fail,
             self.work_us(ground),
         )
+
+
+def _micro(capabilities: Mapping[str, float | None]) -> dict[str, int]:
+    return {
+        call_text(*split_template(text)): to_micro(value or 0)
+        for text, value in capabilities.items()
+    }
 
 
 def _filled(text: str, values: Mapping[str, str]) -> str:

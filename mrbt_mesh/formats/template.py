@@ -9,8 +9,12 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.shipped import example_mission, shipped
 
 TEMPLATES = Path(__file__).with_name("template")
-_FILES = ("mission.yaml", "robot.py", "test_mission.py")
-_ROS2_FILES = ("mission.yaml", "robot.py", "ros2.yaml", "virtual_robots.py")
+# By the folder that they are in: what robots they are for.
+_FILES = {
+    "": ("mission.yaml", "robot.py", "test_mission.py"),
+    "ros2": ("mission.yaml", "robot.py", "ros2.yaml", "virtual_robots.py"),
+    "vda5050": ("mission.yaml", "agvs.yaml", "robot.py"),
+}
 # How an example names its robots' program; in a copy, that lies beside the mission.
 _PROGRAM = re.compile(r"\.\./\.\./agents/(\w+\.py)")
 _COMPILED = "__pycache__"
@@ -21,15 +25,14 @@ class FolderInUseError(InputError):
     """The place for the new files is a file, or a folder that has something in it."""
 
 
-def template_files() -> dict[str, str]:
-    """A small mission and robot of the user's own: texts by file name."""
-    return {name: (TEMPLATES / name).read_text(encoding="utf-8") for name in _FILES}
+def template_files(kind: str = "") -> dict[str, str]:
+    """A small mission and robot of the user's own: texts by file name.
 
-
-def ros2_files() -> dict[str, str]:
-    """The same for robots of ROS 2, with virtual ones to begin with: texts by file name."""
-    folder = TEMPLATES / "ros2"
-    return {name: (folder / name).read_text(encoding="utf-8") for name in _ROS2_FILES}
+    `kind`: "ros2" for robots of ROS 2, "vda5050" for those that are AGVs, else robots that have a
+    program of their own.
+    """
+    folder = TEMPLATES / kind
+    return {name: (folder / name).read_text(encoding="utf-8") for name in _FILES[kind]}
 
 
 def example_files(name: str) -> dict[str, str]:

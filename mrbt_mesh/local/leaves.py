@@ -143,6 +143,18 @@ class Leaves:
         """The leaf of this type, else the one for all."""
         return self._leaves.get(name) or self._leaves.get("*")
 
+    def with_conditions(self, conditions: Mapping[str, Callable[..., bool]]) -> Leaves:
+        """A registry with conditions besides, where it has no function of that name.
+
+        Raises LeafError.
+        """
+        result = Leaves(*self._given)
+        result.node_types = self.node_types
+        for name, function in conditions.items():
+            result.condition(name)(function)
+        result._leaves |= self._leaves
+        return result
+
     def names(self) -> list[str]:
         """The registered types, sorted."""
         return sorted([*self._leaves, *self.node_types])

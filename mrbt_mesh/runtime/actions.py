@@ -314,10 +314,12 @@ class ActionRunner:
         program = self._mission.program_trees.get(ground)
         if program is None:
             return self._program.find(name)
+        from mrbt_mesh.runtime.team_leaves import team_leaves
         from mrbt_mesh.runtime.tree_programs import carry_out, made_tree, told_outputs
 
         async def run(context: TaskContext, *arguments: str) -> None:
-            tree = made_tree(program, self._program.leaves, {TaskContext: context})
+            leaves = team_leaves(self._program.leaves, self._mission.conditions)
+            tree = made_tree(program, leaves, {TaskContext: context})
             try:
                 await carry_out(tree, {}, port.report_tree)
             finally:

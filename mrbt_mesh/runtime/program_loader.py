@@ -60,9 +60,11 @@ def check_program(
             needed.setdefault(leaf, f" (in the tree of {name})")
     lacking = [f"local task {name}{of}" for name, of in needed.items() if not program.find(name)]
     for name in sorted(declared & programs.keys()):
+        from mrbt_mesh.runtime.team_leaves import team_leaves
         from mrbt_mesh.runtime.tree_programs import lacking_leaves
 
-        problems = lacking_leaves(programs[name], program.leaves)
+        known = team_leaves(program.leaves, mission.conditions)
+        problems = lacking_leaves(programs[name], known)
         lacking += [f"tree of {name} ({problem})" for problem in problems]
     return sorted(lacking + [f"bid for {name}" for name in by_bid if not program.find_bid(name)])
 

@@ -12,7 +12,6 @@ from mrbt_mesh.formats.shipped import example_mission, examples
 from mrbt_mesh.formats.template import (
     FolderInUseError,
     example_files,
-    ros2_files,
     template_files,
     write_files,
 )
@@ -44,7 +43,7 @@ def test_robots_of_ros_2_and_their_mission_fit_together(
     """Without ROS: the program that robot.py makes when the bridge has found nothing wrong."""
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.setattr(ros2_program, "check_bindings", lambda file: None)
-    written = write_files(tmp_path / "my_team", ros2_files())
+    written = write_files(tmp_path / "my_team", template_files("ros2"))
     assert [path.name for path in written] == [
         *("mission.yaml", "robot.py", "ros2.yaml", "virtual_robots.py")
     ]

@@ -137,6 +137,33 @@ def test_what_a_program_lacks_is_told_before_the_start() -> None:
     assert check_program(RobotProgram(), mission, []) == []
 
 
+@pytest.mark.parametrize(
+    ("held", "order"), [(True, 'part="2" side="left"'), (False, 'a="2" b="left"')]
+)
+def test_a_condition_of_the_team_needs_no_function(
+    held: bool, order: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its ports are the arguments, by name or in their order."""
+    asked = []
+
+    def read_condition(_: Host, name: str) -> bool:
+        asked.append(name)
+        return held
+
+    monkeypatch.setattr(Host, "read_condition", read_condition)
+    xml = XML.replace("<Sequence>", f"<Sequence><Ready {order}/>")
+    mission = mission_of(xml)
+    ready = ConditionType("Ready", ("part", "side"))
+    mission = replace(mission, conditions={**mission.conditions, "Ready": ready})
+    assert check_program(program_of([]), mission, ["look"]) == []
+    end, _ = carried_out(mission, program_of([]))
+    assert (end.success, set(asked)) == (held, {"Ready(2,left)"})
+    # The program's own function goes before.
+    program = program_of([])
+    program.condition("Ready")(lambda **ports: not held)
+    assert carried_out(mission, program)[0].success is not held
+
+
 def test_the_same_in_python(tmp_path: Path) -> None:
     path = tmp_path / "look.xml"
     path.write_text(XML)

@@ -29,41 +29,45 @@ def lift(
         tuple[str, ...],
         option("Children of this node (path or name) do not depend on one another.", "NODE"),
     ] = (),
+    units: Annotated[
+        str | None,
+        option(
+            "Keep together, on one robot, what shares a blackboard: found out (auto), or as a "
+            "file says (.yaml).",
+            "auto|FILE",
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Make a team's mission out of the tree that drives one robot, and explain it.
 
     Every action becomes a global task for one robot (paper, section V-A). What may happen at the
     same time follows from what the actions declare to read, change and need; with no declarations
-    nothing is put in parallel.
+    nothing is put in parallel. With --units, parts that share a blackboard or other things of one
+    robot become local tasks with trees of their own, in a file beside the mission.
 
     Example: mrbt lift examples/lift/repair.xml --robots examples/lift/team.yaml -o mission.yaml
     """
     import click
 
-    from mrbt_mesh.analysis.lift_mission import lift_mission
     from mrbt_mesh.cli.framework.terminal import console, note, print_json, write_file
-    from mrbt_mesh.cli.trees.lifting import (
-        checked_text,
-        known_besides,
-        library_and_tree,
-        mission_name,
-    )
+    from mrbt_mesh.cli.trees.lifting import LiftRequest, lift_files
     from mrbt_mesh.cli.views.lift_view import lifted_data, render_lifted
-    from mrbt_mesh.formats.team_file import load_team
+    from mrbt_mesh.cli.views.units_view import render_units, units_data
 
-    library, name = library_and_tree(file, tree, known_besides(models, trees))
-    team = load_team(robots)
-    found = lift_mission(library, name, team, list(assume_independent), mission_name(file))
-    text = checked_text(found, name, file, robots, output)
-    if output is not None:
-        write_file(output, text)
-    for remark in found.notes:
+    request = LiftRequest(file, robots, output, tree, models, trees, assume_independent, units)
+    done = lift_files(request)
+    for path, text in done.files.items():
+        write_file(path, text)
+    for remark in done.mission.notes:
         note(str(remark))
     if as_json:
-        print_json(lifted_data(found, output))
+        data = lifted_data(done.mission, output)
+        print_json(data | (units_data(done.units) if done.units else {}))
         return
-    console.print(render_lifted(found.lifted), soft_wrap=True)
+    if done.units is not None:
+        console.print(render_units(done.units), soft_wrap=True)
+    console.print(render_lifted(done.mission.lifted), soft_wrap=True)
     if output is not None:
-        count = len(team.model.robots)
-        click.echo(f"written: {output} ({count} robots); run it with: mrbt up {output}")
+        written = " and ".join(map(str, done.files))
+        click.echo(f"written: {written} ({done.robots} robots); run it with: mrbt up {output}")

@@ -14,6 +14,11 @@ def new(
     example: Annotated[
         str | None, option(f"Copy this example: {', '.join(examples())}.", "NAME")
     ] = None,
+    btcpp: Annotated[
+        Path | None,
+        option("Robots that do this BehaviorTree.CPP tree (.xml) as a team.", "FILE"),
+    ] = None,
+    vda5050: Annotated[bool, option("Robots that are AGVs of VDA 5050.")] = False,
     ros2: Annotated[bool, option("For robots of ROS 2, with virtual ones to try it.")] = False,
 ) -> None:
     """Write a small mission and a robot of your own that run at once; or copy an example.
@@ -22,19 +27,21 @@ def new(
     """
     import click
 
+    from mrbt_mesh.cli.trees.new_from_tree import files_from_tree
     from mrbt_mesh.errors import InputError
-    from mrbt_mesh.formats.template import (
-        example_files,
-        ros2_files,
-        template_files,
-        write_files,
-    )
+    from mrbt_mesh.formats.template import example_files, template_files, write_files
 
-    if ros2 and example is not None:
-        raise InputError("give either --example or --ros2")
+    given = {"--example": example, "--btcpp": btcpp, "--vda5050": vda5050, "--ros2": ros2}
+    chosen = [name for name, value in given.items() if value not in (None, False)]
+    if len(chosen) > 1:
+        raise InputError(f"{' and '.join(chosen)}: choose one of them")
     try:
-        files = ros2_files() if ros2 else template_files()
-        files = files if example is None else example_files(example)
+        if example is not None:
+            files = example_files(example)
+        elif btcpp is not None:
+            files = files_from_tree(btcpp)
+        else:
+            files = template_files("vda5050" if vda5050 else "ros2" if ros2 else "")
         written = write_files(folder, files)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror}") from None

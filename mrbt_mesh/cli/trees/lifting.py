@@ -3,18 +3,71 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from mrbt_mesh.analysis.lift_mission import LiftedMission, heading
+from mrbt_mesh.analysis.lift_mission import LiftedMission, heading, lift_mission
+from mrbt_mesh.analysis.lift_units import LiftedUnits, UnitsByHand, lift_units
 from mrbt_mesh.cli.trees.files import read_tree_file
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.formats.btcpp.document import read_document
+from mrbt_mesh.formats.btcpp.document import Document, read_document
 from mrbt_mesh.formats.btcpp.folder import read_folder
 from mrbt_mesh.formats.btcpp.library import Library, together
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.mission_writer import mission_text
 from mrbt_mesh.formats.problems import MissionError, Problem
+from mrbt_mesh.formats.team_file import load_team
+from mrbt_mesh.formats.units_file import load_units
+
+
+@dataclass(frozen=True)
+class LiftRequest:
+    """What the command line says; see `mrbt lift --help`."""
+
+    file: Path
+    robots: Path
+    output: Path | None
+    tree: str | None
+    models: Sequence[Path]
+    folders: Sequence[Path]
+    independent: Sequence[str]
+    units: str | None
+
+
+@dataclass(frozen=True)
+class LiftedFiles:
+    """The mission, in units if that was asked for, and the files to write with their texts."""
+
+    mission: LiftedMission
+    units: LiftedUnits | None
+    robots: int
+    files: Mapping[Path, str]
+
+
+def lift_files(request: LiftRequest) -> LiftedFiles:
+    """Read, lift and check. Raises InputError, TreeFileError and MissionError."""
+    file, output = request.file, request.output
+    others = known_besides(request.models, request.folders)
+    library, tree = library_and_tree(file, request.tree, others)
+    team = load_team(request.robots)
+    name, independent = mission_name(file), request.independent
+    if request.units is None:
+        mission = lift_mission(library, tree, team, independent, name)
+        units, document = None, None
+    else:
+        by_hand = units_by_hand(request.units)
+        beside = units_file(file, output)
+        units = lift_units(library, tree, team, independent, name, by_hand, beside.name)
+        mission, document = units.mission, units.document
+    text = checked_text(mission, tree, file, request.robots, output, document)
+    files = {}
+    if output is not None:
+        files[output] = text
+        if document is not None:
+            files[units_file(file, output)] = document.text()
+    return LiftedFiles(mission, units, len(team.model.robots), files)
 
 
 def known_besides(models: Sequence[Path], folders: Sequence[Path]) -> Library:
@@ -45,12 +98,33 @@ def mission_name(file: Path) -> str:
     return name if name[:1].isalpha() else f"mission_{name}"
 
 
+def units_by_hand(units: str) -> UnitsByHand | None:
+    """What `--units` names: a file, or None for `auto`. Raises MissionError and InputError."""
+    if units == "auto":
+        return None
+    if Path(units).suffix.lower() not in (".yaml", ".yml"):
+        raise InputError(f"--units {units}: is neither auto nor a file that ends in .yaml or .yml")
+    return UnitsByHand(units, load_units(Path(units)))
+
+
+def units_file(file: Path, output: Path | None) -> Path:
+    """Where the trees of units are written: beside the mission."""
+    beside = output if output is not None else file
+    return beside.with_name(f"{beside.stem}_units.xml")
+
+
 def checked_text(
-    found: LiftedMission, tree: str, file: Path, robots: Path, output: Path | None
+    found: LiftedMission,
+    tree: str,
+    file: Path,
+    robots: Path,
+    output: Path | None,
+    units: Document | None = None,
 ) -> str:
     """The mission file's text, with `program` relative to where it is written.
 
-    Raises MissionError if the team file does not fit the tree.
+    `units` are the trees that will be beside it. Raises MissionError if the team file does not fit
+    the tree.
     """
     data = dict(found.data)
     target = output.resolve().parent if output is not None else robots.resolve().parent
@@ -61,7 +135,10 @@ def checked_text(
         data["program"] = f"{os.path.relpath(absolute, target)}{rest}" if colon else program
     text = mission_text(data, heading(tree, file, robots, found.lifted))
     try:
-        mission_from_yaml(text, str(output or "the mission"), target)
+        with tempfile.TemporaryDirectory() as folder:
+            if units is not None:
+                (Path(folder) / units.file).write_text(units.text(), encoding="utf-8")
+            mission_from_yaml(text, str(output or "the mission"), Path(folder))
     except MissionError as error:
         first = Problem(
             str(robots), 0, "", "does not fit the tree; the mission would have these problems"

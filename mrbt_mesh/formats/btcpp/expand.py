@@ -40,12 +40,50 @@ SCRIPT_PORTS = {"Script": "code", "ScriptCondition": "code", "Precondition": "if
 
 
 @dataclass(slots=True)
+class Scope:
+    """The blackboard of one SubTree, seen from the one blackboard.
+
+    `remapped`: keys that stand for keys of the outer one; `own`: keys that were given constants.
+    """
+
+    prefix: str
+    outer: Scope | None = None
+    autoremap: bool = False
+    remapped: dict[str, str] = field(default_factory=dict)
+    own: set[str] = field(default_factory=set)
+
+    def entry(self, key: str) -> str:
+        """The name of entry `key` on the one blackboard."""
+        if key.startswith("@"):
+            return key[1:]
+        if self.outer is None or key in self.own:
+            return self.prefix + key
+        if key in self.remapped:
+            return self.outer.entry(self.remapped[key])
+        if self.autoremap and not key.startswith("_"):
+            return self.outer.entry(key)
+        return self.prefix + key
+
+    def names_of(self, entry: str) -> list[str]:
+        """The keys by which an entry of the one blackboard is known here; none if it is not."""
+        keys = [entry.removeprefix(self.prefix)] if entry.startswith(self.prefix) else []
+        if self.outer is not None:
+            outside = set(self.outer.names_of(entry))
+            keys += [key for key, outer_key in self.remapped.items() if outer_key in outside]
+            keys += sorted(outside) if self.autoremap else []
+        return [key for key in dict.fromkeys(keys) if self.entry(key) == entry]
+
+
+# Attributes: what stands at a node of a file, flat, since every reader wants some of it.
+@dataclass(slots=True)
 class ExpandedNode:
     """A node of the expanded tree; pointers and scripts name entries of the one blackboard.
 
     A SubTree has the tree that it stands for as its one child, or none if there is no such tree.
     `is_guessed` says that the category is a guess: a compact node without a model. `metadata` are
-    the attributes that BehaviorTree.CPP keeps and ignores.
+    the attributes that BehaviorTree.CPP keeps and ignores. `element` is the node in its file, where
+    it names entries as its blackboard, `scope`, does. `call`: the task that a team has in its
+    place.
     """
 
     type: str
@@ -57,8 +95,11 @@ class ExpandedNode:
     ports: dict[str, str]
     conditions: dict[str, str]
     is_guessed: bool
+    element: Element
+    scope: Scope
     metadata: dict[str, str] = field(default_factory=dict)
     children: list[ExpandedNode] = field(default_factory=list)
+    call: str = ""
 
     def walk(self) -> Iterator[ExpandedNode]:
         """This node and all below it, in preorder."""
@@ -88,36 +129,13 @@ def constant_value(text: str) -> Value:
     return float(text) if _REAL.fullmatch(text) else text
 
 
-@dataclass(slots=True)
-class _Scope:
-    """The blackboard of one SubTree, seen from the one blackboard."""
-
-    prefix: str
-    outer: _Scope | None = None
-    autoremap: bool = False
-    remapped: dict[str, str] = field(default_factory=dict)
-    own: set[str] = field(default_factory=set)
-
-    def entry(self, key: str) -> str:
-        """The name of entry `key` on the one blackboard."""
-        if key.startswith("@"):
-            return key[1:]
-        if self.outer is None or key in self.own:
-            return self.prefix + key
-        if key in self.remapped:
-            return self.outer.entry(self.remapped[key])
-        if self.autoremap and not key.startswith("_"):
-            return self.outer.entry(key)
-        return self.prefix + key
-
-
 def expand(library: Library, tree: str) -> ExpandedTree:
     """The tree called `tree` with all its SubTrees.
 
     Raises TreeFileError for trees that contain themselves, and for more than `MAX_NODES` nodes.
     """
     expansion = _Expansion(library)
-    root = expansion.tree(tree, _Scope(""), (tree,), tree, 1)
+    root = expansion.tree(tree, Scope(""), (tree,), tree, 1)
     return ExpandedTree(root, expansion.constants)
 
 
@@ -129,7 +147,7 @@ class _Expansion:
         self.subtrees = 0
 
     def tree(
-        self, tree: str, scope: _Scope, trees: tuple[str, ...], path: str, depth: int
+        self, tree: str, scope: Scope, trees: tuple[str, ...], path: str, depth: int
     ) -> ExpandedNode:
         source = self.library.trees[tree]
         children = source.element.children
@@ -142,7 +160,7 @@ class _Expansion:
     def node(
         self,
         element: Element,
-        scope: _Scope,
+        scope: Scope,
         trees: tuple[str, ...],
         above: str,
         file: str,
@@ -170,6 +188,8 @@ class _Expansion:
             },
             {key: _script(value, scope) for key, value in conditions(element).items()},
             self.library.model(name) is None and element.tag not in EXPLICIT_TAGS,
+            element,
+            scope,
             metadata(element),
         )
         if category is Category.SUBTREE:
@@ -185,19 +205,19 @@ class _Expansion:
             node.children.append(self.node(child, scope, trees, path, file, depth + 1))
         return node
 
-    def resolved(self, name: str, port: str, value: str, scope: _Scope) -> str:
+    def resolved(self, name: str, port: str, value: str, scope: Scope) -> str:
         """A port's value with the entry that it points to, or that its script names."""
         key = pointer(value, port)
         if key is not None:
             return f"{{{scope.entry(key)}}}"
         return _script(value, scope) if SCRIPT_PORTS.get(name) == port else value
 
-    def inner_scope(self, element: Element, name: str, outer: _Scope) -> _Scope:
+    def inner_scope(self, element: Element, name: str, outer: Scope) -> Scope:
         """The blackboard of a SubTree: what its attributes and its model's defaults remap."""
         self.subtrees += 1
         safe = re.sub(r"\W", "_", name)
         autoremap = read_boolean(element.get("_autoremap", "false")) or False
-        scope = _Scope(f"{safe}_{self.subtrees}__", outer, autoremap)
+        scope = Scope(f"{safe}_{self.subtrees}__", outer, autoremap)
         given = ports(element)
         model = self.library.subtree_models.get(name)
         if model is not None and not autoremap:
@@ -214,7 +234,7 @@ class _Expansion:
         return scope
 
 
-def _script(text: str, scope: _Scope) -> str:
+def _script(text: str, scope: Scope) -> str:
     """A script whose names are those of the one blackboard; one that cannot be read stays."""
     try:
         script = parse(text)

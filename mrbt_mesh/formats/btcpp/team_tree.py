@@ -21,12 +21,8 @@ from mrbt_mesh.formats.btcpp.document import (
     pointer,
     read_boolean,
 )
-from mrbt_mesh.formats.btcpp.expand import (
-    SCRIPT_PORTS,
-    ExpandedNode,
-    ExpandedTree,
-    expand,
-)
+from mrbt_mesh.formats.btcpp.entries import access_below
+from mrbt_mesh.formats.btcpp.expand import ExpandedNode, ExpandedTree, expand
 from mrbt_mesh.formats.btcpp.library import Library
 from mrbt_mesh.formats.btcpp.script import (
     Binary,
@@ -123,7 +119,16 @@ def to_team_tree(
     `unknown_leaves` says which, or it is one of `conditions`. Raises TreeFileError if the tree
     cannot be expanded.
     """
-    expanded = expand(library, tree)
+    return translated(library, expand(library, tree), unknown_leaves, conditions)
+
+
+def translated(
+    library: Library,
+    expanded: ExpandedTree,
+    unknown_leaves: Category | None = None,
+    conditions: Collection[str] = (),
+) -> TeamTree:
+    """As `to_team_tree`, of a tree that has been expanded; what has a `call` is a task."""
     translation = _Translation(library, expanded, unknown_leaves, conditions)
     spec = translation.node(expanded.root)
     if not translation.refusals and spec is not None:
@@ -168,7 +173,7 @@ class _Translation:
         self.notes: list[Problem] = []
         self.keepers = _keepers(tree.root)
         self.yielding: set[str] = set()
-        self.written = self.written_entries(tree.root)
+        self.written = access_below([tree.root], library).writes
 
     def refuse(self, node: ExpandedNode, reason: str) -> None:
         self.refusals.append(Problem(node.file, node.line, node.path, f"{node.type}: {reason}"))
@@ -176,34 +181,11 @@ class _Translation:
     def note(self, node: ExpandedNode, text: str) -> None:
         self.notes.append(Problem(node.file, node.line, node.path, f"{node.type}: {text}"))
 
-    def written_entries(self, root: ExpandedNode) -> set[str]:
-        """The blackboard entries that any node writes, or might: unknown nodes can."""
-        written: set[str] = set()
-        for node in root.walk():
-            scripts = [*node.conditions.values(), node.ports.get(SCRIPT_PORTS.get(node.type, ""))]
-            for script in filter(None, scripts):
-                try:
-                    written |= parse(script).written
-                except ScriptError:
-                    continue
-            for name, value in node.ports.items():
-                key = pointer(value)
-                if key is not None and self.may_write(node, name):
-                    written.add(key)
-            if node.type in ("SetBlackboard", "UnsetBlackboard"):
-                key = node.ports.get("output_key", "") or node.ports.get("key", "")
-                written.add(pointer(key) or key)
-        return written
-
-    def may_write(self, node: ExpandedNode, port_name: str) -> bool:
-        if node.category is Category.SUBTREE:
-            return False
-        model = self.library.model(node.type)
-        port = model.ports.get(port_name) if model else None
-        return port is None or port.direction is not Direction.INPUT
-
     def node(self, node: ExpandedNode) -> NodeSpec | None:
         """The node's spec, or None once it or something below it has been refused."""
+        if node.call:
+            name = node.name if node.name not in (node.type, node.call) else ""
+            return NodeSpec(Kind.ACTION, name=name, subject=node.call)
         self.refuse_conditions(node)
         children = [] if node.type in _REASONS else [self.node(child) for child in node.children]
         try:

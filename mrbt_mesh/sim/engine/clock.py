@@ -226,6 +226,10 @@ class VirtualLoop(asyncio.SelectorEventLoop):
     ) -> asyncio.TimerHandle:
         self._clock.touched = True
         gate = current_gate.get()
+        # Who asks for a part of a microsecond and then looks at `time` would ask for ever.
+        now_s = self.time()
+        if now_s < when < now_s + 1 / MICRO:
+            when = now_s + 1 / MICRO
         if gate is None or when == math.inf:
             return super().call_at(when, callback, *args, context=context)
         due_us = gate.waited(round(when * MICRO))

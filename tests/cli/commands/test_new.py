@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
+import ast
+import subprocess
+import sys
 from pathlib import Path
 
+import pytest
+
+from mrbt_mesh.adapters.vda5050.layout_file import load_layout
+from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.runtime.program_loader import check_program, load_program
+from mrbt_mesh.sim import simulate
 from tests.support.command import mrbt
+from tests.support.paths import ROOT
+
+TREES = sorted((ROOT / "examples" / "robot_trees").glob("*/*.xml"))
 
 
 def test_new_writes_a_valid_mission_and_spares_what_is_there(tmp_path: Path) -> None:
@@ -26,4 +38,104 @@ def test_new_for_robots_of_ros_2(tmp_path: Path) -> None:
     assert mrbt("validate", str(folder / "mission.yaml"))[0] == 0
     code, _, problems = mrbt("new", "--ros2", "--example", "couriers", str(tmp_path / "other"))
     assert code == 2
-    assert "either --example or --ros2" in problems
+    assert "--example and --ros2: choose one of them" in problems
+
+
+@pytest.mark.parametrize("tree", [t for t in TREES if t.stem != "nodes"], ids=lambda t: t.stem)
+def test_a_tree_of_ones_own_becomes_a_team_with_functions_to_fill_in(
+    tree: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    folder = tmp_path / "mine"
+    code, output, problems = mrbt("new", str(folder), "--btcpp", str(tree))
+    assert code == 0, problems
+    assert f"now: mrbt up {folder / 'mission.yaml'}" in output
+    written = {path.name for path in folder.iterdir()}
+    assert written >= {tree.name, "team.yaml", "mission.yaml", "mission_units.xml", "robot.py"}
+    ast.parse((folder / "test_mission.py").read_text())
+    mission = load_mission(folder / "mission.yaml")
+    assert mission.program == str((folder / "robot.py").resolve())
+    program = load_program(mission.program)
+    for robot in mission.robots.values():
+        assert check_program(program, mission, robot.capabilities) == []
+    # It is what `mrbt lift` writes for the files that lie there.
+    again = folder / "again.yaml"
+    lifted = ("--robots", str(folder / "team.yaml"), "--units", "auto", "-o", str(again))
+    assert mrbt("lift", str(folder / tree.name), *lifted)[0] == 0
+    text = again.read_text().replace("again_units", "mission_units")
+    # Lines are broken where names are longer.
+    assert text.split() == (folder / "mission.yaml").read_text().split()
+
+
+MODELS = """<root BTCPP_format="4" main_tree_to_execute="M">
+<BehaviorTree ID="M"><Sequence>
+  <Ready/><Look-At at="{p}" n="{n}"/><Go to="{p}" lambda="3"/><ScriptCondition code="n == 1"/>
+</Sequence></BehaviorTree>
+<TreeNodesModel>
+  <Condition ID="Ready"/>
+  <Action ID="Look-At"><output_port name="at"/><output_port name="n" type="int"/></Action>
+  <Action ID="Go"><input_port name="to"/><input_port name="lambda"/></Action>
+</TreeNodesModel></root>"""
+
+
+def test_functions_write_the_ports_that_models_describe(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "mission.xml").write_text(MODELS)
+    folder = tmp_path / "mine"
+    code, _, problems = mrbt("new", str(folder), "--btcpp", str(tmp_path / "mission.xml"))
+    assert code == 0, problems
+    text = (folder / "robot.py").read_text()
+    assert '@robot.condition("Ready")\ndef ready() -> bool:' in text
+    assert "async def look_at(at: Out[object], n: Out[int]) -> None:" in text
+    assert "async def go(**ports: object) -> None:" in text
+    mission = load_mission(folder / "mission.yaml")
+    assert mission.program is not None
+    assert simulate(mission, load_program(mission.program), seed=1).result == "success"
+    plugins = ("-p", "mrbt_mesh.pytest_plugin", "-p", "no:cacheprovider")
+    words = [sys.executable, "-m", "pytest", "-q", *plugins, "test_mission.py"]
+    run = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stdout
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("<root>", "not well-formed"),
+        ('<root BTCPP_format="4"><BehaviorTree ID="A"><Go/></BehaviorTree>'
+         '<BehaviorTree ID="B"><Go/></BehaviorTree></root>', "no tree is named as the main one"),
+        ('<root BTCPP_format="4"><BehaviorTree ID="A"><SubTree ID="Gone"/></BehaviorTree></root>',
+         "there is no tree 'Gone'; name its file"),
+    ],
+)  # fmt: skip
+def test_a_tree_that_cannot_be_used_is_told(tmp_path: Path, text: str, message: str) -> None:
+    tree = tmp_path / "tree.xml"
+    tree.write_text(text)
+    code, _, problems = mrbt("new", str(tmp_path / "mine"), "--btcpp", str(tree))
+    assert code == 2
+    assert message in problems.replace("\n", " ")
+    assert "Traceback" not in problems
+    assert not (tmp_path / "mine").exists()
+
+
+def test_a_fleet_of_agvs(tmp_path: Path) -> None:
+    folder = tmp_path / "fleet"
+    code, _, problems = mrbt("new", str(folder), "--vda5050")
+    assert code == 0, problems
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "agvs.yaml",
+        "mission.yaml",
+        "robot.py",
+    ]
+    assert mrbt("validate", str(folder / "mission.yaml"))[0] == 0
+    mission = load_mission(folder / "mission.yaml")
+    layout = load_layout(folder / "agvs.yaml")
+    assert set(layout.vehicles) == set(mission.robots)
+    assert set(layout.tasks) == {"fetch"}
+
+
+def test_one_thing_at_a_time(tmp_path: Path) -> None:
+    code, _, problems = mrbt("new", str(tmp_path / "x"), "--vda5050", "--example", "couriers")
+    assert code == 2
+    assert "--example and --vda5050: choose one of them" in problems

@@ -38,6 +38,22 @@ def test_days_pass_without_waiting_and_to_the_microsecond() -> None:
     assert seen == [1, 100_001, 3_800_001, base + 3_800_001, base + 3_800_004]
 
 
+@pytest.mark.parametrize("is_robots", [False, True])
+def test_a_time_limit_that_is_no_whole_microsecond_ends(is_robots: bool) -> None:
+    """The limit's timer is due before the limit, and is asked for again."""
+    clock = VirtualClock()
+
+    async def main() -> None:
+        if is_robots:
+            current_gate.set(Gate(LocalClock(clock)))
+        with anyio.move_on_after(1 / 3) as scope:
+            await anyio.sleep_forever()
+        assert scope.cancelled_caught
+        assert clock.now_us in (333_333, 333_334)
+
+    run(clock, main)
+
+
 def test_events_and_timers_happen_in_the_order_of_time_then_of_scheduling() -> None:
     clock = VirtualClock()
     seen: list[tuple[int, str]] = []

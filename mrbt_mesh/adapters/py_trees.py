@@ -1,0 +1,160 @@
+"""A tree of py_trees as a local task of a robot's program.
+
+    from mrbt_mesh.adapters.py_trees import local_task
+
+    def fetch() -> py_trees.behaviour.Behaviour: ...
+
+    robot.local_task("fetch")(local_task(fetch, arguments=["goal"]))
+
+Needs the extra `py_trees`. docs/robot_trees.md says how such a tree is run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import anyio
+
+from mrbt_mesh.errors import InputError, TaskFailedError
+from mrbt_mesh.runtime.program import ProgramError, TaskContext, TaskFunction
+
+if TYPE_CHECKING:
+    from py_trees.behaviour import Behaviour
+    from py_trees.trees import BehaviourTree
+
+    Tree: TypeAlias = Behaviour | BehaviourTree
+
+EXTRA = "py_trees"
+RATE_HZ = 10.0
+
+
+def require_extra() -> None:
+    """Raises InputError without the library."""
+    try:
+        import py_trees.trees  # noqa: F401
+    except ImportError:
+        raise InputError(
+            "trees of py_trees need the library py_trees; install it with: "
+            f"pip install 'mrbt-mesh[{EXTRA}]'"
+        ) from None
+
+
+def local_task(
+    tree: Tree | Callable[[], Tree],
+    *,
+    arguments: Sequence[str] = (),
+    rate_hz: float = RATE_HZ,
+) -> TaskFunction:
+    """A function for `RobotProgram.local_task` that runs a tree of py_trees.
+
+    `tree` is a function that makes one for each run, or one tree that every run uses in turn.
+    `arguments` are the blackboard's keys for the local task's arguments, in order. The tree is
+    ticked `rate_hz` times a second until its root is SUCCESS or FAILURE; a failure has the feedback
+    message of the behaviour that decided it. Cancelled, the tree is stopped with INVALID.
+
+    Every run has a blackboard of its own. `setup` of the behaviours gets `task`, the TaskContext.
+    Raises InputError without the extra, and ProgramError for what is no tree or no rate.
+    """
+    require_extra()
+    if rate_hz <= 0:
+        raise ProgramError(f"rate_hz is ticks a second, above 0, not {rate_hz!r}")
+    if not callable(tree):
+        _as_tree(tree)
+    running = False
+
+    async def run(task: TaskContext, *values: str) -> None:
+        nonlocal running
+        if len(values) != len(arguments):
+            raise ProgramError(
+                f"{task.local_task} has {len(values)} arguments, and its tree of py_trees names "
+                f"{len(arguments)}: local_task(..., arguments=[...])"
+            )
+        if running and not callable(tree):
+            raise ProgramError("the tree runs already; give local_task a function that makes one")
+        running = True
+        try:
+            named = zip(arguments, values, strict=True)
+            keys = {f"/{name.lstrip('/')}": value for name, value in named}
+            await _Run(keys, callable(tree)).to_the_end(tree, task, 1 / rate_hz)
+        finally:
+            running = False
+
+    return run
+
+
+def _as_tree(given: Any) -> BehaviourTree:
+    from py_trees.behaviour import Behaviour
+    from py_trees.trees import BehaviourTree
+
+    if isinstance(given, BehaviourTree):
+        return given
+    if isinstance(given, Behaviour):
+        return BehaviourTree(given)
+    raise ProgramError(f"a Behaviour or BehaviourTree of py_trees is expected, not {given!r:.80}")
+
+
+class _Run:
+    """One run, with the blackboard that py_trees has only one of in a process.
+
+    A tree that is made for the run has clients of its own as well: what each of them alone may
+    write, other robots' trees may too.
+    """
+
+    def __init__(self, storage: dict[str, Any], is_made: bool) -> None:
+        self.own: dict[str, Any] = {"storage": storage}
+        if is_made:
+            self.own |= {"metadata": {}, "clients": {}}
+
+    @contextmanager
+    def blackboard(self) -> Iterator[None]:
+        """Whatever is done here finds this run's entries. Nothing here may wait."""
+        from py_trees.blackboard import Blackboard
+
+        others = {name: getattr(Blackboard, name) for name in self.own}
+        for name, value in self.own.items():
+            setattr(Blackboard, name, value)
+        try:
+            yield
+        finally:
+            for name, value in others.items():
+                setattr(Blackboard, name, value)
+
+    async def to_the_end(
+        self, given: Tree | Callable[[], Tree], task: TaskContext, period_s: float
+    ) -> None:
+        from py_trees.common import Status
+
+        with self.blackboard():
+            tree = _as_tree(given() if callable(given) else given)
+            tree.setup(task=task)
+        try:
+            await self.tick(tree, period_s)
+        finally:
+            with self.blackboard():
+                tree.root.stop(Status.INVALID)
+                tree.shutdown()
+
+    async def tick(self, tree: BehaviourTree, period_s: float) -> None:
+        from py_trees.common import Status
+
+        due_s = anyio.current_time()
+        while True:
+            with self.blackboard():
+                tree.tick()
+                status = tree.root.status
+            if status is Status.SUCCESS:
+                return
+            if status is not Status.RUNNING:
+                raise TaskFailedError(_reason(tree))
+            # A tick that took too long is not made up for.
+            due_s = max(due_s + period_s, anyio.current_time())
+            await anyio.sleep_until(due_s)
+
+
+def _reason(tree: BehaviourTree) -> str:
+    """What the behaviour says that decided the failure, else who that was."""
+    tip = tree.tip() or tree.root
+    said = tip.feedback_message or tree.root.feedback_message
+    return f"{tip.name}: {said}" if said else f"{tip.name} ended as {tip.status.value}"

@@ -1,0 +1,164 @@
+"""A mission and a robot of one's own out of a BehaviorTree.CPP file, as `mrbt new --btcpp` writes.
+
+The tree is lifted in units for three robots, and each of its leaves is a function that takes time
+and succeeds: what is to be filled in.
+"""
+
+from __future__ import annotations
+
+import keyword
+import re
+import tempfile
+from pathlib import Path
+
+from mrbt_mesh.cli.trees.files import read_tree_file
+from mrbt_mesh.cli.trees.lifting import LiftRequest, library_and_tree, lift_files
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
+from mrbt_mesh.formats.btcpp.document import LEAVES, Category, Direction, NodeManifest, pointer
+from mrbt_mesh.formats.btcpp.expand import ExpandedNode, expand
+from mrbt_mesh.formats.btcpp.export import explicit
+from mrbt_mesh.formats.btcpp.library import Library
+from mrbt_mesh.formats.btcpp.loadable import loadable
+
+_TYPES = {
+    "int": "int",
+    "unsigned": "int",
+    "unsigned int": "int",
+    "int64_t": "int",
+    "double": "float",
+    "float": "float",
+    "bool": "bool",
+    "std::string": "str",
+}
+_VALUES = {"int": "1", "float": "1.0", "bool": "True"}
+_TEXT = '"..."'
+
+TEAM = """\
+# The team that {tree} is for. Lift it again after a change:
+#
+#     mrbt lift {tree} --robots team.yaml --units auto -o mission.yaml
+#
+# What `local_tasks`, `conditions` and `capabilities` may say is in docs/lift.md.
+
+program: robot.py
+local_tasks: {{}}
+robot_types: {{robot: {{capabilities: {{}}}}}}
+robots: {{R1: robot, R2: robot, R3: robot}}
+"""
+TEST = '''\
+"""What the team must do, in virtual time and with faults. Run it with `pytest`."""
+
+from mrbt_mesh.testing import Kill, RunMission
+
+
+def test_whoever_dies_is_replaced(run_mission: RunMission) -> None:
+    usual = run_mission("mission.yaml")
+    run = run_mission("mission.yaml", faults=[(1, Kill("R1"))])
+    assert run.result == usual.result
+'''
+_HEAD = '''\
+"""What a robot does for the leaves of {tree}: one function for each of them."""
+
+import anyio
+
+from mrbt_mesh import RobotProgram
+{imports}
+robot = RobotProgram(record_work=True)  # starts and ends stand in the run's events.jsonl
+'''
+
+
+def files_from_tree(file: Path) -> dict[str, str]:
+    """The texts by file name. Raises InputError, TreeFileError and MissionError."""
+    library, findings = read_tree_file(file)
+    findings.raise_errors()
+    _, main = library_and_tree(file, None, Library())
+    if library.missing_files:
+        missing = ", ".join(library.missing_files)
+        raise InputError(f"{file}: what it includes cannot be read: {missing}")
+    tree = f"{re.sub(r'[^A-Za-z0-9_-]', '_', file.stem)}.xml"
+    document = loadable(explicit(library, is_merged=True))
+    document.root.attributes["main_tree_to_execute"] = main
+    files = {
+        tree: document.text(),
+        "team.yaml": TEAM.format(tree=tree),
+        "robot.py": program_text(library, main, tree),
+        "test_mission.py": TEST,
+    }
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for path, text in files.items():
+            (folder / path).write_text(text, encoding="utf-8")
+        mission = folder / "mission.yaml"
+        request = LiftRequest(
+            folder / tree, folder / "team.yaml", mission, main, (), (), (), "auto"
+        )
+        lifted = {path.name: text for path, text in lift_files(request).files.items()}
+    return {**lifted, **files}
+
+
+def program_text(library: Library, tree: str, file: str) -> str:
+    """A robot's program with a function for each leaf of a tree."""
+    leaves: dict[str, list[ExpandedNode]] = {}
+    for node in expand(library, tree).root.walk():
+        if node.category in LEAVES and node.type not in BUILTIN:
+            leaves.setdefault(node.type, []).append(node)
+    functions = [_function(name, uses, library) for name, uses in leaves.items()]
+    body = "\n\n".join(functions)
+    used = [name for name in ("InOut", "Out") if re.search(rf": {name}\b", body)]
+    imports = f"from mrbt_mesh.local import {', '.join(used)}\n" if used else ""
+    return f"{_HEAD.format(tree=file, imports=imports)}\n\n{body}"
+
+
+def _function(name: str, uses: list[ExpandedNode], library: Library) -> str:
+    model = library.model(name)
+    ports = _ports(uses, model)
+    called = re.sub(r"\W+", "_", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)).lower()
+    called = f"do_{called}" if keyword.iskeyword(called) or not called.isidentifier() else called
+    is_plain = all(port.isidentifier() and not keyword.iskeyword(port) for port in ports)
+    parameters = ", ".join(_parameter(port, *ports[port]) for port in ports)
+    if not is_plain:
+        parameters = "**ports: object"
+    if uses[0].category is Category.CONDITION:
+        return (
+            f'@robot.condition("{name}")\ndef {called}({parameters}) -> bool:\n'
+            f"    return True  # in place of a look at the world\n"
+        )
+    lines = [
+        f'@robot.action("{name}")',
+        f"async def {called}({parameters}) -> None:",
+        "    await anyio.sleep(1)  # in place of the robot's work; to fail, raise TaskFailedError",
+    ]
+    for port, (direction, kind, _) in ports.items() if is_plain else ():
+        if direction is Direction.OUTPUT:
+            lines.append(f"    {port}.set({_VALUES.get(kind, _TEXT)})")
+        elif direction is Direction.INOUT:
+            lines.append(f"    # {port}.set(...), if it writes that port")
+    return "\n".join(lines) + "\n"
+
+
+def _ports(
+    uses: list[ExpandedNode], model: NodeManifest | None
+) -> dict[str, tuple[Direction, str, bool]]:
+    """Each port with its direction, its type in Python, and whether it may be missing.
+
+    Without a model, one that only ever points to entries may be written.
+    """
+    found: dict[str, tuple[Direction, str, bool]] = {}
+    for port in model.ports.values() if model else ():
+        missing = any(port.name not in use.ports for use in uses) and port.default is None
+        found[port.name] = (port.direction, _TYPES.get(port.type, ""), missing)
+    for name in (name for use in uses for name in use.ports):
+        missing = any(name not in use.ports for use in uses)
+        texts = [use.element.get(name) for use in uses if name in use.ports]
+        is_entry = all(pointer(text, name) is not None for text in texts)
+        direction = Direction.INOUT if is_entry else Direction.INPUT
+        found.setdefault(name, (direction, "", missing))
+    return dict(sorted(found.items(), key=lambda item: item[1][2]))
+
+
+def _parameter(name: str, direction: Direction, kind: str, may_miss: bool) -> str:
+    shape = {Direction.OUTPUT: "Out", Direction.INOUT: "InOut"}.get(direction, "")
+    inner = kind or "object"
+    annotation = f"{shape}[{inner}]" if shape else inner
+    return f"{name}: {annotation}" + (" | None = None" if may_miss and not shape else "")

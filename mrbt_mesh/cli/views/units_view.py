@@ -1,0 +1,80 @@
+"""How a tree was split into units, for people and as data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from mrbt_mesh.analysis.lift_units import LiftedUnits
+from mrbt_mesh.analysis.unit_tasks import UnitUse
+from mrbt_mesh.analysis.units import Piece
+
+
+def units_data(found: LiftedUnits) -> dict[str, Any]:
+    """What `mrbt lift --units --json` prints besides; the keys are documented in docs/lift.md."""
+    return {
+        "units": [_unit_data(use) for use in found.tasks.uses],
+        "cuts": [
+            {"path": path, "first": first, "second": second, "reason": reason}
+            for path, first, second, reason in _cuts(found)
+        ],
+    }
+
+
+def _unit_data(use: UnitUse) -> dict[str, Any]:
+    return {
+        "call": use.call,
+        "tree": use.task.tree,
+        "nodes": [node.path for node in use.piece.nodes],
+        "line": use.piece.nodes[0].line,
+        "reasons": list(use.piece.reasons),
+    }
+
+
+def _cuts(found: LiftedUnits) -> Iterator[tuple[str, str, str, str]]:
+    for piece in found.split.walk():
+        for first, second, reason in piece.cuts:
+            yield piece.nodes[0].path, first, second, reason
+
+
+def render_units(found: LiftedUnits) -> RenderableType:
+    """Every unit with why it stays together, and every cut with why it can be made."""
+    count = len(found.tasks.uses)
+    units = f"{count} units, each" if count != 1 else "1 unit,"
+    lines = [Text(f"{units} carried out by one robot with a blackboard of its own:", "bold")]
+    for use in found.tasks.uses:
+        (first, *_) = use.piece.nodes
+        names = f"  {first.path}:{first.line}"
+        lines.append(Text.assemble(("■", "bold cyan"), " ", (use.call, "bold"), (names, "dim")))
+        if len(use.piece.nodes) > 1:
+            inside = ", ".join(node.name for node in use.piece.nodes)
+            lines.append(Text(f"      {inside}"))
+        lines += [Text(f"      together: {reason}", "dim") for reason in use.piece.reasons]
+    calls = {id(use.piece): use.call for use in found.tasks.uses}
+    cuts = [line for piece in found.split.walk() for line in _cut_lines(piece, calls)]
+    if cuts:
+        lines += [Text(), Text("Cut apart, for different robots:", "bold"), *cuts]
+    if found.mission.lifted.decisions:
+        lines += [Text(), Text("Between them:", "bold")]
+    return Group(*lines)
+
+
+def _cut_lines(piece: Piece, calls: Mapping[int, str]) -> Iterator[Text]:
+    """The children of one node, with each reason once."""
+    path = piece.nodes[0].path
+    names = [calls.get(id(child), child.label) for child in piece.children]
+    reasons = [reason for _, _, reason in piece.cuts]
+    for reason in dict.fromkeys(reasons):
+        runs = [[names[0]]]
+        for name, own in zip(names[1:], reasons, strict=True):
+            if own == reason:
+                runs[-1].append(name)
+            else:
+                runs.append([name])
+        for run in runs:
+            if len(run) > 1:
+                pair = " | ".join(run)
+                yield Text.assemble(("✂", "green"), " ", pair, (f"  {path}: {reason}", "dim"))
