@@ -15,6 +15,6 @@ settings.register_profile(
     print_blob=True,
     suppress_health_check=[HealthCheck.too_slow],
     # `make test-long` tries more.
-    max_examples=int(os.environ.get("MRBT_EXAMPLES", "25")),
+    max_examples=int(os.environ.get("MRBT_EXAMPLES", "15")),
 )
 settings.load_profile("project")

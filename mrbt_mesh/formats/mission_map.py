@@ -32,20 +32,26 @@ def map_view(mission: Mission) -> dict[str, Any] | None:
     return {"lines": lines, "places": places} if lines or places else None
 
 
-def tells_of_places(mission: Mission) -> bool:
-    """Whether `place_states` says anything of this mission's places."""
-    return any(map(_is_told, _places(mission).values()))
+def told_places(mission: Mission) -> dict[str, Mapping[str, Any]]:
+    """The places that say what tells of their state, by name."""
+    return {
+        name: place
+        for name, place in _places(mission).items()
+        if any(place.get(key) for key in TOLD_BY)
+    }
 
 
-def place_states(facts: TeamFacts, has_succeeded: Callable[[str], bool]) -> dict[str, str]:
-    """Place -> `unknown`, `good` or `bad`, for places that say what tells.
+def place_states(
+    places: Mapping[str, Mapping[str, Any]],
+    facts: TeamFacts,
+    has_succeeded: Callable[[str], bool],
+) -> dict[str, str]:
+    """Place -> `unknown`, `good` or `bad`, of `told_places`.
 
     `has_succeeded`: of a global task, false for what is none.
     """
     found = {}
-    for name, place in _places(facts.mission).items():
-        if not _is_told(place):
-            continue
+    for name, place in places.items():
         bad, checked, mended = (place.get(key) for key in TOLD_BY)
         if isinstance(mended, str) and has_succeeded(mended):
             found[name] = "good"
@@ -55,10 +61,6 @@ def place_states(facts: TeamFacts, has_succeeded: Callable[[str], bool]) -> dict
             is_good = isinstance(checked, str) and has_succeeded(checked)
             found[name] = "good" if is_good else "unknown"
     return found
-
-
-def _is_told(place: Mapping[str, Any]) -> bool:
-    return any(place.get(key) for key in TOLD_BY)
 
 
 def _holds(facts: TeamFacts, condition: str) -> bool:

@@ -9,7 +9,7 @@ from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Plan
-from mrbt_mesh.formats.mission_map import place_states
+from mrbt_mesh.formats.mission_map import place_states, told_places
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.encoding import MessageSink
 from mrbt_mesh.recording.fact_log import FactLog
@@ -40,6 +40,7 @@ class ObserverRecorder:
         self._nodes = ""
         self._robots: dict[str, tuple[Any, ...]] = {}
         self._scene = TeamScene(observer.mission, writer.epoch_ns)
+        self._told_places = told_places(observer.mission)
         self._places_from: tuple[int, Plan | None] = (-1, None)
 
     def message(self, kind: MessageKind, source: str, data: bytes, now_us: int) -> None:
@@ -81,7 +82,8 @@ class ObserverRecorder:
         if causes[0] != self._places_from[0] or causes[1] is not self._places_from[1]:
             self._places_from = causes
             tasks = observer.record.task_log
-            self._scene.see_places(place_states(observer.facts, tasks.has_succeeded))
+            states = place_states(self._told_places, observer.facts, tasks.has_succeeded)
+            self._scene.see_places(states)
 
     def abandon(self) -> None:
         """Leave the recording as it is: it could not be written."""

@@ -8,7 +8,7 @@ from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.facts.store import Change, Incarnation
 from mrbt_mesh.core.observer.task_log import TaskLog
 from mrbt_mesh.core.planning.plan import Plan
-from mrbt_mesh.formats.mission_map import place_states, tells_of_places
+from mrbt_mesh.formats.mission_map import place_states, told_places
 
 
 class PlaceWatch:
@@ -17,8 +17,9 @@ class PlaceWatch:
     def __init__(self, view: AgentView) -> None:
         self._view = view
         self._tasks = TaskLog(view.mission)
-        self._has_changed = tells_of_places(view.mission)
-        if self._has_changed:
+        self._places = told_places(view.mission)
+        self._has_changed = bool(self._places)
+        if self._places:
             for entry in view.facts.map:
                 self._tasks.fact(entry)
             view.facts.map.subscribe(self._facts)
@@ -39,4 +40,4 @@ class PlaceWatch:
         if not self._has_changed:
             return None
         self._has_changed = False
-        return place_states(self._view.facts, self._tasks.has_succeeded)
+        return place_states(self._places, self._view.facts, self._tasks.has_succeeded)

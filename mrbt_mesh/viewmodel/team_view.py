@@ -10,7 +10,7 @@ from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Plan
-from mrbt_mesh.formats.mission_map import place_states
+from mrbt_mesh.formats.mission_map import place_states, told_places
 from mrbt_mesh.viewmodel.agreement import AgreementView
 from mrbt_mesh.viewmodel.changes import ChangeLog
 from mrbt_mesh.viewmodel.mission_view import in_units
@@ -34,6 +34,7 @@ class TeamState:
         self._marked: set[int] = set()
         self._activations: dict[int, set[str]] = {}
         self._counted: Plan | None = None
+        self._told_places = told_places(observer.mission)
         # What tasks and nodes follow from; a new plan follows from a change of the others.
         self._causes: tuple[int, int, int] = (-1, -1, 0)
 
@@ -64,7 +65,8 @@ class TeamState:
         self._tasks(working)
         if observer.plan is not None:
             self._nodes(observer.plan, working)
-        states = place_states(observer.facts, observer.record.task_log.has_succeeded)
+        has_succeeded = observer.record.task_log.has_succeeded
+        states = place_states(self._told_places, observer.facts, has_succeeded)
         for name, state in states.items():
             self.changes.put(f"place/{name}", state)
 

@@ -9,7 +9,7 @@ import pytest
 
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.formats.mission_map import map_view, place_states, tells_of_places
+from mrbt_mesh.formats.mission_map import map_view, place_states, told_places
 from tests.support.build import action, condition, make_mission, sequence
 
 
@@ -67,12 +67,10 @@ def test_the_state_of_a_place(
     known = ["broken"] if is_broken else []
     team = make_mission(sequence(condition("broken"), action("weld")), true_at_first=known)
     team = replace(team, parameters={"map": {"places": {"p": place, "q": {"at": [1, 1]}}}})
-    assert place_states(TeamFacts(team, "r1"), done.__contains__) == {"p": state}
-    assert tells_of_places(team)
+    assert place_states(told_places(team), TeamFacts(team, "r1"), done.__contains__) == {"p": state}
 
 
 @pytest.mark.parametrize("given", [None, {"places": {"q": {"at": [1, 1]}}}, {"places": {"q": 5}}])
 def test_places_of_which_nothing_is_told(given: Any) -> None:
     team = mission(given)
-    assert not tells_of_places(team)
-    assert place_states(TeamFacts(team, "r1"), lambda _: True) == {}
+    assert told_places(team) == {}

@@ -25,7 +25,7 @@ def test_a_robot_of_a_new_team_is_killed_and_replaced(
 ) -> None:
     folder = team.folder / "mine"
     team.mrbt("new", str(folder), *options)
-    team.up(folder / "mission.yaml", speed=1)
+    team.up(folder / "mission.yaml", speed=2)
     victim = team.wait_for_work(team.wait_for_event(local_task))
     team.signal(victim["robot"], signal.SIGKILL)
     assert team.wait_for_replacement(victim)["robot"] != victim["robot"]

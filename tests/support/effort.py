@@ -8,5 +8,5 @@ IS_LONG = bool(os.environ.get("MRBT_LONG"))
 
 
 def seeds(many: int) -> range:
-    """As many as a long test tries; the first fifth of them by default."""
-    return range(many if IS_LONG else -(-many // 5))
+    """As many as a long test tries; the first tenth of them by default."""
+    return range(many if IS_LONG else -(-many // 10))
