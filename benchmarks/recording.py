@@ -30,8 +30,8 @@ from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.runtime.key_folder import KeyFolder
 from mrbt_mesh.runtime.launcher import free_endpoints
 
-# So long each robot works at a time: there are about two plan changes for each end of work.
-WORK_S = 1.1
+# So long each robot works at a time: some ten plan changes a second come of it.
+WORK_S = 1.8
 # The robots of examples/explore, on their way.
 PROGRAM = """\
 import sys
