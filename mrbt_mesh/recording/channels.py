@@ -253,9 +253,15 @@ _ALL = (
     _channel(
         LIFE,
         "mrbt.Life",
-        "this robot joined, was fenced off, found a later life of its own, leaves or stopped",
+        "this robot joined, was fenced off, catches up or has caught up, found a later life of its "
+        "own, leaves or stopped",
         {
-            "event": {"enum": ["joined", "fenced", "later_life_found", "leaving", "stopped"]},
+            "event": {
+                "enum": [
+                    *("joined", "fenced", "catches_up", "caught_up"),
+                    *("later_life_found", "leaving", "stopped"),
+                ]
+            },
             "incarnation": _TEXT,
             "code": {"type": "integer"},
             "reason": _TEXT,

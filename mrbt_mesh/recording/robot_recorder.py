@@ -38,7 +38,7 @@ from mrbt_mesh.recording.scene import TeamScene
 PERCENT_STEP = 10
 
 _TREES = ("T_i", "T_A", "T_G", "T_Li")
-_LIFE = ("joined", "fenced", "later_life_found", "leaving")
+_LIFE = ("joined", "fenced", "catches_up", "caught_up", "later_life_found", "leaving")
 _STATES = tuple(f"robot_{state}" for state in State)
 
 _Message: TypeAlias = tuple[str, Mapping[str, Any]]

@@ -23,7 +23,7 @@ class WorkCheck:
 
     `_at_work`: for a local task of an activation, the robots that were seen to run it, with the
     incarnation. `_planned`: the plan of the facts as they are.
-    `_is_out`: the robot joins again, leaves or has stopped.
+    `_is_out`: the robot joins again, catches up, leaves or has stopped.
     """
 
     def __init__(self, check: CheckedState) -> None:
@@ -50,7 +50,7 @@ class WorkCheck:
         if record.topic == channels.PLANS:
             self._planned = record
         elif record.topic == channels.LIFE:
-            self._is_out = record.data["event"] != "joined"
+            self._is_out = record.data["event"] not in ("joined", "caught_up")
         elif record.topic == channels.ACTIONS:
             self._action(record)
         if entry is not None and isinstance(entry.record, Claim):

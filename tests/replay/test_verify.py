@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mrbt_mesh.recording.channels import ACTIONS, FACTS, PLANS
+from mrbt_mesh.recording.channels import ACTIONS, FACTS, LIFE, PLANS
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError, parse_recording
 from mrbt_mesh.replay.findings import Verification
 from mrbt_mesh.replay.verify import verify
@@ -73,6 +73,15 @@ def test_no_false_alarm_in_chaos(tmp_path: Path, part: int) -> None:
         folder = tmp_path / str(number)
         run_scenario(mission, program, source(None).scenario(number, mission), record=folder)
         proved(read_all(folder), f"mrbt chaos --generated --seeds {number}")
+
+
+def test_a_robot_that_catches_up_has_given_up_what_its_plan_still_says(tmp_path: Path) -> None:
+    mission, program = source(None).load(82)
+    run_scenario(mission, program, source(None).scenario(82, mission), record=tmp_path)
+    recordings = read_all(tmp_path)
+    told = {r.data["event"] for each in recordings for r in each.records if r.topic == LIFE}
+    assert {"catches_up", "caught_up"} <= told
+    proved(recordings)
 
 
 def test_random_falsifications_are_all_found_and_named(
