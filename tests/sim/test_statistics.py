@@ -26,6 +26,7 @@ from mrbt_mesh.sim.statistics.estimate import (
 )
 from mrbt_mesh.sim.statistics.sweeps import SweepError, parse_rates, parse_sweep, points_of
 from mrbt_mesh.sim.statistics.team_sizes import resized
+from tests.support.effort import IS_LONG
 from tests.support.runs import EXAMPLES
 
 REPAIR = str(EXAMPLES / "vehicle_repair" / "mission.yaml")
@@ -138,7 +139,7 @@ def test_a_summary_counts_what_came_out() -> None:
 def test_more_faults_never_make_the_repair_more_likely() -> None:
     """Common seeds: the first k faults of a run are the same, so success can only be lost."""
     points = [Point(FailureModel(major_faults=number)) for number in range(4)]
-    what = experiment(REPAIR, 2, *points)
+    what = experiment(REPAIR, 5 if IS_LONG else 2, *points)
     summaries = summarise(what, list(outcomes(what, 1)))
     chances = [summary.probability for summary in summaries]
     assert chances[0] == 1.0

@@ -15,7 +15,7 @@ from mrbt_mesh.core.membership.ring import Ring
 from mrbt_mesh.core.membership.timing import SECOND_US, Timing
 from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport
 from mrbt_mesh.sim.engine.network import LinkKnobs, NetworkKnobs
-from tests.support.effort import seeds
+from tests.support.effort import IS_LONG, seeds
 from tests.support.patrols import GOOD, MS, NO_TOKENS, alive, patrol, started
 
 BAD = NetworkKnobs(
@@ -32,7 +32,8 @@ def at_rest(robots: int) -> float:
 
 
 def test_what_a_robot_sends_does_not_grow_with_its_team() -> None:
-    small, medium, large = at_rest(7), at_rest(12), at_rest(24)
+    sizes = (7, 16, 32) if IS_LONG else (7, 12, 24)
+    small, medium, large = map(at_rest, sizes)
     assert large < 1.2 * medium
     assert large < small
 
