@@ -14,6 +14,7 @@ from mrbt_mesh.formats.mission_map import place_states, told_places
 from mrbt_mesh.viewmodel.agreement import AgreementView
 from mrbt_mesh.viewmodel.changes import ChangeLog
 from mrbt_mesh.viewmodel.mission_view import in_units
+from mrbt_mesh.viewmodel.own_trees import running_tree
 from mrbt_mesh.viewmodel.timeline import TimelineView
 from mrbt_mesh.viewmodel.why import why_takeover
 
@@ -118,6 +119,7 @@ class TeamState:
             "global_task": claim.global_task if claim else None,
             "phase": claim.phase.name.lower() if claim else None,
             "progress": beat.progress if beat is not None and runs else None,
+            "tree": list(running_tree(observer, robot).statuses),
             "statuses": [Status(s).name.lower() for s in beat.statuses] if beat and is_here else [],
             "idle": plan.idle.get(robot, "") if plan is not None and is_here else "",
             "differs_since_s": differ.get(robot),

@@ -17,6 +17,7 @@ from tests.support.browser import (
     page_of,
     picture,
 )
+from tests.support.paths import EXAMPLES
 from tests.support.team import REPAIR, TEST_TIMEOUT_S, Team
 
 if TYPE_CHECKING:
@@ -115,6 +116,18 @@ def use(page: Page) -> None:
     page.wait_for_selector("#why-body .own")
     assert accessibility_violations(page) == []
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_the_tree_that_a_robot_runs_is_seen_as_it_goes_on(team: Team, browser: Browser) -> None:
+    team.up(EXAMPLES / "inspection" / "mission.yaml", "--web", speed=0.5)
+    page, problems = opened(browser, page_of(team))
+    page.wait_for_selector('.card:has-text("R1"):has-text("inspect(")')
+    page.click('.card:has-text("R1")')  # wherever on it
+    for leaf in ("DriveTo", "ReadGauge"):
+        page.wait_for_selector(
+            f'#why-body .own [role=listitem]:has(.s-running):has-text("{leaf}(")'
+        )
+    assert problems == []
 
 
 def test_the_tree_by_keyboard_and_by_search(team: Team, browser: Browser) -> None:

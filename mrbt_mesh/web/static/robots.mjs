@@ -46,7 +46,8 @@ export class RobotsView {
     card.bar = element("div", { class: "progress", role: "progressbar", "aria-label": `progress of ${name}`, "aria-valuenow": 0 }, card.done);
     card.name = element("button", { type: "button", class: "name", title: `Why does ${name} do this?`,
       onclick: () => this._select({ kind: "robot", name }) }, name);
-    card.root = element("li", { class: "card" },
+    // By keys it is chosen by its name; with a mouse or a finger it is one target, but for its buttons.
+    card.root = element("li", { class: "card", onclick: (event) => { if (!event.target.closest("button")) card.name.click(); } },
       element("div", { class: "top" }, card.name, card.type, card.state), card.task, card.bar, card.can, card.trees, card.buttons);
     this._cards.set(name, card);
     const after = [...this._cards.keys()].sort().indexOf(name);

@@ -2,7 +2,7 @@
 
 import { SIGN, STATUS, byId, element, kindSign, seconds } from "./text.mjs";
 
-const AGAIN_MS = 700;
+const AGAIN_MS = 300;
 const TRY_IT = "Try it: kill a robot by its button. Another one takes over its work; the timeline says after how many milliseconds.";
 
 export class WhyView {
