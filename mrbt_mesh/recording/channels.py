@@ -14,6 +14,7 @@ FORMAT = "1"
 
 FACTS, DROPPED, ALIVE, PLANS = "/facts", "/dropped", "/alive", "/plans"
 STATUSES, ACTIONS, LIFE, ROBOTS = "/statuses", "/actions", "/life", "/robots"
+ROBOT_TREES = "/robot_trees"
 FAULTS, BEATS = "/faults", "/beats"
 POSITIONS, SCENE, MAP = "/positions", "/scene", "/map"
 
@@ -24,6 +25,7 @@ _HEX: dict[str, Any] = {"type": "string", "pattern": "^([0-9a-f]{2})*$"}
 _BASE64: dict[str, Any] = {"type": "string", "contentEncoding": "base64"}
 _LIVES: dict[str, Any] = {"type": "object", "additionalProperties": _TEXT}
 _STATUS: dict[str, Any] = {"enum": ["idle", "running", "success", "failure"]}
+_NODES: dict[str, Any] = {"type": "string", "pattern": "^[-RSF]*$"}
 _STATE: dict[str, Any] = {"enum": ["alive", "suspect", "dead", "left"]}
 
 
@@ -209,7 +211,7 @@ _ALL = (
         "nodes have other statuses: of T_G by the plan of this number, of T_i as it was ticked",
         {
             "plan": _NUMBER,
-            "nodes": {"type": "string", "pattern": "^[-RSF]*$"},
+            "nodes": _NODES,
             **dict.fromkeys(("T_i", "T_A", "T_G", "T_Li"), _STATUS),
         },
         {
@@ -289,6 +291,14 @@ _ALL = (
             "joined": True,
         },
         ("plan", "statuses", "percent"),
+        stands_for=("robot",),
+    ),
+    _channel(
+        ROBOT_TREES,
+        "mrbt.RobotTree",
+        "nodes have other statuses in the tree that carries out a robot's local task",
+        {"robot": _TEXT, "nodes": _NODES},
+        {"robot": "B1", "nodes": "RSR-"},
         stands_for=("robot",),
     ),
     _channel(

@@ -18,11 +18,13 @@ from mrbt_mesh.recording.packing import (
     pack_beat,
     pack_nodes,
     pack_plan,
+    pack_statuses,
     status_name,
 )
 from mrbt_mesh.recording.scene import TeamScene
 
 
+# Attributes: what of each channel was told last.
 class ObserverRecorder:
     """Call `update` after each `Observer.update`, and `message` with what arrives.
 
@@ -39,6 +41,7 @@ class ObserverRecorder:
         self._alive: dict[str, str] = {}
         self._nodes = ""
         self._robots: dict[str, tuple[Any, ...]] = {}
+        self._trees: dict[str, bytes] = {}
         self._scene = TeamScene(observer.mission, writer.epoch_ns)
         self._told_places = told_places(observer.mission)
         self._places_from: tuple[int, Plan | None] = (-1, None)
@@ -52,6 +55,7 @@ class ObserverRecorder:
         """Write what has changed. Raises OSError."""
         observer, writer = self._observer, self._writer
         for robot, peer in sorted(observer.membership.peers.items()):
+            self._tree(robot, peer, now_us)
             self._robot(robot, peer, now_us)
             self._scene.see(robot, peer.state, peer.position)
         plan = observer.plan
@@ -115,6 +119,13 @@ class ObserverRecorder:
             "percent": percent,
         }
         self._writer.write(channels.ROBOTS, now_us, said)
+
+    def _tree(self, robot: str, peer: Peer, now_us: int) -> None:
+        statuses = peer.heartbeat.tree_statuses if peer.heartbeat is not None else b""
+        if statuses != self._trees.get(robot, b""):
+            self._trees[robot] = statuses
+            said = {"robot": robot, "nodes": pack_statuses(statuses)}
+            self._writer.write(channels.ROBOT_TREES, now_us, said)
 
     def _fault(self, robot: str, peer: Peer, before: tuple[Any, ...] | None, now_us: int) -> None:
         if before is None and peer.state is State.ALIVE:

@@ -6,7 +6,7 @@ import base64
 import binascii
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import msgpack
@@ -130,7 +130,17 @@ def pack_plan(
 
 def pack_nodes(plan: Plan) -> str:
     """The statuses of T_G's nodes, a letter each, in the order of the tree's nodes."""
-    return "".join([LETTERS[status] for status in plan.evaluation.statuses])
+    return pack_statuses(plan.evaluation.statuses)
+
+
+def pack_statuses(statuses: Iterable[int]) -> str:
+    """Statuses of the nodes of a tree in preorder, a letter each."""
+    return "".join([LETTERS[status] for status in statuses])
+
+
+def unpack_statuses(letters: str) -> bytes:
+    """The inverse of `pack_statuses`; raises ValueError."""
+    return bytes(map(LETTERS.index, letters))
 
 
 def status_name(status: int) -> str:

@@ -29,6 +29,7 @@ from mrbt_mesh.recording.packing import (
     pack_beat,
     pack_nodes,
     pack_plan,
+    pack_statuses,
     status_name,
 )
 from mrbt_mesh.recording.place_watch import PlaceWatch
@@ -66,6 +67,7 @@ class RobotRecorder:
         self._robots: dict[str, tuple[Incarnation, State, bool]] = {}
         self._statuses: tuple[Any, ...] = ()
         self._nodes = ""
+        self._tree = b""
         self._lost = view.lost
         self._action: StartAction | None = None
         self._percent = 0
@@ -112,6 +114,10 @@ class RobotRecorder:
             of_trees = dict(zip(_TREES, map(status_name, view.statuses), strict=True))
             said = {"plan": self._plans, "nodes": self._nodes, **of_trees}
             self._write([(channels.STATUSES, said)], now_us)
+        if view.tree_statuses != self._tree:
+            self._tree = view.tree_statuses
+            said = {"robot": view.robot, "nodes": pack_statuses(self._tree)}
+            self._write([(channels.ROBOT_TREES, said)], now_us)
         for effect in effects:
             self._write(self._effects(effect), now_us)
         places = self._places.news()

@@ -13,6 +13,7 @@ from mrbt_mesh.recording.reader import RecordedMessage, Recording
 from mrbt_mesh.replay.check_work import WorkCheck
 from mrbt_mesh.replay.checked_state import CheckedState
 from mrbt_mesh.replay.plan_again import PlanAgain
+from mrbt_mesh.replay.recorded_state import NothingNewError
 
 
 class RecordingCheck(CheckedState):
@@ -26,6 +27,8 @@ class RecordingCheck(CheckedState):
         self._plans = plans
         self._authorship = authorship
         self._work = WorkCheck(self) if recording.metadata.robot else None
+        # Author and name of a fact -> the record that told it last.
+        self._told: dict[tuple[str, str], RecordedMessage] = {}
         self._to_drop: list[tuple[str, str]] = []
         self._made = 0
 
@@ -38,6 +41,8 @@ class RecordingCheck(CheckedState):
                 self._check(record)
             except ValueError as error:
                 self.say(record, str(error))
+                if isinstance(error, NothingNewError):
+                    self._doubt_what_was_told(record)
 
     def _check(self, record: RecordedMessage) -> None:
         topic, data = record.topic, record.data
@@ -61,8 +66,14 @@ class RecordingCheck(CheckedState):
         if self._work is not None:
             self._work.after(record, entry)
 
+    def _doubt_what_was_told(self, record: RecordedMessage) -> None:
+        """A fact changes nothing where an earlier record has a version that was not there yet."""
+        before = self._told[record.data["author"], record.data["name"]]
+        self.say(before, f"it does not fit record {record.number}: one of them is false")
+
     def _fact(self, record: RecordedMessage, entry: Entry) -> None:
         self.said.append((record, entry))
+        self._told[entry.author, entry.name] = record
         self.counts["facts"] += 1
         if self._authorship is not None:
             self.counts["signatures"] += 1

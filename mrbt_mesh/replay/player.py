@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 from mrbt_mesh.core.assignment.solvers import default_solver
@@ -107,6 +108,8 @@ class Player:
             seen.fact(entry, at_us)
         elif record.topic == channels.ROBOTS:
             self._robot(data["robot"], data, at_us)
+        elif record.topic == channels.ROBOT_TREES:
+            self._tree_ticked(data["robot"])
         elif record.topic == channels.PLANS:
             self._planned(data, at_us)
         elif record.topic in (channels.STATUSES, channels.ACTIONS):
@@ -163,6 +166,12 @@ class Player:
         }
         self._robot(me, data, at_us)
 
+    def _tree_ticked(self, robot: str) -> None:
+        peer = self.observer.membership.peers.get(robot)
+        if peer is not None and peer.heartbeat is not None:
+            statuses = self.state.trees[robot]
+            peer.heartbeat = replace(peer.heartbeat, tree_statuses=statuses)
+
     def _robot(self, robot: str, data: Mapping[str, Any], at_us: int) -> None:
         incarnation, state = read_incarnation(data["incarnation"]), State(data["state"])
         # A robot does not record what others report.
@@ -179,7 +188,8 @@ class Player:
         if "statuses" in data:
             statuses = tuple(int(Status[name.upper()]) for name in data["statuses"])
             known.heartbeat = Heartbeat(
-                report, False, _NO_DIGEST, statuses, data["percent"], (), {}
+                *(report, False, _NO_DIGEST, statuses, data["percent"], (), {}),
+                tree_statuses=self.state.trees.get(robot, b""),
             )
         before, known.state, known.report = known.state, state, report
         if data["joined"]:

@@ -12,8 +12,19 @@ from mrbt_mesh.core.facts.validation import refusal_reason
 from mrbt_mesh.core.membership.wire import Position
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.foxglove import heading_of, robot_of
-from mrbt_mesh.recording.packing import pack_alive, pack_fact, unpack_alive, unpack_fact
+from mrbt_mesh.recording.packing import (
+    pack_alive,
+    pack_fact,
+    pack_statuses,
+    unpack_alive,
+    unpack_fact,
+    unpack_statuses,
+)
 from mrbt_mesh.recording.reader import RecordedMessage
+
+
+class NothingNewError(ValueError):
+    """A fact is recorded that changes nothing that was known before it."""
 
 
 class RecordedState:
@@ -33,6 +44,8 @@ class RecordedState:
         self.statuses: Mapping[str, Any] | None = None
         self.action: Mapping[str, Any] | None = None
         self.robots: dict[str, Mapping[str, Any]] = {}
+        # Robot -> the statuses of the tree that carries out its local task.
+        self.trees: dict[str, bytes] = {}
         self.percent = 0
         self.positions: dict[str, Position] = {}
         # Robot -> whether it says where it is heading.
@@ -59,15 +72,20 @@ class RecordedState:
                 self.statuses = data
             case channels.ROBOTS:
                 self.robots[data["robot"]] = data
+            case channels.ROBOT_TREES:
+                self.trees[data["robot"]] = unpack_statuses(data["nodes"])
             case channels.ACTIONS:
                 self._action(data)
             case channels.SCENE:
-                self._drawn = {each["id"]: bool(each["arrows"]) for each in data["entities"]}
-                for robot in self.positions.keys() - self._drawn.keys():
-                    del self.positions[robot]
+                self._scene(data)
             case channels.POSITIONS:
                 self._moved(data)
         return None
+
+    def _scene(self, data: Mapping[str, Any]) -> None:
+        self._drawn = {each["id"]: bool(each["arrows"]) for each in data["entities"]}
+        for robot in self.positions.keys() - self._drawn.keys():
+            del self.positions[robot]
 
     def _moved(self, data: Mapping[str, Any]) -> None:
         robot, there = robot_of(data["child_frame_id"]), data["translation"]
@@ -87,7 +105,7 @@ class RecordedState:
         if refused is not None:
             raise ValueError(f"no robot takes this fact: {refused}")
         if self.facts.map.merge([entry]) != [entry]:
-            raise ValueError(f"{entry.author}'s {entry.name} changes nothing that was known")
+            raise NothingNewError(f"{entry.author}'s {entry.name} changes nothing that was known")
         return entry
 
     def _number(self, data: Mapping[str, Any]) -> None:
@@ -110,6 +128,9 @@ class RecordedState:
             "statuses": self.statuses,
             "action": None if self.action is None else {**self.action, "percent": self.percent},
             "robots": {robot: self.robots[robot] for robot in sorted(self.robots)},
+            "robot_trees": {
+                robot: pack_statuses(self.trees[robot]) for robot in sorted(self.trees)
+            },
             "positions": {
                 robot: self.positions[robot].in_units() for robot in sorted(self.positions)
             },

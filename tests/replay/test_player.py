@@ -19,6 +19,7 @@ from mrbt_mesh.replay.player import Player
 from mrbt_mesh.replay.recorded_state import state_text
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import Kill, Restart, Schedule, SimulationResult, simulate
+from mrbt_mesh.viewmodel.own_trees import RunningTree, running_tree
 from tests.support.paths import EXAMPLES
 from tests.support.recorded import record_example
 
@@ -96,6 +97,29 @@ def test_a_team_that_is_dead_to_the_last_robot_is_blocked(tmp_path: Path) -> Non
     player.seek(player.end_us)
     assert player.observer.robot_state("R1") is State.DEAD
     assert player.summary()["result"] == result.summary["result"] == "blocked"
+
+
+def running_trees(path: Path, robot: str) -> list[RunningTree]:
+    """What a recording shows, one after the other, of the trees that a robot runs."""
+    player, seen = Player(read_recording(path)), [RunningTree("", b"")]
+    for record in player.recording.records:
+        player.seek(record.at_us)
+        running = running_tree(player.observer, robot)
+        if running.statuses != seen[-1].statuses:
+            seen.append(running)
+    return seen
+
+
+def test_the_trees_that_robots_run(tmp_path: Path) -> None:
+    result = recorded(tmp_path, "inspection/mission.yaml", [], 60)
+    assert result.summary["result"] == "success"
+    for robot in result.summary["robots"]:
+        own = running_trees(robot_file(tmp_path, robot), robot)
+        watched = running_trees(observer_file(tmp_path), robot)
+        # Whoever watches hears a tree with the next heartbeat, and sees nothing that was not.
+        assert set(watched) <= set(own)
+        assert len(watched) > 3
+        assert own[-1].statuses == watched[-1].statuses == b"", "none runs after its local task"
 
 
 def test_the_live_view_shows_a_recording(folder: Path) -> None:

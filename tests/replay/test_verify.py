@@ -144,6 +144,26 @@ def test_a_robot_that_starts_what_its_plan_gives_to_another(
     assert {each.record for each in verdict.findings} == {start.number}
 
 
+def test_a_fact_that_was_told_before_its_author_said_it(
+    repaired: list[Recording], tmp_path: Path
+) -> None:
+    """It is a true one of later on: no other recording contradicts it."""
+    falsified = falsify(repaired[5], tmp_path, 2005687262)
+    assert falsified is not None
+    true, false = (
+        each.records[falsified.record - 1] for each in (repaired[5], falsified.recording)
+    )
+    later = [
+        each
+        for each in repaired[5].records[false.number :]
+        if {**each.data, "number": 0} == {**false.data, "number": 0}
+    ]
+    assert len(later) == 1, f"the run is another one: find a seed anew; {true} -> {false}"
+    told = texts(verify([falsified.recording, *repaired[:5], *repaired[6:]]))
+    text = f"it does not fit record {later[0].number}: one of them is false"
+    assert f"C2.mcap: record {false.number}: {text}" in told
+
+
 def test_a_plan_that_leaves_a_robot_idle(repaired: list[Recording], tmp_path: Path) -> None:
     b1 = next(each for each in repaired if each.metadata.robot == "B1")
     plan = only(b1, PLANS, lambda each: "B1" in each.data["lines"])

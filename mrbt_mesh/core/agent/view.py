@@ -64,6 +64,11 @@ class AgentView:
         return self._context.description.lost
 
     @property
+    def tree_statuses(self) -> bytes:
+        """Of the nodes of the tree that carries out this robot's local task; empty if none does."""
+        return self._context.work.tree_statuses
+
+    @property
     def position(self) -> Position | None:
         """Where its program has said last that it is."""
         return self._context.position
