@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long test-plain test-slow test-docker test-interop test-conformance test-ros2 test-vda5050 test-world tolerance lint check-lock lock drills soak \
+.PHONY: help setup demo test test-long test-plain test-slow test-docker test-interop test-conformance test-ros2 test-vda5050 test-world test-with-others tolerance lint check-lock lock drills soak \
 	test-browser screenshots bench-page clean bench bench-scale bench-security bench-failover bench-resume \
 	bench-membership bench-estimate bench-robustness bench-metrics bench-recording verify-recordings walk paper
 
@@ -25,6 +25,7 @@ help:
 	@echo "make test-ros2       robots of ROS 2: rclpy's action servers, in a .venv-ros2 that is made once"
 	@echo "make test-vda5050    AGVs: mosquitto and npm's virtual vehicles; as root, installs Debian's if missing"
 	@echo "make test-world      the workshop with bodies: MuJoCo, the mission in virtual time, a drill"
+	@echo "make test-with-others interop, ros2, vda5050 and world, each reduced: what the gate runs of them"
 	@echo "make tolerance       what mrbt analyze foretells of faults, against thousands of simulated runs"
 	@echo "make lint            ruff, mypy, import-linter"
 	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
@@ -50,7 +51,8 @@ setup: $(READY)
 
 $(READY): requirements.lock pyproject.toml deploy/make-venv
 	PYTHON=$(PYTHON) sh deploy/make-venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile \
+		--require-hashes -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $(READY)
 
@@ -104,11 +106,16 @@ test-docker: $(READY)
 	$(BIN)/pytest -m "docker and not slow" -rs tests/docker
 
 # BehaviorTree.CPP and the like are not in requirements.lock: they have no wheels for every machine.
-test-interop: $(READY)
+.PHONY: parts-interop parts-vda5050 parts-ros2 parts-world
+parts-interop: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[interop]'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps py_trees_js
-	$(BIN)/pytest -rs tests/adapters tests/processes/test_foxglove.py tests/local/test_tree_with_others.py \
-		tests/formats/btcpp/test_*_as_the_library.py
+
+INTEROP_TESTS := tests/adapters tests/processes/test_foxglove.py tests/local/test_tree_with_others.py \
+	tests/formats/btcpp/test_*_as_the_library.py
+
+test-interop: parts-interop
+	$(BIN)/pytest -rs $(INTEROP_TESTS)
 
 # 2,602 traces and 8,000 scripts measured with BehaviorTree.CPP 4.10; `make test` tells each eighth.
 test-conformance: $(READY)
@@ -116,28 +123,41 @@ test-conformance: $(READY)
 		tests/formats/btcpp/test_script_measured.py tests/formats/btcpp/test_team_tree_traces.py
 
 # Parts that others have made: a broker, virtual AGVs, published schemas (docs/vda5050.md).
-test-vda5050: $(READY)
+VDA5050_NODE := $(VENV)/vda5050
+parts-vda5050: $(READY)
 	@command -v mosquitto > /dev/null || apt-get install --yes mosquitto || \
 		{ echo "install mosquitto, or run this as root on Debian"; exit 1; }
 	@command -v npm > /dev/null || apt-get install --yes npm || \
 		{ echo "install node and npm, or run this as root on Debian"; exit 1; }
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[vda5050]'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps vda5050-sdk==0.2.0
-	folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
-		npm install --silent --prefix "$$folder" vda-5050-lib@1.4.0 && \
-		MRBT_VDA5050_NODE="$$folder" $(BIN)/pytest -rs tests/adapters/vda5050 tests/processes/test_vda5050.py
+	npm install --silent --prefix $(VDA5050_NODE) vda-5050-lib@1.4.0
+
+test-vda5050: parts-vda5050
+	MRBT_VDA5050_NODE=$(abspath $(VDA5050_NODE)) $(BIN)/pytest -rs tests/adapters/vda5050 \
+		tests/processes/test_vda5050.py
 
 # rclpy has a virtual environment of its own: its wheels start every Python of theirs anew.
 ROS2 := .venv-ros2
-test-ros2: $(READY)
+parts-ros2: $(READY)
 	PYTHON=$(abspath $(BIN))/python sh tests/support/ros2/make-ros2 $(ROS2)
+
+test-ros2: parts-ros2
 	MRBT_ROS2_PYTHON=$(abspath $(ROS2))/bin/python $(BIN)/pytest -rs tests/adapters/ros2 \
 		tests/processes/test_ros2.py
 
 # The workshop with bodies (docs/workshop.md): eight minutes.
-test-world: $(READY)
+parts-world: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[world]'
+
+test-world: parts-world
 	$(BIN)/pytest -rs tests/examples/workshop tests/processes/test_workshop.py
+
+# Of these four suites what shows most in the least time.
+test-with-others: parts-interop parts-vda5050 parts-ros2 parts-world
+	MRBT_VDA5050_NODE=$(abspath $(VDA5050_NODE)) MRBT_ROS2_PYTHON=$(abspath $(ROS2))/bin/python \
+		$(BIN)/pytest -n 2 -rs -m reduced tests/adapters tests/processes tests/local tests/formats/btcpp \
+		tests/examples
 
 drills: $(READY)
 	$(BIN)/mrbt drill --all --brief --junit drills.xml

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 
 from hypothesis import HealthCheck, settings
@@ -18,3 +19,10 @@ settings.register_profile(
     max_examples=int(os.environ.get("MRBT_EXAMPLES", "15")),
 )
 settings.load_profile("project")
+
+
+def pytest_collection_finish() -> None:
+    """Thousands of collected tests stay: a collection of garbage need not go through them again."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(10_000)

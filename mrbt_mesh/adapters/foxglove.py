@@ -66,13 +66,15 @@ class FoxgloveServer:
             for topic, each in CHANNELS.items()
             if topic != BEATS
         }
+        # Of a listener's methods the library calls those that are there.
+        listener: Any = _Listener(self)
         try:
             self._server = start_server(
                 name=f"mrbt {metadata.run}",
                 host=host,
                 port=port,
                 context=context,
-                server_listener=_Listener(self),
+                server_listener=listener,
                 message_backlog_size=BACKLOG_MESSAGES,
             )
         except (RuntimeError, OverflowError, ValueError) as error:

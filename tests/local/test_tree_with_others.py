@@ -6,7 +6,7 @@ with ports, so that trees of scripts and of its own nodes are compared, entry by
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 
@@ -73,12 +73,20 @@ TREES = {
     "<Script code=\"text := 'a'; text += 1\"/></Sequence>",
     "a loop below a fallback": '<Fallback><Repeat num_cycles="2"><AlwaysFailure/></Repeat>'
     f"{NOTE}</Fallback>",
-    "sleep": '<Sequence><Sleep msec="0"/><Delay delay_msec="0"><AlwaysSuccess/></Delay></Sequence>',
+    "sleep": '<Sequence><Sleep msec="0"/><AlwaysSuccess/></Sequence>',
 }
 SEEN = ("n", "word", "go", "k", "j", "text", "given", "own", "_private")
 
 
-def theirs(body: str) -> list[tuple[str, dict[str, str]]]:
+class Loaded(NamedTuple):
+    """A tree of the library. Its nodes point into the factory, which has to live as long."""
+
+    tree: Any
+    board: Any
+    factory: Any
+
+
+def loaded(body: str) -> Loaded:
     btcpp = pytest.importorskip("behaviortreepy", reason=f"BehaviorTree.CPP is {INSTALL}")
     board = btcpp.Blackboard.create()
     for name, value in ENTRIES.items():
@@ -87,18 +95,23 @@ def theirs(body: str) -> list[tuple[str, dict[str, str]]]:
         '<root BTCPP_format="4" main_tree_to_execute="Main">'
         f'<BehaviorTree ID="Main">{body}</BehaviorTree>{INNER}</root>'
     )
-    tree = btcpp.BehaviorTreeFactory().create_tree_from_text(text, board)
+    factory = btcpp.BehaviorTreeFactory()
+    return Loaded(factory.create_tree_from_text(text, board), board, factory)
+
+
+def theirs(body: str) -> list[tuple[str, dict[str, str]]]:
+    library = loaded(body)
     found = []
     for _ in range(4):
         try:
-            status = tree.tick_exactly_once().name
+            status = library.tree.tick_exactly_once().name
         except Exception:
             found.append(("ERROR", {}))
             return found
         entries = {}
         for name in SEEN:
             try:
-                entries[name] = board.get_string(name)
+                entries[name] = library.board.get_string(name)
             except Exception:
                 continue
         found.append((status, entries))
@@ -124,6 +137,21 @@ def ours(body: str) -> list[tuple[str, dict[str, str]]]:
     return found
 
 
+@pytest.mark.reduced
 @pytest.mark.parametrize("name", TREES)
 def test_a_tree_does_what_the_library_does(name: str) -> None:
     assert ours(TREES[name]) == theirs(TREES[name])
+
+
+@pytest.mark.parametrize(
+    ("child", "ends"), [("AlwaysSuccess", "SUCCESS"), ("AlwaysFailure", "FAILURE")]
+)
+def test_a_delay_ends_as_the_librarys(child: str, ends: str) -> None:
+    """In which tick is up to its thread, so only the end is compared."""
+    body = f'<Delay delay_msec="5"><{child}/></Delay>'
+    library = loaded(body)
+    assert library.tree.tick_while_running().name == ends
+    own = Ticked(body, exact=True)
+    begun = own.once()
+    own.now_ms = 5
+    assert (begun.name, own.once().name) == ("RUNNING", ends)

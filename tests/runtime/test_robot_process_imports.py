@@ -29,7 +29,8 @@ main()
 HEAVY = {
     *("pydantic", "pydantic_core", "ruamel", "numpy", "ortools", "rich", "pygments"),
     *("cryptography", "multiprocessing", "email", "importlib_metadata", "hypothesis"),
-    *("prometheus_client", "wsgiref", "zmq"),
+    *("prometheus_client", "wsgiref", "zmq", "starlette", "uvicorn", "textual", "foxglove"),
+    *("aiomqtt", "paho", "py_trees", "mujoco", "rclpy"),
 }
 
 

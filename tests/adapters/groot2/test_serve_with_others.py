@@ -122,7 +122,8 @@ def test_its_files_are_those_that_we_describe(tmp_path: Path) -> None:
     btcpp = pytest.importorskip("behaviortreepy", reason=f"BehaviorTree.CPP is {INSTALL}")
     tree = """<root BTCPP_format="4"><BehaviorTree ID="M"><Sequence name="s">
       <AlwaysSuccess/><Sleep msec="1"/></Sequence></BehaviorTree></root>"""
-    made = btcpp.BehaviorTreeFactory().create_tree_from_text(tree)
+    factory = btcpp.BehaviorTreeFactory()  # its trees point into it
+    made = factory.create_tree_from_text(tree)
     log = btcpp.FileLogger(made, str(tmp_path / "theirs.btlog"))
     made.tick_while_running()
     del log

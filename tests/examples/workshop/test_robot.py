@@ -58,6 +58,7 @@ def undisturbed() -> Done:
     return go()
 
 
+@pytest.mark.reduced
 def test_six_robots_mend_the_vehicle(undisturbed: Done) -> None:
     assert undisturbed.run.result == "success"
     assert undisturbed.run.failures == []
