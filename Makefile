@@ -65,11 +65,11 @@ lint: $(READY)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# Teams of real processes wait most of the time: two at once, after everything else. Browsers do not:
+# Teams of real processes wait most of the time: three at once, after everything else. Browsers do not:
 # beside one a team may come to run too late.
 test: lint
 	$(BIN)/pytest -n auto -m "not processes and not browser"
-	$(BIN)/pytest -n 2 -rs -m "processes and not docker and not slow and not browser"
+	$(BIN)/pytest -n 3 -rs -m "processes and not docker and not slow and not browser"
 	$(BIN)/pytest -rs -m browser tests/browser
 
 # The same with more seeds and more examples of every property.
@@ -156,7 +156,7 @@ test-world: parts-world
 # Of these four suites what shows most in the least time.
 test-with-others: parts-interop parts-vda5050 parts-ros2 parts-world
 	MRBT_VDA5050_NODE=$(abspath $(VDA5050_NODE)) MRBT_ROS2_PYTHON=$(abspath $(ROS2))/bin/python \
-		$(BIN)/pytest -n 2 -rs -m reduced tests/adapters tests/processes tests/local tests/formats/btcpp \
+		$(BIN)/pytest -n 4 -rs -m reduced tests/adapters tests/processes tests/local tests/formats/btcpp \
 		tests/examples
 
 drills: $(READY)

@@ -51,7 +51,7 @@ def lift_units(
     Raises MissionError for whatever does not fit, with its place.
     """
     expanded = expand(library, tree)
-    _check_subtrees(expanded)
+    check_subtrees(expanded)
     unit_team = UnitTeam(team, expanded, library)
     named = _by_hand(expanded, by_hand) if by_hand is not None else {}
     knowledge = Knowledge(unit_team.is_asked, unit_team.of_robots, named)
@@ -68,8 +68,8 @@ def lift_units(
     return LiftedUnits(mission, tasks.document(file), found, tasks)
 
 
-def _check_subtrees(tree: ExpandedTree) -> None:
-    """Nobody can carry out a SubTree that is in none of the files."""
+def check_subtrees(tree: ExpandedTree) -> None:
+    """Nobody can carry out a SubTree that is in none of the files: raises MissionError."""
     problems = [
         Problem(
             node.file,

@@ -38,7 +38,7 @@ class ScriptLeaf(TreeNode):
             try:
                 self.text, self.script = text, parse(text)
             except ScriptError as error:
-                raise TickError(f"{self.place}: in the script {text!r}: {error}") from None
+                raise TickError(f"{self.place}: {error}, in the script {text!r}") from None
         if self.type == "ScriptCondition":
             return SUCCESS if self.holds(self.script) else FAILURE
         self.evaluate(self.script)

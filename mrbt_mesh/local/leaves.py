@@ -15,12 +15,14 @@
         return battery.charge >= minimum
 
 Parameters are input ports with their types and defaults; `Out[T]` is an output port, `InOut[T]`
-both. `**ports` takes the ports that are not named.
+both; `Out[T] | None = None` is one that a file may leave out. `**ports` takes the ports that are
+not named.
 """
 
 from __future__ import annotations
 
 import inspect
+import types
 import typing
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -201,6 +203,9 @@ def leaf_of(
 
 
 def _port(annotation: Any, has_default: bool) -> LeafPort:
+    if typing.get_origin(annotation) in (typing.Union, types.UnionType):
+        parts = [part for part in typing.get_args(annotation) if part is not type(None)]
+        annotation = parts[0] if len(parts) == 1 else None
     origin = typing.get_origin(annotation) or annotation
     arguments = typing.get_args(annotation)
     if origin in (Out, InOut):

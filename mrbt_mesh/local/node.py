@@ -247,14 +247,14 @@ class TreeNode:
         try:
             return run_script(script, self.board, self.world.enums)
         except (ScriptError, BlackboardError) as error:
-            raise TickError(f"{self.place}: in the script {str(script)!r}: {error}") from None
+            raise TickError(f"{self.place}: {error}, in the script {str(script)!r}") from None
 
     def holds(self, script: Script) -> bool:
         """Whether a script's value is true. Raises TickError."""
         try:
             return is_true(self.evaluate(script))
         except ScriptError as error:
-            raise TickError(f"{self.place}: in the script {str(script)!r}: {error}") from None
+            raise TickError(f"{self.place}: {error}, in the script {str(script)!r}") from None
 
     # -- ports --------------------------------------------------------------------------------
 

@@ -35,7 +35,7 @@ from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.errors import InputError
 
 if TYPE_CHECKING:
-    from mrbt_mesh.local import Leaves
+    from mrbt_mesh.local import Leaves, TreeNode
 
 Result: TypeAlias = bool | Mapping[str, Any] | None
 TaskFunction: TypeAlias = Callable[..., Awaitable[Result]]
@@ -43,6 +43,7 @@ Bid: TypeAlias = float | None
 BidFunction: TypeAlias = Callable[..., Bid | Awaitable[Bid]]
 _T = TypeVar("_T")
 _F = TypeVar("_F", bound=Callable[..., Any])
+_N = TypeVar("_N", bound="type[TreeNode]")
 
 
 class ProgramError(InputError):
@@ -209,6 +210,13 @@ class RobotProgram:
     def condition(self, name: str) -> Callable[[_F], _F]:
         """Register a condition of such trees, which answers at once. Raises LeafError."""
         return self.leaves.condition(name)
+
+    def node(self, name: str) -> Callable[[_N], _N]:
+        """Register a control or decorator of such trees, a subclass of `mrbt_mesh.local.TreeNode`.
+
+        Raises LeafError.
+        """
+        return self.leaves.node(name)
 
     async def run_tree(
         self, task: TaskContext, path: Path | str, tree: str | None = None, **ports: Any

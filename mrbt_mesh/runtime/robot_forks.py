@@ -24,7 +24,7 @@ from mrbt_mesh.runtime.run_dir import RunDir, RunDirError
 CAN_FORK = sys.platform == "linux"
 CHUNK = 1 << 16
 # The end of a robot that is gone is told at once; only a server that hangs is not waited for.
-NEWS_TIMEOUT_S = 2.0
+NEWS_TIMEOUT_S = 10.0
 START_TIMEOUT_S = 120.0
 # Who starts robots looks so often whether another thread has read what is awaited.
 LOOK_S = 0.1

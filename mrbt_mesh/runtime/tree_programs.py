@@ -13,7 +13,7 @@ from mrbt_mesh.formats.btcpp.findings import Findings
 from mrbt_mesh.formats.btcpp.library import library_of
 from mrbt_mesh.formats.btcpp.values import ValueTypeError, as_truth
 from mrbt_mesh.formats.btcpp.xml_reader import TreeFileError
-from mrbt_mesh.local import BehaviorTree, BlackboardError, Leaves, NodeStatus
+from mrbt_mesh.local import BehaviorTree, BlackboardError, Leaves, NodeStatus, TickError
 
 
 def made_tree(
@@ -62,10 +62,20 @@ async def carry_out(
             tell(bytes(view.status % NodeStatus.SKIPPED for view in views))
 
     tree.watch(note)
-    status = await tree.run()
+    try:
+        status = await tree.run()
+    except TickError as error:
+        raise TaskFailedError(_what_first(error)) from error
     if status is not NodeStatus.SUCCESS:
         last = list(reasons.values())[-1:]
         raise TaskFailedError(last[0] if last else f"the tree {tree.name} ended as {status.name}")
+
+
+def _what_first(error: TickError) -> str:
+    """What is wrong, then its file and line: reasons are short, and paths of nodes are long."""
+    place, _, rest = str(error).partition(": ")
+    _, _, message = rest.partition(": ")
+    return f"{message} ({place})" if message else str(error)
 
 
 def told_outputs(program: ProgramTree, tree: BehaviorTree) -> dict[str, bool]:

@@ -29,7 +29,7 @@ def test_code_may_come_from_the_blackboard() -> None:
     tree = Ticked('<Script code="{code}"/>', {"code": "n := 1"})
     tree.run()
     tree.board["code"] = "n := 'two"
-    with pytest.raises(TickError, match=r"Main/Script: in the script .* not closed"):
+    with pytest.raises(TickError, match=r"Main/Script: .* not closed.*, in the script"):
         tree.run()
     assert tree.board["n"] == 1
 

@@ -38,13 +38,21 @@ def test_ports_have_the_types_of_the_parameters() -> None:
 
 
 def test_outputs() -> None:
-    def work(found: Out[str], count: InOut[int], extra: Out[Any]) -> None: ...
+    def work(
+        found: Out[str],
+        count: InOut[int],
+        extra: Out[Any],
+        error: Out[int] | None = None,
+        either: int | str = 1,
+    ) -> None: ...
 
     leaf = leaf_of("Work", Category.ACTION, work)
     assert leaf.ports == {
         "found": LeafPort("std::string", reads=False, writes=True),
         "count": LeafPort("int64_t", reads=True, writes=True),
         "extra": LeafPort("", reads=False, writes=True),
+        "error": LeafPort("int64_t", reads=False, writes=True, is_optional=True),
+        "either": LeafPort("", is_optional=True),
     }
     assert not leaf.is_async
 

@@ -126,7 +126,11 @@ def test_a_mistake_in_a_run_is_a_failure_that_says_where() -> None:
     end, _ = carried_out(mission_of(XML.replace("goal > 2", "goal > gaol")), program_of([]))
     assert isinstance(end, ActionFinished)
     assert not end.success
-    assert "look.xml:1: Look/Sequence/Script: in the script" in end.error
+    assert "gaol" in end.error.partition(", in the script '")[0]
+    assert end.error.endswith("(look.xml:1)")
+    missing = XML.replace("<Find", '<Sleep msec="{nap}"/><Find')
+    end, _ = carried_out(mission_of(missing), program_of([]))
+    assert end.error == end.reason == "port 'msec': the entry 'nap' has no value (look.xml:1)"
 
 
 def test_what_a_program_lacks_is_told_before_the_start() -> None:

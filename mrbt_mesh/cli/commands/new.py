@@ -18,6 +18,17 @@ def new(
         Path | None,
         option("Robots that do this BehaviorTree.CPP tree (.xml) as a team.", "FILE"),
     ] = None,
+    tree: Annotated[
+        str | None, option("With --btcpp: the tree. Default: the main tree.", "ID")
+    ] = None,
+    models: Annotated[
+        tuple[Path, ...],
+        option("With --btcpp: file with models of nodes, or with SubTrees (.xml).", "FILE"),
+    ] = (),
+    trees: Annotated[
+        tuple[Path, ...],
+        option("With --btcpp: folder of tree files with SubTrees and models.", "DIR"),
+    ] = (),
     vda5050: Annotated[bool, option("Robots that are AGVs of VDA 5050.")] = False,
     ros2: Annotated[bool, option("For robots of ROS 2, with virtual ones to try it.")] = False,
 ) -> None:
@@ -27,6 +38,7 @@ def new(
     """
     import click
 
+    from mrbt_mesh.cli.trees.lifting import known_besides
     from mrbt_mesh.cli.trees.new_from_tree import files_from_tree
     from mrbt_mesh.errors import InputError
     from mrbt_mesh.formats.template import example_files, template_files, write_files
@@ -35,11 +47,15 @@ def new(
     chosen = [name for name, value in given.items() if value not in (None, False)]
     if len(chosen) > 1:
         raise InputError(f"{' and '.join(chosen)}: choose one of them")
+    besides = {"--tree": tree, "--models": models, "--trees": trees}
+    if btcpp is None and any(besides.values()):
+        names = " and ".join(name for name, value in besides.items() if value)
+        raise InputError(f"{names}: only with --btcpp")
     try:
         if example is not None:
             files = example_files(example)
         elif btcpp is not None:
-            files = files_from_tree(btcpp)
+            files = files_from_tree(btcpp, tree, known_besides(models, trees))
         else:
             files = template_files("vda5050" if vda5050 else "ros2" if ros2 else "")
         written = write_files(folder, files)

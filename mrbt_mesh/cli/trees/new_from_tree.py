@@ -11,15 +11,15 @@ import re
 import tempfile
 from pathlib import Path
 
-from mrbt_mesh.cli.trees.files import read_tree_file
+from mrbt_mesh.analysis.lift_units import check_subtrees
 from mrbt_mesh.cli.trees.lifting import LiftRequest, library_and_tree, lift_files
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
 from mrbt_mesh.formats.btcpp.document import LEAVES, Category, Direction, NodeManifest, pointer
 from mrbt_mesh.formats.btcpp.expand import ExpandedNode, expand
 from mrbt_mesh.formats.btcpp.export import explicit
 from mrbt_mesh.formats.btcpp.library import Library
 from mrbt_mesh.formats.btcpp.loadable import loadable
+from mrbt_mesh.local.builder import NODE_TYPES
 
 _TYPES = {
     "int": "int",
@@ -66,13 +66,43 @@ from mrbt_mesh import RobotProgram
 {imports}
 robot = RobotProgram(record_work=True)  # starts and ends stand in the run's events.jsonl
 '''
+_DECORATOR = '''\
+@robot.node("{name}")
+class {called}(TreeNode):
+    """In place of the decorator's own rule: what its child returns.{ports}"""
+
+    CHILDREN = (1, 1)
+
+    def tick(self) -> NodeStatus:
+        status = self.children[0].execute()
+        return status if status is NodeStatus.RUNNING else self.ended(status)
+'''
+_CONTROL = '''\
+@robot.node("{name}")
+class {called}(TreeNode):
+    """In place of the control's own rule: its children in turn, while they succeed.{ports}"""
+
+    CHILDREN = (1, None)
+
+    def tick(self) -> NodeStatus:
+        for child in self.children:
+            status = child.execute()
+            if status is NodeStatus.RUNNING:
+                return status
+            if status is NodeStatus.FAILURE:
+                return self.ended(status)
+        return self.ended(NodeStatus.SUCCESS)
+'''
 
 
-def files_from_tree(file: Path) -> dict[str, str]:
-    """The texts by file name. Raises InputError, TreeFileError and MissionError."""
-    library, findings = read_tree_file(file)
-    findings.raise_errors()
-    _, main = library_and_tree(file, None, Library())
+def files_from_tree(file: Path, tree_id: str | None, others: Library) -> dict[str, str]:
+    """The texts by file name, of this tree or the main one; `others` has SubTrees and models.
+
+    Raises InputError, TreeFileError and MissionError.
+    """
+    library, main = library_and_tree(file, tree_id, others)
+    library.take_in(main)
+    check_subtrees(expand(library, main))
     if library.missing_files:
         missing = ", ".join(library.missing_files)
         raise InputError(f"{file}: what it includes cannot be read: {missing}")
@@ -98,16 +128,31 @@ def files_from_tree(file: Path) -> dict[str, str]:
 
 
 def program_text(library: Library, tree: str, file: str) -> str:
-    """A robot's program with a function for each leaf of a tree."""
-    leaves: dict[str, list[ExpandedNode]] = {}
+    """A robot's program: a function for each leaf of a tree, a class for other nodes of its own."""
+    uses: dict[str, list[ExpandedNode]] = {}
     for node in expand(library, tree).root.walk():
-        if node.category in LEAVES and node.type not in BUILTIN:
-            leaves.setdefault(node.type, []).append(node)
-    functions = [_function(name, uses, library) for name, uses in leaves.items()]
-    body = "\n\n".join(functions)
-    used = [name for name in ("InOut", "Out") if re.search(rf": {name}\b", body)]
+        if node.type not in NODE_TYPES and node.category is not Category.SUBTREE:
+            uses.setdefault(node.type, []).append(node)
+    body = "\n\n".join(
+        _function(name, nodes, library)
+        if nodes[0].category in LEAVES
+        else _class(name, nodes, library)
+        for name, nodes in uses.items()
+    )
+    names = ("InOut", "NodeStatus", "Out", "TreeNode")
+    used = [name for name in names if re.search(rf"\b{name}\b", body)]
     imports = f"from mrbt_mesh.local import {', '.join(used)}\n" if used else ""
     return f"{_HEAD.format(tree=file, imports=imports)}\n\n{body}"
+
+
+def _class(name: str, uses: list[ExpandedNode], library: Library) -> str:
+    ports = _ports(uses, library.model(name))
+    inputs = ", ".join(f'self.input("{port}")' for port in ports)
+    told = f"\n\n    It may read {inputs}.\n    " if inputs else ""
+    called = re.sub(r"\W+", "_", name)
+    called = called if called.isidentifier() and not keyword.iskeyword(called) else f"Node_{called}"
+    template = _CONTROL if uses[0].category is Category.CONTROL else _DECORATOR
+    return template.format(name=name, called=called, ports=told)
 
 
 def _function(name: str, uses: list[ExpandedNode], library: Library) -> str:
@@ -161,4 +206,4 @@ def _parameter(name: str, direction: Direction, kind: str, may_miss: bool) -> st
     shape = {Direction.OUTPUT: "Out", Direction.INOUT: "InOut"}.get(direction, "")
     inner = kind or "object"
     annotation = f"{shape}[{inner}]" if shape else inner
-    return f"{name}: {annotation}" + (" | None = None" if may_miss and not shape else "")
+    return f"{name}: {annotation}" + (" | None = None" if may_miss else "")

@@ -81,6 +81,17 @@ NAV2_CONTROLS = frozenset(
         "PersistentSequence",
     }
 )
+# Nav2's leaves that are conditions; its files come without models.
+NAV2_CONDITIONS = frozenset(
+    {
+        *("ArePosesNear", "AreErrorCodesPresent", "DistanceTraveled", "GloballyUpdatedGoal"),
+        *("GoalReached", "GoalUpdated", "InitialPoseReceived", "IsBatteryCharging"),
+        *("IsBatteryLow", "IsPathValid", "IsStopped", "IsStuck", "IsWithinPathTrackingBounds"),
+        *("PathExpiringTimer", "TimeExpired", "TransformAvailable"),
+        *("WouldAControllerRecoveryHelp", "WouldAPlannerRecoveryHelp"),
+        *("WouldARouteRecoveryHelp", "WouldASmootherRecoveryHelp"),
+    }
+)
 # Types of a constant queue's items.
 LOOP_ITEMS = {"LoopInt": INTEGER, "LoopBool": BOOLEAN, "LoopDouble": "double", "LoopString": TEXT}
 STATUS_NAMES = ("SUCCESS", "FAILURE", "RUNNING", "SKIPPED", "IDLE")
@@ -114,4 +125,6 @@ def category_of(name: str, tag: str, models: dict[str, NodeManifest], children: 
         return Category(tag)
     if name in NAV2_CONTROLS or children > 1:
         return Category.CONTROL
-    return Category.DECORATOR if children else Category.ACTION
+    if children:
+        return Category.DECORATOR
+    return Category.CONDITION if name in NAV2_CONDITIONS else Category.ACTION

@@ -84,6 +84,9 @@ class NodeChecker:
         self.findings = findings
         self.subtree_names: dict[str, int] = {}
         self.entry_types: dict[str, str] = {}
+        # Names of which something is wrong, told where the tree uses them first.
+        self.odd_names: set[str] = set()
+        self.missing_trees: set[str] = set()
 
     def check(self, top: Element, path: str) -> None:
         """Check a node and everything below it; `path` is that of its parent."""
@@ -135,7 +138,8 @@ class NodeChecker:
                     self.rule(place, message + hint(name, [*BUILTIN, *self.library.models]))
                 elif name in self.library.trees:
                     self.warn(place, f"{message}; to use the tree, write <SubTree ID={name!r}/>")
-        if problem := name_problem(name):
+        if name not in self.odd_names and (problem := name_problem(name)):
+            self.odd_names.add(name)
             self.rule(place, problem)
         if "\x7f" in element.get("name"):
             self.rule(place, "the attribute 'name' contains a control character")
@@ -242,7 +246,8 @@ class NodeChecker:
         autoremap = element.get("_autoremap", "false")
         if read_boolean(autoremap) is None:
             self.error(place, f"_autoremap={autoremap!r} is not a boolean; write true or false")
-        if name and name not in self.library.trees:
+        if name and name not in self.library.trees and name not in self.missing_trees:
+            self.missing_trees.add(name)
             missing = self.library.missing_files
             where = f"; it may be in {', '.join(missing)}, which was not read" if missing else ""
             known = where or hint(name, self.library.trees)

@@ -7,7 +7,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
-from mrbt_mesh.formats.btcpp.document import Category, Document, NodeManifest, read_document
+from mrbt_mesh.formats.btcpp.document import (
+    SUBTREE,
+    Category,
+    Document,
+    NodeManifest,
+    read_document,
+)
 from mrbt_mesh.formats.btcpp.elements import Element
 from mrbt_mesh.formats.btcpp.findings import Findings
 from mrbt_mesh.formats.btcpp.upgrade import upgrade
@@ -63,6 +69,19 @@ class Library:
         self.trees = other.trees | self.trees
         self.models = other.models | self.models
         self.subtree_models = other.subtree_models | self.subtree_models
+
+    def take_in(self, tree: str) -> None:
+        """Make documents of the other files whose trees a tree needs, and those in turn."""
+        seen, waiting = set(), [tree]
+        while waiting:
+            source = self.trees.get(waiting.pop())
+            if source is None or source.id in seen:
+                continue
+            seen.add(source.id)
+            if all(source.document is not document for document in self.documents):
+                self.documents.append(source.document)
+            used = (each for each in source.element.walk() if each.tag == SUBTREE)
+            waiting.extend(each.get("ID") for each in used)
 
     def add(self, document: Document) -> None:
         """Take over a document's trees and models. Of two of the same ID the last one counts."""

@@ -10,7 +10,9 @@ from mrbt_mesh.formats.btcpp.document import (
     EXPLICIT_TAGS,
     SUBTREE,
     TREE,
+    Direction,
     Document,
+    NodeManifest,
     is_port,
     pointer,
     ports,
@@ -123,6 +125,7 @@ def upgrade(document: Document, findings: Findings) -> Document:
     upgraded = document.copy()
     root = upgraded.root
     root.attributes = {"BTCPP_format": "4"} | root.attributes | {"BTCPP_format": "4"}
+    models = document.models()
     for part in root.children if version == 3 else ():
         for element in part.walk():
             place = f"{element.tag} {element.get('name') or element.get('ID')}".strip()
@@ -134,6 +137,8 @@ def upgrade(document: Document, findings: Findings) -> Document:
                 tell(document.file, line, place, f"version 3: {message}")
 
             _upgrade_element(element, part.tag == TREE, note)
+            if part.tag == TREE and element.tag != SUBTREE and type_id(element) in models:
+                _upgrade_outputs(element, models[type_id(element)], note)
     return upgraded
 
 
@@ -159,3 +164,15 @@ def _upgrade_element(element: Element, in_tree: bool, note: Callable[[str, bool]
             value = f"{{{value}}}"
         attributes[attribute] = value
     element.attributes = attributes
+
+
+def _upgrade_outputs(
+    element: Element, model: NodeManifest, note: Callable[[str, bool], None]
+) -> None:
+    """A bare name at an output port was the entry to write; version 4 finds nothing to write."""
+    for name, value in ports(element).items():
+        port = model.ports.get(name)
+        is_output = port is not None and port.direction is Direction.OUTPUT
+        if is_output and value.strip() not in ("", "=") and pointer(value, name) is None:
+            note(f"{name}={value!r} names the entry that is written: '{{{value}}}' now", False)
+            element.attributes[name] = f"{{{value}}}"

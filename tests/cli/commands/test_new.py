@@ -99,6 +99,55 @@ def test_functions_write_the_ports_that_models_describe(
     assert run.returncode == 0, run.stdout
 
 
+OF_ONES_OWN = """<root BTCPP_format="4"><BehaviorTree ID="Other"><Go/></BehaviorTree>
+<BehaviorTree ID="Main Tree"><Sequence>
+  <WhenCalm limit="2" wind="{wind}"><Go to="dock" error="{error}"/></WhenCalm>
+  <Both-Of><Go to="shelf"/><GoalUpdated/></Both-Of>
+  <SubTree ID="Fetch It" what="cup" _autoremap="true"/>
+</Sequence></BehaviorTree></root>"""
+FETCH = """<root BTCPP_format="4"><BehaviorTree ID="Fetch It">
+<Sequence><Grasp what="{what}"/><SubTree ID="Home"/></Sequence></BehaviorTree>
+<TreeNodesModel><Action ID="Grasp"><input_port name="what" type="std::string"/></Action>
+</TreeNodesModel></root>"""
+HOME = '<root BTCPP_format="4"><BehaviorTree ID="Home"><Go to="home"/></BehaviorTree></root>'
+
+
+def test_nodes_of_ones_own_and_trees_of_other_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "task.xml").write_text(OF_ONES_OWN)
+    (tmp_path / "trees").mkdir()
+    (tmp_path / "trees" / "fetch.xml").write_text(FETCH)
+    (tmp_path / "trees" / "unused.xml").write_text(HOME.replace("Home", "Unused"))
+    (tmp_path / "home.xml").write_text(HOME)
+    folder, file = tmp_path / "mine", str(tmp_path / "task.xml")
+    others = ("--trees", str(tmp_path / "trees"), "--models", str(tmp_path / "home.xml"))
+    words = ("new", str(folder), "--btcpp", file, "--tree", "Main Tree")
+    code, _, problems = mrbt(*words)
+    assert code == 2
+    assert f"{file}:5: Main Tree/Sequence/Fetch It: there is no tree" in problems.replace("\n", "")
+    code, _, problems = mrbt(*words, *others)
+    assert code == 0, problems
+    text = (folder / "robot.py").read_text()
+    assert '@robot.node("WhenCalm")\nclass WhenCalm(TreeNode):' in text
+    assert 'self.input("limit"), self.input("wind")' in text
+    assert '@robot.node("Both-Of")\nclass Both_Of(TreeNode):' in text
+    assert '@robot.condition("GoalUpdated")' in text, "Nav2's files have no models"
+    assert "async def go(to: object, error: InOut[object] | None = None)" in text
+    assert "def grasp(what: str)" in text
+    assert "Unused" not in (folder / "task.xml").read_text()
+    mission = load_mission(folder / "mission.yaml")
+    assert mission.program is not None
+    assert simulate(mission, load_program(mission.program), seed=1).result == "success"
+
+
+def test_what_is_for_trees_is_refused_without_one(tmp_path: Path) -> None:
+    code, _, problems = mrbt("new", str(tmp_path / "x"), "--tree", "A", "--models", "m.xml")
+    assert code == 2
+    assert "--tree and --models: only with --btcpp" in problems
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -48,6 +48,22 @@ def test_version(body: str, version: int) -> None:
         assert is_version_3(named) is (said_version == 3)
 
 
+def test_a_bare_name_at_an_output_port_is_an_entry() -> None:
+    text = (
+        '<root BTCPP_format="3"><BehaviorTree ID="M"><Sequence><Look at="cup" found="where"/>'
+        '<Look at="cup" found="{where}"/><Other found="it"/></Sequence></BehaviorTree>'
+        '<TreeNodesModel><Action ID="Look"><input_port name="at"/><output_port name="found"/>'
+        "</Action></TreeNodesModel></root>"
+    )
+    findings = Findings()
+    (tree,) = upgrade(parse_document(text, "m.xml"), findings).trees
+    nodes = [element.attributes for element in tree.walk() if element.attributes.get("found")]
+    assert nodes[0] == nodes[1] == {"at": "cup", "found": "{where}"}
+    assert nodes[2] == {"found": "it"}, "nobody says that it is an output"
+    (told,) = findings.warnings
+    assert "found='where' names the entry that is written: '{where}' now" in str(told)
+
+
 def test_only_what_version_4_refuses_breaks_a_rule() -> None:
     text = (
         '<root BTCPP_format="3"><BehaviorTree ID="M"><SequenceStar>'
