@@ -135,7 +135,7 @@ parts-vda5050: $(READY)
 
 test-vda5050: parts-vda5050
 	MRBT_VDA5050_NODE=$(abspath $(VDA5050_NODE)) $(BIN)/pytest -rs tests/adapters/vda5050 \
-		tests/processes/test_vda5050.py
+		tests/processes/test_vda5050.py tests/docker/test_compose_agvs.py
 
 # rclpy has a virtual environment of its own: its wheels start every Python of theirs anew.
 ROS2 := .venv-ros2

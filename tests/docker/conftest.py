@@ -10,7 +10,14 @@ from pathlib import Path
 import pytest
 
 from tests.support import docker_engine as docker
-from tests.support.docker_compose import HOLD_FOLDER, OVERRIDE, PROJECT, Compose
+from tests.support.docker_compose import (
+    BROKER_FILE,
+    HOLD_FOLDER,
+    NODE_FOLDER,
+    OVERRIDE,
+    PROJECT,
+    Compose,
+)
 from tests.support.docker_engine import NoEngineError
 from tests.support.paths import ROOT
 
@@ -55,6 +62,8 @@ def project(
             (folder / HOLD_FOLDER).mkdir()
             environment |= {"COMPOSE_PROJECT_NAME": PROJECT, "COMPOSE_HTTP_TIMEOUT": "300"}
             environment |= {"BASE": base, "MRBT_SPEED": "10"}
+            (folder / BROKER_FILE).write_text("listener 1883\nallow_anonymous true\n")
+            (folder / NODE_FOLDER).mkdir()
             say("building the image")
             compose = Compose(folder, environment)
             compose("build", timeout_s=400)

@@ -34,6 +34,17 @@ services:
     f"    volumes: ['./{HOLD_FOLDER}:/hold:ro']\n"
     for robot in (*ROBOTS, *ROUTED)
 )
+# What stands for the images of a broker and of node, and what is in them.
+AGV_PACKAGES = "mosquitto,nodejs"
+NODE_FOLDER, BROKER_FILE = "agv_node", "broker.conf"
+OVERRIDE += f"""\
+  broker:
+    volumes: ["./{BROKER_FILE}:/mosquitto-no-auth.conf:ro"]
+  agvs:
+    volumes: ["./{NODE_FOLDER}:/agvs"]
+  warehouse:
+    environment: {{COLUMNS: "200"}}
+"""
 
 
 class Compose:
@@ -159,7 +170,7 @@ class Compose:
             follower.wait()
             if follower.stdout is not None:
                 follower.stdout.close()
-        profiles = ("--profile", "router", "--profile", "metrics")
+        profiles = ("--profile", "router", "--profile", "metrics", "--profile", "vda5050")
         self(*profiles, "down", "--volumes", "--timeout", "5", timeout_s=WAIT_S)
 
 

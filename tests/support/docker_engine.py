@@ -137,18 +137,20 @@ def _wait_until_it_answers(
     raise NoEngineError(f"dockerd does not run here: {log.read_text()[-800:]}")
 
 
-def base_image(environment: Mapping[str, str], say: Callable[[str], None]) -> str:
-    """The name of an image of a small Debian with Python; made once."""
+def base_image(
+    environment: Mapping[str, str], say: Callable[[str], None], included: str = INCLUDED
+) -> str:
+    """The name of an image of a small Debian with these packages; made once."""
     release = RELEASES[sys.version_info[:2]]
-    recipe = hashlib.sha256(repr((release, INCLUDED, DROPPED)).encode()).hexdigest()[:12]
+    recipe = hashlib.sha256(repr((release, included, DROPPED)).encode()).hexdigest()[:12]
     name = f"mrbt-base:{release}-{recipe}"
     with contextlib.suppress(NoEngineError):
         run(["docker", "image", "inspect", name], environment)
         return name
-    say(f"making a base image of Debian {release} (about a minute, once)")
+    say(f"making an image of Debian {release} with {included} (about a minute, once)")
     with _in_memory() as folder:
         root = folder / "root"
-        command = ["debootstrap", "--variant=minbase", f"--include={INCLUDED}", release]
+        command = ["debootstrap", "--variant=minbase", f"--include={included}", release]
         run([*command, str(root), MIRROR])
         for dropped in DROPPED:
             shutil.rmtree(root / dropped)
