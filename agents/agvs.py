@@ -7,4 +7,4 @@ from pathlib import Path
 
 from mrbt_mesh.adapters.vda5050 import robot_program
 
-robot = robot_program(Path(__file__).parents[1] / "examples/warehouse/agvs.yaml")
+robot = robot_program(Path(__file__).parents[1] / "examples/warehouse/agvs.yaml", record_work=True)

@@ -104,9 +104,9 @@ async def test_what_comes_live_is_what_the_file_holds(tmp_path: Path) -> None:
     with serving(tmp_path) as live:
         async with viewer(live.server.address) as client:
             await client.offered([PLANS, SCENE, POSITIONS, FAULTS])
-            await client.ask(PLANS)
-            before = await client.message()  # that it is asked for has been taken in
             await client.ask(SCENE, POSITIONS, FAULTS)
+            await client.ask(PLANS)
+            before = await client.message()  # what is asked for has been taken in
             live.move("A", 1_000, 2_000, 1_571)
             live.go("succeed A", "pass 500")
             live.go("kill B", "pass 4000")

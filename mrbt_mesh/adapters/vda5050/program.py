@@ -54,14 +54,15 @@ FIRST_STATE_S = 5.0
 ALL = "all"
 
 
-def robot_program(layout_file: str | Path) -> RobotProgram:
+def robot_program(layout_file: str | Path, *, record_work: bool = False) -> RobotProgram:
     """A program for robots that are the vehicles of a layout file, each by its robot's id.
 
-    Raises InputError without the extra, and for a file that cannot be used.
+    `record_work` is that of RobotProgram. Raises InputError without the extra, and for a file that
+    cannot be used.
     """
     require_extra()
     fleet = Fleet(load_layout(Path(layout_file)))
-    program = RobotProgram()
+    program = RobotProgram(record_work=record_work)
 
     @program.background
     async def connect(task: TaskContext) -> None:

@@ -168,7 +168,8 @@ def test_a_tree_that_cannot_be_used_is_told(tmp_path: Path, text: str, message: 
     assert not (tmp_path / "mine").exists()
 
 
-def test_a_fleet_of_agvs(tmp_path: Path) -> None:
+def test_a_fleet_of_agvs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
     folder = tmp_path / "fleet"
     code, _, problems = mrbt("new", str(folder), "--vda5050")
     assert code == 0, problems
@@ -182,6 +183,11 @@ def test_a_fleet_of_agvs(tmp_path: Path) -> None:
     layout = load_layout(folder / "agvs.yaml")
     assert set(layout.vehicles) == set(mission.robots)
     assert set(layout.tasks) == {"fetch"}
+    assert mission.program is not None
+    program = load_program(mission.program)
+    assert program.record_work
+    for robot in mission.robots.values():
+        assert check_program(program, mission, robot.capabilities) == []
 
 
 def test_one_thing_at_a_time(tmp_path: Path) -> None:

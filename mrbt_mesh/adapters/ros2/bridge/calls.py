@@ -33,8 +33,12 @@ class CallKeeper(ServerKeeper):
     def answered(
         self, run: int, text: str, fields: dict[str, Any], now_s: float
     ) -> list[ServerEffect]:
-        """The service has answered, or the message is published."""
+        """The service has answered."""
         return self.heard(now_s) + self._end(run, "succeeded", text, fields)
+
+    def published(self, run: int) -> list[ServerEffect]:
+        """The message is published, which says nothing of those who listen."""
+        return self._end(run, "succeeded", "", {})
 
     @property
     def is_clear(self) -> bool:

@@ -5,6 +5,7 @@ All of it happens in the one thread that spins the node. What is decided is deci
 
 from __future__ import annotations
 
+import time
 import uuid
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -21,8 +22,9 @@ from rclpy.signals import SignalHandlerOptions
 from unique_identifier_msgs.msg import UUID
 
 from .goals import GoalKeeper
-from .server import AskLife, AskResult, CancelGoal, SendCall, SendGoal, ServerEffect
+from .server import AskLife, AskResult, CancelGoal, SendCall, SendGoal, ServerEffect, ServerKeeper
 from .values import fill, find_type, read_field, reason_of, stamp_now
+from .watch import LifeAnswers
 
 # Hands a step of a keeper to the bridge, which carries out what follows.
 Apply = Callable[[Callable[[Any, float], "list[ServerEffect]"]], None]
@@ -85,6 +87,7 @@ class _LifeQuestions:
         self._apply = apply
         self._clients: dict[str, Any] = {}
         self._open: list[tuple[Any, Any]] = []
+        self._answers = LifeAnswers()
 
     def client(self, service: str, kind: Any) -> Any:
         """A client that is made once."""
@@ -124,15 +127,20 @@ class _LifeQuestions:
         return True
 
     def ask_nodes(self, names: Iterable[str]) -> None:
-        """Ask nodes for no parameters; one that has none to give is there while DDS says so."""
+        """Ask the nodes that DDS lists for no parameters."""
 
-        def heard(_: Any) -> None:
-            self._apply(lambda keeper, now_s: keeper.heard(now_s))
+        def heard(keeper: ServerKeeper, now_s: float) -> list[ServerEffect]:
+            return keeper.heard(now_s)
 
-        for name in names:
-            client = self.client(f"{name}/get_parameters", GetParameters)
-            if not self.ask(client, GetParameters.Request(), heard):
-                heard(None)
+        def answered(_: Any) -> None:
+            self._answers.answered(time.monotonic())
+            self._apply(heard)
+
+        clients = [self.client(f"{name}/get_parameters", GetParameters) for name in names]
+        asked = [self.ask(client, GetParameters.Request(), answered) for client in clients]
+        are_all_asked = bool(asked) and all(asked)
+        if not are_all_asked and self._answers.does_listing_count(time.monotonic()):
+            self._apply(heard)
 
 
 class ActionEnd:
@@ -293,7 +301,7 @@ class PublisherEnd:
             fill(message, effect.body)
             stamp_now(message, effect.body, self._node.get_clock().now().to_msg())
             self._publisher.publish(message)
-            self._apply(lambda keeper, now_s: keeper.answered(effect.run, "", {}, now_s))
+            self._apply(lambda keeper, _: keeper.published(effect.run))
         elif isinstance(effect, AskLife):
             self._questions.renew()
             found = self._node.get_subscriptions_info_by_topic(self._publisher.topic_name)

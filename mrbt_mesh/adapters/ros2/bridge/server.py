@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,7 +66,7 @@ class ServerTold:
 ServerEffect = SendGoal | CancelGoal | AskResult | SendCall | AskLife | RunEnded | ServerTold
 
 
-class ServerKeeper:
+class ServerKeeper(ABC):
     """One server. Every method returns what is to be done; `now_s` never goes back."""
 
     def __init__(self, detection_s: float, now_s: float) -> None:
@@ -73,22 +74,22 @@ class ServerKeeper:
         self._is_up = False
         self._why_not = "the server has not been found"
 
+    @abstractmethod
     def start(self, run: int, goal_id: bytes, body: Any, now_s: float) -> list[ServerEffect]:
         """Something new is wanted; what was before has ended or was cancelled."""
-        raise NotImplementedError
 
+    @abstractmethod
     def cancel(self, run: int, now_s: float) -> list[ServerEffect]:
         """It is wanted no longer; its end is told when the server has stopped."""
-        raise NotImplementedError
 
+    @abstractmethod
     def refused(self, run: int, text: str, now_s: float) -> list[ServerEffect]:
         """What is wanted is nothing that the server's type could say."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def is_clear(self) -> bool:
         """Whether nothing of ours is at the server, or may be."""
-        raise NotImplementedError
 
     def heard(self, now_s: float) -> list[ServerEffect]:
         """A sign of life: an answer to whatever was asked, or feedback."""

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 # So often is asked in the time in which a loss has to be noticed.
 ASKS = 4
+# Longer than DDS lists what belonged to a process that was killed (20 s by its default lease).
+LISTED_S = 30.0
 
 
 class LifeWatch:
@@ -49,3 +51,23 @@ class LifeWatch:
             return False
         self._asked_s = now_s
         return True
+
+
+class LifeAnswers:
+    """Whether it counts that DDS lists somebody who cannot be asked; `now_s` never goes back.
+
+    A node without parameter services cannot be asked, nor one whose name DDS does not tell. But
+    after a node was killed and another one started, what is left of it may also have lost its
+    name. So being listed counts where none of the nodes has answered within `LISTED_S`.
+    """
+
+    def __init__(self) -> None:
+        self._answered_s: float | None = None
+
+    def answered(self, now_s: float) -> None:
+        """One of the nodes has answered a question."""
+        self._answered_s = now_s
+
+    def does_listing_count(self, now_s: float) -> bool:
+        """Whether a node that is listed is taken for one that is there."""
+        return self._answered_s is None or now_s - self._answered_s >= LISTED_S

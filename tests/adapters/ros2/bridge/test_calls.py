@@ -55,3 +55,14 @@ def test_a_call_that_was_not_sent_is_not_lost() -> None:
     silent(keeper)
     assert keeper.start(3, b"", {}, 2.0) == []
     assert keeper.heard(3.0) == [ServerTold(True, ""), SendCall(3, {})]
+
+
+def test_to_publish_is_no_sign_of_life_of_those_who_listen() -> None:
+    keeper = ready()
+    ticks = iter(tick * 0.05 for tick in range(1, 25))
+    while (now_s := next(ticks)) < 0.9:
+        keeper.tick(now_s)
+    assert keeper.start(3, b"", "jump", now_s) == [SendCall(3, "jump")]
+    assert keeper.published(3) == [RunEnded(3, "succeeded", "", {})]
+    told = [effect for now_s in ticks for effect in keeper.tick(now_s)]
+    assert ServerTold(False, "the server does not answer") in told

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.adapters.ros2.bridge.watch import ASKS, LifeWatch
+from mrbt_mesh.adapters.ros2.bridge.watch import ASKS, LISTED_S, LifeAnswers, LifeWatch
 
 DETECTION_S = 1.0
 TICK_S = 0.05
@@ -65,3 +65,13 @@ def test_what_is_known_to_be_gone_is_asked_again() -> None:
     assert any(watch.tick(0.1 + tick * TICK_S) for tick in range(10))
     watch.heard(0.7)
     assert watch.is_there
+
+
+def test_being_listed_counts_unless_a_node_has_answered_lately() -> None:
+    answers = LifeAnswers()
+    assert answers.does_listing_count(0.0)
+    answers.answered(1.0)
+    assert not answers.does_listing_count(1.0)
+    answers.answered(2.0)
+    assert not answers.does_listing_count(1.0 + LISTED_S)
+    assert answers.does_listing_count(2.0 + LISTED_S)
