@@ -57,6 +57,8 @@ def test_whoever_dies_is_replaced(run_mission: RunMission) -> None:
     run = run_mission("mission.yaml", faults=[(1, Kill("R1"))])
     assert run.result == usual.result
 '''
+# Longer lines of a program are broken.
+WIDTH = 100
 _HEAD = '''\
 """What a robot does for the leaves of {tree}: one function for each of them."""
 
@@ -66,6 +68,11 @@ from mrbt_mesh import RobotProgram
 {imports}
 robot = RobotProgram(record_work=True)  # starts and ends stand in the run's events.jsonl
 '''
+_WORK = "    await anyio.sleep(1)  # in place of the robot's work; to fail, raise TaskFailedError"
+# In a ReactiveSequence two actions that take their time, one after the other, never end.
+_AT_ONCE = """\
+    # What follows it is asked only after this, at every tick. If that takes its time (`async`),
+    # this has to end at once. To fail, raise TaskFailedError."""
 _DECORATOR = '''\
 @robot.node("{name}")
 class {called}(TreeNode):
@@ -130,11 +137,15 @@ def files_from_tree(file: Path, tree_id: str | None, others: Library) -> dict[st
 def program_text(library: Library, tree: str, file: str) -> str:
     """A robot's program: a function for each leaf of a tree, a class for other nodes of its own."""
     uses: dict[str, list[ExpandedNode]] = {}
+    at_once: set[str] = set()
     for node in expand(library, tree).root.walk():
         if node.type not in NODE_TYPES and node.category is not Category.SUBTREE:
             uses.setdefault(node.type, []).append(node)
+        guards = {"ReactiveSequence": node.children[:-1], "WhileDoElse": node.children[:1]}
+        for guard in guards.get(node.type, ()):
+            at_once |= {below.type for below in guard.walk()}
     body = "\n\n".join(
-        _function(name, nodes, library)
+        _function(name, nodes, library, name in at_once)
         if nodes[0].category in LEAVES
         else _class(name, nodes, library)
         for name, nodes in uses.items()
@@ -155,31 +166,50 @@ def _class(name: str, uses: list[ExpandedNode], library: Library) -> str:
     return template.format(name=name, called=called, ports=told)
 
 
-def _function(name: str, uses: list[ExpandedNode], library: Library) -> str:
+def _function(name: str, uses: list[ExpandedNode], library: Library, is_at_once: bool) -> str:
     model = library.model(name)
     ports = _ports(uses, model)
     called = re.sub(r"\W+", "_", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)).lower()
     called = f"do_{called}" if keyword.iskeyword(called) or not called.isidentifier() else called
     is_plain = all(port.isidentifier() and not keyword.iskeyword(port) for port in ports)
-    parameters = ", ".join(_parameter(port, *ports[port]) for port in ports)
+    parameters = [_parameter(port, *ports[port]) for port in ports]
     if not is_plain:
-        parameters = "**ports: object"
+        parameters = ["**ports: object"]
     if uses[0].category is Category.CONDITION:
-        return (
-            f'@robot.condition("{name}")\ndef {called}({parameters}) -> bool:\n'
-            f"    return True  # in place of a look at the world\n"
-        )
-    lines = [
-        f'@robot.action("{name}")',
-        f"async def {called}({parameters}) -> None:",
-        "    await anyio.sleep(1)  # in place of the robot's work; to fail, raise TaskFailedError",
-    ]
-    for port, (direction, kind, _) in ports.items() if is_plain else ():
+        lines = [
+            f'@robot.condition("{name}")',
+            _signature(f"def {called}", parameters, "bool"),
+            "    return True  # in place of a look at the world",
+        ]
+        return "\n".join(lines) + "\n"
+    lines = [f'@robot.action("{name}")']
+    if is_at_once:
+        lines += [_signature(f"def {called}", parameters, "None"), _AT_ONCE]
+    else:
+        lines += [_signature(f"async def {called}", parameters, "None"), _WORK]
+    writes = _writes(ports) if is_plain else []
+    if is_at_once and all(line.lstrip().startswith("#") for line in writes):
+        writes.append("    return")
+    return "\n".join(lines + writes) + "\n"
+
+
+def _writes(ports: dict[str, tuple[Direction, str, bool]]) -> list[str]:
+    lines = []
+    for port, (direction, kind, may_miss) in ports.items():
         if direction is Direction.OUTPUT:
-            lines.append(f"    {port}.set({_VALUES.get(kind, _TEXT)})")
+            lines += [f"    if {port} is not None:"] if may_miss else []
+            indent = "        " if may_miss else "    "
+            lines.append(f"{indent}{port}.set({_VALUES.get(kind, _TEXT)})")
         elif direction is Direction.INOUT:
             lines.append(f"    # {port}.set(...), if it writes that port")
-    return "\n".join(lines) + "\n"
+    return lines
+
+
+def _signature(head: str, parameters: list[str], result: str) -> str:
+    text = f"{head}({', '.join(parameters)}) -> {result}:"
+    if len(text) <= WIDTH:
+        return text
+    return "\n".join([f"{head}(", *(f"    {each}," for each in parameters), f") -> {result}:"])
 
 
 def _ports(
@@ -187,10 +217,13 @@ def _ports(
 ) -> dict[str, tuple[Direction, str, bool]]:
     """Each port with its direction, its type in Python, and whether it may be missing.
 
-    Without a model, one that only ever points to entries may be written.
+    Without a model, one that only ever points to entries may be written. What the model has and
+    no node is given is left out.
     """
     found: dict[str, tuple[Direction, str, bool]] = {}
     for port in model.ports.values() if model else ():
+        if port.default is None and not any(port.name in use.ports for use in uses):
+            continue
         missing = any(port.name not in use.ports for use in uses) and port.default is None
         found[port.name] = (port.direction, _TYPES.get(port.type, ""), missing)
     for name in (name for use in uses for name in use.ports):

@@ -84,10 +84,11 @@ NAV2_CONTROLS = frozenset(
 # Nav2's leaves that are conditions; its files come without models.
 NAV2_CONDITIONS = frozenset(
     {
-        *("ArePosesNear", "AreErrorCodesPresent", "DistanceTraveled", "GloballyUpdatedGoal"),
+        *("ArePosesNear", "AreErrorCodesPresent", "DistanceTraveled", "GlobalUpdatedGoal"),
         *("GoalReached", "GoalUpdated", "InitialPoseReceived", "IsBatteryCharging"),
-        *("IsBatteryLow", "IsPathValid", "IsStopped", "IsStuck", "IsWithinPathTrackingBounds"),
-        *("PathExpiringTimer", "TimeExpired", "TransformAvailable"),
+        *("IsBatteryLow", "IsGoalNearby", "IsPathValid", "IsStopped", "IsStuck"),
+        *("IsWithinPathTrackingBounds", "PathExpiringTimer", "TimeExpired"),
+        "TransformAvailable",
         *("WouldAControllerRecoveryHelp", "WouldAPlannerRecoveryHelp"),
         *("WouldARouteRecoveryHelp", "WouldASmootherRecoveryHelp"),
     }

@@ -99,6 +99,31 @@ def test_functions_write_the_ports_that_models_describe(
     assert run.returncode == 0, run.stdout
 
 
+GUARDED = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
+  <ReactiveSequence><Look at="{at}" far="{far}"/><Go to="{at}"/></ReactiveSequence>
+  <Look at="{there}"/>
+</Sequence></BehaviorTree><TreeNodesModel><Action ID="Look"><output_port name="at"/>
+  <output_port name="far"/><output_port name="colour"/></Action></TreeNodesModel></root>"""
+
+
+def test_what_a_reactive_sequence_does_at_every_tick_ends_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else two actions in a row would begin anew for ever."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "guarded.xml").write_text(GUARDED)
+    folder = tmp_path / "mine"
+    code, _, problems = mrbt("new", str(folder), "--btcpp", str(tmp_path / "guarded.xml"))
+    assert code == 0, problems
+    text = (folder / "robot.py").read_text()
+    assert "\ndef look(at: Out[object], far: Out[object] | None = None) -> None:" in text
+    assert "async def go(to: InOut[object]) -> None:" in text
+    assert "colour" not in text
+    mission = load_mission(folder / "mission.yaml")
+    assert mission.program is not None
+    assert simulate(mission, load_program(mission.program), seed=1).result == "success"
+
+
 OF_ONES_OWN = """<root BTCPP_format="4"><BehaviorTree ID="Other"><Go/></BehaviorTree>
 <BehaviorTree ID="Main Tree"><Sequence>
   <WhenCalm limit="2" wind="{wind}"><Go to="dock" error="{error}"/></WhenCalm>
