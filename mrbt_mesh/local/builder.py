@@ -259,6 +259,9 @@ class _Builder:
                 self.problem(where, element.line, message)
         for name, port in leaf.ports.items():
             given = node.ports.get(name, node.defaults.get(name))
+            if port.writes and port.is_optional and given == "":
+                # As editors write an output that is left out.
+                continue
             if given is None and not port.is_optional:
                 self.problem(where, element.line, f"{node.type}: port {name!r} is missing")
             elif given is not None and port.writes and pointer(given, name) is None:

@@ -40,7 +40,8 @@ class LeafNode(TreeNode):
         found: dict[str, Any] = {}
         for name, port in self.leaf.ports.items():
             may_be_missing = port.is_optional or port.writes
-            if port.reads and not (may_be_missing and self._has_no_value(name)):
+            is_left_out = port.writes and self.ports.get(name) == ""
+            if port.reads and not (may_be_missing and (is_left_out or self._has_no_value(name))):
                 found[name] = self.input(name, port.type)
         if self.leaf.takes_others:
             for name in self.ports:
@@ -59,7 +60,7 @@ class LeafNode(TreeNode):
         """Call the function; `write(port, value)` is behind its output ports."""
         arguments = dict(inputs)
         for name, port in self.leaf.ports.items():
-            if port.writes and (name in self.ports or not port.is_optional):
+            if port.writes and (self.ports.get(name) or not port.is_optional):
 
                 def write_port(value: Any, name: str = name) -> None:
                     write(name, value)

@@ -41,6 +41,7 @@ def problems(body: str, trees: str = "", exact: bool = False) -> list[str]:
         ("<Move/>", "Main/Move: Move: port 'goal' is missing"),
         ('<Move goal="a" sped="1"/>', "Move has no port 'sped'; its ports: goal, speed"),
         ('<Find where="here"/>', "Find: port 'where' is written, it needs an entry: {where}"),
+        ('<Find where=""/>', "Find: port 'where' is written, it needs an entry: {where}"),
         ('<SubTree ID="Elsewhere"/>', "there is no tree 'Elsewhere'"),
         ('<SubTree ID="In"/>', "port 'goal' of tree 'In' has to be given"),
     ],

@@ -33,6 +33,17 @@ def test_inputs_are_converted_and_outputs_are_written() -> None:
     assert (tree.blackboard["o"], tree.blackboard["n"]) == ("done", 5)
 
 
+@pytest.mark.parametrize("ports", ["", ' error="" retries=""'])
+def test_outputs_may_be_left_out_also_by_an_empty_text(ports: str) -> None:
+    tree = tree_of(f"<Work{ports}/>")
+
+    @tree.action("Work")
+    def work(error: Out[str] | None = None, retries: InOut[int] | None = None) -> bool:
+        return error is None and retries is None
+
+    assert tree.engine.tick(0) is NodeStatus.SUCCESS
+
+
 @pytest.mark.parametrize("answer", [True, False])
 def test_a_condition_may_be_async_if_it_does_not_wait(answer: bool) -> None:
     tree = tree_of("<Ok/>")

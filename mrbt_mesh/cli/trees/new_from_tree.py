@@ -81,7 +81,7 @@ class {called}(TreeNode):
     CHILDREN = (1, 1)
 
     def tick(self) -> NodeStatus:
-        status = self.children[0].execute()
+{writes}        status = self.children[0].execute()
         return status if status is NodeStatus.RUNNING else self.ended(status)
 '''
 _CONTROL = '''\
@@ -92,7 +92,7 @@ class {called}(TreeNode):
     CHILDREN = (1, None)
 
     def tick(self) -> NodeStatus:
-        for child in self.children:
+{writes}        for child in self.children:
             status = child.execute()
             if status is NodeStatus.RUNNING:
                 return status
@@ -158,12 +158,22 @@ def program_text(library: Library, tree: str, file: str) -> str:
 
 def _class(name: str, uses: list[ExpandedNode], library: Library) -> str:
     ports = _ports(uses, library.model(name))
-    inputs = ", ".join(f'self.input("{port}")' for port in ports)
+    inputs = ", ".join(
+        f'self.input("{port}")'
+        for port, (direction, _, _) in ports.items()
+        if direction is not Direction.OUTPUT
+    )
     told = f"\n\n    It may read {inputs}.\n    " if inputs else ""
+    writes = ""
+    for port, (direction, kind, may_miss) in ports.items():
+        if direction is Direction.OUTPUT:
+            write = f'self.output("{port}", {_VALUES.get(kind, _TEXT)})\n'
+            given = f'        if "{port}" in self.ports:\n            ' if may_miss else " " * 8
+            writes += given + write
     called = re.sub(r"\W+", "_", name)
     called = called if called.isidentifier() and not keyword.iskeyword(called) else f"Node_{called}"
     template = _CONTROL if uses[0].category is Category.CONTROL else _DECORATOR
-    return template.format(name=name, called=called, ports=told)
+    return template.format(name=name, called=called, ports=told, writes=writes)
 
 
 def _function(name: str, uses: list[ExpandedNode], library: Library, is_at_once: bool) -> str:
@@ -224,7 +234,12 @@ def _ports(
     for port in model.ports.values() if model else ():
         if port.default is None and not any(port.name in use.ports for use in uses):
             continue
-        missing = any(port.name not in use.ports for use in uses) and port.default is None
+        # Editors write an output that is left out as an empty text.
+        is_written = port.direction is not Direction.INPUT
+        given = [
+            port.name in use.ports and not (is_written and not use.ports[port.name]) for use in uses
+        ]
+        missing = not all(given) and port.default is None
         found[port.name] = (port.direction, _TYPES.get(port.type, ""), missing)
     for name in (name for use in uses for name in use.ports):
         missing = any(name not in use.ports for use in uses)

@@ -14,7 +14,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from mrbt_mesh.formats.btcpp.elements import Comment, Content, Element, Instruction, Text
-from mrbt_mesh.formats.btcpp.raw_characters import escaped
+from mrbt_mesh.formats.btcpp.lenient_xml import mended
 from mrbt_mesh.formats.limited_file import read_limited
 from mrbt_mesh.formats.problems import MissionError, Problem
 
@@ -68,7 +68,7 @@ def parse_xml(content: bytes | str, file: str) -> XmlContent:
         return _Reader(file).read(content)
     except TreeFileError:
         text = content if isinstance(content, str) else _decoded(content)
-        kept, raw = escaped(text) if text is not None else ("", [])
+        kept, raw = mended(text) if text is not None else ("", [])
         if not raw:
             raise
         found = _Reader(file, "utf-8").read(kept.encode(errors="replace"))

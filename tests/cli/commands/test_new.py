@@ -101,15 +101,16 @@ def test_functions_write_the_ports_that_models_describe(
 
 GUARDED = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
   <ReactiveSequence><Look at="{at}" far="{far}"/><Go to="{at}"/></ReactiveSequence>
-  <Look at="{there}"/>
-</Sequence></BehaviorTree><TreeNodesModel><Action ID="Look"><output_port name="at"/>
+  <Look at="{there}" far=""/><Heard what="{what}"><Go to="{what}"/></Heard>
+</Sequence></BehaviorTree><TreeNodesModel><Decorator ID="Heard"><output_port name="what"/>
+  </Decorator><Action ID="Look"><output_port name="at"/>
   <output_port name="far"/><output_port name="colour"/></Action></TreeNodesModel></root>"""
 
 
-def test_what_a_reactive_sequence_does_at_every_tick_ends_at_once(
+def test_what_is_written_runs_at_once_whatever_the_tree_repeats_or_leaves_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Else two actions in a row would begin anew for ever."""
+    """Two actions in a row in a ReactiveSequence would begin anew for ever."""
     monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "guarded.xml").write_text(GUARDED)
     folder = tmp_path / "mine"
@@ -119,6 +120,7 @@ def test_what_a_reactive_sequence_does_at_every_tick_ends_at_once(
     assert "\ndef look(at: Out[object], far: Out[object] | None = None) -> None:" in text
     assert "async def go(to: InOut[object]) -> None:" in text
     assert "colour" not in text
+    assert 'self.output("what", "...")' in text
     mission = load_mission(folder / "mission.yaml")
     assert mission.program is not None
     assert simulate(mission, load_program(mission.program), seed=1).result == "success"

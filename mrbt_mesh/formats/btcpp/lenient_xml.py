@@ -1,6 +1,7 @@
-"""Raw `<` and `&` in XML, which BehaviorTree.CPP's reader takes for what they are.
+"""What is no XML and BehaviorTree.CPP's reader, tinyxml2, takes all the same.
 
-XML wants `&lt;` and `&amp;`; people write `_skipIf="a < 3 && b"`, and tinyxml2 reads it.
+Raw `<` and `&`, where XML wants `&lt;` and `&amp;`: people write `_skipIf="a < 3 && b"`. And
+attributes with nothing between them: `<Go to="a"speed="2"/>`.
 """
 
 from __future__ import annotations
@@ -9,7 +10,10 @@ import re
 from collections.abc import Iterator
 
 _IN_XML = {"&": "&amp;", "<": "&lt;"}
-_RAW_AMPERSAND = re.compile(r"&(?!(?:amp|lt|gt|quot|apos|#[0-9]+|#[xX][0-9a-fA-F]+);)")
+_RAW = {
+    "&": re.compile(r"&(?!(?:amp|lt|gt|quot|apos|#[0-9]+|#[xX][0-9a-fA-F]+);)"),
+    "<": re.compile("<"),
+}
 # Possessive, so that nothing is tried twice.
 _TAG = re.compile(r"""</?[^\W\d](?:[^"'<>]++|"[^"]*+"|'[^']*+')*+>""")
 # What is behind so many `<` stays as it is: a file with more elements is refused anyway.
@@ -18,8 +22,8 @@ _CLOSED_BY = (("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>"))
 _VALUE = re.compile(r"""([^\s=<>"'/]++)(\s*+=\s*+)("[^"]*+"|'[^']*+')""")
 
 
-def escaped(text: str) -> tuple[str, list[tuple[int, str]]]:
-    """The text with its raw characters escaped, and (line, what was raw) for each place.
+def mended(text: str) -> tuple[str, list[tuple[int, str]]]:
+    """The text as XML, and (line, what was mended) for each place.
 
     Lines count from 1. Whatever else is wrong with the text stays as it is.
     """
@@ -27,23 +31,32 @@ def escaped(text: str) -> tuple[str, list[tuple[int, str]]]:
     notes: list[tuple[int, str]] = []
     done = line = 0
     for start, end, value, where in _suspects(text):
-        kept = _RAW_AMPERSAND.sub("&amp;", value)
-        raw = ["&"] if kept != value else []
-        if where and "<" in value:
-            kept = kept.replace("<", "&lt;")
-            raw.append("<")
-        if not raw:
+        kept, found = _mend(value, where, text[end : end + 1])
+        if not found:
             continue
-        found = _RAW_AMPERSAND.search(value)
-        at = start + min(found.start() if found else len(value), value.find("<") % (len(value) + 1))
+        at = start + min(index for index, _ in found)
         line += text.count("\n", done, at)
-        listed = " and ".join(f"{c!r} ({_IN_XML[c]} in XML)" for c in raw)
         place = f"attribute {where!r}" if where else "text"
-        notes.append((line + 1, f"{place}: a raw {listed}; taken for text"))
+        notes.append((line + 1, f"{place}: {' and '.join(told for _, told in found)}"))
         parts += (text[done:start], kept)
         line += text.count("\n", at, end)
         done = end
     return "".join([*parts, text[done:]]), notes
+
+
+def _mend(value: str, where: str, behind: str) -> tuple[str, list[tuple[int, str]]]:
+    """A text or a value as XML, and what was wrong with it: where it begins, and what it is."""
+    found = []
+    kept = value
+    for character, pattern in _RAW.items():
+        if (raw := pattern.search(value)) and (where or character != "<"):
+            in_xml = _IN_XML[character]
+            found.append((raw.start(), f"a raw {character!r} ({in_xml} in XML); taken for text"))
+            kept = pattern.sub(in_xml, kept)
+    if where and (behind == ":" or behind == "_" or behind.isalpha()):
+        found.append((len(value) - 1, "no space behind it; taken for one"))
+        kept += " "
+    return kept, found
 
 
 def _suspects(text: str) -> Iterator[tuple[int, int, str, str]]:
@@ -59,9 +72,8 @@ def _suspects(text: str) -> Iterator[tuple[int, int, str, str]]:
         place = begin + 1
         if tag := _TAG.match(text, begin):
             place = tag.end()
-            if "&" in tag[0] or "<" in tag[0][1:]:
-                for found in _VALUE.finditer(text, begin, place):
-                    yield found.start(3), found.end(3), found[3], found[1]
+            for found in _VALUE.finditer(text, begin, place):
+                yield found.start(3), found.end(3), found[3], found[1]
             continue
         for opening, closing in _CLOSED_BY:
             if text.startswith(opening, begin):
