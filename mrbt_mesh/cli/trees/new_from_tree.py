@@ -185,19 +185,16 @@ def _function(name: str, uses: list[ExpandedNode], library: Library, is_at_once:
     parameters = [_parameter(port, *ports[port]) for port in ports]
     if not is_plain:
         parameters = ["**ports: object"]
+    writes = _writes(ports) if is_plain else []
     if uses[0].category is Category.CONDITION:
-        lines = [
-            f'@robot.condition("{name}")',
-            _signature(f"def {called}", parameters, "bool"),
-            "    return True  # in place of a look at the world",
-        ]
-        return "\n".join(lines) + "\n"
+        signature = _signature(f"def {called}", parameters, "bool")
+        answer = "    return True  # in place of a look at the world"
+        return "\n".join([f'@robot.condition("{name}")', signature, *writes, answer]) + "\n"
     lines = [f'@robot.action("{name}")']
     if is_at_once:
         lines += [_signature(f"def {called}", parameters, "None"), _AT_ONCE]
     else:
         lines += [_signature(f"async def {called}", parameters, "None"), _WORK]
-    writes = _writes(ports) if is_plain else []
     if is_at_once and all(line.lstrip().startswith("#") for line in writes):
         writes.append("    return")
     return "\n".join(lines + writes) + "\n"

@@ -101,10 +101,13 @@ def test_functions_write_the_ports_that_models_describe(
 
 GUARDED = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
   <ReactiveSequence><Look at="{at}" far="{far}"/><Go to="{at}"/></ReactiveSequence>
-  <Look at="{there}" far=""/><Heard what="{what}"><Go to="{what}"/></Heard>
-</Sequence></BehaviorTree><TreeNodesModel><Decorator ID="Heard"><output_port name="what"/>
-  </Decorator><Action ID="Look"><output_port name="at"/>
-  <output_port name="far"/><output_port name="colour"/></Action></TreeNodesModel></root>"""
+  <Look at="{there}" far=""/><Seen at="{seen}"/><Go to="{seen}"/>
+  <Heard what="{what}"><Go to="{what}"/></Heard>
+</Sequence></BehaviorTree><TreeNodesModel>
+  <Decorator ID="Heard"><output_port name="what"/></Decorator>
+  <Condition ID="Seen"><output_port name="at"/></Condition>
+  <Action ID="Look"><output_port name="at"/><output_port name="far"/>
+  <output_port name="colour"/></Action></TreeNodesModel></root>"""
 
 
 def test_what_is_written_runs_at_once_whatever_the_tree_repeats_or_leaves_out(
