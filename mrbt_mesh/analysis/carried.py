@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from mrbt_mesh.analysis.skipping import may_skip
+from mrbt_mesh.formats.btcpp.builtin_nodes import SWITCHES
 from mrbt_mesh.formats.btcpp.document import LEAVES, POSTCONDITIONS, PRECONDITIONS, Category
 from mrbt_mesh.formats.btcpp.entries import (
     access_below,
@@ -28,7 +29,7 @@ Entries = frozenset[str]
 _FORGETS = (
     frozenset(KINDS) - {"SequenceWithMemory"}
     | {"ParallelAll", "TryCatch", "Delay", "Precondition", "PipelineSequence", "RecoveryNode"}
-    | {f"Switch{cases}" for cases in range(2, 7)}
+    | frozenset(SWITCHES)
 )
 _REMEMBERING_LEAVES = frozenset({"WasEntryUpdated"})
 _IN_ORDER = frozenset({"Sequence", "AsyncSequence", "ReactiveSequence", "PipelineSequence"})

@@ -208,7 +208,8 @@ def _notes(tasks: UnitTasks, team: UnitTeam) -> list[Problem]:
     notes = []
     file, known = team.team.file, team.team.model.local_tasks
     for entry, reader in tasks.lacking.items():
-        message = f"{reader} reads it and nothing in the tree writes it; give it a value here"
+        message = f"{reader} reads it and nothing in the tree writes it; give it a value here, "
+        message += f"or have the program say it: @robot.entry({entry!r})"
         notes.append(Problem(file, 0, f"parameters/{entry}", message))
     actions = {n.type: n for use in tasks.uses for n in team.actions(use.piece.nodes)}
     unnamed = [name for name in actions if name not in known]

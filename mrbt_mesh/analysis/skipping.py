@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mrbt_mesh.formats.btcpp.builtin_nodes import SWITCHES
 from mrbt_mesh.formats.btcpp.document import Category
 from mrbt_mesh.formats.btcpp.expand import ExpandedNode
 
@@ -19,6 +20,6 @@ def may_skip(node: ExpandedNode) -> bool:
         return True
     if not node.children:
         return node.category is Category.SUBTREE
-    if node.type in _CHOOSING or node.type.startswith("Switch"):
+    if node.type in _CHOOSING or node.type in SWITCHES:
         return any(map(may_skip, node.children))
     return all(map(may_skip, node.children))

@@ -15,7 +15,7 @@ from mrbt_mesh.analysis.annotations import annotated, annotated_names
 from mrbt_mesh.analysis.units import OwnUse
 from mrbt_mesh.core.mission.mission import MICRO, performance
 from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN, MAX_ARGUMENTS
-from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
+from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN, SWITCHES
 from mrbt_mesh.formats.btcpp.document import Category, pointer
 from mrbt_mesh.formats.btcpp.entries import access_below
 from mrbt_mesh.formats.btcpp.expand import ExpandedNode, ExpandedTree
@@ -188,7 +188,7 @@ class UnitTeam:
             return next((part for part in parts if part), 0)
         if node.type in ("IfThenElse", "WhileDoElse"):
             return parts[0] + max(parts[1:])
-        if node.type.startswith("Switch"):
+        if node.type in SWITCHES:
             return max(parts)
         return sum(parts)
 

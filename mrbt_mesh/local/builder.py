@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from mrbt_mesh.core.bt.tree import MAX_NODES
-from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN, children_allowed
+from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN, SWITCHES, children_allowed
 from mrbt_mesh.formats.btcpp.check_nodes import child_path
 from mrbt_mesh.formats.btcpp.document import (
     SUBTREE,
@@ -170,6 +170,12 @@ class _Builder:
         arguments = (name, self.world, where.board, place, instance_name(element))
         node_type = self._node_type(name)
         if node_type is not None:
+            for source in node_type.SOURCES:
+                if source not in self.world.sources:
+                    message = (
+                        f"{name} needs what a function of the program says: the source {source!r}"
+                    )
+                    self.problem(where, element.line, message)
             return node_type(*arguments)
         if leaf is None or element.children:
             what = "a control or decorator" if element.children else "an action or condition"
@@ -220,7 +226,7 @@ class _Builder:
     def _check_children(self, node: TreeNode, element: Element, where: _Where) -> None:
         found = len(element.children)
         least, most = node.CHILDREN
-        if node.type.startswith("Switch"):
+        if node.type in SWITCHES:
             least, most = children_allowed(node.type, Category.CONTROL)
         if found < least or (most is not None and found > most):
             wanted = str(least) if least == most else f"{least} or more" if most is None else ""

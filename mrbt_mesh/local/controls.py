@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any, ClassVar
 
+from mrbt_mesh.formats.btcpp.builtin_nodes import SWITCHES
 from mrbt_mesh.local.node import (
     FAILURE,
     IDLE,
@@ -331,5 +332,5 @@ CONTROLS: dict[str, type[TreeNode]] = {
     "IfThenElse": IfThenElse,
     "WhileDoElse": WhileDoElse,
     "TryCatch": TryCatch,
-    **{f"Switch{cases}": Switch for cases in range(2, 7)},
+    **dict.fromkeys(SWITCHES, Switch),
 }

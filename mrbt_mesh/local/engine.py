@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from mrbt_mesh.local.blackboard import Blackboard
+from mrbt_mesh.local.blackboard import Blackboard, BlackboardError
 from mrbt_mesh.local.leaf_nodes import ActionLeaf, LeafNode
 from mrbt_mesh.local.node import (
     COMPLETED,
@@ -13,6 +13,7 @@ from mrbt_mesh.local.node import (
     RUNNING,
     Effect,
     NodeStatus,
+    TickError,
     TreeNode,
     TreeWorld,
     reset,
@@ -57,6 +58,8 @@ class TickEngine:
         Raises TickError for what ends the run from inside.
         """
         self._world.leaves = 0
+        for name, says in self._world.entries.items():
+            self._take_in(name, says())
         return self._tick(now_us)
 
     def tick_once(self, now_us: int) -> NodeStatus:
@@ -77,6 +80,15 @@ class TickEngine:
         if status in COMPLETED:
             self.root.status = IDLE
         return status
+
+    def _take_in(self, name: str, value: Any) -> None:
+        """What the program says of an entry; the same once more is no write."""
+        if value is None or value == self.blackboard.read(name):
+            return
+        try:
+            self.blackboard.put(name, value)
+        except BlackboardError as error:
+            raise TickError(f"what the program says: {error}") from None
 
     def _expire(self, now_us: int) -> None:
         due = sorted((at, uid) for uid, at in self._world.deadlines_us.items() if at <= now_us)

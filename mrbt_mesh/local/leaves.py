@@ -29,7 +29,7 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
 from mrbt_mesh.formats.btcpp.document import Category
-from mrbt_mesh.local.node import TreeNode
+from mrbt_mesh.local.node import Source, TreeNode
 
 T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
@@ -94,16 +94,33 @@ class Leaf:
         return self.category is Category.ACTION and is_coroutine
 
 
+@dataclass(frozen=True, slots=True)
+class ProgramValue:
+    """A function that says a value whenever it is asked. `given`: its parameters' types."""
+
+    function: Callable[..., Any]
+    given: Mapping[str, type]
+
+    def bound(self, values: Mapping[type, Any]) -> Source:
+        """The function with its arguments, which are looked up when it is called."""
+        return lambda: self.function(**{name: values[kind] for name, kind in self.given.items()})
+
+
 class Leaves:
     """A registry of leaves, which any number of trees may share.
 
-    A parameter with one of the types `given` is no port: the tree has a value for it.
+    A parameter with one of the types `given` is no port: the tree has a value for it. Besides
+    leaves it has what trees ask the program for: `entries` and `sources` by their names, and
+    `enums`, the numbers of names in scripts.
     """
 
     def __init__(self, *given: type) -> None:
         self._given = given
         self._leaves: dict[str, Leaf] = {}
         self.node_types: dict[str, type[TreeNode]] = {}
+        self.entries: dict[str, ProgramValue] = {}
+        self.sources: dict[str, ProgramValue] = {}
+        self.enums: dict[str, int] = {}
 
     def action(self, name: str) -> Callable[[F], F]:
         """Register an action: an async function, or a plain one that ends within a tick.
@@ -141,6 +158,35 @@ class Leaves:
 
         return register
 
+    def entry(self, name: str) -> Callable[[F], F]:
+        """Register what says the value of an entry of the outermost tree, before each tick.
+
+        For what a tree only reads: what a sensor or another part of the program has found. None: no
+        value, the entry stays as it is. Raises LeafError.
+        """
+        return self._register_value(name.removeprefix("@"), "entry", self.entries)
+
+    def source(self, name: str) -> Callable[[F], F]:
+        """Register what Nav2's decorators ask for: `robot_pose`, `robot_speed`, `goal_update`.
+
+        Raises LeafError.
+        """
+        return self._register_value(name, "source", self.sources)
+
+    def _register_value(
+        self, name: str, kind: str, values: dict[str, ProgramValue]
+    ) -> Callable[[F], F]:
+        def register(function: F) -> F:
+            leaf = leaf_of(name, Category.ACTION, function, self._given)
+            if leaf.is_async or leaf.ports or leaf.takes_others or leaf.takes_type:
+                raise LeafError(f"the {kind} {name!r}: a plain function without ports is expected")
+            if name in values:
+                raise LeafError(f"the {kind} {name!r} is registered twice")
+            values[name] = ProgramValue(function, leaf.given)
+            return function
+
+        return register
+
     def find(self, name: str) -> Leaf | None:
         """The leaf of this type, else the one for all."""
         return self._leaves.get(name) or self._leaves.get("*")
@@ -151,7 +197,8 @@ class Leaves:
         Raises LeafError.
         """
         result = Leaves(*self._given)
-        result.node_types = self.node_types
+        result.node_types, result.enums = self.node_types, self.enums
+        result.entries, result.sources = self.entries, self.sources
         for name, function in conditions.items():
             result.condition(name)(function)
         result._leaves |= self._leaves

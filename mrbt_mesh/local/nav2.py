@@ -150,13 +150,6 @@ class _Gate(Decorator):
             self.succeeded()
         return status
 
-    def source(self, name: str) -> Any:
-        """What a registered source says. Raises TickError if there is none."""
-        source = self.world.sources.get(name)
-        if source is None:
-            raise TickError(f"{self.place}: {self.type} needs the source {name!r}")
-        return source()
-
 
 class RateController(_Gate):
     """The child at most `hz` times a second."""
@@ -191,6 +184,7 @@ class RateController(_Gate):
 class SpeedController(_Gate):
     """The child at a rate between `min_rate` and `max_rate`, faster the faster the robot is."""
 
+    SOURCES = ("robot_speed",)
     __slots__ = ("period_us", "since_us")
 
     def __init__(self, *arguments: Any) -> None:
@@ -213,7 +207,7 @@ class SpeedController(_Gate):
         low, high = (float(self.input(port, "double")) for port in ("min_speed", "max_speed"))
         if not low < high:
             raise TickError(f"{self.place}: min_speed has to be below max_speed")
-        share = (float(self.source("robot_speed")) - low) / (high - low)
+        share = (float(self.world.sources["robot_speed"]()) - low) / (high - low)
         self.period_us = round(MICRO / self._rate(share))
         self.since_us = self.world.now_us
         return True
@@ -222,6 +216,7 @@ class SpeedController(_Gate):
 class DistanceController(_Gate):
     """The child each time the robot has travelled `distance` metres, in a straight line."""
 
+    SOURCES = ("robot_pose",)
     __slots__ = ("start",)
 
     def __init__(self, *arguments: Any) -> None:
@@ -229,7 +224,7 @@ class DistanceController(_Gate):
         self.start = (0.0, 0.0)
 
     def _pose(self) -> tuple[float, float]:
-        x, y, *_ = self.source("robot_pose")
+        x, y, *_ = self.world.sources["robot_pose"]()
         return float(x), float(y)
 
     def begin(self) -> None:

@@ -76,7 +76,8 @@ class TreeWorld:
 
     `exact`: with BehaviorTree.CPP's own oddities (docs/robot_trees.md). `woken`: a node asks to
     be ticked again at once. `deadlines_us` are those of nodes that wait, by uid. `given`: what
-    leaves get besides ports, by its type.
+    leaves get besides ports, by its type. `entries`: what says the values of entries before each
+    tick.
     """
 
     exact: bool = False
@@ -86,6 +87,7 @@ class TreeWorld:
     woken: bool = False
     enums: Mapping[str, int] = field(default_factory=dict)
     sources: Mapping[str, Source] = field(default_factory=dict)
+    entries: Mapping[str, Source] = field(default_factory=dict)
     given: Mapping[type, Any] = field(default_factory=dict)
     effects: list[Effect] = field(default_factory=list)
     deadlines_us: dict[int, int] = field(default_factory=dict)
@@ -148,6 +150,8 @@ class TreeNode:
     )
     # The fewest and most children; None: no limit.
     CHILDREN: ClassVar[tuple[int, int | None]] = (0, 0)
+    # What it asks the program for, without which it cannot be ticked.
+    SOURCES: ClassVar[tuple[str, ...]] = ()
 
     def __init__(
         self, type_name: str, world: TreeWorld, board: Blackboard, place: NodePlace, name: str = ""

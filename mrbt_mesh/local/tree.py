@@ -28,7 +28,7 @@ from mrbt_mesh.local.builder import build_nodes
 from mrbt_mesh.local.engine import TickEngine
 from mrbt_mesh.local.leaf_nodes import LeafNode
 from mrbt_mesh.local.leaves import Leaves
-from mrbt_mesh.local.node import NodeStatus, Source, TreeNode, TreeWorld
+from mrbt_mesh.local.node import NodeStatus, TreeNode, TreeWorld
 from mrbt_mesh.local.runner import TreeRunner
 
 RATE_HZ = 10.0
@@ -71,10 +71,8 @@ class BehaviorTree:
         self.leaves = leaves if leaves is not None else Leaves()
         self.blackboard = Blackboard()
         self._library = library
-        self._sources: dict[str, Source] = {}
-        self._world = TreeWorld(
-            exact, enums=dict(enums or {}), sources=self._sources, given=dict(given or {})
-        )
+        self._enums = dict(enums or {})
+        self._world = TreeWorld(exact, given=dict(given or {}))
         self._engine: TickEngine | None = None
         self._runner: TreeRunner | None = None
         self._watchers: list[Callable[[], None]] = []
@@ -132,14 +130,13 @@ class BehaviorTree:
         """Register a control or decorator: see `Leaves.node`."""
         return self.leaves.node(name)
 
-    def source(self, name: str) -> Callable[[Source], Source]:
-        """Register what Nav2's decorators ask for: `robot_pose`, `robot_speed`, `goal_update`."""
+    def entry(self, name: str) -> Callable[[F], F]:
+        """Register what says an entry's value before each tick: see `Leaves.entry`."""
+        return self.leaves.entry(name)
 
-        def register(function: Source) -> Source:
-            self._sources[name] = function
-            return function
-
-        return register
+    def source(self, name: str) -> Callable[[F], F]:
+        """Register what Nav2's decorators ask for: see `Leaves.source`."""
+        return self.leaves.source(name)
 
     @property
     def engine(self) -> TickEngine:
@@ -148,6 +145,10 @@ class BehaviorTree:
         From then on the leaves are fixed. Who ticks by himself needs nothing else of this class.
         """
         if self._engine is None:
+            world, leaves = self._world, self.leaves
+            world.enums = leaves.enums | self._enums
+            world.sources = {n: value.bound(world.given) for n, value in leaves.sources.items()}
+            world.entries = {n: value.bound(world.given) for n, value in leaves.entries.items()}
             nodes = build_nodes(self._library, self.name, self.leaves, self._world, self.blackboard)
             self._engine = TickEngine(nodes, self._world, self.blackboard)
         return self._engine

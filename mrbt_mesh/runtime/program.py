@@ -218,6 +218,24 @@ class RobotProgram:
         """
         return self.leaves.node(name)
 
+    def entry(self, name: str) -> Callable[[_F], _F]:
+        """Register what says an entry of such trees before each tick, for what they only read.
+
+            @robot.entry("battery_percent")
+            def battery(task: TaskContext) -> float: ...
+
+        The parameter may be left out. None: no value. Raises LeafError.
+        """
+        return self.leaves.entry(name)
+
+    def source(self, name: str) -> Callable[[_F], _F]:
+        """Register what Nav2's nodes ask for: see `mrbt_mesh.local.Leaves.source`."""
+        return self.leaves.source(name)
+
+    def enum(self, name: str, number: int) -> None:
+        """Give a name in the scripts of such trees its number."""
+        self.leaves.enums[name] = number
+
     async def run_tree(
         self, task: TaskContext, path: Path | str, tree: str | None = None, **ports: Any
     ) -> None:

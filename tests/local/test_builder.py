@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mrbt_mesh.formats.btcpp.xml_reader import TreeFileError
-from mrbt_mesh.local import BehaviorTree, Leaves, Out
+from mrbt_mesh.local import BehaviorTree, Leaves, NodeStatus, Out
 
 
 def problems(body: str, trees: str = "", exact: bool = False) -> list[str]:
@@ -29,6 +29,15 @@ def problems(body: str, trees: str = "", exact: bool = False) -> list[str]:
     return []
 
 
+def test_a_leaf_may_have_a_name_that_begins_like_a_node() -> None:
+    leaves = Leaves()
+    for name in ("SwitchController", "RepeatIt", "Delayed"):
+        leaves.action(name)(lambda: True)
+    body = "<Sequence><SwitchController/><RepeatIt/><Delayed/></Sequence>"
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
+    assert BehaviorTree.from_text(text, leaves=leaves).engine.tick(0) is NodeStatus.SUCCESS
+
+
 @pytest.mark.parametrize(
     ("body", "message"),
     [
@@ -42,6 +51,7 @@ def problems(body: str, trees: str = "", exact: bool = False) -> list[str]:
         ('<Move goal="a" sped="1"/>', "Move has no port 'sped'; its ports: goal, speed"),
         ('<Find where="here"/>', "Find: port 'where' is written, it needs an entry: {where}"),
         ('<Find where=""/>', "Find: port 'where' is written, it needs an entry: {where}"),
+        ("<SpeedController><AlwaysSuccess/></SpeedController>", "the source 'robot_speed'"),
         ('<SubTree ID="Elsewhere"/>', "there is no tree 'Elsewhere'"),
         ('<SubTree ID="In"/>', "port 'goal' of tree 'In' has to be given"),
     ],

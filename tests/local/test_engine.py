@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
-from mrbt_mesh.local import BehaviorTree, Leaves, NodeStatus
+from mrbt_mesh.local import BehaviorTree, Leaves, NodeStatus, TickError
 from mrbt_mesh.local.engine import TickEngine
 from mrbt_mesh.local.node import CancelLeaf, StartLeaf
+from tests.support.btcpp.ticked import Ticked
 
 
 async def _act(what: str = "") -> None: ...
@@ -65,3 +68,22 @@ def test_only_leaves_are_leaves() -> None:
     with pytest.raises(KeyError, match="node 1 is no leaf"):
         engine.leaf(1)
     assert not engine.ended(1, 1, NodeStatus.SUCCESS)
+
+
+def test_what_the_program_says_of_entries_is_there_before_each_tick() -> None:
+    """What it says once more is no write, and None says nothing."""
+    charge: list[Any] = [None]
+    body = '<Sequence><WasEntryUpdated entry="{charge}"/><SubTree ID="In"/></Sequence>'
+    inner = '<BehaviorTree ID="In"><Note what="{@charge}"/></BehaviorTree>'
+    tree = Ticked(body, {"charge": 7}, trees=inner, says={"@charge": lambda: charge[0]})
+    found = []
+    for charge[0] in (None, 8, 8, 9):
+        found += tree.run()
+    assert [status is NodeStatus.SUCCESS for status in found] == [True, True, False, True]
+    assert tree.seen == [7, 8, 9]
+
+
+def test_what_an_entry_cannot_hold_is_told() -> None:
+    tree = Ticked('<Timeout msec="{limit}"><AlwaysSuccess/></Timeout>', says={"limit": lambda: "x"})
+    with pytest.raises(TickError, match="the entry 'limit' is of type unsigned int: the text 'x'"):
+        tree.run()

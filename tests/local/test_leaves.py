@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -55,6 +56,24 @@ def test_outputs() -> None:
         "either": LeafPort("", is_optional=True),
     }
     assert not leaf.is_async
+
+
+def test_what_the_program_says() -> None:
+    leaves = Leaves(Path)
+
+    @leaves.entry("@charge")
+    def charge(where: Path) -> int:
+        return 1
+
+    assert leaves.entries.keys() == {"charge"}
+    for wrong in (lambda port: 1, _waits):
+        with pytest.raises(LeafError, match="a plain function without ports is expected"):
+            leaves.entry("other")(wrong)
+    with pytest.raises(LeafError, match="the entry 'charge' is registered twice"):
+        leaves.entry("charge")(lambda: 1)
+
+
+async def _waits() -> None: ...
 
 
 def test_one_for_all_types() -> None:

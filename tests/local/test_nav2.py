@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from mrbt_mesh.formats.btcpp.xml_reader import TreeFileError
 from mrbt_mesh.local import TickError
 from mrbt_mesh.local.node import FAILURE, RUNNING, SKIPPED, SUCCESS
 from tests.support.btcpp.ticked import Ticked
@@ -93,9 +94,9 @@ def test_rate_controller_ticks_its_child_at_a_rate() -> None:
 
 
 def test_distance_controller_ticks_its_child_each_metre() -> None:
-    tree = Ticked(f'<DistanceController distance="1">{leaves("SUCCESS")}</DistanceController>')
     pose = [0.0, 0.0]
-    tree.tree.source("robot_pose")(lambda: (pose[0], pose[1]))
+    body = f'<DistanceController distance="1">{leaves("SUCCESS")}</DistanceController>'
+    tree = Ticked(body, sources={"robot_pose": lambda: (pose[0], pose[1])})
     gate: Any = tree.engine.root
     ticks = []
     for step in range(9):
@@ -108,9 +109,9 @@ def test_distance_controller_ticks_its_child_each_metre() -> None:
 
 def test_speed_controller_is_faster_the_faster_the_robot_is() -> None:
     ports = 'min_rate="1" max_rate="10" min_speed="0" max_speed="1"'
-    tree = Ticked(f"<SpeedController {ports}>{leaves('SUCCESS')}</SpeedController>")
     speed = [1.0]
-    tree.tree.source("robot_speed")(lambda: speed[0])
+    body = f"<SpeedController {ports}>{leaves('SUCCESS')}</SpeedController>"
+    tree = Ticked(body, sources={"robot_speed": lambda: speed[0]})
     gate: Any = tree.engine.root
     ticked_ms: list[int] = []
     for now_ms in range(0, 3_001, 100):
@@ -123,19 +124,17 @@ def test_speed_controller_is_faster_the_faster_the_robot_is() -> None:
     assert ticked_ms == [0, 100, 200, 300, 400, 500, 1500, 2500]
 
 
-def test_sources_that_are_missing_are_told() -> None:
-    tree = Ticked(f"<DistanceController>{leaves('SUCCESS')}</DistanceController>")
-    with pytest.raises(TickError, match="DistanceController needs the source 'robot_pose'"):
-        tree.run()
+def test_sources_that_are_missing_are_told_before_the_first_tick() -> None:
+    with pytest.raises(TreeFileError, match="the source 'robot_pose'"):
+        Ticked(f"<DistanceController>{leaves('SUCCESS')}</DistanceController>")
 
 
 def test_goal_updater_passes_the_latest_goal_on() -> None:
     body = (
         '<GoalUpdater input_goal="{goal}" output_goal="{used}"><Note what="{used}"/></GoalUpdater>'
     )
-    tree = Ticked(body, {"goal": "dock"})
     latest: list[str | None] = [None]
-    tree.tree.source("goal_update")(lambda: latest[0])
+    tree = Ticked(body, {"goal": "dock"}, sources={"goal_update": lambda: latest[0]})
     tree.run()
     latest[0] = "gate"
     tree.run()

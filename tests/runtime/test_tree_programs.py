@@ -107,6 +107,26 @@ def test_ports_come_from_the_mission_and_outputs_go_with_the_outcome() -> None:
     assert at_s == 1.0
 
 
+def test_a_tree_may_read_what_only_the_program_knows() -> None:
+    """Entries that nothing in the tree writes, numbers of names, and what Nav2's nodes ask for."""
+    told: list[str] = []
+    robot = program_of(told)
+
+    @robot.entry("charge")
+    def charge(task: TaskContext) -> float:
+        return 12.5 if task.robot == "A1" else 0.0
+
+    robot.enum("LOW", 10)
+    robot.source("robot_pose")(lambda: (0.0, 0.0))
+    xml = XML.replace(
+        "<Sequence>", '<Sequence><ScriptCondition code="charge > LOW"/><DistanceController>'
+    ).replace("<Find", "</DistanceController><Find")
+    end, _ = carried_out(mission_of(xml), robot)
+    assert isinstance(end, ActionFinished)
+    assert end.success, end
+    assert told == ["A1 drives to 3"]
+
+
 def test_a_tree_that_fails_fails_with_the_reason_of_its_leaf() -> None:
     end, _ = carried_out(mission_of(), program_of([], "too dark"))
     assert isinstance(end, ActionFinished)

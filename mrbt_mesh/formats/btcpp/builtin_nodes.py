@@ -14,6 +14,8 @@ INTEGER, BOOLEAN, TEXT, STATUS, SCRIPT, LIST, UNSIGNED, ANY = (
     "unsigned int",
     "",
 )
+# How many cases each has, besides its last child.
+SWITCHES = {f"Switch{cases}": cases for cases in range(2, 7)}
 
 
 def _port(
@@ -41,9 +43,9 @@ def _table() -> dict[str, NodeManifest]:
     )
     add(control, "ParallelAll", _port("max_failures", INTEGER, "1"))
     add(control, "TryCatch", _port("catch_on_halt", BOOLEAN, "false"))
-    for cases in range(2, 7):
+    for name, cases in SWITCHES.items():
         case_ports = [_port(f"case_{number + 1}", TEXT) for number in range(cases)]
-        add(control, f"Switch{cases}", _port("variable", TEXT), *case_ports)
+        add(control, name, _port("variable", TEXT), *case_ports)
     add(decorator, "Inverter ForceSuccess ForceFailure KeepRunningUntilFailure")
     add(decorator, "RetryUntilSuccessful", _port("num_attempts", INTEGER))
     add(decorator, "Repeat", _port("num_cycles", INTEGER))
@@ -104,8 +106,7 @@ def children_allowed(name: str, category: Category) -> tuple[int, int | None]:
         return 2, 3
     if name == "TryCatch":
         return 2, None
-    if name in BUILTIN and name.startswith("Switch"):
-        cases = int(name[6:])
+    if cases := SWITCHES.get(name):
         return cases + 1, cases + 1
     if name == "RecoveryNode":
         return 2, 2

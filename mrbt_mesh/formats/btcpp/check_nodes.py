@@ -11,6 +11,7 @@ from mrbt_mesh.formats.btcpp.builtin_nodes import (
     LOOP_ITEMS,
     NAV2_CONTROLS,
     SCRIPT,
+    SWITCHES,
     TEXT,
     category_of,
     children_allowed,
@@ -59,7 +60,7 @@ REQUIRED = {
     "WaitValueUpdate": ("entry",),
     "WasEntryUpdated": ("entry",),
     **dict.fromkeys(("LoopInt", "LoopBool", "LoopDouble", "LoopString"), ("queue", "value")),
-    **dict.fromkeys(("Switch2", "Switch3", "Switch4", "Switch5", "Switch6"), ("variable",)),
+    **dict.fromkeys(SWITCHES, ("variable",)),
 }
 _THRESHOLDS = ("success_count", "failure_count", "max_failures")
 _LOWER_CONDITIONS = {name.lower(): name for name in CONDITIONS}

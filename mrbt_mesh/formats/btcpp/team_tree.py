@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec, TreeError, build_tree
 from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN, MAX_ARGUMENTS, NAME_PATTERN
-from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
+from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN, SWITCHES
 from mrbt_mesh.formats.btcpp.document import (
     LEAVES,
     PRECONDITIONS,
@@ -82,8 +82,7 @@ _REASONS = {
         "it takes items from a queue on the blackboard, which a team does not share",
     ),
     **dict.fromkeys(
-        ("Switch2", "Switch3", "Switch4", "Switch5", "Switch6"),
-        "it chooses by a value on the blackboard, which a team does not share",
+        SWITCHES, "it chooses by a value on the blackboard, which a team does not share"
     ),
 }
 # Controls that neither halt a child nor begin it again before they have ended themselves.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
+from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN, SWITCHES
 from mrbt_mesh.formats.btcpp.document import (
     CONDITIONS,
     EXPLICIT_TAGS,
@@ -41,7 +41,7 @@ _ONLY_3 = frozenset({*RENAMED_NODES, "FallbackStar", "BlackboardCheckInt", "Blac
 _ONLY_3 |= {"BlackboardCheckString", "BlackboardCheckBool"}
 _ONLY_4 = frozenset(BUILTIN) - {
     *("Sequence", "Fallback", "ReactiveSequence", "ReactiveFallback", "Parallel", "IfThenElse"),
-    *("WhileDoElse", "Switch2", "Switch3", "Switch4", "Switch5", "Switch6", "Inverter"),
+    *("WhileDoElse", *SWITCHES, "Inverter"),
     *("ForceSuccess", "ForceFailure", "RetryUntilSuccessful", "Repeat", "Timeout", "Delay"),
     *("KeepRunningUntilFailure", "AlwaysSuccess", "AlwaysFailure", "SetBlackboard", "Sleep"),
 }

@@ -129,6 +129,43 @@ def test_what_is_written_runs_at_once_whatever_the_tree_repeats_or_leaves_out(
     assert simulate(mission, load_program(mission.program), seed=1).result == "success"
 
 
+ASKS = """<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main"><Sequence>
+  <ScriptCondition code="charge > LOW &amp;&amp; mode == 'auto'"/>
+  <Repeat num_cycles="{rounds}"><DistanceController distance="0"><Go to="{place}"/>
+  </DistanceController></Repeat>
+  <SubTree ID="In"/><Say text="{word}"/>
+</Sequence></BehaviorTree>
+<BehaviorTree ID="In"><Sequence><Decide what="{what}"/><ScriptCondition code="what == 'stop'"/>
+  <ScriptCondition code="STATE_OK == 1 || true"/></Sequence></BehaviorTree>
+<TreeNodesModel><Action ID="Say"><input_port name="text" type="std::string"/></Action>
+</TreeNodesModel></root>"""
+
+
+def test_what_a_tree_only_reads_is_asked_of_the_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "asks.xml").write_text(ASKS)
+    folder = tmp_path / "mine"
+    code, _, problems = mrbt("new", str(folder), "--btcpp", str(tmp_path / "asks.xml"))
+    assert code == 0, problems
+    text = (folder / "robot.py").read_text()
+    for line in (
+        'robot.enum("LOW", 0)\nrobot.enum("STATE_OK", 1)\n',
+        '@robot.entry("charge")\ndef charge() -> object:\n    return 1 ',
+        '@robot.entry("mode")\ndef mode() -> object:\n    return "auto" ',
+        '@robot.entry("rounds")\ndef rounds() -> int:\n    return 1 ',
+        '@robot.entry("word")\ndef word() -> str:\n    return "..." ',
+        '@robot.source("robot_pose")\n',
+        '    what.set("stop")\n',
+    ):
+        assert line in text
+    assert text.count("@robot.entry") == 4
+    mission = load_mission(folder / "mission.yaml")
+    assert mission.program is not None
+    assert simulate(mission, load_program(mission.program), seed=1).result == "success"
+
+
 OF_ONES_OWN = """<root BTCPP_format="4"><BehaviorTree ID="Other"><Go/></BehaviorTree>
 <BehaviorTree ID="Main Tree"><Sequence>
   <WhenCalm limit="2" wind="{wind}"><Go to="dock" error="{error}"/></WhenCalm>

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from mrbt_mesh.local import BehaviorTree, Leaves, NodeStatus, TreeNode
-from mrbt_mesh.local.node import IDLE
+from mrbt_mesh.local.node import IDLE, Source
 
 
 class Leaf(TreeNode):
@@ -44,7 +44,10 @@ class Note(TreeNode):
 
 
 class Ticked:
-    """One tree, ticked by hand. `yields=False`: Repeat and its kin loop within a tick."""
+    """One tree, ticked by hand. `yields=False`: Repeat and its kin loop within a tick.
+
+    `sources`: what its nodes ask the program for; `says`: what the program says of entries.
+    """
 
     def __init__(
         self,
@@ -55,8 +58,14 @@ class Ticked:
         exact: bool = False,
         yields: bool = True,
         enums: dict[str, int] | None = None,
+        sources: dict[str, Source] | None = None,
+        says: dict[str, Source] | None = None,
     ) -> None:
         leaves = Leaves()
+        for name, source in (sources or {}).items():
+            leaves.source(name)(source)
+        for name, source in (says or {}).items():
+            leaves.entry(name)(source)
         leaves.node("Leaf")(Leaf)
         leaves.node("Note")(Note)
         text = (
