@@ -12,7 +12,7 @@ from mrbt_mesh.analysis.lift_mission import LiftedMission, heading, lift_mission
 from mrbt_mesh.analysis.lift_units import LiftedUnits, UnitsByHand, lift_units
 from mrbt_mesh.cli.trees.files import read_tree_file
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.formats.btcpp.document import Document, read_document
+from mrbt_mesh.formats.btcpp.document import SUBTREE, Document, read_document
 from mrbt_mesh.formats.btcpp.folder import read_folder
 from mrbt_mesh.formats.btcpp.library import Library, together
 from mrbt_mesh.formats.build import mission_from_yaml
@@ -81,12 +81,19 @@ def known_besides(models: Sequence[Path], folders: Sequence[Path]) -> Library:
 
 
 def library_and_tree(file: Path, tree: str | None, others: Library) -> tuple[Library, str]:
-    """The checked file and the ID of the tree to lift; raises InputError."""
+    """The checked file and the ID of the tree to lift; raises InputError.
+
+    It is the file's main tree, or the only one that no other tree of the file uses.
+    """
     library, findings = read_tree_file(file, others=others)
     findings.raise_errors()
-    name = tree or library.main_tree
+    own = library.own_trees
+    elements = [element for source in own.values() for element in source.element.walk()]
+    used = {element.get("ID") for element in elements if element.tag == SUBTREE}
+    outermost = [name for name in own if name not in used]
+    name = tree or library.main_tree or (outermost[0] if len(outermost) == 1 else None)
     if name is None or name not in library.trees:
-        known = ", ".join(library.own_trees) or "none"
+        known = ", ".join(own) or "none"
         what = f"there is no tree {tree!r}" if tree else "no tree is named as the main one"
         raise InputError(f"{file}: {what}; choose with --tree (there are: {known})")
     return library, name

@@ -129,7 +129,7 @@ def test_what_is_written_runs_at_once_whatever_the_tree_repeats_or_leaves_out(
     assert simulate(mission, load_program(mission.program), seed=1).result == "success"
 
 
-ASKS = """<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main"><Sequence>
+ASKS = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
   <ScriptCondition code="charge > LOW &amp;&amp; mode == 'auto'"/>
   <Repeat num_cycles="{rounds}"><DistanceController distance="0"><Go to="{place}"/>
   </DistanceController></Repeat>
