@@ -111,6 +111,7 @@ class BindingFileModel(FileModel):
     values: dict[Name, dict[str, JsonValue]] = {}
     local_tasks: Annotated[dict[Name, Ros2TaskModel], Field(min_length=1)]
     conditions: dict[CallText, ReadTopicModel] = {}
+    entries: dict[Name, ReadTopicModel] = {}
     position: PositionModel | None = None
 
 
@@ -128,6 +129,7 @@ class BindingFile:
     values: Mapping[str, Mapping[str, Any]]
     tasks: Mapping[str, TaskBinding]
     conditions: Mapping[str, TopicBinding]
+    entries: Mapping[str, TopicBinding]
     position: TopicBinding | None
 
     def robot_values(self, robot: str) -> Mapping[str, str]:
@@ -176,6 +178,10 @@ class _Reader:
             name: self.topic(each, {"": each.expression}, ("conditions", name))
             for name, each in model.conditions.items()
         }
+        entries = {
+            name: self.topic(each, {"": each.expression}, ("entries", name))
+            for name, each in model.entries.items()
+        }
         for name in model.conditions:
             self.known_names(name, self.robot_names, ("conditions", name))
         position = model.position
@@ -200,6 +206,7 @@ class _Reader:
             model.values,
             {name: task for name, task in tasks.items() if task is not None},
             conditions,
+            entries,
             bound,
         )
 
@@ -353,6 +360,8 @@ def bind_message(file: BindingFile, robot: str | None, node: str = "mrbt") -> Bi
             topics.append(_topic(f"until/{name}", task.until, (*place, "until"), named))
     for name, topic in file.conditions.items():
         topics.append(_topic(f"condition/{name}", topic, ("conditions", name), named))
+    for name, topic in file.entries.items():
+        topics.append(_topic(f"entry/{name}", topic, ("entries", name), named))
     if file.position is not None:
         topics.append(_topic("position", file.position, ("position",), named))
     return {

@@ -87,6 +87,13 @@ class MessageExpression:
             raise MessageExpressionError(f"{self.text}: {found!r:.60} is no finite number")
         return float(found)
 
+    def entry(self, fields: Mapping[str, Any]) -> float | str:
+        """Its value as a tree's entry holds it; raises MessageExpressionError."""
+        found = self.value(fields)
+        if not isinstance(found, int | float | str):
+            raise MessageExpressionError(f"{self.text}: {found!r:.60} is no number, text or truth")
+        return found
+
 
 def _path(node: ast.expr) -> str | None:
     """`m.poses[0].x` -> `poses[0].x`; None for what is no field of the message."""

@@ -9,10 +9,10 @@ from __future__ import annotations
 import re
 import time
 import uuid
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import anyio
 
@@ -53,6 +53,9 @@ _FAILURES = {
 }
 
 
+Member: TypeAlias = "Callable[[TaskContext], ConnectedRobot]"
+
+
 def robot_program(binding_file: str | Path, *, record_work: bool = False) -> RobotProgram:
     """A program for robots whose local tasks are bound to ROS 2 by a file.
 
@@ -84,13 +87,27 @@ def bound_program(file: BindingFile, command: list[str], record_work: bool = Fal
 
     for name in file.tasks:
         _serve(program, member, name)
+    for name in file.entries:
+        _say(program, member, name)
+    if file.position is not None:
+
+        @program.source("robot_pose")
+        def pose(task: TaskContext) -> tuple[float, float]:
+            return member(task).pose
+
     return program
 
 
-def _serve(program: RobotProgram, member: Any, name: str) -> None:
+def _serve(program: RobotProgram, member: Member, name: str) -> None:
     @program.local_task(name)
     async def perform(task: TaskContext, *arguments: str) -> None:
         await member(task).perform(task, name, arguments)
+
+
+def _say(program: RobotProgram, member: Member, name: str) -> None:
+    @program.entry(name)
+    def entry(task: TaskContext) -> float | str | None:
+        return member(task).entries.get(name)
 
 
 @dataclass
@@ -116,7 +133,10 @@ class _Run:
 
 # Attributes: the file, the bridge, the tasks that it is at, and what was told of servers.
 class ConnectedRobot:
-    """One robot, its bridge, and the tasks that it is at."""
+    """One robot, its bridge, and the tasks that it is at.
+
+    `entries` of trees, and `pose`, x and y in metres, are what topics have said last.
+    """
 
     def __init__(self, file: BindingFile, robot: str, command: list[str]) -> None:
         self._file = file
@@ -133,6 +153,8 @@ class ConnectedRobot:
         # Goals that have not ended: if the bridge dies, the next one has them cancelled.
         self._at_servers: dict[int, tuple[str, bytes]] = {}
         self._told: dict[str, Any] = {}
+        self.entries: dict[str, float | str] = {}
+        self.pose = (0.0, 0.0)
 
     # -- what the robot's runtime asks for -----------------------------------------------------
 
@@ -362,6 +384,8 @@ class ConnectedRobot:
         try:
             if kind == "position":
                 self._place(fields)
+            elif kind == "entry":
+                self.entries[name] = self._file.entries[name].expressions[""].entry(fields)
             else:
                 found = self._file.conditions[name].expressions[""].truth(fields)
                 if self._told.get(name) is not found:
@@ -376,6 +400,7 @@ class ConnectedRobot:
         assert self._background is not None
         found = {k: e.number(fields) for k, e in self._file.position.expressions.items()}
         self._background.report_position(found["x"], found["y"], found.get("heading"))
+        self.pose = (found["x"], found["y"])
 
     def _complain(self, place: str, error: str) -> None:
         """What cannot be used is told once for each place, and left out."""

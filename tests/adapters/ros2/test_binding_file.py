@@ -53,6 +53,8 @@ local_tasks:
 conditions:
   near($robot):
     {topic: /$namespace/s, type: test_robots/msg/Scan, expression: min(m.ranges) < 1, latched: true}
+entries:
+  charge: {topic: /$namespace/power, type: test_robots/msg/Power, expression: m.level / 100}
 position: {topic: /$namespace/odom, type: test_robots/msg/Pose, x: m.position.x, y: m.position.y}
 """
 
@@ -102,6 +104,9 @@ def test_what_the_bridge_is_told(tmp_path: Path) -> None:
     assert topics["until/wave"]["always"]
     near = topics["condition/near($robot)"]
     assert (near["name"], near["latched"], near["always"]) == ("/tb3_1/s", True, False)
+    charge = topics["entry/charge"]
+    assert (charge["name"], charge["always"]) == ("/tb3_1/power", False)
+    assert charge["fields"] == [["level", ["entries", "charge", "expression"]]]
     assert [path for path, _ in topics["position"]["fields"]] == ["position.x", "position.y"]
 
 

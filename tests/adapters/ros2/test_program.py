@@ -22,6 +22,7 @@ from mrbt_mesh.adapters.ros2.binding_file import load_bindings
 from mrbt_mesh.adapters.ros2.program import ConnectedRobot, bound_program, robot_program
 from mrbt_mesh.errors import InputError, TaskFailedError
 from mrbt_mesh.formats.template import TEMPLATES
+from mrbt_mesh.local import BehaviorTree, NodeStatus
 from mrbt_mesh.runtime.program import TaskContext
 from tests.support.paths import ROOT
 
@@ -48,6 +49,8 @@ local_tasks:
     on_cancel: {x: 0}
 conditions:
   low($robot): {topic: /$robot/power, type: test_robots/msg/Scan, expression: m.level < 20}
+entries:
+  charge: {topic: /$robot/power, type: test_robots/msg/Scan, expression: m.level / 100}
 position: {topic: /$robot/odom, type: test_robots/msg/Pose, x: m.x, y: m.y, heading: yaw(m.q)}
 """
 QUATERNION = {"q.x": 0.0, "q.y": 0.0, "q.z": 0.0, "q.w": 1.0}
@@ -257,6 +260,30 @@ async def test_conditions_are_told_when_they_change(robot: Robot) -> None:
         ("set_condition", "low(A1)", True, False),
         ("set_condition", "low(A1)", False, False),
     ]
+
+
+TREE = """<root BTCPP_format="4"><BehaviorTree ID="Main"><DistanceController distance="1">
+<ScriptCondition code="charge > 0.2"/></DistanceController></BehaviorTree></root>"""
+
+
+def test_trees_read_what_topics_have_said_last(
+    robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ros2_program, "ConnectedRobot", lambda *_: robot.member)
+    leaves = bound_program(robot.file, ["no-bridge"]).leaves
+    file, given = tmp_path / "tree.xml", {TaskContext: context(robot.told)}
+    file.write_text(TREE)
+    tree = BehaviorTree.from_file(file, leaves=leaves, given=given)
+    heard: list[tuple[object, NodeStatus]] = [
+        (50, NodeStatus.SUCCESS),
+        ("?", NodeStatus.SUCCESS),
+        (10, NodeStatus.FAILURE),
+    ]
+    for level, status in heard:
+        robot.hear("heard", topic="entry/charge", fields={"level": level})
+        assert tree.engine.tick(0) is status
+    robot.hear("heard", topic="position", fields={"x": 1.0, "y": 2.0, **QUATERNION})
+    assert leaves.sources["robot_pose"].bound(given)() == (1.0, 2.0)
 
 
 async def test_positions(robot: Robot) -> None:

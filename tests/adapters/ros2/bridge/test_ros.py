@@ -60,6 +60,8 @@ local_tasks:
     until: {{topic: /$robot/done, type: std_msgs/msg/String, expression: "'done' in m.data"}}
 conditions:
   open: {{topic: /$robot/door, type: std_msgs/msg/Bool, expression: m.data, latched: true}}
+entries:
+  aside: {{topic: /$robot/odom, type: nav_msgs/msg/Odometry, expression: m.pose.pose.position.y}}
 position:
   topic: /$robot/odom
   type: nav_msgs/msg/Odometry
@@ -155,6 +157,10 @@ async def test_actions_services_topics_and_conditions(servers: Servers, tmp_path
     async with connected(tmp_path) as (robot, told):
         await told.until("set_condition", "open", True, False)
         await told.until("report_position", 3.5, 0.0, 0.0)
+        assert robot.pose == (3.5, 0.0)
+        with anyio.fail_after(WAIT_S):
+            while robot.entries != {"aside": 0.0}:
+                await told.news.wait()
         said = await perform(robot, "work", "4")
         assert said[-1] == ("set_condition", "counted", True, False)
         assert said[0][0] == "report_progress"
