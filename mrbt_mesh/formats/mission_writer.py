@@ -5,13 +5,17 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 from ruamel.yaml import YAML
+from ruamel.yaml.nodes import CollectionNode, MappingNode, SequenceNode
+from ruamel.yaml.representer import SafeRepresenter
 
 from mrbt_mesh.core.bt.tree import CONTROLS, LEAVES, Kind, Memory, NodeSpec
 
 WIDTH = 100
+# What is longer stands in several lines, one for each of its parts.
+MAX_LINE = 85
 
 
 def tree_data(spec: NodeSpec) -> Any:
@@ -51,9 +55,31 @@ def _control(spec: NodeSpec, children: list[Any]) -> Any:
     return {**body, "children": children} if body else children
 
 
+class _Representer(SafeRepresenter):
+    """One line for a collection that holds no other one and fits into a line."""
+
+    def represent_mapping(self, tag: Any, mapping: Any, flow_style: Any = None) -> MappingNode:
+        node: MappingNode = super().represent_mapping(tag, mapping, flow_style=flow_style)
+        return _fitting(node, [part.value for pair in node.value for part in pair])
+
+    def represent_sequence(self, tag: Any, sequence: Any, flow_style: Any = None) -> SequenceNode:
+        node: SequenceNode = super().represent_sequence(tag, sequence, flow_style=flow_style)
+        return _fitting(node, [part.value for part in node.value])
+
+
+_Node = TypeVar("_Node", bound=CollectionNode)
+
+
+def _fitting(node: _Node, texts: list[Any]) -> _Node:
+    if node.flow_style and sum(len(text) + 2 for text in texts) > MAX_LINE:
+        node.flow_style = False
+    return node
+
+
 def mission_text(data: Mapping[str, Any], heading: str) -> str:
     """A mission file with `data`; `heading` becomes the comment at its beginning."""
     writer = YAML(typ="safe", pure=True)
+    writer.Representer = _Representer
     writer.default_flow_style = None  # one line for what holds no other collection
     writer.width = WIDTH
     writer.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
