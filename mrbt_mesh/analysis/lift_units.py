@@ -75,7 +75,8 @@ def check_subtrees(tree: ExpandedTree) -> None:
             node.file,
             node.line,
             node.path,
-            f"there is no tree {node.type!r}; name its file (--models) or its folder (--trees)",
+            f"there is no tree {node.type!r}; name its file (--models) or its folder (--trees), or "
+            f"make it an action of the program (--as-action {node.type!r})",
         )
         for node in tree.root.walk()
         if node.category is Category.SUBTREE and not node.children

@@ -25,6 +25,10 @@ def lift(
     trees: Annotated[
         tuple[Path, ...], option("Folder of tree files with SubTrees and models.", "DIR")
     ] = (),
+    as_action: Annotated[
+        tuple[str, ...],
+        option("Take a SubTree that is in no file for an action.", "ID"),
+    ] = (),
     assume_independent: Annotated[
         tuple[str, ...],
         option("Children of this node (path or name) do not depend on one another.", "NODE"),
@@ -55,7 +59,9 @@ def lift(
     from mrbt_mesh.cli.views.lift_view import lifted_data, render_lifted
     from mrbt_mesh.cli.views.units_view import render_units, units_data
 
-    request = LiftRequest(file, robots, output, tree, models, trees, assume_independent, units)
+    request = LiftRequest(
+        file, robots, output, tree, models, trees, assume_independent, units, as_action
+    )
     done = lift_files(request)
     for path, text in done.files.items():
         write_file(path, text)

@@ -29,6 +29,10 @@ def new(
         tuple[Path, ...],
         option("With --btcpp: folder of tree files with SubTrees and models.", "DIR"),
     ] = (),
+    as_action: Annotated[
+        tuple[str, ...],
+        option("With --btcpp: a SubTree that is in no file, as an action of robot.py.", "ID"),
+    ] = (),
     vda5050: Annotated[bool, option("Robots that are AGVs of VDA 5050.")] = False,
     ros2: Annotated[bool, option("For robots of ROS 2, with virtual ones to try it.")] = False,
 ) -> None:
@@ -47,7 +51,7 @@ def new(
     chosen = [name for name, value in given.items() if value not in (None, False)]
     if len(chosen) > 1:
         raise InputError(f"{' and '.join(chosen)}: choose one of them")
-    besides = {"--tree": tree, "--models": models, "--trees": trees}
+    besides = {"--tree": tree, "--models": models, "--trees": trees, "--as-action": as_action}
     if btcpp is None and any(besides.values()):
         names = " and ".join(name for name, value in besides.items() if value)
         raise InputError(f"{names}: only with --btcpp")
@@ -55,7 +59,7 @@ def new(
         if example is not None:
             files = example_files(example)
         elif btcpp is not None:
-            files = files_from_tree(btcpp, tree, known_besides(models, trees))
+            files = files_from_tree(btcpp, tree, known_besides(models, trees), as_action)
         else:
             files = template_files("vda5050" if vda5050 else "ros2" if ros2 else "")
         written = write_files(folder, files)

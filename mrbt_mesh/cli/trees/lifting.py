@@ -34,6 +34,7 @@ class LiftRequest:
     folders: Sequence[Path]
     independent: Sequence[str]
     units: str | None
+    actions: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ def lift_files(request: LiftRequest) -> LiftedFiles:
     """Read, lift and check. Raises InputError, TreeFileError and MissionError."""
     file, output = request.file, request.output
     others = known_besides(request.models, request.folders)
-    library, tree = library_and_tree(file, request.tree, others)
+    library, tree = library_and_tree(file, request.tree, others, request.actions)
     team = load_team(request.robots)
     name, independent = mission_name(file), request.independent
     if request.units is None:
@@ -80,13 +81,20 @@ def known_besides(models: Sequence[Path], folders: Sequence[Path]) -> Library:
     return together(documents)
 
 
-def library_and_tree(file: Path, tree: str | None, others: Library) -> tuple[Library, str]:
+def library_and_tree(
+    file: Path, tree: str | None, others: Library, actions: Sequence[str] = ()
+) -> tuple[Library, str]:
     """The checked file and the ID of the tree to lift; raises InputError.
 
-    It is the file's main tree, or the only one that no other tree of the file uses.
+    It is the file's main tree, or the only one that no other tree of the file uses. `actions`:
+    SubTrees that are actions of the program instead.
     """
     library, findings = read_tree_file(file, others=others)
     findings.raise_errors()
+    try:
+        library.make_actions(actions)
+    except ValueError as error:
+        raise InputError(f"--as-action: {error}") from None
     own = library.own_trees
     elements = [element for source in own.values() for element in source.element.walk()]
     used = {element.get("ID") for element in elements if element.tag == SUBTREE}

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import re
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 from mrbt_mesh.analysis.lift_units import check_subtrees
 from mrbt_mesh.cli.trees.lifting import LiftRequest, library_and_tree, lift_files
 from mrbt_mesh.cli.trees.program_from_tree import program_text
-from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.btcpp.expand import expand
 from mrbt_mesh.formats.btcpp.export import explicit
 from mrbt_mesh.formats.btcpp.library import Library
@@ -44,17 +44,18 @@ def test_whoever_dies_is_replaced(run_mission: RunMission) -> None:
 '''
 
 
-def files_from_tree(file: Path, tree_id: str | None, others: Library) -> dict[str, str]:
+def files_from_tree(
+    file: Path, tree_id: str | None, others: Library, actions: Sequence[str] = ()
+) -> dict[str, str]:
     """The texts by file name, of this tree or the main one; `others` has SubTrees and models.
 
-    Raises InputError, TreeFileError and MissionError.
+    `actions`: SubTrees that are in no file and become actions of the program. An <include> that
+    cannot be read is left out if no tree of it is needed. Raises InputError, TreeFileError and
+    MissionError.
     """
-    library, main = library_and_tree(file, tree_id, others)
+    library, main = library_and_tree(file, tree_id, others, actions)
     library.take_in(main)
     check_subtrees(expand(library, main))
-    if library.missing_files:
-        missing = ", ".join(library.missing_files)
-        raise InputError(f"{file}: what it includes cannot be read: {missing}")
     tree = f"{re.sub(r'[^A-Za-z0-9_-]', '_', file.stem)}.xml"
     document = loadable(explicit(library, is_merged=True))
     document.root.attributes["main_tree_to_execute"] = main

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
@@ -18,6 +18,7 @@ from mrbt_mesh.formats.btcpp.elements import Element
 from mrbt_mesh.formats.btcpp.findings import Findings
 from mrbt_mesh.formats.btcpp.upgrade import upgrade
 from mrbt_mesh.formats.btcpp.xml_reader import MAX_BYTES, TreeFileError
+from mrbt_mesh.formats.problems import nearest
 
 MAX_FILES = 100
 
@@ -82,6 +83,28 @@ class Library:
                 self.documents.append(source.document)
             used = (each for each in source.element.walk() if each.tag == SUBTREE)
             waiting.extend(each.get("ID") for each in used)
+
+    def make_actions(self, names: Collection[str]) -> None:
+        """Make SubTrees of these IDs, which no file has, actions with the same ports.
+
+        Raises ValueError for one that is there, or that no node uses.
+        """
+        documents = {id(each.document): each.document for each in self.trees.values()}
+        documents |= {id(document): document for document in self.documents}
+        roots = [document.root for document in documents.values()]
+        subtrees = [each for root in roots for each in root.walk() if each.tag == SUBTREE]
+        used = sorted({each.get("ID") for each in subtrees} - self.trees.keys())
+        for name in names:
+            if name in self.trees:
+                raise ValueError(f"there is a tree {name!r}")
+            if name not in used:
+                raise ValueError(f"no SubTree node has the ID {name!r}{nearest(name, used)}")
+        for element in (each for each in subtrees if each.get("ID") in names):
+            element.tag = str(Category.ACTION)
+            element.attributes.pop("_autoremap", None)
+        for name in names:
+            if model := self.subtree_models.pop(name, None):
+                self.models[name] = replace(model, category=Category.ACTION)
 
     def add(self, document: Document) -> None:
         """Take over a document's trees and models. Of two of the same ID the last one counts."""

@@ -235,6 +235,46 @@ def test_a_tree_that_cannot_be_used_is_told(tmp_path: Path, text: str, message: 
     assert not (tmp_path / "mine").exists()
 
 
+ELSEWHERE = """<root BTCPP_format="4"><include path="gone.xml"/><BehaviorTree ID="Main">
+<Sequence><SubTree ID="Move to Waypoint" waypoint="Home" _autoremap="true"/>
+<SubTree ID="Open Gripper"/></Sequence></BehaviorTree><TreeNodesModel>
+<SubTree ID="Move to Waypoint"><input_port name="waypoint" type="std::string"/></SubTree>
+</TreeNodesModel></root>"""
+
+
+@pytest.mark.parametrize("command", ["new", "lift"])
+def test_a_subtree_that_is_in_no_file_may_be_an_action(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    """As the objectives that MoveIt Pro brings along: the program has them carried out."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    tree, folder = tmp_path / "tree.xml", tmp_path / "mine"
+    tree.write_text(ELSEWHERE)
+    team = tmp_path / "team.yaml"
+    team.write_text("local_tasks: {}\nrobot_types: {R: {capabilities: {}}}\nrobots: {R1: R}\n")
+    words = ["new", folder, "--btcpp", tree]
+    if command == "lift":
+        folder.mkdir()
+        words = ["lift", tree, "--robots", team, "--units", "auto", "-o", folder / "mission.yaml"]
+    code, _, problems = mrbt(*map(str, words))
+    assert code == 2
+    assert "(--as-action 'Move to Waypoint')" in problems.replace("\n", " ")
+    for name, said in (("Open Griper", "did you mean 'Open Gripper'"), ("Main", "there is a tree")):
+        code, _, problems = mrbt(*map(str, words), "--as-action", name)
+        assert code == 2
+        assert said in problems
+    actions = ["--as-action", "Move to Waypoint", "--as-action", "Open Gripper"]
+    code, _, problems = mrbt(*map(str, words), *actions)
+    assert code == 0, problems
+    mission = load_mission(folder / "mission.yaml")
+    assert len(mission.global_tasks) == 2
+    if command == "new":
+        text = (folder / "robot.py").read_text()
+        assert "async def move_to_waypoint(waypoint: str) -> None:" in text
+        assert mission.program is not None
+        assert simulate(mission, load_program(mission.program), seed=1).result == "success"
+
+
 def test_a_fleet_of_agvs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "path", list(sys.path))
     folder = tmp_path / "fleet"
