@@ -27,7 +27,7 @@ def lift(
     ] = (),
     as_action: Annotated[
         tuple[str, ...],
-        option("Take a SubTree that is in no file for an action.", "ID"),
+        option("Take a SubTree that is in no file for an action; '*': all.", "ID"),
     ] = (),
     assume_independent: Annotated[
         tuple[str, ...],

@@ -31,7 +31,9 @@ def new(
     ] = (),
     as_action: Annotated[
         tuple[str, ...],
-        option("With --btcpp: a SubTree that is in no file, as an action of robot.py.", "ID"),
+        option(
+            "With --btcpp: a SubTree that is in no file, as an action of robot.py; '*': all.", "ID"
+        ),
     ] = (),
     vda5050: Annotated[bool, option("Robots that are AGVs of VDA 5050.")] = False,
     ros2: Annotated[bool, option("For robots of ROS 2, with virtual ones to try it.")] = False,

@@ -85,7 +85,7 @@ class Library:
             waiting.extend(each.get("ID") for each in used)
 
     def make_actions(self, names: Collection[str]) -> None:
-        """Make SubTrees of these IDs, which no file has, actions with the same ports.
+        """Make SubTrees of these IDs, which no file has, actions with the same ports. `*`: all.
 
         Raises ValueError for one that is there, or that no node uses.
         """
@@ -94,6 +94,7 @@ class Library:
         roots = [document.root for document in documents.values()]
         subtrees = [each for root in roots for each in root.walk() if each.tag == SUBTREE]
         used = sorted({each.get("ID") for each in subtrees} - self.trees.keys())
+        names = used if "*" in names else names
         for name in names:
             if name in self.trees:
                 raise ValueError(f"there is a tree {name!r}")

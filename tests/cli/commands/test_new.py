@@ -242,9 +242,9 @@ ELSEWHERE = """<root BTCPP_format="4"><include path="gone.xml"/><BehaviorTree ID
 </TreeNodesModel></root>"""
 
 
-@pytest.mark.parametrize("command", ["new", "lift"])
+@pytest.mark.parametrize(("command", "each"), [("new", "*"), ("lift", "Move to Waypoint")])
 def test_a_subtree_that_is_in_no_file_may_be_an_action(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str, each: str
 ) -> None:
     """As the objectives that MoveIt Pro brings along: the program has them carried out."""
     monkeypatch.setattr(sys, "path", list(sys.path))
@@ -263,8 +263,7 @@ def test_a_subtree_that_is_in_no_file_may_be_an_action(
         code, _, problems = mrbt(*map(str, words), "--as-action", name)
         assert code == 2
         assert said in problems
-    actions = ["--as-action", "Move to Waypoint", "--as-action", "Open Gripper"]
-    code, _, problems = mrbt(*map(str, words), *actions)
+    code, _, problems = mrbt(*map(str, words), "--as-action", each, "--as-action", "Open Gripper")
     assert code == 0, problems
     mission = load_mission(folder / "mission.yaml")
     assert len(mission.global_tasks) == 2
