@@ -11,6 +11,7 @@ from pathlib import Path
 from mrbt_mesh.analysis.lift_mission import LiftedMission, heading, lift_mission
 from mrbt_mesh.analysis.lift_units import LiftedUnits, UnitsByHand, lift_units
 from mrbt_mesh.cli.trees.files import read_tree_file
+from mrbt_mesh.core.mission.names import MAX_NAME
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.btcpp.document import SUBTREE, Document, read_document
 from mrbt_mesh.formats.btcpp.folder import read_folder
@@ -108,9 +109,9 @@ def library_and_tree(
 
 
 def mission_name(file: Path) -> str:
-    """A mission's name, made out of a file's."""
-    name = "".join(c if c.isalnum() or c == "_" else "_" for c in file.stem)
-    return name if name[:1].isalpha() else f"mission_{name}"
+    """A mission's name, made out of a file's: letters, digits and _, at most 64."""
+    name = "".join(c if c.isascii() and c.isalnum() else "_" for c in file.stem)
+    return (name if name[:1].isalpha() else f"mission_{name}")[:MAX_NAME]
 
 
 def units_by_hand(units: str) -> UnitsByHand | None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
 from mrbt_mesh.formats.btcpp.document import LEAVES, Category, Direction, NodeManifest, pointer
-from mrbt_mesh.formats.btcpp.entries import access_below, read_scripts
+from mrbt_mesh.formats.btcpp.entries import access_below, port_direction, read_scripts
 from mrbt_mesh.formats.btcpp.expand import SCRIPT_PORTS, ExpandedNode, expand
 from mrbt_mesh.formats.btcpp.library import Library
 from mrbt_mesh.local.builder import NODE_TYPES
@@ -117,8 +117,8 @@ def _needs(library: Library, root: ExpandedNode) -> _Needs:
         model = library.model(node.type) or BUILTIN.get(node.type)
         for name, text in node.ports.items():
             port, key = model.ports.get(name) if model else None, pointer(text, name)
-            if key is not None and port is not None and port.direction is Direction.INPUT:
-                reads[key] = reads.get(key) or _TYPES.get(port.type, "")
+            if key is not None and port_direction(node, name, library) is Direction.INPUT:
+                reads[key] = reads.get(key) or _TYPES.get(port.type if port else "", "")
         texts = [node.ports.get(SCRIPT_PORTS.get(node.type, ""), ""), *node.conditions.values()]
         for text in filter(None, texts):
             for name in (name for script in read_scripts([text]) for name in script.read):

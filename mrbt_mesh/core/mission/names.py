@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 
-NAME_PATTERN = r"[A-Za-z_][A-Za-z0-9_]{0,63}"
+MAX_NAME = 64
+NAME_PATTERN = rf"[A-Za-z_][A-Za-z0-9_]{{0,{MAX_NAME - 1}}}"
 ARGUMENT_PATTERN = r"[A-Za-z0-9_.+-]{1,64}"
 ROBOT_PATTERN = r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}"
 MAX_ARGUMENTS = 8

@@ -83,6 +83,14 @@ NAV2_CONTROLS = frozenset(
         "PersistentSequence",
     }
 )
+# Nav2's controls and decorators that are built in here: their ports are read, but for this one's.
+NAV2_BUILTIN = frozenset(
+    {
+        *("PipelineSequence", "RecoveryNode", "RoundRobin", "RateController"),
+        *("DistanceController", "SpeedController", "GoalUpdater"),
+    }
+)
+NAV2_OUTPUTS = frozenset({"output_goal", "output_goals"})
 # Nav2's leaves that are conditions; its files come without models.
 NAV2_CONDITIONS = frozenset(
     {

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
+from mrbt_mesh.formats.btcpp.builtin_nodes import NAV2_BUILTIN, NAV2_OUTPUTS
 from mrbt_mesh.formats.btcpp.document import Category, Direction, pointer
 from mrbt_mesh.formats.btcpp.expand import SCRIPT_PORTS, ExpandedNode
 from mrbt_mesh.formats.btcpp.library import Library
@@ -47,7 +48,7 @@ def port_access(node: ExpandedNode, library: Library) -> EntryAccess:
     reads: set[str] = set()
     writes: set[str] = set()
     for name, key in _pointers(node, library):
-        direction = _direction(node, name, library)
+        direction = port_direction(node, name, library)
         if direction is not Direction.OUTPUT:
             reads.add(key)
         if direction is not Direction.INPUT:
@@ -104,7 +105,12 @@ def _pointers(node: ExpandedNode, library: Library) -> Iterator[tuple[str, str]]
             yield port.name, node.scope.entry(key)
 
 
-def _direction(node: ExpandedNode, name: str, library: Library) -> Direction:
+def port_direction(node: ExpandedNode, name: str, library: Library) -> Direction:
+    """What a node does with a port's entry; both, as far as nothing is known of it."""
     model = library.model(node.type)
     port = model.ports.get(name) if model else None
-    return port.direction if port else Direction.INOUT
+    if port is not None:
+        return port.direction
+    if node.type not in NAV2_BUILTIN:
+        return Direction.INOUT
+    return Direction.OUTPUT if name in NAV2_OUTPUTS else Direction.INPUT

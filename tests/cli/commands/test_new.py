@@ -274,6 +274,26 @@ def test_a_subtree_that_is_in_no_file_may_be_an_action(
         assert simulate(mission, load_program(mission.program), seed=1).result == "success"
 
 
+FOLLOW = """<root main_tree_to_execute="MainTree"><BehaviorTree ID="MainTree"><Sequence>
+<GoalUpdater input_goal="{goal}" output_goal="{updated_goal}">
+<ComputePathToPose goal="{updated_goal}" path="{path}"/></GoalUpdater></Sequence>
+</BehaviorTree></root>"""
+
+
+def test_a_file_of_nav2_with_a_long_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its goal comes from outside; the mission has as much of the name as a mission may have."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    tree, folder = tmp_path / f"follow_{'point_' * 12}größer.xml", tmp_path / "mine"
+    tree.write_text(FOLLOW)
+    code, _, problems = mrbt("new", str(folder), "--btcpp", str(tree))
+    assert code == 0, problems
+    assert '@robot.entry("goal")\ndef goal() -> object:' in (folder / "robot.py").read_text()
+    mission = load_mission(folder / "mission.yaml")
+    assert mission.name == f"follow_{'point_' * 12}"[:64]
+    assert mission.program is not None
+    assert simulate(mission, load_program(mission.program), seed=1).result == "success"
+
+
 def test_a_fleet_of_agvs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "path", list(sys.path))
     folder = tmp_path / "fleet"
