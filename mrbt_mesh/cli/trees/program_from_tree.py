@@ -252,7 +252,11 @@ def _ports(
             port.name in use.ports and not (is_written and not use.ports[port.name]) for use in uses
         ]
         missing = not all(given) and port.default is None
-        found[port.name] = (port.direction, _TYPES.get(port.type, ""), missing)
+        direction, texts = port.direction, [use.ports.get(port.name, "") for use in uses]
+        if direction is Direction.INOUT and any(t and pointer(t, port.name) is None for t in texts):
+            # A node that is given a constant there has nothing to write to.
+            direction = Direction.INPUT
+        found[port.name] = (direction, _TYPES.get(port.type, ""), missing)
     for name in (name for use in uses for name in use.ports):
         missing = any(name not in use.ports for use in uses)
         texts = [use.element.get(name) for use in uses if name in use.ports]

@@ -101,13 +101,14 @@ def test_functions_write_the_ports_that_models_describe(
 
 GUARDED = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
   <ReactiveSequence><Look at="{at}" far="{far}"/><Go to="{at}"/></ReactiveSequence>
-  <Look at="{there}" far=""/><Seen at="{seen}"/><Go to="{seen}"/>
+  <Look at="{there}" far="" zoom="2"/><Seen at="{seen}"/><Go to="{seen}"/>
   <Heard what="{what}"><Go to="{what}"/></Heard>
 </Sequence></BehaviorTree><TreeNodesModel>
   <Decorator ID="Heard"><output_port name="what"/></Decorator>
   <Condition ID="Seen"><output_port name="at"/></Condition>
   <Action ID="Look"><output_port name="at"/><output_port name="far"/>
-  <output_port name="colour"/></Action></TreeNodesModel></root>"""
+  <output_port name="colour"/><inout_port name="zoom" default="1"/></Action>
+  </TreeNodesModel></root>"""
 
 
 def test_what_is_written_runs_at_once_whatever_the_tree_repeats_or_leaves_out(
@@ -120,7 +121,8 @@ def test_what_is_written_runs_at_once_whatever_the_tree_repeats_or_leaves_out(
     code, _, problems = mrbt("new", str(folder), "--btcpp", str(tmp_path / "guarded.xml"))
     assert code == 0, problems
     text = (folder / "robot.py").read_text()
-    assert "\ndef look(at: Out[object], far: Out[object] | None = None) -> None:" in text
+    look = "def look(at: Out[object], zoom: object, far: Out[object] | None = None) -> None:"
+    assert f"\n{look}" in text
     assert "async def go(to: InOut[object]) -> None:" in text
     assert "colour" not in text
     assert 'self.output("what", "...")' in text
