@@ -70,6 +70,47 @@ def test_who_has_picked_it_up_carries_and_places_it() -> None:
     assert starts(run()) == [("R1", "pick"), ("R1", "carry"), ("R1", "place")]
 
 
+ITEMS = """
+mission: items
+local_tasks: {pick: {parameters: [item]}, carry: {parameters: [item]}, place: {parameters: [item]}}
+conditions: {holding: {parameters: [item], per: robot}}
+robot_types: {T: {capabilities: {pick: 1, carry: 1, place: 1}}}
+robots: {R1: {type: T, capabilities: {pick: 5}}, R2: {type: T, capabilities: {place: 5}}, R3: T}
+parameters: {behave: {pick: {sets: {"holding({0})": true}}, place: {sets: {"holding({0})": false}}}}
+global_tasks:
+  pick: {parameters: [item], needs: {pick($item): {}}}
+  carry: {parameters: [item], needs: {carry($item): {}}}
+  place: {parameters: [item], needs: {place($item): {}}}
+tree:
+  Parallel:
+    memory: while_running
+    for_each: {item: [cup, box]}
+    do:
+      Sequence:
+        - Fallback: [{Condition: holding($item)}, pick($item)]
+        - carry($item)
+        - place($item)
+"""
+
+
+@pytest.mark.parametrize("killed", [None, "R1"])
+def test_of_several_items_each_is_placed_by_the_robot_that_holds_it(killed: str | None) -> None:
+    schedule: Schedule = [(1_500_000, Kill(killed))] if killed else []
+    for engine in ENGINES:
+        result = simulate(
+            mission_of(ITEMS),
+            behaviour.robot,
+            seed=1,
+            schedule=schedule,
+            agents=AgentOptions(engine=engine),
+        )
+        assert not result.violations
+        assert result.result == "success"
+        last = {task: robot for robot, task in starts(result)}
+        for item in ("cup", "box"):
+            assert last[f"pick({item})"] == last[f"place({item})"] != killed
+
+
 def test_a_condition_of_the_team_does_not_say_whose_it_is() -> None:
     """So the test above can fail."""
     text = HEAD.replace("holding: {per: robot}", "holding: {}") + TREE

@@ -5,6 +5,7 @@
         a: {seconds: 2, fails: [R1], sets: {lid: true}}    # of a local task; fails: true for all
         b@R2: {seconds: 9}                                 # only of this robot
         c: {fails: true, reason: no path}                  # what it says of why
+        d: {sets: {"holding({0})": true}}                  # {0}: its first argument
 
 Whatever is left out takes one second and succeeds.
 """
@@ -57,7 +58,7 @@ async def work(task: TaskContext, *arguments: str) -> bool:
     _record(task, "success" if success else "failure")
     if success:
         for name, value in how.get("sets", {}).items():
-            task.set_condition(name, value)
+            task.set_condition(name.format(*arguments), value)
     elif "reason" in how:
         raise TaskFailedError(how["reason"])
     return success

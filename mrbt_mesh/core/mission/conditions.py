@@ -105,8 +105,9 @@ class PerRobotConditions:
 
     def __contains__(self, ground: str) -> bool:
         """Whether every robot has its own value of a condition, by the name that a leaf reads."""
-        known = self._declared.get(type_name(ground))
-        return known is not None and known.per_robot
+        condition, robot = split_owner(ground)
+        known = self._declared.get(type_name(condition))
+        return known is not None and known.per_robot and not robot
 
     def names_owner(self, name: str) -> bool:
         """Whether a condition is of the team, or of one of the robots, as it must: `holding@A1`."""

@@ -124,20 +124,23 @@ tree: {Sequence: [{Fallback: [{Condition: holding}, pick]}, place]}
 """
 
 
-def test_plan_asks_the_robot_for_which_a_condition_holds(tmp_path: Path) -> None:
+@pytest.mark.parametrize("held", ["holding", "holding(cup)"])
+def test_plan_asks_the_robot_for_which_a_condition_holds(tmp_path: Path, held: str) -> None:
     mission = tmp_path / "own.yaml"
-    mission.write_text(OWN)
-    facts = write(tmp_path, 'conditions: {"holding@A2": true}')
+    text = OWN.replace("Condition: holding", f"Condition: {held}")
+    with_item = "{per: robot, parameters: [item]}"
+    mission.write_text(text if held == "holding" else text.replace("{per: robot}", with_item))
+    facts = write(tmp_path, f'conditions: {{"{held}@A2": true}}')
     found = plan(str(mission), "--facts", facts)
     assert {r: line["local_task"] for r, line in found["lines"].items()} == {"A2": "place"}
     assert found["pending_losses"] == []
     found = plan(str(mission), "--facts", facts, "--alive", "A1")
-    assert found["waiting"][0]["reason"] == "blocked: place needs 1 with holding, 0 alive"
-    assert found["pending_losses"] == ["holding@A2"]
-    facts = write(tmp_path, "conditions: {holding: true}")
+    assert found["waiting"][0]["reason"] == f"blocked: place needs 1 with {held}, 0 alive"
+    assert found["pending_losses"] == [f"{held}@A2"]
+    facts = write(tmp_path, f'conditions: {{"{held}": true}}')
     code, _, err = mrbt("plan", str(mission), "--facts", str(facts))
     assert code == 2
-    assert "every robot has its own: say whose, as in holding@A1" in err
+    assert f"every robot has its own: say whose, as in {held}@A1" in err
 
 
 def test_plan_keeps_running_robots_where_they_are(tmp_path: Path) -> None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
+from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.mission import mission_from_json
 from tests.support.build import action, condition, fallback, inverter, make_mission, sequence
@@ -28,6 +31,20 @@ from tests.support.own_conditions import TREE, own_mission
 )
 def test_which_conditions_robots_may_set(name: str, can_be_set: bool) -> None:
     assert own_mission(TREE, ConditionType("lid")).can_be_set(name) is can_be_set
+
+
+def test_a_robots_own_condition_may_have_arguments() -> None:
+    """`holding(cup)` is read by the tree, `holding(cup)@A1` is one robot's value."""
+    holding = ConditionType("holding", ("item",), default=True, per_robot=True)
+    tree = sequence(fallback(condition("holding(cup)"), action("pick")), action("place"))
+    mission = replace(own_mission(tree), conditions={"holding": holding})
+    assert "holding(cup)" in mission.own
+    assert "holding(cup)@A1" not in mission.own
+    assert [mission.can_be_set(f"holding({a})@A1") for a in ("cup", "box", "cup,box")] == [1, 1, 0]
+    facts = TeamFacts(mission, "r")
+    assert facts.condition("holding(cup)")
+    assert facts.condition("holding(cup)@A1")
+    assert facts.condition_of("A1", "holding(cup)")
 
 
 def test_what_is_each_robots_own_is_kept_when_compiled() -> None:
