@@ -6,6 +6,7 @@ cancellation; the mesh writes none (agents/simulated.py says how).
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -44,12 +45,15 @@ class Span:
 
 
 def read_events(path: Path) -> list[dict[str, Any]]:
-    """The events so far, whole lines only: the last one may be half written."""
+    """The events so far, whole lines only: one may be half written, as when a disk was full."""
+    found = []
     try:
-        text = path.read_text()
+        for line in path.read_text().splitlines():
+            with contextlib.suppress(ValueError):
+                found.append(json.loads(line))
     except OSError:
-        return []
-    return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
+        pass
+    return found
 
 
 def spans(

@@ -47,6 +47,7 @@ from mrbt_mesh.runtime.inbox import Inbox
 from mrbt_mesh.runtime.journal import Journal
 from mrbt_mesh.runtime.journal_writer import JournalWriter
 from mrbt_mesh.runtime.launcher_lock import LauncherWatch
+from mrbt_mesh.runtime.limited_file import DEFAULT_KEEP_BYTES, append
 from mrbt_mesh.runtime.link_watch import LinkWatch, Sighting
 from mrbt_mesh.runtime.log import robot_logger
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext
@@ -79,7 +80,8 @@ class RobotSetup:
 
     `record`: where it records what it knows and does, None: nowhere. `meter` counts what happens,
     served at `metrics`. `log`: with its levels as methods, None: the robot's. `is_guest`: it
-    lives inside another program, whose process, signals and memory are not its own.
+    lives inside another program, whose process, signals and memory are not its own. `keep_bytes`:
+    the size at which its files are begun anew.
     """
 
     mission: Mission
@@ -95,6 +97,7 @@ class RobotSetup:
     record: RecordTo | None = None
     log: Any = None
     is_guest: bool = False
+    keep_bytes: int = DEFAULT_KEEP_BYTES
 
 
 # Attributes: one part for each thing that a robot's process deals with.
@@ -409,12 +412,12 @@ class Driver:
             return
         line = json.dumps(dict(event), separators=(",", ":")) + "\n"
         path = self._setup.run_dir / EVENTS_FILE
-        # One write of one line with O_APPEND: lines of several processes do not mix.
-        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
         try:
-            os.write(descriptor, line.encode())
-        finally:
-            os.close(descriptor)
+            append(path, line.encode(), self._setup.keep_bytes)
+        except OSError as error:
+            # What the robot has done it has done: the log keeps it, if it can be written.
+            reason = error.strerror or str(error)
+            self.log("error", "event_not_written", reason=reason, physical=dict(event))
 
     def unix_time_s(self) -> float:
         return time.time()

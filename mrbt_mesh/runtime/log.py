@@ -9,7 +9,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
+
+from mrbt_mesh.runtime.limited_file import DEFAULT_KEEP_BYTES, LimitedLog
 
 _hidden = "rich" not in sys.modules
 if _hidden:
@@ -21,14 +23,22 @@ finally:
         del sys.modules["rich"]
 
 
-def configure_log(robot: str, run_dir: Path | None) -> None:
-    """JSON lines to the run directory's `<robot>.log`, or readable lines to the terminal."""
+def configure_log(robot: str, run_dir: Path | None, keep_bytes: int = DEFAULT_KEEP_BYTES) -> None:
+    """JSON lines to the run directory's `<robot>.log`, or readable lines to the terminal.
+
+    Whatever cannot be written is dropped; the file says how much once it can be written again.
+    """
     stamp = structlog.processors.TimeStamper(fmt="iso", utc=True)
+    file: Any = sys.stderr
     if run_dir is not None:
-        file: TextIO = (run_dir / f"{robot}.log").open("a", buffering=1)
         renderer: Any = structlog.processors.JSONRenderer()
+
+        def lost(count: int, reason: str) -> str:
+            fields = {"event": "log_lines_lost", "robot": robot, "count": count, "reason": reason}
+            return str(renderer(None, "", stamp(None, "", {**fields, "level": "error"})))
+
+        file = LimitedLog(run_dir / f"{robot}.log", keep_bytes, lost)
     else:
-        file = sys.stderr
         renderer = structlog.dev.ConsoleRenderer(
             colors=sys.stderr.isatty(), exception_formatter=structlog.dev.plain_traceback
         )

@@ -26,6 +26,7 @@ from mrbt_mesh.runtime.driver import Driver, RobotSetup
 from mrbt_mesh.runtime.engine_choice import chosen_engine
 from mrbt_mesh.runtime.journal import Journal, journal_path
 from mrbt_mesh.runtime.launcher_lock import LauncherWatch
+from mrbt_mesh.runtime.limited_file import DEFAULT_KEEP_BYTES, protect_output
 from mrbt_mesh.runtime.log import configure_log, robot_logger
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import check_program, load_program
@@ -60,7 +61,7 @@ class RobotStart:
     mission). `run_dir`: folder for its journal, log and events. `takeover`: it replaces a live
     robot of the same id. `while_locked`: a file; it leaves once nobody holds a lock on it.
     `record`: where it records what it knows and does, with `record_beats` also every heartbeat.
-    `metrics`: where it serves metrics.
+    `metrics`: where it serves metrics. `keep_bytes`: the size at which its files are begun anew.
     """
 
     mission: Path
@@ -78,6 +79,7 @@ class RobotStart:
     record: Path | None = None
     record_beats: bool = False
     metrics: MetricsAddress | None = None
+    keep_bytes: int = DEFAULT_KEEP_BYTES
 
 
 def robot_of(mission: Mission, robot: str, kind: str | None) -> tuple[str, Mapping[str, int]]:
@@ -177,6 +179,7 @@ def robot_setup(
         record,
         guest_log,
         is_guest=guest_log is not None,
+        keep_bytes=start.keep_bytes,
     )
 
 
@@ -214,8 +217,11 @@ def open_journal(
     return Journal(journal_path(run_dir, robot), mission.digest, run, robot, log)
 
 
-def claim_run_dir(run_dir: Path, robot: str, takeover: bool) -> None:
-    """Make this process the robot of the run directory; raises InputError if one runs."""
+def claim_run_dir(run_dir: Path, robot: str, takeover: bool) -> str:
+    """Make this process the robot of the run directory; raises InputError if one runs.
+
+    Returns why this could not be written down there: empty if it was.
+    """
     run_dir.mkdir(parents=True, exist_ok=True)
     found = RunDir(run_dir)
     running = found.process(robot)
@@ -225,18 +231,26 @@ def claim_run_dir(run_dir: Path, robot: str, takeover: bool) -> None:
             f"robot {robot} is already running here (pid {running.pid}): stop it first, "
             "or start with --takeover to replace it"
         )
-    found.write_process(robot)
+    try:
+        found.write_process(robot)
+    except OSError as error:
+        return error.strerror or str(error)
+    return ""
 
 
 def run_robot(start: RobotStart, locate: Locate) -> NoReturn:
     """Run one robot; ends the process itself, since a Zenoh session may take 10 s to close."""
-    message = ""
+    message = problem = ""
+    output = RunDir(start.run_dir).output_path(start.robot) if start.run_dir else None
+    protect_output(output if output is not None and output.exists() else None, start.keep_bytes)
     try:
         # Before anything that may take long or never end, such as a program that is imported.
         launcher = LauncherWatch(start.while_locked) if start.while_locked is not None else None
         if start.run_dir is not None:
-            claim_run_dir(start.run_dir, start.robot, start.takeover)
-        configure_log(start.robot, start.run_dir)
+            problem = claim_run_dir(start.run_dir, start.robot, start.takeover)
+        configure_log(start.robot, start.run_dir, start.keep_bytes)
+        if problem:
+            robot_logger(start.robot).error("process_not_written", reason=problem)
         driver = make_driver(start, locate)
         # What is there for good is not looked through in every collection: of a large mission
         # that would take longer than a robot should be deaf.

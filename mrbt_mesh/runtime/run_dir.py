@@ -92,10 +92,15 @@ def state_dir() -> Path:
 
 
 def write_atomically(path: Path, text: str) -> None:
-    """Write a file that nobody ever sees half written."""
+    """Write a file that nobody ever sees half written. Raises OSError."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    temporary.write_text(text)
-    temporary.replace(path)
+    try:
+        temporary.write_text(text)
+        temporary.replace(path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+        raise
 
 
 class RunDir:

@@ -203,7 +203,12 @@ def _report(
         summary["overload"] = asdict(too_many)
     if team is not None:
         summary["run_dir"] = str(team.run_dir.path)
-        write_atomically(team.run_dir.path / SUMMARY_FILE, json.dumps(summary, indent=2) + "\n")
+        path = team.run_dir.path / SUMMARY_FILE
+        try:
+            write_atomically(path, json.dumps(summary, indent=2) + "\n")
+        except OSError as error:
+            text = f"{path} cannot be written: {error.strerror or error}"
+            errors.print(text, soft_wrap=True, markup=False)
     if show.as_json:
         print_json(summary)
     else:
