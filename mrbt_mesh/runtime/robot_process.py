@@ -41,6 +41,7 @@ from mrbt_mesh.version import __version__
 if TYPE_CHECKING:
     from mrbt_mesh.runtime.manifest_watch import ManifestWatch
     from mrbt_mesh.runtime.member_keys import MemberKeys
+    from mrbt_mesh.runtime.metrics.meter import Meter
     from mrbt_mesh.runtime.metrics.server import MetricsAddress
 
 # From so many on, planning may take longer than the event loop may stand still.
@@ -134,11 +135,8 @@ def robot_setup(
         logger.warning("not_secure", reason="messages are not signed")
     journal = open_journal(start.run_dir, mission, address.run, start.robot, logger)
     solver = solver_for(mission, start.solver)
-    meter, engine = None, chosen_engine()
-    if start.metrics is not None:
-        from mrbt_mesh.runtime.metrics.meter import Meter
-
-        meter = Meter(start.robot, mission)
+    meter, engine = _meter(start, mission), chosen_engine()
+    if meter is not None:
         engine = meter.timed(engine)
     is_large = len(mission.robots) >= LARGE_ROBOTS or len(mission.tree.nodes) >= LARGE_NODES
     config = AgentConfig(
@@ -181,6 +179,14 @@ def robot_setup(
         is_guest=guest_log is not None,
         keep_bytes=start.keep_bytes,
     )
+
+
+def _meter(start: RobotStart, mission: Mission) -> Meter | None:
+    if start.metrics is None:
+        return None
+    from mrbt_mesh.runtime.metrics.meter import Meter
+
+    return Meter(start.robot, mission)
 
 
 def _expected(start: RobotStart, mission: Mission) -> frozenset[str]:
