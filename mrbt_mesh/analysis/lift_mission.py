@@ -23,6 +23,7 @@ from mrbt_mesh.formats.problems import MissionError, Problem, nearest
 from mrbt_mesh.formats.team_file import TeamFile, TeamTaskModel, UnitTaskModel
 
 INDEPENDENT = "_independent"
+MAX_SHOWN = 5
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,22 @@ def lift_mission(
     Raises MissionError with the node's path and line for whatever a team cannot carry out.
     """
     found = to_team_tree(library, tree, Category.ACTION, team.model.conditions)
-    return lifted_mission(found, team, library.trees[tree], independent, name)
+    mission = lifted_mission(found, team, library.trees[tree], independent, name)
+    return replace(mission, notes=(*mission.notes, *_undeclared(found, team)))
+
+
+def _undeclared(found: TeamTree, team: TeamFile) -> list[Problem]:
+    """That actions which declare nothing may each be done by another robot."""
+    if found.spec is None:
+        return []
+    declared = _declarations(found.spec, found, team)
+    names = [name for name in _subjects(found.spec, Kind.ACTION) if name not in declared]
+    if len(names) < 2 or len(team.model.robots) < 2:
+        return []
+    shown = ", ".join(names[:MAX_SHOWN]) + (", ..." if len(names) > MAX_SHOWN else "")
+    text = f"{shown} declare nothing, and each may be done by another robot; --units auto keeps "
+    text += "them on one, and so does declaring what a robot has for itself (per: robot)"
+    return [Problem(team.file, 0, "local_tasks", text)]
 
 
 def lifted_mission(

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
-from mrbt_mesh.analysis.lift_mission import LiftedMission, lifted_mission
+from mrbt_mesh.analysis.lift_mission import INDEPENDENT, LiftedMission, lifted_mission
 from mrbt_mesh.analysis.unit_tasks import UnitTasks
 from mrbt_mesh.analysis.unit_team import UnitTeam
 from mrbt_mesh.analysis.units import HandUnit, Knowledge, Piece, split
 from mrbt_mesh.core.mission.mission import MICRO
-from mrbt_mesh.formats.btcpp.document import Category, Document
+from mrbt_mesh.formats.btcpp.document import Category, Document, read_boolean
 from mrbt_mesh.formats.btcpp.expand import ExpandedNode, ExpandedTree, expand
 from mrbt_mesh.formats.btcpp.library import Library
 from mrbt_mesh.formats.btcpp.team_tree import translated
@@ -54,7 +54,9 @@ def lift_units(
     check_subtrees(expanded)
     unit_team = UnitTeam(team, expanded, library)
     named = _by_hand(expanded, by_hand) if by_hand is not None else {}
-    knowledge = Knowledge(unit_team.is_asked, unit_team.of_robots, named)
+    unmatched = _declare_independent(expanded, independent)
+    apart = [n for n in expanded.root.walk() if read_boolean(n.metadata.get(INDEPENDENT, "0"))]
+    knowledge = Knowledge(unit_team.is_asked, unit_team.of_robots, named, set(map(id, apart)))
     found = split(expanded, library, knowledge)
     if by_hand is not None:
         _check_apart(found, named, by_hand.file)
@@ -62,7 +64,7 @@ def lift_units(
     between = ExpandedTree(tasks.team_tree(found), expanded.constants)
     translated_tree = translated(library, between, Category.ACTION, team.model.conditions)
     team_of_units = _team_of_units(tasks, unit_team, file)
-    mission = lifted_mission(translated_tree, team_of_units, library.trees[tree], independent, name)
+    mission = lifted_mission(translated_tree, team_of_units, library.trees[tree], unmatched, name)
     notes = (*mission.notes, *_notes(tasks, unit_team))
     mission = LiftedMission(mission.data, mission.lifted, notes)
     return LiftedUnits(mission, tasks.document(file), found, tasks)
@@ -83,6 +85,23 @@ def check_subtrees(tree: ExpandedTree) -> None:
     ]
     if problems:
         raise MissionError(problems)
+
+
+def _declare_independent(tree: ExpandedTree, names: Collection[str]) -> list[str]:
+    """Mark the nodes that the user names; returns the names that no node has.
+
+    A node is named as the command prints it, `Patrol/Sequence` or `Patrol/Sequence:5`, without the
+    tree's ID, or by its own name.
+    """
+    found = set()
+    for node in tree.root.walk():
+        _, _, short = node.path.partition("/")
+        known = {node.path, short, f"{node.path}:{node.line}"}
+        known |= {node.name} if node.name != node.type else set()
+        if known & set(names):
+            node.metadata[INDEPENDENT] = "true"
+            found |= known
+    return [name for name in names if name not in found]
 
 
 # -- by hand ----------------------------------------------------------------------------------

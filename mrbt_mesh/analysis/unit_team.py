@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from mrbt_mesh.analysis.annotations import annotated, annotated_names
-from mrbt_mesh.analysis.units import OwnUse
+from mrbt_mesh.analysis.own_uses import UNDECLARED, OwnUse
 from mrbt_mesh.core.mission.mission import MICRO, performance
 from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN, MAX_ARGUMENTS
 from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN, SWITCHES
@@ -128,8 +128,14 @@ class UnitTeam:
     def of_robots(self, node: ExpandedNode) -> Iterator[OwnUse]:
         """Conditions and resources with `per: robot` that a leaf has to do with.
 
-        Arguments are not looked at, which may only be known when the leaf runs.
+        Arguments are not looked at, which may only be known when the leaf runs. A leaf that
+        declares nothing may have to do with all of them.
         """
+        if self.is_undeclared(node):
+            may_change = self.category(node) is Category.ACTION
+            for words in (*self.own_names().values(), UNDECLARED):
+                yield OwnUse(words, is_declared=False, may_change=may_change)
+            return
         names = list(annotated_names(node.metadata))
         if self.category(node) is Category.CONDITION:
             names.append(("reads", node.type, None))
@@ -144,14 +150,34 @@ class UnitTeam:
         made = {name: value for key, name, value in own if key == "effects"}
         restored = {name for name, value in made.items() if value is self.team.default(name)}
         for name in dict.fromkeys(name for _, name, _ in own):
-            words = f"the robot's own condition {name!r}"
-            yield OwnUse(words, name in made.keys() - read, name in restored)
+            yield OwnUse(self.own_names()[name], name in made.keys() - read, name in restored)
         for key, name, _ in names:
             resource = self.team.model.resources.get(name)
             if key == "uses" and resource is not None and resource.per == "robot":
                 # With what the robot holds ends what is in its gripper.
-                words = f"the robot's own resource {name!r}"
-                yield OwnUse(words, bool(made) and not read, bool(restored))
+                yield OwnUse(self.own_names()[name], bool(made) and not read, bool(restored))
+
+    def own_names(self) -> dict[str, str]:
+        """What each robot has for itself, in words."""
+        model = self.team.model
+        own = [
+            ("condition", name) for name, each in model.conditions.items() if each.per == "robot"
+        ]
+        own += [("resource", name) for name, each in model.resources.items() if each.per == "robot"]
+        return {name: f"the robot's own {kind} {name!r}" for kind, name in own}
+
+    def is_undeclared(self, node: ExpandedNode) -> bool:
+        """Whether nobody has said what a leaf of the program needs and changes."""
+        if node.type in BUILTIN or self.is_asked(node):
+            return False
+        match self.category(node):
+            case Category.ACTION:
+                task = self.team.model.local_tasks.get(node.type)
+                declares = task is not None and task.model_fields_set & set(DECLARES)
+                return not declares and annotated(None, node.metadata, self.team) is None
+            case Category.CONDITION:
+                return node.type not in self.team.model.conditions
+        return False
 
     # -- units ------------------------------------------------------------------------------------
 

@@ -3,18 +3,20 @@
 A unit is a node with all below it, or a run of neighbouring children of a Sequence, a Fallback or a
 Parallel. One robot carries it out, with a blackboard of its own. Children stay in one unit if they
 share what only a robot has: a blackboard entry that somebody writes, a condition or a resource with
-`per: robot`. So does what a team cannot decide: nodes with conditions before or after them, nodes
-with rules or a memory of their own, and whatever stands behind a condition that only the robot
-knows. Units are as large as that makes them, and no larger: the others are cut apart.
+`per: robot`. An action that declares nothing may need any of these, and whatever other such actions
+leave behind, so these stay together as well. So does what a team cannot decide: nodes with
+conditions before or after them, nodes with rules or a memory of their own, and whatever stands
+behind a condition that only the robot knows. Everything else is cut apart.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
 from mrbt_mesh.analysis.carried import carried
+from mrbt_mesh.analysis.own_uses import OwnUse, OwnUsers
 from mrbt_mesh.analysis.skipping import may_skip
 from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
 from mrbt_mesh.formats.btcpp.document import PRECONDITIONS, Category, pointer
@@ -35,18 +37,6 @@ _ALWAYS = frozenset({"AlwaysSuccess", "AlwaysFailure"})
 
 
 @dataclass(frozen=True, slots=True)
-class OwnUse:
-    """What a leaf has to do with something of its robot, told in `words`.
-
-    `begins`: it does not matter what it was before; `ends`: it is left as it is at first.
-    """
-
-    words: str
-    begins: bool = False
-    ends: bool = False
-
-
-@dataclass(frozen=True, slots=True)
 class HandUnit:
     """A unit by hand; several may have one name."""
 
@@ -60,12 +50,14 @@ class Knowledge:
 
     `is_asked`: whether a node is a condition that the whole team knows. `of_robots`: what a leaf
     needs, reads or changes that every robot has for itself. `by_hand`: the unit that a node was
-    put into, by the node's identity.
+    put into, by the node's identity. `independent`: the identities of nodes whose children the user
+    has declared to be independent of one another.
     """
 
     is_asked: Callable[[ExpandedNode], bool] = lambda _: False
     of_robots: Callable[[ExpandedNode], Iterable[OwnUse]] = lambda _: ()
     by_hand: Mapping[int, HandUnit] = field(default_factory=dict)
+    independent: Collection[int] = ()
 
 
 @dataclass
@@ -119,6 +111,8 @@ class Splitter:
         self.knowledge = knowledge
         self.tree = tree
         self.written = access_below([tree.root], library).writes
+        by_hand = [node for node in tree.root.walk() if id(node) in knowledge.by_hand]
+        self.inside_by_hand = {id(inner) for node in by_hand for inner in node.walk()}
 
     # -- one node -------------------------------------------------------------------------------
 
@@ -181,7 +175,7 @@ class Splitter:
         reason = self.undecidable(node, children)
         if reason:
             return self.whole(node, reason)
-        return Piece((node,), False, (), children, self.cuts(children))
+        return Piece((node,), False, (), children, self.cuts(node, children))
 
     def whole(self, node: ExpandedNode, reason: str) -> Piece:
         return Piece((node,), True, (reason,))
@@ -200,19 +194,27 @@ class Splitter:
                     return f"{node.type} begins {unit.label} more than once, and {reason}"
         return ""
 
-    def cuts(self, children: Sequence[Piece]) -> list[tuple[str, str, str]]:
+    def cuts(self, node: ExpandedNode, children: Sequence[Piece]) -> list[tuple[str, str, str]]:
         found = []
         for one, other in pairwise(children):
             if one.units() and other.units():
                 both = self.below(one).reads & self.below(other).reads
                 names = sorted({self.key(entry, one.nodes[0]) for entry in both})
                 also = f"; nobody writes {_listed(names)}, which both read" if both else ""
-                reason = f"they share no entry and nothing of one robot{also}"
+                by = self.declared_by(node, (one, other))
+                reason = f"{by}, they share nothing of one robot; they share no entry{also}"
             else:
                 known = other if one.units() else one
                 reason = f"{known.label} is known to the whole team"
             found.append((one.label, other.label, reason))
         return found
+
+    def declared_by(self, node: ExpandedNode, pieces: Iterable[Piece]) -> str:
+        """Whose declaration allows a cut."""
+        if id(node) in self.knowledge.independent:
+            return f"{node.name} is declared to have independent children"
+        by_hand = any(id(n) in self.inside_by_hand for each in pieces for n in each.nodes)
+        return "as units by hand" if by_hand else "as declared"
 
     def below(self, piece: Piece) -> EntryAccess:
         return access_below(piece.nodes, self.library)
@@ -222,7 +224,12 @@ class Splitter:
     def groups(self, node: ExpandedNode) -> list[tuple[tuple[ExpandedNode, ...], tuple[str, ...]]]:
         """Neighbouring children that stay together, each group with its reasons."""
         children = node.children
-        bonds = [*self.shared(children), *self.guarded(node), *self.joined(node)]
+        bonds = [
+            *self.shared(children),
+            *self.of_robots(node),
+            *self.guarded(node),
+            *self.joined(node),
+        ]
         groups = []
         begin = 0
         while begin < len(children):
@@ -246,39 +253,44 @@ class Splitter:
             # What is only read, each robot can be given.
             for entry in sorted(found.entries & self.written):
                 users.setdefault(("entry", entry), []).append(number)
-        for (kind, name), numbers in (*users.items(), *self.of_robots(children)):
+        for (kind, name), numbers in users.items():
             if len(numbers) < 2:
                 continue
             rows = [(children[number], accesses[number]) for number in numbers]
-            reason = self.why(name, rows) if kind else _also_shared(name, rows)
+            reason = self.why(name, rows) if kind else _unclear(rows)
             yield numbers[0], numbers[-1], reason
 
-    def of_robots(
-        self, children: Sequence[ExpandedNode]
-    ) -> Iterator[tuple[tuple[str, str], list[int]]]:
+    def of_robots(self, node: ExpandedNode) -> Iterator[tuple[int, int, str]]:
         """What of a robot children have to do with, as long as one hands it to the next."""
-        users: dict[object, list[int]] = {}
-        words: dict[object, str] = {}
-        for number, child in enumerate(children):
-            first: dict[object, bool] = {}
-            last: dict[object, bool] = {}
+        users: dict[object, OwnUsers] = {}
+        for number, child in enumerate(node.children):
+            found: dict[object, OwnUsers] = {}
             for inner, is_certain in _with_certainty(child):
-                for use in self.knowledge.of_robots(inner):
-                    words[use.words] = use.words
-                    first.setdefault(use.words, use.begins and is_certain)
-                    last[use.words] = use.ends and is_certain
+                for use in self.own_uses(inner, node):
+                    own = found.setdefault(use.words, OwnUsers(use.words))
+                    own.add(inner, use, is_certain)
                 by_hand = self.knowledge.by_hand.get(id(inner))
                 if by_hand is not None:
-                    words[by_hand] = f"the unit {by_hand.name!r} by hand"
-                    first[by_hand] = last[by_hand] = False
-            for key, begins in first.items():
-                if begins and key in users:
-                    yield ("", words[key]), users.pop(key)
-                users.setdefault(key, []).append(number)
-                if last[key]:
-                    yield ("", words[key]), users.pop(key)
-        for key, numbers in users.items():
-            yield ("", words[key]), numbers
+                    words = f"the unit {by_hand.name!r} by hand"
+                    found.setdefault(by_hand, OwnUsers(words, is_declared=True, may_change=True))
+            for key, own in found.items():
+                if own.begins and key in users:
+                    yield from users.pop(key).bonds(node.children)
+                shared = users.setdefault(key, OwnUsers(own.words))
+                shared.join(own, number)
+                if own.ends:
+                    yield from users.pop(key).bonds(node.children)
+        for shared in users.values():
+            yield from shared.bonds(node.children)
+
+    def own_uses(self, leaf: ExpandedNode, parent: ExpandedNode) -> Iterator[OwnUse]:
+        """What a leaf has to do with, as far as nobody has declared that it does not matter."""
+        declared_by_hand = id(parent) in self.knowledge.independent or (
+            id(leaf) in self.inside_by_hand and id(parent) not in self.inside_by_hand
+        )
+        for use in self.knowledge.of_robots(leaf):
+            if use.is_declared or not declared_by_hand:
+                yield use
 
     def why(self, entry: str, rows: Sequence[tuple[ExpandedNode, EntryAccess]]) -> str:
         """Who writes an entry and who reads it."""
@@ -368,9 +380,7 @@ def _with_certainty(node: ExpandedNode) -> Iterator[tuple[ExpandedNode, bool]]:
         waiting += [(child, below) for child in reversed(inner.children)]
 
 
-def _also_shared(words: str, rows: Sequence[tuple[ExpandedNode, EntryAccess]]) -> str:
-    if words:
-        return f"{words}: {_listed(child.name for child, _ in rows)}"
+def _unclear(rows: Sequence[tuple[ExpandedNode, EntryAccess]]) -> str:
     writer = next(child.name for child, found in rows if found.writes_any)
     return f"which entry {writer} writes is only known when it runs"
 

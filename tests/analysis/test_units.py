@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from mrbt_mesh.analysis.units import Knowledge, OwnUse, Piece, split
+from mrbt_mesh.analysis.own_uses import OwnUse
+from mrbt_mesh.analysis.units import Knowledge, Piece, split
 from mrbt_mesh.formats.btcpp.expand import ExpandedNode, expand
 from tests.support.unit_trees import read
 
@@ -104,7 +105,11 @@ def test_every_decision_has_its_reason() -> None:
     assert unit.reasons == ("the entry 'p': Find writes it, Go reads it",)
     assert other.reasons == ()
     assert found.cuts == [
-        ("Find to Go", "Work", "they share no entry and nothing of one robot"),
+        (
+            "Find to Go",
+            "Work",
+            "as declared, they share nothing of one robot; they share no entry",
+        ),
     ]
     (whole,) = pieces(f'<Timeout msec="9">{sequence(WORK, OTHER)}</Timeout>').units()
     assert whole.reasons == ("Timeout is carried out by one robot as a whole",)

@@ -221,9 +221,13 @@ def alone(text: str, story: Story) -> str:
 def team_file(folder: Path, robots: int) -> TeamFile:
     listed = ", ".join(f"R{number + 1}: Robot" for number in range(robots))
     values = ", ".join(f"{key}: {number}" for number, key in enumerate(KEYS))
+    # No robot has anything for itself but its blackboard; all change one world, so in order.
+    actions = ("Do", "Put", "Take", "Change")
+    declared = ", ".join(f"{name}: {{writes: [world], may_fail: true}}" for name in actions)
+    able = ", ".join(f"{name}: 1" for name in actions)
     path = folder / "team.yaml"
     path.write_text(
-        f"local_tasks: {{}}\nrobot_types: {{Robot: {{capabilities: {{}}}}}}\n"
+        f"local_tasks: {{{declared}}}\nrobot_types: {{Robot: {{capabilities: {{{able}}}}}}}\n"
         f"parameters: {{{values}}}\n"
         "conditions: {Known: {parameters: [n], default: true}, Off: {}}\n"
         f"robots: {{{listed}}}\n"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import pytest
 
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
-from mrbt_mesh.sim import simulate
+from mrbt_mesh.sim import Kill, simulate
 from tests.support.command import mrbt
 
 TREE = """<root BTCPP_format="4" main_tree_to_execute="Round">
@@ -40,7 +41,11 @@ TREE = """<root BTCPP_format="4" main_tree_to_execute="Round">
 """
 TEAM = """
 program: robot.py
-local_tasks: {Plan: {work: 1}, Follow: {work: 4}, Report: {}, Hoot: {}}
+local_tasks:
+  Plan: {work: 1, writes: [world]}
+  Follow: {work: 4, writes: [world]}
+  Report: {writes: [world]}
+  Hoot: {writes: [world]}
 parameters: {office: "red;blue"}
 conditions: {Quiet: {}}
 robot_types:
@@ -118,7 +123,7 @@ def test_units_and_cuts_are_told_with_their_reasons(folder: Path) -> None:
         "path": "Round/Sequence",
         "first": "Look",
         "second": "Look",
-        "reason": "they share no entry and nothing of one robot",
+        "reason": "as declared, they share nothing of one robot; they share no entry",
     }
     code, out, _ = run(folder)
     assert code == 0
@@ -197,7 +202,11 @@ def test_a_subtree_that_is_nowhere(folder: Path) -> None:
 
 def test_what_a_team_lacks_is_told(folder: Path) -> None:
     team = folder / "team.yaml"
-    team.write_text(TEAM.replace('parameters: {office: "red;blue"}', "").replace("Hoot: {}", ""))
+    team.write_text(
+        TEAM.replace('parameters: {office: "red;blue"}', "").replace(
+            "  Hoot: {writes: [world]}\n", ""
+        )
+    )
     code, _, err = run(folder)
     assert code == 0
     assert "Report reads it and nothing in the tree writes it" in err
@@ -212,8 +221,12 @@ def test_what_a_team_lacks_is_told(folder: Path) -> None:
 
 def test_what_depends_on_an_argument_that_is_not_known_yet(folder: Path) -> None:
     team = folder / "team.yaml"
-    declares = "Follow: {parameters: [path], writes: [floor($path)], work: 4}, Plan: {reads: []}"
-    team.write_text(TEAM.replace("Plan: {work: 1}, Follow: {work: 4}", declares))
+    declares = "Follow: {parameters: [path], writes: [floor($path)], work: 4}\n  Plan: {reads: []}"
+    team.write_text(
+        TEAM.replace(
+            "Plan: {work: 1, writes: [world]}\n  Follow: {work: 4, writes: [world]}", declares
+        )
+    )
     code, _, err = run(folder)
     assert code == 0
     assert "Follow declares something of $path" in err
@@ -245,3 +258,95 @@ def test_what_a_robot_holds_stays_with_it_until_it_is_put_down(folder: Path) -> 
     data = told(folder)
     assert [unit["call"] for unit in data["units"]] == ["pick_to_place", "pick_to_place_2"]
     assert data["units"][0]["reasons"][0] == "the robot's own condition 'holding': pick, place"
+
+
+FETCH = """<root BTCPP_format="4"><BehaviorTree ID="M"><Sequence{0}>
+<Say what="hello"/><NavigateTo at="a"/><Say what="there"/><Grasp/><NavigateTo at="b"/><Release/>
+</Sequence></BehaviorTree></root>"""
+FETCH_TEAM = """
+program: robot.py
+local_tasks: {%s}
+conditions: {at: {per: robot}, full: {per: robot}}
+robot_types: {Cart: {capabilities: {Say: 1, NavigateTo: 1, Grasp: 1, Release: 1}}}
+robots: {C1: Cart, C2: Cart, C3: Cart}
+"""
+# A robot that grasps where it never was, or releases what it never held, says so by failing.
+FETCH_PROGRAM = """
+import anyio
+from mrbt_mesh import RobotProgram, TaskContext
+robot = RobotProgram(record_work=True)
+at, full = {}, set()
+@robot.action("NavigateTo")
+async def navigate_to(task: TaskContext, at: str) -> None:
+    await anyio.sleep(1)
+    globals()["at"][task.robot] = at
+@robot.action("Grasp")
+async def grasp(task: TaskContext) -> bool:
+    await anyio.sleep(1)
+    full.add(task.robot)
+    return at.get(task.robot) == "a"
+@robot.action("Release")
+async def release(task: TaskContext) -> bool:
+    await anyio.sleep(1)
+    return at.get(task.robot) == "b" and task.robot in full
+@robot.action("Say")
+async def say(what: str) -> None:
+    await anyio.sleep(1)
+"""
+ALL_SAY_NOTHING = ", ".join(
+    f"{n}: {{reads: []}}" for n in ("Say", "NavigateTo", "Grasp", "Release")
+)
+OWN = (
+    "Say: {reads: []}, NavigateTo: {effects: {at: true}}, Grasp: {requires: {at: true}, "
+    "effects: {full: true}}, Release: {requires: {at: true, full: true}, effects: {full: false}}"
+)
+APART = ["Say(hello)", "NavigateTo(a)", "Say(there)", "Grasp", "NavigateTo(b)", "Release"]
+
+
+@pytest.mark.parametrize(
+    ("declared", "attribute", "options", "units"),
+    [
+        ("", "", (), ["Say_to_Release"]),
+        ("Say: {reads: []}", "", (), ["Say(hello)", "NavigateTo_to_Release"]),
+        (OWN, "", (), ["Say(hello)", "NavigateTo_to_Release"]),
+        # Release declares nothing, so it may need what the last drive and the grasp have made.
+        (OWN.rpartition(", Release")[0], "", (), ["Say(hello)", "NavigateTo_to_Release"]),
+        (ALL_SAY_NOTHING, "", (), APART),
+        ("", ' _independent="true"', (), APART),
+        ("", ' name="all"', ("--assume-independent", "all"), APART),
+        ("", "", ("--assume-independent", "M/Sequence"), APART),
+        ("", "", ("--assume-independent", "M/Sequence:1"), APART),
+    ],
+)
+def test_only_what_is_declared_is_cut(
+    folder: Path, declared: str, attribute: str, options: tuple[str, ...], units: list[str]
+) -> None:
+    (folder / "tree.xml").write_text(FETCH.replace("{0}", attribute))
+    (folder / "team.yaml").write_text(FETCH_TEAM % declared)
+    code, out, err = run(folder, "--json", *options)
+    assert code == 0, err
+    data = json.loads(out)
+    assert [unit["call"] for unit in data["units"]] == units
+    assert len(data["cuts"]) == len(units) - 1
+    assert all("declared" in cut["reason"] for cut in data["cuts"])
+
+
+def test_after_a_death_nobody_grasps_where_it_never_was(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (folder / "tree.xml").write_text(FETCH.replace("{0}", ""))
+    (folder / "team.yaml").write_text(FETCH_TEAM % "Say: {reads: []}")
+    (folder / "robot.py").write_text(FETCH_PROGRAM)
+    assert run(folder, "-o", str(folder / "mission.yaml"))[0] == 0
+    mission = load_mission(folder / "mission.yaml")
+    assert mission.program is not None
+    for seed, robot in enumerate(("C1", "C2", "C3")):
+        result = simulate(
+            mission, load_program(mission.program), seed=seed, schedule=[(3_500_000, Kill(robot))]
+        )
+        assert result.result == "success"
+    (unit,) = told(folder)["units"][1:]
+    assert unit["reasons"][0] == (
+        "NavigateTo, Grasp, Release declare nothing, so they are taken to depend on one another"
+    )

@@ -268,7 +268,7 @@ def test_a_subtree_that_is_in_no_file_may_be_an_action(
     code, _, problems = mrbt(*map(str, words), "--as-action", each, "--as-action", "Open Gripper")
     assert code == 0, problems
     mission = load_mission(folder / "mission.yaml")
-    assert len(mission.global_tasks) == 2
+    assert list(mission.global_tasks) == ["Move_to_Waypoint_to_Open_Gripper"]
     if command == "new":
         text = (folder / "robot.py").read_text()
         assert "async def move_to_waypoint(waypoint: str) -> None:" in text
