@@ -7,7 +7,8 @@ from `mrbt_mesh.testing`.
 from typing import TYPE_CHECKING, Any
 
 from mrbt_mesh.errors import InputError, TaskFailedError
-from mrbt_mesh.runtime.program import ProgramError, RobotProgram, TaskContext
+from mrbt_mesh.runtime.program import RobotProgram, TaskContext
+from mrbt_mesh.runtime.program_function import ProgramError
 from mrbt_mesh.version import __version__
 
 if TYPE_CHECKING:

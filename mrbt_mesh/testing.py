@@ -25,7 +25,7 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.expand import call_text
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program import RobotProgram
-from mrbt_mesh.runtime.program_loader import check_program, load_program
+from mrbt_mesh.runtime.program_loader import load_program, require_program
 from mrbt_mesh.sim import (
     Fault,
     Freeze,
@@ -162,10 +162,13 @@ def run(
     if parameters is not None:
         loaded = replace(loaded, parameters={**loaded.parameters, **parameters})
     found = program if isinstance(program, RobotProgram) else _load(loaded, program)
-    for robot in loaded.robots.values():
-        lacking = check_program(found, loaded, robot.capabilities)
-        if lacking:
-            raise InputError(f"the program has no {', no '.join(lacking)} for type {robot.type}")
+    require_program(
+        found,
+        "the program",
+        loaded,
+        {robot.id: robot.capabilities for robot in loaded.robots.values()},
+    )
+    found.check_computer()
     schedule = sorted(
         ((round(at_s * MICRO), fault) for at_s, fault in faults), key=lambda step: step[0]
     )

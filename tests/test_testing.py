@@ -106,7 +106,10 @@ def test_a_run_that_does_not_end_in_time() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"program": RobotProgram()}, "has no local task explore for type"),
+        (
+            {"program": RobotProgram()},
+            "no function for the local task explore; add @robot.local_task",
+        ),
         ({"program": "none.py"}, "there is no such file"),
         ({"mission": "none.yaml"}, "none.yaml"),
         ({"robots": ["R9"]}, "has no robot 'R9'"),

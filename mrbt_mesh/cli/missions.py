@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.runtime.program_loader import check_program, load_program
+from mrbt_mesh.runtime.program import RobotProgram
+from mrbt_mesh.runtime.program_loader import load_program, require_program
 
 
 def chosen_robots(option: str, text: str | None, mission: Mission) -> list[str]:
@@ -24,13 +25,20 @@ def chosen_robots(option: str, text: str | None, mission: Mission) -> list[str]:
 
 
 def checked_program(mission: Mission, robots: list[str], program: str | None) -> str:
-    """The robots' program, which must have what they can do; raises InputError."""
+    """The robots' program, which must have what they can do, on a computer that has what it needs.
+
+    Raises InputError.
+    """
     reference = program or mission.program
     if reference is None:
         raise InputError(f"mission {mission.name} names no program: give one with --program")
-    loaded = load_program(reference)
-    for robot in robots:
-        lacking = check_program(loaded, mission, mission.robots[robot].capabilities)
-        if lacking:
-            raise InputError(f"{reference}: robot {robot} needs {', '.join(lacking)}")
+    fitting_program(mission, robots, reference).check_computer()
     return reference
+
+
+def fitting_program(mission: Mission, robots: list[str], reference: str) -> RobotProgram:
+    """The program, which must have what these robots can do; raises ProgramError."""
+    loaded = load_program(reference)
+    capabilities = {name: mission.robots[name].capabilities for name in robots}
+    require_program(loaded, reference, mission, capabilities)
+    return loaded

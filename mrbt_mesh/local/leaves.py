@@ -29,14 +29,12 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
 from mrbt_mesh.formats.btcpp.document import Category
+from mrbt_mesh.formats.btcpp.values import CPP_TYPES
 from mrbt_mesh.local.node import Source, TreeNode
 
 T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 N = TypeVar("N", bound=type[TreeNode])
-
-# C++ names of Python's types; of others nothing is known.
-_TYPES = {int: "int64_t", float: "double", bool: "bool", str: "std::string"}
 
 
 class LeafError(ValueError):
@@ -265,4 +263,4 @@ def _type_name(annotation: Any) -> str:
     if typing.get_origin(annotation) is list:
         (inner,) = typing.get_args(annotation)
         return f"list<{_type_name(inner) or 'std::string'}>"
-    return _TYPES.get(annotation, "") if isinstance(annotation, type) else ""
+    return CPP_TYPES.get(annotation, "") if isinstance(annotation, type) else ""

@@ -24,30 +24,27 @@ from __future__ import annotations
 
 import copy
 import functools
-import inspect
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Concatenate, Protocol, TypeAlias, TypeVar, overload
 
 from mrbt_mesh.core.mission.names import type_name
-from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.program_function import (
+    ProgramError,
+    ProgramFunction,
+    any_function,
+    background_function,
+    checked_name,
+    task_function,
+)
 
 if TYPE_CHECKING:
     from mrbt_mesh.local import Leaves, TreeNode
 
-Result: TypeAlias = bool | Mapping[str, Any] | None
-TaskFunction: TypeAlias = Callable[..., Awaitable[Result]]
-Bid: TypeAlias = float | None
-BidFunction: TypeAlias = Callable[..., Bid | Awaitable[Bid]]
-_T = TypeVar("_T")
 _F = TypeVar("_F", bound=Callable[..., Any])
 _N = TypeVar("_N", bound="type[TreeNode]")
-
-
-class ProgramError(InputError):
-    """A robot program that cannot be used; the message says where and what would be right."""
 
 
 class TaskPort(Protocol):
@@ -157,6 +154,35 @@ class TaskContext:
         return self.port.unix_time_s()
 
 
+Result: TypeAlias = bool | Mapping[str, Any] | None
+Bid: TypeAlias = float | None
+TaskFunction: TypeAlias = Callable[Concatenate[TaskContext, ...], Awaitable[Result]]
+BidFunction: TypeAlias = Callable[Concatenate[TaskContext, ...], Bid | Awaitable[Bid]]
+Background: TypeAlias = Callable[[TaskContext], Awaitable[None]]
+
+
+class TaskClass(Protocol):
+    """A class for a local task: a new instance for each execution."""
+
+    @property
+    def run(self) -> TaskFunction: ...
+
+
+_Task = TypeVar("_Task", bound=TaskFunction)
+_TaskType = TypeVar("_TaskType", bound=type[TaskClass])
+_Bid = TypeVar("_Bid", bound=BidFunction)
+_Background = TypeVar("_Background", bound=Background)
+
+
+class RegisterTask(Protocol):
+    """What `local_task` returns: it hands back the function, or the class, that it is given."""
+
+    @overload
+    def __call__(self, target: _Task) -> _Task: ...
+    @overload
+    def __call__(self, target: _TaskType) -> _TaskType: ...
+
+
 class RobotProgram:
     """Collects what one robot can do: `local_task` for actions, `bid` for how well it would do
     them, `background` for sensors.
@@ -167,26 +193,23 @@ class RobotProgram:
 
     def __init__(self, *, record_work: bool = False) -> None:
         self.record_work = record_work
-        self.tasks: dict[str, TaskFunction] = {}
-        self.backgrounds: list[Callable[[TaskContext], Awaitable[None]]] = []
-        self._any: TaskFunction | None = None
-        self._bids: dict[str, BidFunction] = {}
+        self.backgrounds: list[Background] = []
+        self._checks: list[Callable[[], None]] = []
+        self._tasks: dict[str, ProgramFunction] = {}
+        self._bids: dict[str, ProgramFunction] = {}
 
-    def local_task(self, name: str) -> Callable[[_T], _T]:
-        """Register an async function `f(task, *arguments)`, or a class with `async run(task, ...)`.
+    def local_task(self, name: str) -> RegisterTask:
+        """Register an async function `f(task, ...)`, or a class with `async run(self, task, ...)`.
 
-        A class is instantiated once per execution. `"*"` serves every local task that has
-        none of its own. Raises ProgramError for a second registration or a plain function.
+        The arguments of the local task, which are texts, become what the parameters' annotations
+        say: int, float, bool or str; a text that does not convert is a failure. A class is
+        instantiated once per execution. `"*"` serves every local task that has none of its own.
+        Raises ProgramError for a second registration and for a function that cannot be called so.
         """
+        checked_name("local_task", name)
 
-        def register(target: _T) -> _T:
-            function = self.recording(_as_function(target, name))
-            if name in self.tasks or (name == "*" and self._any is not None):
-                raise ProgramError(f"local task {name!r} is registered twice")
-            if name == "*":
-                self._any = function
-            else:
-                self.tasks[name] = function
+        def register(target: Any) -> Any:
+            _add(self._tasks, name, task_function(f"local task {name!r}", target))
             return target
 
         return register
@@ -254,35 +277,44 @@ class RobotProgram:
         made = BehaviorTree.from_file(path, tree, self.leaves, given={TaskContext: task})
         await carry_out(made, ports)
 
-    def bid(self, name: str) -> Callable[[_T], _T]:
-        """Register `f(task, *arguments)`, async or not: this robot's performance in a local task.
+    def bid(self, name: str) -> Callable[[_Bid], _Bid]:
+        """Register `f(task, ...)`, async or not: this robot's performance in a local task.
 
         It is asked once per activation where the mission says `performance: bid`, also while the
         robot is busy, and has to answer soon. It returns a number from -1e6 to 1e6, larger is
         better; a cost is a negative performance. None, or an exception: no bid, which makes this
-        robot the last to be chosen. `"*"` serves every local task that has none of its own.
-        Raises ProgramError for a second registration.
+        robot the last to be chosen. Arguments are converted as those of local tasks. `"*"` serves
+        every local task that has none of its own. Raises ProgramError.
         """
+        checked_name("bid", name)
 
-        def register(target: _T) -> _T:
-            if not callable(target) or inspect.isclass(target):
-                raise ProgramError(f"bid {name!r}: {target!r} is not a function")
-            if name in self._bids:
-                raise ProgramError(f"bid {name!r} is registered twice")
-            self._bids[name] = target
+        def register(target: _Bid) -> _Bid:
+            _add(self._bids, name, any_function(f"bid {name!r}", target))
             return target
 
         return register
 
-    def background(
-        self, function: Callable[[TaskContext], Awaitable[None]]
-    ) -> Callable[[TaskContext], Awaitable[None]]:
+    def background(self, function: _Background) -> _Background:
         """Register an async function that runs as long as the robot does: a sensor, a watchdog.
 
-        Its context belongs to no activation; its `set_condition` always takes effect at once.
+        It takes the context alone, which belongs to no activation: its `set_condition` always
+        takes effect at once. Raises ProgramError for any other function.
         """
+        background_function(function)
         self.backgrounds.append(function)
         return function
+
+    def before_start(self, check: Callable[[], None]) -> None:
+        """Have `check` called before a robot with this program starts.
+
+        It raises InputError for what this computer lacks: a library, a device, another Python.
+        """
+        self._checks.append(check)
+
+    def check_computer(self) -> None:
+        """Call the checks of `before_start`. Raises InputError."""
+        for check in self._checks:
+            check()
 
     def recorded(self) -> RobotProgram:
         """This program with `record_work`, whether it has that by itself or not."""
@@ -290,8 +322,6 @@ class RobotProgram:
             return self
         program = copy.copy(self)
         program.record_work = True
-        program.tasks = {name: _recorded(function) for name, function in self.tasks.items()}
-        program._any = None if self._any is None else _recorded(self._any)
         return program
 
     def recording(self, function: TaskFunction) -> TaskFunction:
@@ -299,12 +329,28 @@ class RobotProgram:
         return _recorded(function) if self.record_work else function
 
     def find(self, local_task_type: str) -> TaskFunction | None:
-        """The function for a local-task type, or None."""
-        return self.tasks.get(local_task_type, self._any)
+        """The function for a local-task type, or None. It is called with the arguments' texts."""
+        function = self.function(local_task_type)
+        return None if function is None else self.recording(function)
 
-    def find_bid(self, local_task_type: str) -> BidFunction | None:
+    def function(self, local_task_type: str) -> ProgramFunction | None:
+        """What is registered for a local-task type, or None."""
+        return self._tasks.get(local_task_type, self._tasks.get("*"))
+
+    def find_bid(self, local_task_type: str) -> ProgramFunction | None:
         """The function that bids for a local-task type, or None."""
         return self._bids.get(local_task_type, self._bids.get("*"))
+
+    def names(self) -> list[str]:
+        """The local tasks that have a function of their own, sorted."""
+        return sorted(self._tasks.keys() - {"*"})
+
+
+def _add(known: dict[str, ProgramFunction], name: str, function: ProgramFunction) -> None:
+    if name in known:
+        first = known[name].place
+        raise ProgramError(f"{function.what} is registered twice, first at {first}")
+    known[name] = function
 
 
 def _recorded(function: TaskFunction) -> TaskFunction:
@@ -346,21 +392,3 @@ def _record(task: TaskContext, event: str, outcome: str | None = None) -> None:
             "args": list(task.arguments),
         }
     )
-
-
-def _as_function(target: Any, name: str) -> TaskFunction:
-    if inspect.isclass(target):
-        run = getattr(target, "run", None)
-        if not inspect.iscoroutinefunction(run):
-            raise ProgramError(f"local task {name!r}: class {target.__name__} needs an async run()")
-
-        @functools.wraps(run)
-        async def run_instance(task: TaskContext, *arguments: str) -> Result:
-            instance: Any = target()
-            result: Result = await instance.run(task, *arguments)
-            return result
-
-        return run_instance
-    if not inspect.iscoroutinefunction(target):
-        raise ProgramError(f"local task {name!r}: {target!r} is not an async function or a class")
-    return target  # type: ignore[no-any-return]

@@ -5,16 +5,22 @@ from __future__ import annotations
 import difflib
 import hashlib
 import importlib.util
+import os
 import re
 import sys
 import traceback
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from contextlib import redirect_stdout
 from pathlib import Path
 from types import ModuleType
+from typing import TypeAlias
 
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.mission.names import type_name
-from mrbt_mesh.runtime.program import ProgramError, RobotProgram
+from mrbt_mesh.core.mission.names import split_call, type_name
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.formats.problems import MissionError
+from mrbt_mesh.runtime.program import RobotProgram
+from mrbt_mesh.runtime.program_function import ProgramError, ProgramFunction
 
 DEFAULT_NAME = "robot"
 _REFERENCE = re.compile(r"(.+\.py)(?::([A-Za-z_][A-Za-z0-9_]*))?", re.DOTALL)
@@ -37,36 +43,106 @@ def load_program(reference: str) -> RobotProgram:
     return _pick(_import_file(path), path, name)
 
 
+def require_program(
+    program: RobotProgram,
+    reference: str,
+    mission: Mission,
+    robots: Mapping[str, Iterable[str]],
+) -> None:
+    """Raise ProgramError if `program`, found at `reference`, lacks what these robots' capabilities
+    (types or ground) need, or has a function that cannot be called as the mission calls it. What
+    this computer lacks is for `RobotProgram.check_computer`.
+    """
+    found: dict[str, list[str]] = {}
+    for robot, capabilities in sorted(robots.items()):
+        for problem in check_program(program, mission, capabilities):
+            found.setdefault(problem, []).append(robot)
+    if found:
+        path = reference.rpartition(":")[0] if ".py:" in reference else reference
+        raise ProgramError(
+            "\n".join(
+                text if os.path.isabs(text) else f"{path}: {text} (robots: {', '.join(names)})"
+                for text, names in found.items()
+            )
+        )
+
+
 def check_program(
     program: RobotProgram, mission: Mission, capabilities: Iterable[str]
 ) -> list[str]:
-    """What `program` lacks for these `capabilities` (types or ground): `local task weld`, and
-    `bid for weld` where the mission asks for bids; sorted. Of a local task that is a tree, its
-    actions: `local task grasp (in the tree of weld)`; of one in a BehaviorTree.CPP file what its
-    leaves lack, with file, line and node.
+    """What is wrong with `program` for these `capabilities` (types or ground), sorted.
+
+    A local task, or a bid where the mission asks for bids, without a function; of a local task that
+    is a tree its actions, of one in a BehaviorTree.CPP file what its leaves lack, with file, line
+    and node; a function that does not take the arguments that the mission gives, with its place.
     """
     claimed = {type_name(capability) for capability in capabilities}
     declared = claimed & mission.local_tasks.keys()
     needs = [need for task in mission.global_tasks.values() for need in task.needs]
-    by_bid = claimed & {type_name(need.local_task) for need in needs if need.by_bid}
     trees: dict[str, set[str]] = {}
     for ground, tree in mission.local_trees.items():
         leaves = trees.setdefault(type_name(ground), set())
-        leaves |= {type_name(node.subject) for node in tree.actions()}
+        leaves |= {node.subject for node in tree.actions()}
     programs = {type_name(ground): tree for ground, tree in mission.program_trees.items()}
-    needed = dict.fromkeys(declared - trees.keys() - programs.keys(), "")
+    grounds = {need.local_task for need in needs if type_name(need.local_task) in declared}
+    calls = {name: "" for name in (declared | grounds) if type_name(name) not in trees | programs}
     for name in sorted(declared & trees.keys()):
         for leaf in trees[name]:
-            needed.setdefault(leaf, f" (in the tree of {name})")
-    lacking = [f"local task {name}{of}" for name, of in needed.items() if not program.find(name)]
+            calls.setdefault(leaf, f" (in the tree of {name})")
+    found = [_task_problem(program, mission, ground, calls[ground]) for ground in sorted(calls)]
+    bids = {need.local_task for need in needs if need.by_bid} & grounds
+    found += [_bid_problem(program, mission, ground) for ground in sorted(bids)]
+    # One for each function, however many calls it does not fit.
+    problems = set({place: problem for place, problem in reversed(found) if problem}.values())
     for name in sorted(declared & programs.keys()):
         from mrbt_mesh.runtime.team_leaves import team_leaves
         from mrbt_mesh.runtime.tree_programs import lacking_leaves
 
         known = team_leaves(program.leaves, mission.conditions)
-        problems = lacking_leaves(programs[name], known)
-        lacking += [f"tree of {name} ({problem})" for problem in problems]
-    return sorted(lacking + [f"bid for {name}" for name in by_bid if not program.find_bid(name)])
+        problems |= {f"tree of {name} ({each})" for each in lacking_leaves(programs[name], known)}
+    return sorted(problems)
+
+
+# Where a problem is, and what; empty where there is none.
+_Problem: TypeAlias = tuple[str, str]
+
+
+def _task_problem(program: RobotProgram, mission: Mission, ground: str, of: str) -> _Problem:
+    name = type_name(ground)
+    function = program.function(name)
+    if function is None:
+        close = difflib.get_close_matches(name, program.names(), n=1)
+        hint = f"rename {close[0]!r}, or add" if close else "add"
+        add = f'{hint} @robot.local_task("{name}")'
+        return name, f"no function for the local task {name}{of}; {add}"
+    return _call_problem(function, mission, ground)
+
+
+def _bid_problem(program: RobotProgram, mission: Mission, ground: str) -> _Problem:
+    name = type_name(ground)
+    function = program.find_bid(name)
+    if function is None:
+        return f"bid {name}", f'no bid for the local task {name}; add @robot.bid("{name}")'
+    return _call_problem(function, mission, ground)
+
+
+def _call_problem(function: ProgramFunction, mission: Mission, ground: str) -> _Problem:
+    """Why the function cannot be called for a ground local task, or for a type of them."""
+    declared = mission.local_tasks.get(type_name(ground))
+    if declared is not None:
+        parameters = ", ".join(declared.parameters)
+        problem = function.count_problem(len(declared.parameters))
+        if problem:
+            where = f"the mission declares {declared.name}({parameters})"
+            return function.place, f"{function.place}: {function.what}: {problem}, but {where}"
+        if "(" not in ground and declared.parameters:
+            return "", ""
+    try:
+        function.values(split_call(ground)[1])
+    except ValueError as error:
+        problem = f"{function.what}: {error}, in {ground} of the mission"
+        return function.place, f"{function.place}: {problem}"
+    return "", ""
 
 
 def _import_file(path: Path) -> ModuleType:
@@ -81,7 +157,9 @@ def _import_file(path: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     try:
-        spec.loader.exec_module(module)
+        # What it prints must not mix with the output of a command.
+        with redirect_stdout(sys.stderr):
+            spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
         sys.modules.pop(spec.name, None)
         raise ProgramError(_import_failure(path, error)) from error
@@ -89,12 +167,18 @@ def _import_file(path: Path) -> ModuleType:
 
 
 def _import_failure(path: Path, error: BaseException) -> str:
+    if isinstance(error, MissionError):
+        return str(error)  # of a file of bindings, with its own places
     if isinstance(error, SyntaxError):
         return f"{error.filename or path}:{error.lineno or 0}: not valid Python: {error.msg}"
     if isinstance(error, OSError) and error.filename == str(path):
         return f"{path}: cannot be read: {error.strerror}"
     if isinstance(error, SystemExit):
         said = "calls sys.exit() while it is imported; only define the program there"
+    elif isinstance(error, InputError):
+        said = str(error)
+    elif isinstance(error, ModuleNotFoundError):
+        said = f"{error.msg}; install it, or correct the import"
     else:
         said = f"{type(error).__name__}: {error}"
     frames = traceback.extract_tb(error.__traceback__)

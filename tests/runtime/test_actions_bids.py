@@ -109,7 +109,7 @@ def test_an_exception_is_no_bid_with_its_traceback() -> None:
     assert answer(broken).performance is None
     assert "ZeroDivisionError" in answer(broken).error
     assert "the map server" in answer(late).error
-    assert "positional argument" in answer(lambda task: 1.0).error
+    assert "takes 0 arguments besides the task, found 1" in answer(lambda task: 1.0).error
 
 
 def test_who_never_answers_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -150,7 +150,9 @@ def test_a_program_without_the_bids_that_a_mission_asks_for_is_refused() -> None
     @program.local_task("*")
     async def anything(*_: object) -> None: ...
 
-    assert check_program(program, mission, ["deliver"]) == ["bid for deliver"]
+    assert check_program(program, mission, ["deliver"]) == [
+        'no bid for the local task deliver; add @robot.bid("deliver")'
+    ]
     program.bid("*")(lambda task, parcel: 1.0)
     assert check_program(program, mission, ["deliver"]) == []
 

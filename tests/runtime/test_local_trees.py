@@ -197,4 +197,6 @@ def test_a_program_needs_the_actions_of_the_tree_and_not_the_local_task() -> Non
     async def a(task: TaskContext) -> None: ...
 
     lacking = check_program(program, mission, ["whole"])
-    assert lacking == ["local task b (in the tree of whole)"]
+    assert lacking == [
+        'no function for the local task b (in the tree of whole); add @robot.local_task("b")'
+    ]

@@ -9,7 +9,7 @@ import pytest
 
 from mrbt_mesh import ProgramError, RobotProgram
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.runtime.program_loader import check_program, load_program
+from mrbt_mesh.runtime.program_loader import check_program, load_program, require_program
 from tests.support.paths import ROOT, mission_file
 
 START = "from mrbt_mesh import RobotProgram\n"
@@ -74,12 +74,15 @@ def test_two_files_of_the_same_name_stay_apart(tmp_path: Path) -> None:
         ("x = 1\nrobot = (\n", "robot.py:2: not valid Python: '(' was never closed"),
         ("x = 1\n\nx / 0\n", "robot.py:3: ZeroDivisionError: division by zero"),
         ("def f():\n    raise OSError('no arm')\n\nf()\n", "robot.py:2: OSError: no arm"),
-        ("import no_such_module_here\n", "robot.py:1: ModuleNotFoundError: No module named"),
+        (
+            "import no_such_module_here\n",
+            "robot.py:1: No module named 'no_such_module_here'; install it, or correct the import",
+        ),
         ("import json\n\njson.loads('x')\n", "robot.py:3: JSONDecodeError"),
         ("import sys\nsys.exit(3)\n", "robot.py:2: calls sys.exit() while it is imported"),
         (
             START + "robot = RobotProgram()\n@robot.local_task('x')\ndef x(task): ...\n",
-            "robot.py:3: ProgramError: local task 'x'",
+            "robot.py:3: local task 'x': the function is not async; write `async def x(...)`",
         ),
     ],
 )
@@ -130,7 +133,10 @@ def test_missing_local_tasks_are_listed_by_type() -> None:
     mission = load_mission(mission_file("vehicle_repair"))
     program = load_program(str(ROOT / "agents" / "explore.py"))
     lacking = check_program(program, mission, ["replace_hw(2)", "move_frame", "replace_hw"])
-    assert lacking == ["local task move_frame", "local task replace_hw"]
+    assert lacking == [
+        f'no function for the local task {name}; add @robot.local_task("{name}")'
+        for name in ("move_frame", "replace_hw")
+    ]
 
 
 def test_a_program_for_everything_lacks_nothing() -> None:
@@ -141,3 +147,42 @@ def test_a_program_for_everything_lacks_nothing() -> None:
     async def anything(*_: object) -> None: ...
 
     assert check_program(program, mission, mission.local_tasks) == []
+
+
+@pytest.mark.parametrize(
+    ("code", "problem"),
+    [
+        ("async def f(task): ...", "takes 0 arguments besides the task, but the mission declares"),
+        ("async def f(task, a, b): ...", "takes 2 arguments besides the task, but the mission"),
+        ("async def f(task, a, b, *c): ...", "takes at least 2 arguments besides the task"),
+        ("async def f(task, area: int): ...", "parameter 'area': the text 'A' is no integer, in"),
+        (
+            "async def f(task, *areas: float): ...",
+            "parameter 'areas': the text 'A' is no real number",
+        ),
+        ("async def f(task, area: 'str', more: int = 3): ...", ""),
+        ("async def f(*everything): ...", ""),
+        ("class F:\n    async def run(self, task, a: bool): ...", "neither true nor false"),
+        ("class F:\n    async def run(self, task, a: str): ...", ""),
+    ],
+)
+def test_functions_that_do_not_take_what_the_mission_gives(
+    tmp_path: Path, code: str, problem: str
+) -> None:
+    """Each with its place, before anything runs."""
+    text = f"{START}robot = RobotProgram()\n\n@robot.local_task('explore')\n{code}\n"
+    program = load_program(write(tmp_path, text))
+    found = check_program(program, load_mission(mission_file("explore")), ["explore"])
+    line = 6 if "class" in code else 4
+    assert len(found) == bool(problem)
+    for each in found:
+        assert each.startswith(f"{tmp_path}/robot.py:{line}: local task 'explore': ")
+        assert problem in each
+
+
+def test_a_name_that_is_nearly_right_is_named(tmp_path: Path) -> None:
+    text = f"{START}robot = RobotProgram()\n@robot.local_task('explroe')\nasync def f(task): ...\n"
+    program, mission = load_program(write(tmp_path, text)), load_mission(mission_file("explore"))
+    message = r"robot\.py: no function for the local task explore; rename 'explroe', or add @robot"
+    with pytest.raises(ProgramError, match=message + r".* \(robots: R1, R2\)"):
+        require_program(program, "robot.py:robot", mission, {"R1": ["explore"], "R2": ["explore"]})

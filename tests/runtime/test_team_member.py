@@ -190,7 +190,7 @@ async def test_a_loop_that_stood_still_fences_its_robot_off() -> None:
         ({"keys": "k", "insecure": True}, "give either keys=FOLDER"),
         ({"insecure": True, "robot": "R9"}, "has no robot 'R9'"),
         ({"insecure": True, "robot": "no id"}, "robot id 'no id'"),
-        ({"insecure": True, "program": RobotProgram()}, "has no local task explore"),
+        ({"insecure": True, "program": RobotProgram()}, "no function for the local task explore"),
         ({"insecure": True, "program": "none.py"}, "there is no such file"),
         ({"insecure": True, "mission": "none.yaml"}, "none.yaml"),
         ({"insecure": True, "detection_s": 0.01}, "detection"),

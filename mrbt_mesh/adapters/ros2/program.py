@@ -60,12 +60,13 @@ def robot_program(binding_file: str | Path, *, record_work: bool = False) -> Rob
     """A program for robots whose local tasks are bound to ROS 2 by a file.
 
     `record_work` is that of RobotProgram. What it returns may be given more local tasks, bids and
-    sensors. Raises InputError for a file that cannot be used, also where it does not fit the types
-    of ROS.
+    sensors. Raises InputError for a file that cannot be used. Whether it fits the types of ROS is
+    checked before a robot starts.
     """
     file = load_bindings(Path(binding_file))
-    check_bindings(file)
-    return bound_program(file, bridge_command(file), record_work)
+    program = bound_program(file, bridge_command(file), record_work)
+    program.before_start(lambda: check_bindings(file))
+    return program
 
 
 def bound_program(file: BindingFile, command: list[str], record_work: bool = False) -> RobotProgram:

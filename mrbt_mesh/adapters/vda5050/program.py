@@ -57,12 +57,12 @@ ALL = "all"
 def robot_program(layout_file: str | Path, *, record_work: bool = False) -> RobotProgram:
     """A program for robots that are the vehicles of a layout file, each by its robot's id.
 
-    `record_work` is that of RobotProgram. Raises InputError without the extra, and for a file that
-    cannot be used.
+    `record_work` is that of RobotProgram. Raises InputError for a file that cannot be used; whether
+    the extra is installed is checked before a robot starts.
     """
-    require_extra()
     fleet = Fleet(load_layout(Path(layout_file)))
     program = RobotProgram(record_work=record_work)
+    program.before_start(require_extra)
 
     @program.background
     async def connect(task: TaskContext) -> None:

@@ -35,7 +35,7 @@ PANELS = {
         "decide": "Say how an exclusive task goes on whose robot vanished in the middle of it.",
     },
     "Without a network": {
-        "validate": "Check a mission file; say what it holds.",
+        "validate": "Check a mission file and its robots' program; say what it holds.",
         "plan": "Plan for given facts and explain the plan.",
         "assign": "Solve one assignment problem, exactly and canonically.",
         "analyze": "Tell which faults a mission survives, and what would make it survive more.",

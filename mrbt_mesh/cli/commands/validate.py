@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from mrbt_mesh.cli.framework.declare import option
-from mrbt_mesh.cli.options import JsonOption, MissionArgument
+from mrbt_mesh.cli.options import JsonOption, MissionArgument, ProgramOption, RobotsOption
 
 
 def validate(
@@ -14,18 +14,36 @@ def validate(
     compile_to: Annotated[
         Path | None, option("Also write the compiled mission here.", "FILE", name="--compile")
     ] = None,
+    program: ProgramOption = None,
+    robots: RobotsOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Check a mission file; say what it holds.
+    """Check a mission file and its robots' program; say what it holds.
+
+    The program is imported, and must have a function for each local task of the robots.
 
     Example: mrbt validate examples/vehicle_repair/mission.yaml
     """
     from mrbt_mesh.analysis.cautions import cautions
     from mrbt_mesh.cli.framework.terminal import console, labelled, print_json, write_file
+    from mrbt_mesh.cli.missions import chosen_robots, fitting_program
+    from mrbt_mesh.errors import InputError
     from mrbt_mesh.formats.mission_file import compile_mission, load_mission, mission_warnings
+    from mrbt_mesh.formats.problems import MissionError
 
     loaded = load_mission(mission)
+    team = chosen_robots("--robots", robots, loaded)
     warnings = [*mission_warnings(loaded), *cautions(loaded)]
+    reference = program or loaded.program
+    if reference is not None:
+        code = fitting_program(loaded, team, reference)
+        try:
+            code.check_computer()
+        except MissionError:
+            raise
+        except InputError as error:
+            # Missions are also checked where no robot runs.
+            warnings.append(f"no robot can start on this computer: {error}")
     if compile_to is not None:
         write_file(compile_to, compile_mission(loaded))
     counts = {
@@ -36,10 +54,17 @@ def validate(
     }
     if as_json:
         print_json(
-            {"mission": loaded.name, "digest": loaded.digest, **counts, "warnings": warnings}
+            {
+                "mission": loaded.name,
+                "digest": loaded.digest,
+                "program": reference,
+                **counts,
+                "warnings": warnings,
+            }
         )
         return
     listed = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in counts.items())
+    listed += ", no program named" if reference is None else ""
     console.print(f"[bold green]valid[/] {loaded.name}: {listed}")
     for warning in warnings:
         console.print(labelled("warning", "yellow", warning), soft_wrap=True)

@@ -14,6 +14,13 @@ from typing import Any
 
 from mrbt_mesh.formats.btcpp.document import read_boolean
 
+# C++ names of Python's types; of others nothing is known.
+CPP_TYPES: Mapping[type, str] = {
+    int: "int64_t",
+    float: "double",
+    bool: "bool",
+    str: "std::string",
+}
 INT64 = range(-(2**63), 2**63)
 # The largest integer below which a double holds every one.
 EXACT = 2**53 - 1

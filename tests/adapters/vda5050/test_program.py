@@ -70,7 +70,9 @@ class Robot:
 
 
 def test_without_the_extra_it_says_what_to_install() -> None:
-    said = said_without("aiomqtt", "mrbt_mesh.adapters.vda5050", "robot_program('x.yaml')")
+    layout = EXAMPLES / "warehouse/agvs.yaml"
+    call = f"robot_program({str(layout)!r}).check_computer()"
+    said = said_without("aiomqtt", "mrbt_mesh.adapters.vda5050", call)
     assert "pip install 'mrbt-mesh[vda5050]'" in said
 
 
