@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from mrbt_mesh.formats.btcpp.values import (
+    ANY_TYPE,
     ValueTypeError,
     as_integer,
     as_number,
@@ -16,6 +17,11 @@ from mrbt_mesh.formats.btcpp.values import (
     read_text,
 )
 
+# The library converts between numbers where nothing is lost, but for these: (type, new type).
+_NEVER_SAFE = {
+    *(("bool", other) for other in ("int", "int64_t", "double")),
+    *((other, "bool") for other in ("int", "int64_t")),
+}
 _INTEGERS = ("int", "unsigned int", "int64_t", "uint64_t", "long", "size_t")
 
 
@@ -26,10 +32,12 @@ class BlackboardError(ValueError):
 class BoardEntry:
     """One entry. `writes` counts how often it was set; it has no value until then."""
 
-    __slots__ = ("type", "value", "writes")
+    __slots__ = ("is_declared", "type", "value", "writes")
 
     def __init__(self, type_name: str = "") -> None:
         self.type = type_name
+        # Whether a port has given it its type, not the first value.
+        self.is_declared = bool(type_name)
         self.value: Any = None
         self.writes = 0
 
@@ -45,12 +53,19 @@ class Blackboard:
     `remapped` names the parent's entries by their names here; with `autoremap` every other name
     that does not begin with `_` is the parent's as well. `@name` is an entry of the root's board.
 
+    An entry has the type of the first port that names it, or of the first value that it is given;
+    one that is given a text has no type yet. `exact`: a type never changes, as in the library.
+    Otherwise a port's type replaces that of a value, and an entry that no port names takes any.
+
         board["goal"] = "dock"
         board.get("battery", 1.0)
     """
 
-    def __init__(self, parent: Blackboard | None = None, autoremap: bool = False) -> None:
+    def __init__(
+        self, parent: Blackboard | None = None, autoremap: bool = False, *, exact: bool = False
+    ) -> None:
         self.parent = parent
+        self.exact = exact
         self.autoremap = autoremap
         self.remapped: dict[str, str] = {}
         self._entries: dict[str, BoardEntry] = {}
@@ -97,14 +112,33 @@ class Blackboard:
             if outer is not None and self.parent is not None:
                 return self.parent.declare(outer, type_name)
             entry = self._entries[name] = BoardEntry(type_name)
-        elif not entry.type and entry.value is None:
-            entry.type = type_name
+        elif type_name and not entry.is_declared and not self.exact:
+            self._retype(name, entry, type_name)
         return entry
 
+    def _retype(self, name: str, entry: BoardEntry, type_name: str) -> None:
+        """A port names an entry that has the type of a value: the port's holds from now on."""
+        try:
+            value = converted(name, entry.value, type_name)
+        except BlackboardError:
+            return
+        entry.type, entry.is_declared, entry.value = type_name, True, value
+
     def put(self, name: str, value: Any) -> None:
-        """Set an entry; its type, once it has one, stays."""
+        """Set an entry, converted to its type. Raises BlackboardError if that is not possible."""
+        is_new = self.find(name) is None
         entry = self.declare(name)
-        entry.set(converted(name, value, entry.type))
+        if entry.type in ("", ANY_TYPE) and not (is_new and isinstance(value, str)):
+            entry.type = type_of_value(value)
+        try:
+            if self.exact and (entry.type, type_of_value(value)) in _NEVER_SAFE:
+                raise BlackboardError(f"the entry {name!r} is of type {entry.type}, not {value!r}")
+            kept = converted(name, value, entry.type)
+        except BlackboardError:
+            if self.exact or entry.is_declared:
+                raise
+            entry.type, kept = type_of_value(value), value
+        entry.set(kept)
 
     def own(self, name: str, value: Any) -> None:
         """Set an entry of this very board, whatever it would be remapped to."""
@@ -121,7 +155,8 @@ class Blackboard:
 
     def type_of(self, name: str) -> str:
         entry = self.find(name)
-        return "" if entry is None else entry.type
+        is_any = entry is None or (entry.type == ANY_TYPE and not self.exact)
+        return "" if entry is None or is_any else entry.type
 
     def write(self, name: str, value: Any) -> None:
         self.declare(name).set(value)
@@ -148,13 +183,18 @@ class Blackboard:
         return default if value is None else value
 
     def unset(self, name: str) -> None:
-        """Remove an entry, wherever it is; nothing happens if there is none."""
+        """Remove an entry, wherever it is; nothing happens if there is none.
+
+        With `exact`, as in the library, an entry of the parent stays.
+        """
         if name.startswith("@"):
             self.root.unset(name[1:])
         elif name in self._entries:
             del self._entries[name]
-        elif self.parent is not None and (outer := self._outer_name(name)) is not None:
-            self.parent.unset(outer)
+        elif not self.exact and self.parent is not None:
+            outer = self._outer_name(name)
+            if outer is not None:
+                self.parent.unset(outer)
 
     def names(self) -> Iterator[str]:
         """The entries of this very board, sorted."""
@@ -163,6 +203,15 @@ class Blackboard:
     def watch(self, watcher: Callable[[], None]) -> None:
         """Call `watcher` whenever a program, not a node, sets an entry."""
         self.root._watchers.append(watcher)
+
+
+def type_of_value(value: Any) -> str:
+    """The C++ type of what a program writes; "" for what has none here."""
+    if isinstance(value, bool):
+        return "bool"
+    if isinstance(value, int):
+        return "int" if -(2**31) <= value < 2**31 else "int64_t"
+    return {float: "double", str: "std::string"}.get(type(value), "")
 
 
 def converted(name: str, value: Any, type_name: str) -> Any:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from mrbt_mesh.core.bt.tree import MAX_NODES
-from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN, SWITCHES, children_allowed
+from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN, LOOP_ITEMS, SWITCHES, children_allowed
 from mrbt_mesh.formats.btcpp.check_nodes import child_path
 from mrbt_mesh.formats.btcpp.document import (
     SUBTREE,
@@ -27,6 +27,7 @@ from mrbt_mesh.formats.btcpp.expand import constant_value
 from mrbt_mesh.formats.btcpp.library import Library
 from mrbt_mesh.formats.btcpp.script import ScriptError
 from mrbt_mesh.formats.btcpp.script_parser import parse
+from mrbt_mesh.formats.btcpp.values import ANY_TYPE
 from mrbt_mesh.formats.btcpp.xml_reader import MAX_LEVELS, TreeFileError
 from mrbt_mesh.formats.problems import Problem, nearest
 from mrbt_mesh.local.blackboard import Blackboard
@@ -55,6 +56,9 @@ NODE_TYPES: Mapping[str, type[TreeNode]] = {
     **BUILTIN_LEAVES,
     **NAV2,
 }
+UPDATED = ("SkipUnlessUpdated", "WaitValueUpdate", "WasEntryUpdated")
+# An entry of these types may be any port's.
+_TEXT_OR_ANY = ("", "std::string", ANY_TYPE)
 _IDLE_CONDITIONS = (("_failureIf", FAILURE), ("_successIf", SUCCESS), ("_skipIf", SKIPPED))
 
 
@@ -255,7 +259,18 @@ class _Builder:
                 declared = self.library.models.get(node.type)
                 if declared is not None and name in declared.ports:
                     type_name = declared.ports[name].type
-            where.board.declare(key, "" if type_name in ("script", "list") else type_name)
+            type_name = "" if type_name in ("script", "list") else type_name
+            if name == "entry" and node.type in UPDATED:
+                type_name = ANY_TYPE
+            elif name == "value" and node.type in LOOP_ITEMS:
+                type_name = LOOP_ITEMS[node.type]
+            before = where.board.declare(key, type_name).type
+            is_free = type_name in ("", ANY_TYPE, before) or before in _TEXT_OR_ANY
+            if self.world.exact and not is_free:
+                message = (
+                    f"port {name!r} is of type {type_name}, and its entry {key!r} of type {before}"
+                )
+                self.problem(where, element.line, f"{node.type}: {message}")
 
     def _check_ports(self, node: TreeNode, leaf: Leaf, element: Element, where: _Where) -> None:
         for name in node.ports:
@@ -277,7 +292,7 @@ class _Builder:
     def _inner(self, element: Element, where: _Where) -> _Where:
         """The blackboard of a SubTree: what its attributes and its model's defaults remap."""
         autoremap = read_boolean(element.get("_autoremap", "false")) or False
-        board = Blackboard(where.board, autoremap)
+        board = Blackboard(where.board, autoremap, exact=self.world.exact)
         given = ports(element)
         model = self.library.subtree_models.get(element.get("ID"))
         if model is not None and not autoremap:

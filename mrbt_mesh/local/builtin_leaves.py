@@ -7,7 +7,8 @@ from typing import Any
 from mrbt_mesh.formats.btcpp.document import pointer
 from mrbt_mesh.formats.btcpp.script import Script, ScriptError
 from mrbt_mesh.formats.btcpp.script_parser import parse
-from mrbt_mesh.formats.btcpp.values import ValueTypeError, read_text
+from mrbt_mesh.formats.btcpp.values import ANY_TYPE, ValueTypeError, read_text
+from mrbt_mesh.local.blackboard import BlackboardError, type_of_value
 from mrbt_mesh.local.node import FAILURE, SUCCESS, NodeStatus, TickError, TreeNode
 
 
@@ -17,7 +18,7 @@ class Always(TreeNode):
     __slots__ = ()
 
     def tick(self) -> NodeStatus:
-        self.world.count_leaf()
+        self.world.count_leaf(self.place)
         return SUCCESS if self.type == "AlwaysSuccess" else FAILURE
 
 
@@ -32,7 +33,7 @@ class ScriptLeaf(TreeNode):
         self.script: Script | None = None
 
     def tick(self) -> NodeStatus:
-        self.world.count_leaf()
+        self.world.count_leaf(self.place)
         text = str(self.input("code"))
         if self.script is None or text != self.text:
             try:
@@ -51,7 +52,7 @@ class SetBlackboard(TreeNode):
     __slots__ = ()
 
     def tick(self) -> NodeStatus:
-        self.world.count_leaf()
+        self.world.count_leaf(self.place)
         name, text = self._target(), self.ports.get("value", "")
         key = pointer(text, "value")
         value: Any = text
@@ -60,16 +61,28 @@ class SetBlackboard(TreeNode):
             entry = self.board.find(key)
             if entry is None:
                 raise TickError(f"{self.place}: port 'value': there is no entry {key!r}")
-            value, type_name = entry.value, entry.type
+            value, type_name = entry.value, entry.type or type_of_value(entry.value)
         if value is None:
             return FAILURE
         target = self.board.declare(name, type_name)
-        if isinstance(value, str) and target.type not in ("", "std::string"):
+        is_typed = target.type not in ("", ANY_TYPE)
+        if self.board.exact and target.type == ANY_TYPE and isinstance(value, str):
+            message = f"the entry {name!r} is of type {ANY_TYPE}, to which no text is converted"
+            raise TickError(f"{self.place}: {message}")
+        if isinstance(value, str) and is_typed and target.type != "std::string":
             try:
                 value = read_text(value, target.type, self.world.enums)
             except ValueTypeError as error:
                 raise TickError(f"{self.place}: the entry {name!r}: {error}") from None
-        target.set(value)
+        elif key is not None and self.board.exact and is_typed and target.type != type_name:
+            raise TickError(
+                f"{self.place}: the entry {name!r} is of type {target.type}, and {key!r} of type "
+                f"{type_name}"
+            )
+        try:
+            self.board.put(name, value)
+        except BlackboardError as error:
+            raise TickError(f"{self.place}: {error}") from None
         return SUCCESS
 
     def _target(self) -> str:
@@ -89,7 +102,7 @@ class UnsetBlackboard(TreeNode):
     __slots__ = ()
 
     def tick(self) -> NodeStatus:
-        self.world.count_leaf()
+        self.world.count_leaf(self.place)
         self.board.unset(str(self.input("key")))
         return SUCCESS
 
@@ -104,7 +117,7 @@ class WasEntryUpdated(TreeNode):
         self.seen = 0
 
     def tick(self) -> NodeStatus:
-        self.world.count_leaf()
+        self.world.count_leaf(self.place)
         entry = self.board.find(self.key("entry"))
         if entry is None or entry.writes == self.seen:
             return FAILURE

@@ -59,7 +59,7 @@ class InOrder(TreeNode):
             elif status is self.goes_on:
                 self.index += 1
                 if self.is_async and was_idle and self.yields and self.index < count:
-                    self.world.woken = True
+                    self.world.woken_by = self.place
                     return RUNNING
             else:
                 return self.stopped(status)

@@ -94,7 +94,7 @@ class Again(Decorator):
                 return status
             self.count += 1
             if self.yields and was_idle and (limit == -1 or self.count < limit):
-                self.world.woken = True
+                self.world.woken_by = self.place
                 return RUNNING
         self.count = 0
         return self.goes_on
@@ -130,16 +130,22 @@ class RunOnce(Decorator):
 
 
 class Precondition(Decorator):
-    """The child if a script holds, asked before it starts; else the status `else`."""
+    """The child if a script holds, asked before it starts; else the status `else`.
+
+    In an exact tree, as in the library, a child that is halted or skipped counts as begun: the
+    script is not asked before the child is ticked again.
+    """
 
     __slots__ = ("goes_on", "texts")
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self.texts: dict[str, Any] = {}
+        self.goes_on = False
 
     def clear(self) -> None:
-        self.goes_on = False
+        if not self.world.exact:
+            self.goes_on = False
 
     def tick(self) -> NodeStatus:
         otherwise = self.input("else", "BT::NodeStatus")
@@ -149,7 +155,7 @@ class Precondition(Decorator):
             return NodeStatus(otherwise)
         self.status = RUNNING
         status = self.tick_child()
-        self.goes_on = status is RUNNING
+        self.goes_on = status is RUNNING or (self.world.exact and status is SKIPPED)
         return status
 
 
@@ -209,7 +215,10 @@ class Loop(Decorator):
 
 
 class Updated(Decorator):
-    """SkipUnlessUpdated and WaitValueUpdate: the child once for each write of an entry."""
+    """SkipUnlessUpdated and WaitValueUpdate: the child once for each write of an entry.
+
+    In an exact tree, as in the library, the child goes on when the node is halted.
+    """
 
     __slots__ = ("otherwise", "running", "seen")
 
@@ -220,6 +229,13 @@ class Updated(Decorator):
 
     def clear(self) -> None:
         self.running = False
+
+    def halt(self) -> None:
+        if self.world.exact:
+            self.clear()
+            self.status = IDLE
+        else:
+            super().halt()
 
     def tick(self) -> NodeStatus:
         if not self.running:

@@ -12,6 +12,7 @@ from mrbt_mesh.local.node import (
     IDLE,
     RUNNING,
     Effect,
+    NodePlace,
     NodeStatus,
     TickError,
     TreeNode,
@@ -45,7 +46,12 @@ class TickEngine:
     @property
     def woken(self) -> bool:
         """Whether a node asks to be ticked again at once."""
-        return self._world.woken
+        return self._world.woken_by is not None
+
+    @property
+    def woken_by(self) -> NodePlace | None:
+        """The node that asks to be ticked again at once."""
+        return self._world.woken_by
 
     @property
     def next_deadline_us(self) -> int | None:
@@ -65,14 +71,14 @@ class TickEngine:
     def tick_once(self, now_us: int) -> NodeStatus:
         """Tick the tree until no node asks to be ticked again at once (Tree::tickOnce)."""
         status = self.tick(now_us)
-        while status is RUNNING and self._world.woken:
+        while status is RUNNING and self.woken:
             status = self._tick(now_us)
         return status
 
     def _tick(self, now_us: int) -> NodeStatus:
         world = self._world
         world.now_us = now_us
-        world.woken = False
+        world.woken_by = None
         if world.deadlines_us:
             self._expire(now_us)
         world.tick += 1

@@ -74,7 +74,7 @@ class LeafNode(TreeNode):
 
     def call_at_once(self) -> NodeStatus:
         """Call a function that ends within the tick."""
-        self.world.count_leaf()
+        self.world.count_leaf(self.place)
         self.reason = ""
         try:
             result = self.call(self.arguments(), self.output)
@@ -113,7 +113,7 @@ class ActionLeaf(LeafNode):
         self.outcome: NodeStatus | None = None
 
     def tick(self) -> NodeStatus:
-        self.world.count_leaf()
+        self.world.count_leaf(self.place)
         if self.status is IDLE:
             inputs = self.arguments()
             self.run += 1

@@ -70,35 +70,6 @@ Effect: TypeAlias = StartLeaf | CancelLeaf
 Source: TypeAlias = Callable[[], Any]
 
 
-@dataclass
-class TreeWorld:
-    """What the nodes of one tree share.
-
-    `exact`: with BehaviorTree.CPP's own oddities (docs/robot_trees.md). `woken`: a node asks to
-    be ticked again at once. `deadlines_us` are those of nodes that wait, by uid. `given`: what
-    leaves get besides ports, by its type. `entries`: what says the values of entries before each
-    tick.
-    """
-
-    exact: bool = False
-    now_us: int = 0
-    tick: int = 0
-    leaves: int = 0
-    woken: bool = False
-    enums: Mapping[str, int] = field(default_factory=dict)
-    sources: Mapping[str, Source] = field(default_factory=dict)
-    entries: Mapping[str, Source] = field(default_factory=dict)
-    given: Mapping[type, Any] = field(default_factory=dict)
-    effects: list[Effect] = field(default_factory=list)
-    deadlines_us: dict[int, int] = field(default_factory=dict)
-
-    def count_leaf(self) -> None:
-        """Note that a leaf is ticked. Raises TickError for a tick without end."""
-        self.leaves += 1
-        if self.leaves > MAX_LEAVES:
-            raise TickError("the tree is ticked again and again without end")
-
-
 @dataclass(frozen=True, slots=True)
 class NodePlace:
     """Where a node is: its path in the tree, its file and line."""
@@ -109,6 +80,38 @@ class NodePlace:
 
     def __str__(self) -> str:
         return f"{self.file}:{self.line}: {self.path}"
+
+
+@dataclass
+class TreeWorld:
+    """What the nodes of one tree share.
+
+    `exact`: with BehaviorTree.CPP's own oddities (docs/robot_trees.md). `woken_by`: the node that
+    asks to be ticked again at once. `deadlines_us` are those of nodes that wait, by uid. `given`:
+    what leaves get besides ports, by its type. `entries`: what says the values of entries before
+    each tick.
+    """
+
+    exact: bool = False
+    now_us: int = 0
+    tick: int = 0
+    leaves: int = 0
+    woken_by: NodePlace | None = None
+    enums: Mapping[str, int] = field(default_factory=dict)
+    sources: Mapping[str, Source] = field(default_factory=dict)
+    entries: Mapping[str, Source] = field(default_factory=dict)
+    given: Mapping[type, Any] = field(default_factory=dict)
+    effects: list[Effect] = field(default_factory=list)
+    deadlines_us: dict[int, int] = field(default_factory=dict)
+
+    def count_leaf(self, place: NodePlace) -> None:
+        """Note that the leaf at `place` is ticked. Raises TickError for a tick without end."""
+        self.leaves += 1
+        if self.leaves > MAX_LEAVES:
+            raise TickError(
+                f"{place}: more than {MAX_LEAVES:,} leaves in one tick: a loop around this node "
+                "does not end"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,7 +209,12 @@ class TreeNode:
             status = self.tick()
         else:
             before = self._before(conditions)
-            status = self.tick() if before is None else before
+            if before is None:
+                status = self.tick()
+            else:
+                # It decides without its leaves, which a loop above it would otherwise count.
+                self.world.count_leaf(self.place)
+                status = before
         if status is SKIPPED:
             pass
         elif status is IDLE:

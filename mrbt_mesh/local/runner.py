@@ -6,6 +6,7 @@ Time comes from the event loop, so that on a virtual clock a run takes no time a
 from __future__ import annotations
 
 import inspect
+import logging
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
@@ -19,6 +20,12 @@ from mrbt_mesh.local.leaf_nodes import status_of
 from mrbt_mesh.local.node import FAILURE, MICRO, RUNNING, CancelLeaf, NodeStatus, StartLeaf
 
 Watcher: TypeAlias = Callable[[], None]
+
+# A tree that asks more often in a row to be ticked again at once is ticked at its rate instead: it
+# polls, and would use the whole processor. Then every SLOWED_PERIOD_US, if it has no rate.
+MAX_AT_ONCE = 10_000
+SLOWED_PERIOD_US = 100_000
+_LOG = logging.getLogger(__name__)
 
 
 class _Run:
@@ -50,6 +57,9 @@ class TreeRunner:
         self._runs: dict[tuple[int, int], _Run] = {}
         self._happened = anyio.Event()
         self._error: Exception | None = None
+        # How often the tree was ticked again at once, one time after the other.
+        self._at_once = 0
+        self._is_slowed = False
 
     def wake(self) -> None:
         """Tick soon, whatever the rate is."""
@@ -91,12 +101,19 @@ class TreeRunner:
 
     async def _wait(self, ticked_us: int) -> None:
         """Until something has happened, a node's time is over, or the next tick is due."""
-        if self._engine.woken:
+        ends = [self._engine.next_deadline_us]
+        period_us = self._period_us
+        if self._engine.woken_by is None:
+            self._at_once = 0
+        elif self._at_once < MAX_AT_ONCE:
+            self._at_once += 1
             await anyio.lowlevel.checkpoint()
             return
-        ends = [self._engine.next_deadline_us]
-        if self._period_us is not None:
-            ends.append(ticked_us + self._period_us)
+        else:
+            self._slow_down()
+            period_us = period_us or SLOWED_PERIOD_US
+        if period_us is not None:
+            ends.append(ticked_us + period_us)
         end_us = min((end for end in ends if end is not None), default=None)
         if end_us is None:
             await self._happened.wait()
@@ -104,6 +121,16 @@ class TreeRunner:
         wait_s = max(0.0, end_us / MICRO - self._clock())
         with anyio.move_on_after(wait_s):
             await self._happened.wait()
+
+    def _slow_down(self) -> None:
+        """Say once which node would otherwise keep the processor busy and the clock standing."""
+        if not self._is_slowed:
+            self._is_slowed = True
+            _LOG.warning(
+                "%s: ticked %s times without a pause; from now on it is ticked at the tree's rate",
+                self._engine.woken_by,
+                f"{MAX_AT_ONCE:,}",
+            )
 
     def _follow(self, group: anyio.abc.TaskGroup) -> None:
         """Cancel and start actions; one begins once those cancelled before it have stopped."""

@@ -69,7 +69,7 @@ class BehaviorTree:
     ) -> None:
         self.name = _chosen(library, tree)
         self.leaves = leaves if leaves is not None else Leaves()
-        self.blackboard = Blackboard()
+        self.blackboard = Blackboard(exact=exact)
         self._library = library
         self._enums = dict(enums or {})
         self._world = TreeWorld(exact, given=dict(given or {}))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -60,6 +62,50 @@ def test_an_entrys_type_stays() -> None:
     board.declare("text", "std::string")
     with pytest.raises(BlackboardError, match="holds a text, not 4"):
         board["text"] = 4
+
+
+@pytest.mark.parametrize(
+    ("first", "then", "kept"),
+    [
+        # As the library 4.8.2 does it: tests/local/test_tree_with_others.py.
+        (1, 7, 7),
+        (1, 2.0, 2),
+        (1, 2.5, None),
+        (1, "9", 9),
+        (1, "x", None),
+        (1.0, 7, 7.0),
+        (1.0, "x", None),
+        (True, "false", False),
+        (True, 0, None),
+        (1, True, None),
+        (1.0, True, 1.0),
+        ("3", 2.5, 2.5),
+        ("3", "x", "x"),
+    ],
+)
+def test_an_entry_that_a_program_sets_has_a_type(first: Any, then: Any, kept: Any) -> None:
+    exact, free = Blackboard(exact=True), Blackboard()
+    for board in (exact, free):
+        board["n"] = first
+    free["n"] = then
+    assert free["n"] == (then if kept is None else kept)
+    if kept is None:
+        with pytest.raises(BlackboardError, match="the entry 'n' is of type"):
+            exact["n"] = then
+    else:
+        exact["n"] = then
+        assert (exact["n"], type(exact["n"])) == (kept, type(kept))
+
+
+def test_a_ports_type_replaces_that_of_a_value() -> None:
+    free, exact = Blackboard(), Blackboard(exact=True)
+    for board in (free, exact):
+        board["n"] = 1
+        board.declare("n", "double")
+    assert (free.type_of("n"), type(free["n"])) == ("double", float)
+    assert (exact.type_of("n"), type(exact["n"])) == ("int", int)
+    with pytest.raises(BlackboardError, match="the entry 'n' is of type double"):
+        free["n"] = "x"
 
 
 def test_programs_that_set_entries_are_heard_and_nodes_are_not() -> None:

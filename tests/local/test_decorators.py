@@ -45,8 +45,29 @@ def test_retry_and_repeat_yield_between_attempts() -> None:
 @pytest.mark.parametrize("yields", [True, False])
 def test_a_loop_without_end_is_noticed(yields: bool) -> None:
     tree = Ticked('<Repeat num_cycles="-1"><AlwaysSuccess/></Repeat>', yields=yields)
-    with pytest.raises(TickError, match="without end"):
+    with pytest.raises(TickError, match=r"Repeat/AlwaysSuccess: .* does not end"):
         tree.once()
+
+
+@pytest.mark.parametrize("yields", [True, False])
+def test_a_loop_whose_leaf_is_never_ticked_is_noticed(yields: bool) -> None:
+    body = '<RetryUntilSuccessful num_attempts="-1"><Leaf says="SUCCESS" _failureIf="true"/>'
+    tree = Ticked(f"{body}</RetryUntilSuccessful>", yields=yields)
+    with pytest.raises(TickError, match=r"RetryUntilSuccessful/Leaf: .* does not end"):
+        tree.once()
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_a_precondition_after_a_halt(exact: bool) -> None:
+    """The library goes on with the child and does not ask the script again."""
+    gate = '<Precondition if="n == 0" else="FAILURE"><Leaf says="RUNNING"/></Precondition>'
+    body = f'<ReactiveSequence><ScriptCondition code="go"/>{gate}</ReactiveSequence>'
+    tree = Ticked(body, {"n": 0, "go": True}, exact=exact)
+    assert tree.run() == [RUNNING]
+    tree.board["go"] = False
+    assert tree.run() == [FAILURE]
+    tree.board["go"], tree.board["n"] = True, 1
+    assert tree.run() == [RUNNING if exact else FAILURE]
 
 
 @pytest.mark.parametrize("exact", [False, True])

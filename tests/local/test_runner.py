@@ -60,6 +60,25 @@ def test_a_timeout_ends_by_the_clock_and_waits_until_its_action_has_stopped() ->
     ]
 
 
+def test_a_tree_that_polls_lets_time_go_on_and_is_named(caplog: pytest.LogCaptureFixture) -> None:
+    """Also without a rate; a loop that ends is not slowed down."""
+    poll = '<RetryUntilSuccessful num_attempts="-1"><Ok/></RetryUntilSuccessful>'
+    loop = '<Repeat num_cycles="9000"><Script code="n := 1"/></Repeat>'
+    robot = Robot(f"<Sequence>{loop}{poll}</Sequence>")
+    robot.answers["ok"] = False
+
+    async def program() -> NodeStatus:
+        with anyio.move_on_after(5) as timeout:
+            await robot.tree.run(rate_hz=0)
+        assert timeout.cancelled_caught
+        robot.answers["ok"] = True
+        return await robot.tree.run()
+
+    assert in_virtual_time(program) == (NodeStatus.SUCCESS, 5.0)
+    (message,) = caplog.messages
+    assert message.startswith("tree.xml:1: Main/Sequence/RetryUntilSuccessful: ticked 10,000 times")
+
+
 def test_conditions_are_asked_at_the_rate() -> None:
     robot = Robot(f"<ReactiveSequence><Ok/>{act('a', 10)}</ReactiveSequence>")
 

@@ -42,6 +42,7 @@ from mrbt_mesh.formats.btcpp.document import (
 from mrbt_mesh.formats.btcpp.elements import Element
 from mrbt_mesh.formats.btcpp.findings import Findings
 from mrbt_mesh.formats.btcpp.library import Library
+from mrbt_mesh.formats.btcpp.script_parser import quoting_problem
 from mrbt_mesh.formats.problems import MAX_PATH_CHARACTERS
 
 # Ports without which a built-in node cannot be ticked.
@@ -181,6 +182,8 @@ class NodeChecker:
         for name, script in conditions(place.element).items():
             if problem := script_problem(script):
                 self.error(place, f"{name}: {problem}")
+            elif problem := quoting_problem(script):
+                self.rule(place, f"{name}: {problem}")
         for name in metadata(place.element):
             if meant := _LOWER_CONDITIONS.get(name.lower()):
                 self.warn(place, f"{name!r} has no effect; did you mean {meant!r}?")

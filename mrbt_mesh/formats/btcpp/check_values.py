@@ -19,7 +19,7 @@ from mrbt_mesh.formats.btcpp.builtin_nodes import (
 )
 from mrbt_mesh.formats.btcpp.document import pointer, read_boolean
 from mrbt_mesh.formats.btcpp.script import Impossible, ScriptError
-from mrbt_mesh.formats.btcpp.script_parser import parse
+from mrbt_mesh.formats.btcpp.script_parser import parse, quoting_problem
 from mrbt_mesh.formats.problems import MAX_SHOWN_CHARACTERS, nearest
 
 FORBIDDEN = " \t\n<>&\"'/\\:*?|."
@@ -90,6 +90,9 @@ def typing_problem(kind: str, value: str) -> tuple[str, bool]:
     if not is_constant(value, "port"):
         is_odd = is_typed and (value == "=" or value != value.strip())
         return ("BehaviorTree.CPP takes only {name} or {=} here" if is_odd else ""), is_odd
+    if kind == SCRIPT:
+        problem = quoting_problem(value)
+        return problem, bool(problem)
     if kind in (INTEGER, UNSIGNED, BOOLEAN) and value[:1].isspace():
         return f"{shown(value)} begins with a space, which BehaviorTree.CPP does not take", True
     if kind not in _LIMITS:

@@ -1,7 +1,7 @@
 """What is no XML and BehaviorTree.CPP's reader, tinyxml2, takes all the same.
 
-Raw `<` and `&`, where XML wants `&lt;` and `&amp;`: people write `_skipIf="a < 3 && b"`. And
-attributes with nothing between them: `<Go to="a"speed="2"/>`.
+Raw `<` and `&`, where XML wants `&lt;` and `&amp;`: people write `_skipIf="a < 3 && b"`.
+Attributes with nothing between them: `<Go to="a"speed="2"/>`. And `--` inside comments.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ _RAW = {
 _TAG = re.compile(r"""</?[^\W\d](?:[^"'<>]++|"[^"]*+"|'[^']*+')*+>""")
 # What is behind so many `<` stays as it is: a file with more elements is refused anyway.
 MAX_MARKUP = 400_000
-_CLOSED_BY = (("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>"))
+_COMMENT = "<!--"
+_CLOSED_BY = ((_COMMENT, "-->"), ("<![CDATA[", "]]>"), ("<?", "?>"))
+_HYPHENS = re.compile("-(?=-)")
 _VALUE = re.compile(r"""([^\s=<>"'/]++)(\s*+=\s*+)("[^"]*+"|'[^']*+')""")
 
 
@@ -36,7 +38,7 @@ def mended(text: str) -> tuple[str, list[tuple[int, str]]]:
             continue
         at = start + min(index for index, _ in found)
         line += text.count("\n", done, at)
-        place = f"attribute {where!r}" if where else "text"
+        place = "comment" if where == _COMMENT else f"attribute {where!r}" if where else "text"
         notes.append((line + 1, f"{place}: {' and '.join(told for _, told in found)}"))
         parts += (text[done:start], kept)
         line += text.count("\n", at, end)
@@ -46,6 +48,11 @@ def mended(text: str) -> tuple[str, list[tuple[int, str]]]:
 
 def _mend(value: str, where: str, behind: str) -> tuple[str, list[tuple[int, str]]]:
     """A text or a value as XML, and what was wrong with it: where it begins, and what it is."""
+    if where == _COMMENT:
+        at = f"{value}-".find("--")
+        # A `-` right before the end is one of two as well.
+        kept = _HYPHENS.sub("- ", f"{value}-")[:-1]
+        return kept, [] if at < 0 else [(at, "'--', which XML does not allow; taken for '- -'")]
     found = []
     kept = value
     for character, pattern in _RAW.items():
@@ -60,7 +67,7 @@ def _mend(value: str, where: str, behind: str) -> tuple[str, list[tuple[int, str
 
 
 def _suspects(text: str) -> Iterator[tuple[int, int, str, str]]:
-    """(begin, end, text, attribute) of texts, which have no attribute, and of values."""
+    """(begin, end, text, attribute) of texts, which have no attribute, values and comments."""
     place = 0
     for _ in range(MAX_MARKUP):
         begin = text.find("<", place)
@@ -77,7 +84,10 @@ def _suspects(text: str) -> Iterator[tuple[int, int, str, str]]:
             continue
         for opening, closing in _CLOSED_BY:
             if text.startswith(opening, begin):
-                found_at = text.find(closing, begin)
+                content_at = begin + len(opening)
+                found_at = text.find(closing, content_at)
                 if found_at < 0:
                     return
+                if opening == _COMMENT:
+                    yield content_at, found_at, text[content_at:found_at], _COMMENT
                 place = found_at + len(closing)

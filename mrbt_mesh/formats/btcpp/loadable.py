@@ -14,9 +14,13 @@ from mrbt_mesh.formats.btcpp.document import (
     SUBTREE,
     TREE,
     Document,
+    conditions,
     type_id,
 )
 from mrbt_mesh.formats.btcpp.elements import Comment, Content, Element, Instruction
+from mrbt_mesh.formats.btcpp.expand import SCRIPT_PORTS
+from mrbt_mesh.formats.btcpp.script import ScriptError
+from mrbt_mesh.formats.btcpp.script_parser import single_quoted
 
 _TAG = re.compile(r"[^\W\d][\w.-]*")
 _JSON = "json:"
@@ -34,7 +38,7 @@ def loadable(document: Document) -> Document:
     """The document with nothing in a form that BehaviorTree.CPP refuses.
 
     Below a ReactiveSequence it knows no <Action ID=...>; it reads `<?...?>` only at the beginning,
-    and `json:` lists only since 4.9.
+    `json:` lists only since 4.9, and texts of scripts in single quotes.
     """
     result = document.copy()
     for element in result.root.walk():
@@ -48,6 +52,9 @@ def loadable(document: Document) -> Document:
             name = type_id(element)
             if name == "ReactiveSequence":
                 _make_compact(element.children)
+            for attribute in (*conditions(element), SCRIPT_PORTS.get(name, "")):
+                if attribute in element.attributes:
+                    element.attributes[attribute] = _single_quoted(element.get(attribute))
             if name in LOOP_ITEMS and "queue" in element.attributes:
                 element.attributes["queue"] = _plain_list(LOOP_ITEMS[name], element.get("queue"))
     return result
@@ -76,6 +83,13 @@ def _as_comment(item: Content) -> Content:
     while "--" in text:
         text = text.replace("--", "- -")
     return Comment(f"{text}?")
+
+
+def _single_quoted(script: str) -> str:
+    try:
+        return single_quoted(script)
+    except ScriptError:
+        return script
 
 
 def _plain_list(kind: str, text: str) -> str:

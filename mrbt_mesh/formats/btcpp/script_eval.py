@@ -30,6 +30,7 @@ from mrbt_mesh.formats.btcpp.script import (
 )
 from mrbt_mesh.formats.btcpp.script_parser import parse
 from mrbt_mesh.formats.btcpp.values import (
+    ANY_TYPE,
     INT64,
     ValueTypeError,
     as_integer,
@@ -277,6 +278,8 @@ class _Run:
         if before is None and not entry_type:
             return value
         if isinstance(value, str) and not isinstance(before, str):
+            if entry_type == ANY_TYPE:
+                raise ScriptError(f"a text cannot be converted to the type {ANY_TYPE} of {name!r}")
             if entry_type:
                 return read_text(value, entry_type, self.enums)
             return self.number(value) if _is_number(before) else value

@@ -56,6 +56,32 @@ def parse(text: str) -> Script:
     return _Parser(_tokens(text)).script()
 
 
+def quoting_problem(text: str) -> str:
+    """Which quoted text of a script BehaviorTree.CPP 4.10 cannot read, and why; else "".
+
+    It takes single quotes and ASCII. Raises ScriptError.
+    """
+    for token in _tokens(text):
+        if token.kind == "text" and token.text[0] == '"':
+            return (
+                f"BehaviorTree.CPP 4.10 refuses a text in double quotes, {token}; use single ones"
+            )
+        if token.kind == "text" and not token.text.isascii():
+            return f"BehaviorTree.CPP refuses the text {token}, which is not ASCII"
+    return ""
+
+
+def single_quoted(text: str) -> str:
+    """The script with its texts in single quotes, where that is possible. Raises ScriptError."""
+    kept = text
+    for token in reversed(_tokens(text)):
+        if token.kind == "text" and token.text[0] == '"' and "'" not in token.text:
+            start = token.column - 1
+            end = start + len(token.text)
+            kept = f"{kept[:start]}'{token.value}'{kept[end:]}"
+    return kept
+
+
 def _tokens(text: str) -> list[_Token]:
     tokens = []
     position = 0

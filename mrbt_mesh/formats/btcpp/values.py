@@ -21,6 +21,8 @@ CPP_TYPES: Mapping[type, str] = {
     bool: "bool",
     str: "std::string",
 }
+# The C++ type of an entry that may be anything, to which the library cannot convert a text.
+ANY_TYPE = "BT::Any"
 INT64 = range(-(2**63), 2**63)
 # The largest integer below which a double holds every one.
 EXACT = 2**53 - 1

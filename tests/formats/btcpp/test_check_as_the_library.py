@@ -36,7 +36,9 @@ LATE = re.compile(
     r"_on\w+: the script|_post: the script|port 'if': the script|the script ''|is no JSON"
 )
 # Rules and features of later versions, and our own limit.
-LATER = re.compile(r"the name '|is a reserved name|nested deeper|more than \d+ attributes")
+LATER = re.compile(
+    r"the name '|is a reserved name|nested deeper|more than \d+ attributes|in double quotes"
+)
 NEW = re.compile(r"TryCatch|json:|=\"x \+= 1;\"")  # 4.9 takes a last semicolon
 
 

@@ -71,6 +71,8 @@ def test_valid_and_strict_where_it_claims_to_be(path: Path) -> None:
         "subtree_unresolved": "there is no tree 'ElsewhereInThePackage'",
         "first": "",
         "empty_library": "there is no <BehaviorTree>",
+        "attribute_order_and_quotes": "in double quotes",
+        "scripts_all_operators": "in double quotes",
         "control_reactive_sequence": "below ReactiveSequence",
         "encoding_utf16": "reads UTF-8 only",
         "processing_instruction": "only as the first of a file",

@@ -50,6 +50,18 @@ def test_attributes_with_nothing_between_them() -> None:
     assert mended(kept) == (kept, [])
 
 
+def test_hyphens_in_comments() -> None:
+    text = "<root>\n<!-- a -- b --->\n<!--->--\n<a/>--></root>"
+    kept, notes = mended(text)
+    assert kept == "<root>\n<!-- a - - b - -->\n<!--->- -\n<a/>--></root>"
+    assert [(line, note.split(",")[0]) for line, note in notes] == [
+        (2, "comment: '--'"),
+        (3, "comment: '--'"),
+    ]
+    document = parse_document(text, "m.xml")
+    assert parse_document(document.text(), "m.xml").tolerated == ()
+
+
 def test_what_is_tolerated_is_told_with_its_line() -> None:
     document = parse_document('<root>\n<a x="1 < 2"/></root>', "m.xml")
     assert [(problem.file, problem.line) for problem in document.tolerated] == [("m.xml", 2)]

@@ -22,7 +22,7 @@ class Leaf(TreeNode):
 
     def tick(self) -> NodeStatus:
         self.ticks += 1
-        self.world.count_leaf()
+        self.world.count_leaf(self.place)
         says = self.ports["says"].split()
         return NodeStatus[says[min(self.ticks, len(says)) - 1]]
 
