@@ -56,6 +56,8 @@ NODE_TYPES: Mapping[str, type[TreeNode]] = {
     **BUILTIN_LEAVES,
     **NAV2,
 }
+# A function's int may be either, and so may a program's.
+_PYTHON_INT = {"int", "int64_t"}
 UPDATED = ("SkipUnlessUpdated", "WaitValueUpdate", "WasEntryUpdated")
 # An entry of these types may be any port's.
 _TEXT_OR_ANY = ("", "std::string", ANY_TYPE)
@@ -266,6 +268,7 @@ class _Builder:
                 type_name = LOOP_ITEMS[node.type]
             before = where.board.declare(key, type_name).type
             is_free = type_name in ("", ANY_TYPE, before) or before in _TEXT_OR_ANY
+            is_free = is_free or {type_name, before} == _PYTHON_INT
             if self.world.exact and not is_free:
                 message = (
                     f"port {name!r} is of type {type_name}, and its entry {key!r} of type {before}"

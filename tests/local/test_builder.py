@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from mrbt_mesh.formats.btcpp.xml_reader import TreeFileError
@@ -88,3 +90,25 @@ def test_an_exact_tree_refuses_what_the_library_refuses() -> None:
     assert problems(body) == []
     (found,) = problems(body, exact=True)
     assert "allows one AsyncSequence below a ReactiveSequence" in found
+
+
+@pytest.mark.parametrize(
+    ("value", "port", "refused"),
+    [(1, 'n="{k}"', ""), (1, 'x="{k}"', "port 'x' is of type double"), ("a", 'x="{k}"', "")],
+)
+def test_an_exact_tree_refuses_a_port_of_another_type(value: Any, port: str, refused: str) -> None:
+    """As the library does. Otherwise the value is converted."""
+    for exact in (True, False):
+        text = f'<root BTCPP_format="4"><BehaviorTree ID="M"><Act {port}/></BehaviorTree></root>'
+        tree = BehaviorTree.from_text(text, exact=exact)
+        tree.action("Act")(_act)
+        tree.blackboard["k"] = value
+        if refused and exact:
+            with pytest.raises(TreeFileError, match=refused):
+                tree.check()
+        else:
+            tree.check()
+
+
+def _act(n: int = 0, x: float = 0.0) -> None:
+    """Its ports are an integer and a real number."""
