@@ -13,7 +13,8 @@ from ruamel.yaml.representer import SafeRepresenter
 
 from mrbt_mesh.core.bt.tree import CONTROLS, LEAVES, Kind, Memory, NodeSpec
 
-WIDTH = 100
+# A text that is broken into lines is no valid key, and the library breaks keys, too.
+_UNBROKEN = 1 << 30
 # What is longer stands in several lines, one for each of its parts.
 MAX_LINE = 85
 
@@ -81,7 +82,7 @@ def mission_text(data: Mapping[str, Any], heading: str) -> str:
     writer = YAML(typ="safe", pure=True)
     writer.Representer = _Representer
     writer.default_flow_style = None  # one line for what holds no other collection
-    writer.width = WIDTH
+    writer.width = _UNBROKEN
     writer.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
     stream = io.StringIO()
     writer.dump(dict(data), stream)

@@ -182,8 +182,12 @@ def _filled(text: str, values: Mapping[str, str]) -> str:
 
 def load_team(path: Path) -> TeamFile:
     """Read a team file. Raises MissionError with all problems that could be found."""
-    file = str(path)
-    data, report = read_yaml(decode(read_limited(path, MAX_YAML_BYTES), file), file)
+    return read_team(decode(read_limited(path, MAX_YAML_BYTES), str(path)), str(path))
+
+
+def read_team(text: str, file: str) -> TeamFile:
+    """As `load_team`, of a text; `file` is what it is called in problems."""
+    data, report = read_yaml(text, file)
     if not isinstance(data, dict):
         raise whole_file_error(file, "a team is expected (local_tasks: ..., robots: ...)")
     for key in ("tree", "global_tasks", "subtrees"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from mrbt_mesh.core.mission.names import MAX_NAME
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.shipped import example_mission, shipped
 
@@ -17,6 +18,7 @@ _FILES = {
 }
 # How an example names its robots' program; in a copy, that lies beside the mission.
 _PROGRAM = re.compile(r"\.\./\.\./agents/(\w+\.py)")
+_NAME = re.compile(r"^mission: \w+$", re.MULTILINE)
 _COMPILED = "__pycache__"
 _IMPORT = re.compile(r"^(?:from|import) (\w+)", re.MULTILINE)
 
@@ -25,14 +27,22 @@ class FolderInUseError(InputError):
     """The place for the new files is a file, or a folder that has something in it."""
 
 
-def template_files(kind: str = "") -> dict[str, str]:
-    """A small mission and robot of the user's own: texts by file name.
+def template_files(name: str, kind: str = "") -> dict[str, str]:
+    """A small mission called `name` and a robot of the user's own: texts by file name.
 
     `kind`: "ros2" for robots of ROS 2, "vda5050" for those that are AGVs, else robots that have a
     program of their own.
     """
     folder = TEMPLATES / kind
-    return {name: (folder / name).read_text(encoding="utf-8") for name in _FILES[kind]}
+    files = {file: (folder / file).read_text(encoding="utf-8") for file in _FILES[kind]}
+    files["mission.yaml"] = _NAME.sub(f"mission: {name}", files["mission.yaml"])
+    return files
+
+
+def mission_name(text: str) -> str:
+    """A mission's name, made out of a file's or folder's: letters, digits and _, at most 64."""
+    name = "".join(c if c.isascii() and c.isalnum() else "_" for c in text)
+    return (name if name[:1].isalpha() else f"mission_{name}")[:MAX_NAME]
 
 
 def example_files(name: str) -> dict[str, str]:

@@ -25,7 +25,7 @@ def test_the_new_mission_and_its_robots_fit_together(
 ) -> None:
     monkeypatch.setattr(sys, "path", list(sys.path))
     folder = tmp_path / "teams" / "my_team"
-    written = write_files(folder, template_files())
+    written = write_files(folder, template_files("my_team"))
     assert written == [folder / n for n in ("mission.yaml", "robot.py", "test_mission.py")]
     mission = load_mission(written[0])
     assert mission.name == "my_team"
@@ -43,7 +43,7 @@ def test_robots_of_ros_2_and_their_mission_fit_together(
     """Without ROS: the program that robot.py makes when the bridge has found nothing wrong."""
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.setattr(ros2_program, "check_bindings", lambda file: None)
-    written = write_files(tmp_path / "my_team", template_files("ros2"))
+    written = write_files(tmp_path / "my_team", template_files("my_team", "ros2"))
     assert [path.name for path in written] == [
         *("mission.yaml", "robot.py", "ros2.yaml", "virtual_robots.py")
     ]
@@ -83,13 +83,13 @@ def test_the_copy_of_an_example_is_whole(
 
 
 def test_an_empty_folder_may_be_used(tmp_path: Path) -> None:
-    assert len(write_files(tmp_path, template_files())) == 3
+    assert len(write_files(tmp_path, template_files("my_team"))) == 3
 
 
 def test_a_folder_in_use_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "robot.py").write_text("mine")
     with pytest.raises(FolderInUseError, match="is not empty; name a new folder"):
-        write_files(tmp_path, template_files())
+        write_files(tmp_path, template_files("my_team"))
     assert [path.name for path in tmp_path.iterdir()] == ["robot.py"]
     assert (tmp_path / "robot.py").read_text() == "mine"
 
@@ -98,7 +98,7 @@ def test_a_file_is_left_alone(tmp_path: Path) -> None:
     file = tmp_path / "my_team"
     file.write_text("mine")
     with pytest.raises(FolderInUseError, match="is a file; name a new folder"):
-        write_files(file, template_files())
+        write_files(file, template_files("my_team"))
     assert file.read_text() == "mine"
 
 
@@ -113,7 +113,7 @@ def test_a_file_is_left_alone(tmp_path: Path) -> None:
 )
 def test_the_changes_that_the_guide_proposes_are_right(tmp_path: Path, old: str, new: str) -> None:
     guide = (ROOT / "agents" / "README.md").read_text()
-    file = write_files(tmp_path, template_files())[0]
+    file = write_files(tmp_path, template_files("my_team"))[0]
     text = file.read_text()
     assert text.count(old) == 1
     file.write_text(text.replace(old, new))

@@ -45,9 +45,9 @@ def new(
     import click
 
     from mrbt_mesh.cli.trees.lifting import known_besides
-    from mrbt_mesh.cli.trees.new_from_tree import files_from_tree
+    from mrbt_mesh.cli.trees.new_from_tree import files_from_tree, print_units
     from mrbt_mesh.errors import InputError
-    from mrbt_mesh.formats.template import example_files, template_files, write_files
+    from mrbt_mesh.formats import template
 
     given = {"--example": example, "--btcpp": btcpp, "--vda5050": vda5050, "--ros2": ros2}
     chosen = [name for name, value in given.items() if value not in (None, False)]
@@ -57,18 +57,22 @@ def new(
     if btcpp is None and any(besides.values()):
         names = " and ".join(name for name, value in besides.items() if value)
         raise InputError(f"{names}: only with --btcpp")
+    name, lifted = template.mission_name(folder.resolve().name), None
     try:
         if example is not None:
-            files = example_files(example)
+            files = template.example_files(example)
         elif btcpp is not None:
-            files = files_from_tree(btcpp, tree, known_besides(models, trees), as_action)
+            others = known_besides(models, trees)
+            files, lifted = files_from_tree(folder, btcpp, tree, others, as_action)
         else:
-            files = template_files("vda5050" if vda5050 else "ros2" if ros2 else "")
-        written = write_files(folder, files)
+            files = template.template_files(name, "vda5050" if vda5050 else "ros2" if ros2 else "")
+        written = template.write_files(folder, files)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
     for path in written:
         click.echo(f"wrote {path}")
+    if lifted is not None:
+        print_units(lifted)
     if ros2:
         click.echo(f"\nfirst, with ROS 2: python3 {folder / 'virtual_robots.py'} A1 A2 A3")
         click.echo(f"then, beside it: mrbt up {folder / 'mission.yaml'}")

@@ -10,7 +10,7 @@ from mrbt_mesh.cli.options import JsonOption, MissionArgument, ProgramOption, Ro
 
 
 def validate(
-    mission: MissionArgument,
+    mission: MissionArgument = Path("mission.yaml"),
     compile_to: Annotated[
         Path | None, option("Also write the compiled mission here.", "FILE", name="--compile")
     ] = None,
@@ -21,6 +21,8 @@ def validate(
     """Check a mission file and its robots' program; say what it holds.
 
     The program is imported, and must have a function for each local task of the robots.
+
+    Without a file it is mission.yaml in this folder.
 
     Example: mrbt validate examples/vehicle_repair/mission.yaml
     """

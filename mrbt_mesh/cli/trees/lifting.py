@@ -5,21 +5,22 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mrbt_mesh.analysis.lift_mission import LiftedMission, heading, lift_mission
 from mrbt_mesh.analysis.lift_units import LiftedUnits, UnitsByHand, lift_units
 from mrbt_mesh.cli.trees.files import read_tree_file
-from mrbt_mesh.core.mission.names import MAX_NAME
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.btcpp.document import SUBTREE, Document, read_document
 from mrbt_mesh.formats.btcpp.folder import read_folder
 from mrbt_mesh.formats.btcpp.library import Library, together
+from mrbt_mesh.formats.btcpp.nav2_nodes import know_nav2
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.mission_writer import mission_text
 from mrbt_mesh.formats.problems import MissionError, Problem
-from mrbt_mesh.formats.team_file import load_team
+from mrbt_mesh.formats.team_file import TeamFile, load_team
+from mrbt_mesh.formats.template import mission_name
 from mrbt_mesh.formats.units_file import load_units
 
 
@@ -50,11 +51,15 @@ class LiftedFiles:
 
 def lift_files(request: LiftRequest) -> LiftedFiles:
     """Read, lift and check. Raises InputError, TreeFileError and MissionError."""
-    file, output = request.file, request.output
     others = known_besides(request.models, request.folders)
-    library, tree = library_and_tree(file, request.tree, others, request.actions)
-    team = load_team(request.robots)
-    name, independent = mission_name(file), request.independent
+    library, tree = library_and_tree(request.file, request.tree, others, request.actions)
+    return lift_tree(library, tree, load_team(request.robots), request)
+
+
+def lift_tree(library: Library, tree: str, team: TeamFile, request: LiftRequest) -> LiftedFiles:
+    """Lift a tree for a team, both of which have been read. Raises InputError and MissionError."""
+    file, output = request.file, request.output
+    name, independent = mission_name(file.stem), request.independent
     if request.units is None:
         mission = lift_mission(library, tree, team, independent, name)
         units, document = None, None
@@ -88,7 +93,7 @@ def library_and_tree(
     """The checked file and the ID of the tree to lift; raises InputError.
 
     It is the file's main tree, or the only one that no other tree of the file uses. `actions`:
-    SubTrees that are actions of the program instead.
+    SubTrees that are actions of the program instead. Nav2's nodes need no models.
     """
     library, findings = read_tree_file(file, others=others)
     findings.raise_errors()
@@ -96,6 +101,7 @@ def library_and_tree(
         library.make_actions(actions)
     except ValueError as error:
         raise InputError(f"--as-action: {error}") from None
+    know_nav2(library)
     own = library.own_trees
     elements = [element for source in own.values() for element in source.element.walk()]
     used = {element.get("ID") for element in elements if element.tag == SUBTREE}
@@ -106,12 +112,6 @@ def library_and_tree(
         what = f"there is no tree {tree!r}" if tree else "no tree is named as the main one"
         raise InputError(f"{file}: {what}; choose with --tree (there are: {known})")
     return library, name
-
-
-def mission_name(file: Path) -> str:
-    """A mission's name, made out of a file's: letters, digits and _, at most 64."""
-    name = "".join(c if c.isascii() and c.isalnum() else "_" for c in file.stem)
-    return (name if name[:1].isalpha() else f"mission_{name}")[:MAX_NAME]
 
 
 def units_by_hand(units: str) -> UnitsByHand | None:
@@ -159,5 +159,6 @@ def checked_text(
         first = Problem(
             str(robots), 0, "", "does not fit the tree; the mission would have these problems"
         )
-        raise MissionError([first, *error.problems]) from None
+        here = [replace(p, message=p.message.replace(f"{folder}/", "")) for p in error.problems]
+        raise MissionError([first, *here]) from None
     return text

@@ -7,51 +7,61 @@ and succeeds: what is to be filled in.
 from __future__ import annotations
 
 import re
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
 from mrbt_mesh.analysis.lift_units import check_subtrees
-from mrbt_mesh.cli.trees.lifting import LiftRequest, library_and_tree, lift_files
+from mrbt_mesh.cli.framework.terminal import console, note
+from mrbt_mesh.cli.trees.lifting import LiftedFiles, LiftRequest, library_and_tree, lift_tree
 from mrbt_mesh.cli.trees.program_from_tree import program_text
+from mrbt_mesh.cli.views.units_view import render_units
 from mrbt_mesh.formats.btcpp.expand import expand
 from mrbt_mesh.formats.btcpp.export import explicit
 from mrbt_mesh.formats.btcpp.library import Library
 from mrbt_mesh.formats.btcpp.loadable import loadable
+from mrbt_mesh.formats.team_file import read_team
+from mrbt_mesh.formats.template import mission_name
 
 TEAM = """\
 # The team that {tree} is for. Lift it again after a change:
 #
 #     mrbt lift {tree} --robots team.yaml --units auto -o mission.yaml
 #
-# What `local_tasks`, `conditions` and `capabilities` may say is in docs/lift.md.
+# Actions that declare nothing stay together on one robot. What they may declare, so that parts of
+# the tree can go to different robots, is in docs/lift.md.
 
+mission: {name}
 program: robot.py
 local_tasks: {{}}
 robot_types: {{robot: {{capabilities: {{}}}}}}
 robots: {{R1: robot, R2: robot, R3: robot}}
 """
 TEST = '''\
-"""What the team must do, in virtual time and with faults. Run it with `pytest`."""
+"""What the team must do, in virtual time and with a fault. Run it with `pytest`.
+
+A warning names each condition of robot.py that is not filled in yet, and answers True.
+"""
 
 from mrbt_mesh.testing import Kill, RunMission
 
 
-def test_whoever_dies_is_replaced(run_mission: RunMission) -> None:
-    usual = run_mission("mission.yaml")
-    run = run_mission("mission.yaml", faults=[(1, Kill("R1"))])
-    assert run.result == usual.result
+def test_the_mission_succeeds(run_mission: RunMission) -> None:
+    assert run_mission("mission.yaml").result == "success"
+
+
+def test_another_robot_replaces_one_that_dies(run_mission: RunMission) -> None:
+    assert run_mission("mission.yaml", faults=[(1, Kill("R1"))]).result == "success"
 '''
 
 
 def files_from_tree(
-    file: Path, tree_id: str | None, others: Library, actions: Sequence[str] = ()
-) -> dict[str, str]:
-    """The texts by file name, of this tree or the main one; `others` has SubTrees and models.
+    folder: Path, file: Path, tree_id: str | None, others: Library, actions: Sequence[str] = ()
+) -> tuple[dict[str, str], LiftedFiles]:
+    """The texts by file name, of this tree or the main one, and how the tree was lifted.
 
-    `actions`: SubTrees that are in no file and become actions of the program. An <include> that
-    cannot be read is left out if no tree of it is needed. Raises InputError, TreeFileError and
-    MissionError.
+    `folder` is where they will be; `others` has SubTrees and models. `actions`: SubTrees that are
+    in no file and become actions of the program. An <include> that cannot be read is left out if
+    no tree of it is needed. Raises InputError, TreeFileError and MissionError.
     """
     library, main = library_and_tree(file, tree_id, others, actions)
     library.take_in(main)
@@ -59,19 +69,23 @@ def files_from_tree(
     tree = f"{re.sub(r'[^A-Za-z0-9_-]', '_', file.stem)}.xml"
     document = loadable(explicit(library, is_merged=True))
     document.root.attributes["main_tree_to_execute"] = main
+    team = TEAM.format(tree=tree, name=mission_name(folder.resolve().name))
     files = {
         tree: document.text(),
-        "team.yaml": TEAM.format(tree=tree),
+        "team.yaml": team,
         "robot.py": program_text(library, main, tree),
         "test_mission.py": TEST,
     }
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        for path, text in files.items():
-            (folder / path).write_text(text, encoding="utf-8")
-        mission = folder / "mission.yaml"
-        request = LiftRequest(
-            folder / tree, folder / "team.yaml", mission, main, (), (), (), "auto"
-        )
-        lifted = {path.name: text for path, text in lift_files(request).files.items()}
-    return {**lifted, **files}
+    mission, robots = folder / "mission.yaml", folder / "team.yaml"
+    request = LiftRequest(folder / tree, robots, mission, main, (), (), (), "auto")
+    lifted = lift_tree(library, main, read_team(team, str(robots)), request)
+    return {path.name: text for path, text in lifted.files.items()} | files, lifted
+
+
+def print_units(lifted: LiftedFiles) -> None:
+    """Every unit with why it stays together, every cut with why it can be made, and the notes."""
+    if lifted.units is not None:
+        console.print()
+        console.print(render_units(lifted.units), soft_wrap=True)
+    for remark in lifted.mission.notes:
+        note(str(remark))

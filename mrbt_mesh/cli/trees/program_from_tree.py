@@ -11,20 +11,16 @@ from mrbt_mesh.formats.btcpp.document import LEAVES, Category, Direction, NodeMa
 from mrbt_mesh.formats.btcpp.entries import access_below, port_direction, read_scripts
 from mrbt_mesh.formats.btcpp.expand import SCRIPT_PORTS, ExpandedNode, expand
 from mrbt_mesh.formats.btcpp.library import Library
+from mrbt_mesh.formats.btcpp.values import INTEGERS, ValueTypeError, read_text
 from mrbt_mesh.local.builder import NODE_TYPES
 
-_TYPES = {
-    "int": "int",
-    "unsigned": "int",
-    "unsigned int": "int",
-    "int64_t": "int",
-    "double": "float",
-    "float": "float",
-    "bool": "bool",
-    "std::string": "str",
-}
-_VALUES = {"int": "1", "float": "1.0", "bool": "True"}
-_TEXT = '"..."'
+_VALUES = {"int": "1", "float": "1.0", "bool": "True", "str": '"..."', "object": '"..."'}
+# Outputs by which Nav2's nodes say that nothing went wrong.
+_NO_ERROR = {"error_code_id": "0", "error_msg": '""'}
+_NUMBER = "1"
+
+_WORDS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+_ANY_TYPE = ("", "AnyTypeAllowed", "BT::AnyTypeAllowed", "BT::Any")
 
 # A name that a script compares with a text.
 _COMPARED = r"(?<!\w){0}\s*[=!]=\s*'([^'\"\\]*)'|'([^'\"\\]*)'\s*[=!]=\s*{0}(?!\w)"
@@ -33,11 +29,16 @@ WIDTH = 100
 _HEAD = '''\
 """What a robot does for the leaves of {tree}: one function for each of them."""
 
-import anyio
+{warns}import anyio
 
 from mrbt_mesh import RobotProgram
 {imports}
 robot = RobotProgram(record_work=True)  # starts and ends stand in the run's events.jsonl
+'''
+_WARNS = '''\
+def warn_not_filled_in(condition: str) -> None:
+    """Take the calls out as you fill in the functions."""
+    warnings.warn(f"{condition} is not filled in and answers True", stacklevel=2)
 '''
 _WORK = "    await anyio.sleep(1)  # in place of the robot's work; to fail, raise TaskFailedError"
 # In a ReactiveSequence two actions that take their time, one after the other, never end.
@@ -92,7 +93,8 @@ class _Needs:
     `at_once`: types of nodes that are done at every tick. `in_scripts`: a value for each entry that
     scripts read, with which they can be run. `entries`: what the tree only reads, with the type in
     Python, if that is known. `enums`: names in scripts that look like an enum's. `sources`: what
-    Nav2's nodes ask for.
+    Nav2's nodes ask for. `kinds`: types in Python of entries, as models and scripts have them;
+    `object` for what only scripts write.
     """
 
     uses: dict[str, list[ExpandedNode]] = field(default_factory=dict)
@@ -101,11 +103,22 @@ class _Needs:
     entries: dict[str, str] = field(default_factory=dict)
     enums: list[str] = field(default_factory=list)
     sources: list[str] = field(default_factory=list)
+    kinds: dict[str, str] = field(default_factory=dict)
+
+
+def _python_type(cpp: str) -> str:
+    """The type of a port in Python; empty if any will do, a text for those that have none."""
+    if cpp in _ANY_TYPE:
+        return ""
+    if cpp in INTEGERS:
+        return "int"
+    return {"double": "float", "float": "float", "bool": "bool"}.get(cpp, "str")
 
 
 def _needs(library: Library, root: ExpandedNode) -> _Needs:
     needs = _Needs()
     reads: dict[str, str] = {}
+    changed: set[str] = set()
     for node in root.walk():
         if node.type not in NODE_TYPES and node.category is not Category.SUBTREE:
             needs.uses.setdefault(node.type, []).append(node)
@@ -116,22 +129,32 @@ def _needs(library: Library, root: ExpandedNode) -> _Needs:
             needs.sources += NODE_TYPES[node.type].SOURCES
         model = library.model(node.type) or BUILTIN.get(node.type)
         for name, text in node.ports.items():
-            port, key = model.ports.get(name) if model else None, pointer(text, name)
+            key = pointer(text, name)
+            kind = _python_type(model.ports[name].type) if model and name in model.ports else ""
+            if key is not None and kind:
+                needs.kinds.setdefault(key, kind)
             if key is not None and port_direction(node, name, library) is Direction.INPUT:
-                reads[key] = reads.get(key) or _TYPES.get(port.type if port else "", "")
+                reads[key] = reads.get(key) or kind
         texts = [node.ports.get(SCRIPT_PORTS.get(node.type, ""), ""), *node.conditions.values()]
         for text in filter(None, texts):
             for name in (name for script in read_scripts([text]) for name in script.read):
                 compared = re.search(_COMPARED.format(re.escape(name)), text)
-                value = f'"{compared[1] or compared[2]}"' if compared else "1"
+                value = f'"{compared[1] or compared[2]}"' if compared else _NUMBER
                 needs.in_scripts[name] = max(value, needs.in_scripts.get(name, value))
+            changed.update(*(script.written for script in read_scripts([text])))
+    for name, value in needs.in_scripts.items():
+        needs.kinds.setdefault(name, "float" if value == _NUMBER else "str")
+    for name in changed:
+        needs.kinds.setdefault(name, "object")
     written = access_below([root], library).writes
     found = {name for name in {*reads, *needs.in_scripts} - written if name.isidentifier()}
     # A script's name in a SubTree is that of an entry of the SubTree's, unless it is an enum's.
     bare = {name: re.sub(r"^\w*_\d+__", "", name) for name in found}
     enums = {n for n in found if n not in reads and re.fullmatch(r"[A-Z][A-Z0-9_]*", bare[n])}
     needs.enums = sorted({bare[name] for name in enums})
-    needs.entries = {n: reads.get(n, "") for n in sorted(found - enums) if bare[n] == n}
+    needs.entries = {
+        n: reads.get(n) or needs.kinds.get(n, "str") for n in sorted(found - enums) if bare[n] == n
+    }
     needs.sources = sorted(set(needs.sources))
     return needs
 
@@ -149,18 +172,21 @@ def program_text(library: Library, tree: str, file: str) -> str:
     parts += [
         _function(name, nodes, library, needs)
         if nodes[0].category in LEAVES
-        else _class(name, nodes, library)
+        else _class(name, nodes, library, needs)
         for name, nodes in needs.uses.items()
     ]
+    if any("warn_not_filled_in" in part for part in parts):
+        parts.insert(0, _WARNS)
     body = "\n\n".join(parts)
     names = ("InOut", "NodeStatus", "Out", "TreeNode")
     used = [name for name in names if re.search(rf"\b{name}\b", body)]
     imports = f"from mrbt_mesh.local import {', '.join(used)}\n" if used else ""
-    return f"{_HEAD.format(tree=file, imports=imports)}\n\n{body}"
+    warns = "import warnings\n\n" if _WARNS in parts else ""
+    return f"{_HEAD.format(tree=file, warns=warns, imports=imports)}\n\n{body}"
 
 
-def _class(name: str, uses: list[ExpandedNode], library: Library) -> str:
-    ports = _ports(uses, library.model(name))
+def _class(name: str, uses: list[ExpandedNode], library: Library, needs: _Needs) -> str:
+    ports = _ports(uses, library.model(name), needs)
     inputs = ", ".join(
         f'self.input("{port}")'
         for port, (direction, _, _) in ports.items()
@@ -170,7 +196,7 @@ def _class(name: str, uses: list[ExpandedNode], library: Library) -> str:
     writes = ""
     for port, (direction, kind, may_miss) in ports.items():
         if direction is Direction.OUTPUT:
-            write = f'self.output("{port}", {_VALUES.get(kind, _TEXT)})\n'
+            write = f'self.output("{port}", {_value(port, kind)})\n'
             given = f'        if "{port}" in self.ports:\n            ' if may_miss else " " * 8
             writes += given + write
     called = re.sub(r"\W+", "_", name)
@@ -180,18 +206,18 @@ def _class(name: str, uses: list[ExpandedNode], library: Library) -> str:
 
 
 def _entry(name: str, kind: str, needs: _Needs) -> str:
-    value = _VALUES.get(kind) or needs.in_scripts.get(name, _TEXT)
+    value = _value(name, kind, needs.in_scripts.get(name))
     called = f"{name.lower()}_" if keyword.iskeyword(name.lower()) else name.lower()
     return (
-        f'@robot.entry("{name}")\ndef {called}() -> {kind or "object"}:\n'
+        f'@robot.entry("{name}")\ndef {called}() -> {kind}:\n'
         f"    return {value}  # asked before each tick; nothing in the tree writes it\n"
     )
 
 
 def _function(name: str, uses: list[ExpandedNode], library: Library, needs: _Needs) -> str:
     is_at_once = name in needs.at_once
-    ports = _ports(uses, library.model(name))
-    called = re.sub(r"\W+", "_", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)).lower()
+    ports = _ports(uses, library.model(name), needs)
+    called = re.sub(r"\W+", "_", _WORDS.sub("_", name)).lower()
     called = f"do_{called}" if keyword.iskeyword(called) or not called.isidentifier() else called
     is_plain = all(port.isidentifier() and not keyword.iskeyword(port) for port in ports)
     parameters = [_parameter(port, *ports[port]) for port in ports]
@@ -202,8 +228,8 @@ def _function(name: str, uses: list[ExpandedNode], library: Library, needs: _Nee
     writes = _writes(ports, asked) if is_plain else []
     if uses[0].category is Category.CONDITION:
         signature = _signature(f"def {called}", parameters, "bool")
-        answer = "    return True  # in place of a look at the world"
-        return "\n".join([f'@robot.condition("{name}")', signature, *writes, answer]) + "\n"
+        answer = [f'    warn_not_filled_in("{name}")', "    return True"]
+        return "\n".join([f'@robot.condition("{name}")', signature, *writes, *answer]) + "\n"
     lines = [f'@robot.action("{name}")']
     if is_at_once:
         lines += [_signature(f"def {called}", parameters, "None"), _AT_ONCE]
@@ -221,10 +247,19 @@ def _writes(ports: dict[str, tuple[Direction, str, bool]], asked: dict[str, str]
         if direction is Direction.OUTPUT or (direction is Direction.INOUT and port in asked):
             lines += [f"    if {port} is not None:"] if may_miss else []
             indent = "        " if may_miss else "    "
-            lines.append(f"{indent}{port}.set({_VALUES.get(kind) or asked.get(port, _TEXT)})")
+            lines.append(f"{indent}{port}.set({_value(port, kind, asked.get(port))})")
         elif direction is Direction.INOUT:
             lines.append(f"    # {port}.set(...), if it writes that port")
     return lines
+
+
+def _value(name: str, kind: str, asked: str | None = None) -> str:
+    """What a function writes until it is filled in; `asked`: what a script compares it with."""
+    if name in _NO_ERROR:
+        return _NO_ERROR[name]
+    if kind == "str" and asked == _NUMBER:
+        return f'"{_NUMBER}"'
+    return asked if asked and kind in ("str", "object") else _VALUES[kind]
 
 
 def _signature(head: str, parameters: list[str], result: str) -> str:
@@ -235,7 +270,7 @@ def _signature(head: str, parameters: list[str], result: str) -> str:
 
 
 def _ports(
-    uses: list[ExpandedNode], model: NodeManifest | None
+    uses: list[ExpandedNode], model: NodeManifest | None, needs: _Needs
 ) -> dict[str, tuple[Direction, str, bool]]:
     """Each port with its direction, its type in Python, and whether it may be missing.
 
@@ -256,18 +291,36 @@ def _ports(
         if direction is Direction.INOUT and any(t and pointer(t, port.name) is None for t in texts):
             # A node that is given a constant there has nothing to write to.
             direction = Direction.INPUT
-        found[port.name] = (direction, _TYPES.get(port.type, ""), missing)
+        kind = _python_type(port.type) or _guessed(port.name, uses, needs)
+        found[port.name] = (direction, kind, missing)
     for name in (name for use in uses for name in use.ports):
         missing = any(name not in use.ports for use in uses)
         texts = [use.element.get(name) for use in uses if name in use.ports]
         is_entry = all(pointer(text, name) is not None for text in texts)
         direction = Direction.INOUT if is_entry else Direction.INPUT
-        found.setdefault(name, (direction, "", missing))
+        found.setdefault(name, (direction, _guessed(name, uses, needs), missing))
     return dict(sorted(found.items(), key=lambda item: item[1][2]))
+
+
+def _guessed(port: str, uses: list[ExpandedNode], needs: _Needs) -> str:
+    """The type of a port without one: that of the entries that it points to, else a text."""
+    texts = [use.ports[port] for use in uses if port in use.ports]
+    keys = [pointer(text, port) for text in texts]
+    kinds = {needs.kinds[key] for key in keys if key in needs.kinds}
+    if len(kinds) != 1:
+        return "object" if kinds else "str"
+    (kind,) = kinds
+    cpp = {"int": "int64_t", "float": "double", "bool": "bool"}.get(kind, "")
+    try:
+        for text, key in zip(texts, keys, strict=True):
+            if key is None:
+                read_text(text, cpp)
+    except ValueTypeError:
+        return "object"
+    return kind
 
 
 def _parameter(name: str, direction: Direction, kind: str, may_miss: bool) -> str:
     shape = {Direction.OUTPUT: "Out", Direction.INOUT: "InOut"}.get(direction, "")
-    inner = kind or "object"
-    annotation = f"{shape}[{inner}]" if shape else inner
+    annotation = f"{shape}[{kind}]" if shape else kind
     return f"{name}: {annotation}" + (" | None = None" if may_miss else "")

@@ -48,6 +48,7 @@ _RANGES = {
     "unsigned long": range(2**64),
     "size_t": range(2**64),
 }
+INTEGERS = frozenset(_RANGES)
 _REALS = ("double", "float")
 _TEXTS = ("std::string", "string", "str")
 _LISTS = re.compile(r"std::(?:vector|deque)<(.+?)(?:,.*)?>|list<(.+)>", re.ASCII)

@@ -18,15 +18,13 @@ from tests.support.paths import ROOT
 
 TREES = ROOT / "examples" / "robot_trees"
 S = 1_000_000
-# What is said besides the files: that parts do not depend on one another, and models of nodes.
+# What is said besides the files: that parts do not depend on one another.
 OPTIONS = {
     "nav2/patrol": ("--assume-independent", "Sequence"),
     "moveit_pro/clear_table": ("--assume-independent", "TopLevelSequence"),
     "husarion/rounds": ("--assume-independent", "Sequence"),
 }
-NAMES = sorted(
-    f"{path.parent.name}/{path.stem}" for path in TREES.glob("*/*.xml") if path.stem != "nodes"
-)
+NAMES = sorted(f"{path.parent.name}/{path.stem}" for path in TREES.glob("*/*.xml"))
 
 
 @dataclass(frozen=True)
@@ -66,11 +64,10 @@ def lifted(name: str, folder: Path) -> Lifted:
     tree = TREES / f"{name}.xml"
     by_hand = tree.with_suffix(".units.yaml")
     units = str(by_hand) if by_hand.is_file() else "auto"
-    models = ("--models", str(tree.parent / "nodes.xml")) if name.startswith("nav2") else ()
     mission = folder / "mission.yaml"
     code, out, err = mrbt(
         "lift", str(tree), "--robots", str(tree.parent / "team.yaml"), "--units", units,
-        *models, *OPTIONS.get(name, ()), "-o", str(mission), "--json",
+        *OPTIONS.get(name, ()), "-o", str(mission), "--json",
     )  # fmt: skip
     assert code == 0, err
     notes = tuple(line for line in err.splitlines() if line.startswith("note"))

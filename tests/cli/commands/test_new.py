@@ -16,15 +16,23 @@ from mrbt_mesh.sim import simulate
 from tests.support.command import mrbt
 from tests.support.paths import ROOT
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*is not filled in")
 TREES = sorted((ROOT / "examples" / "robot_trees").glob("*/*.xml"))
 
 
-def test_new_writes_a_valid_mission_and_spares_what_is_there(tmp_path: Path) -> None:
+def test_new_writes_a_valid_mission_and_spares_what_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = tmp_path / "my_team"
     code, output, _ = mrbt("new", str(folder))
     assert code == 0
     assert "mrbt up" in output
-    assert mrbt("validate", str(folder / "mission.yaml"))[0] == 0
+    monkeypatch.chdir(folder)
+    code, output, problems = mrbt("validate")
+    assert (code, problems) == (0, "")
+    assert output.splitlines() == [
+        "valid my_team: 3 robots, 2 local tasks, 9 global tasks, 21 tree nodes"
+    ]
     code, _, problems = mrbt("new", str(folder))
     assert code == 2
     assert str(folder) in problems.replace("\n", "")
@@ -41,7 +49,7 @@ def test_new_for_robots_of_ros_2(tmp_path: Path) -> None:
     assert "--example and --ros2: choose one of them" in problems
 
 
-@pytest.mark.parametrize("tree", [t for t in TREES if t.stem != "nodes"], ids=lambda t: t.stem)
+@pytest.mark.parametrize("tree", TREES, ids=lambda t: t.stem)
 def test_a_tree_of_ones_own_becomes_a_team_with_functions_to_fill_in(
     tree: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -63,6 +71,7 @@ def test_a_tree_of_ones_own_becomes_a_team_with_functions_to_fill_in(
     lifted = ("--robots", str(folder / "team.yaml"), "--units", "auto", "-o", str(again))
     assert mrbt("lift", str(folder / tree.name), *lifted)[0] == 0
     text = again.read_text().replace("again_units", "mission_units")
+    assert mission.name == "mine"
     # Lines are broken where names are longer.
     assert text.split() == (folder / "mission.yaml").read_text().split()
 
@@ -88,15 +97,65 @@ def test_functions_write_the_ports_that_models_describe(
     assert code == 0, problems
     text = (folder / "robot.py").read_text()
     assert '@robot.condition("Ready")\ndef ready() -> bool:' in text
-    assert "async def look_at(at: Out[object], n: Out[int]) -> None:" in text
+    assert "async def look_at(at: Out[str], n: Out[int]) -> None:" in text
     assert "async def go(**ports: object) -> None:" in text
     mission = load_mission(folder / "mission.yaml")
     assert mission.program is not None
     assert simulate(mission, load_program(mission.program), seed=1).result == "success"
-    plugins = ("-p", "mrbt_mesh.pytest_plugin", "-p", "no:cacheprovider")
+    code, output = run_pytest(folder)
+    assert code == 0, output
+    assert "Ready is not filled in and answers True" in output
+    program = folder / "robot.py"
+    program.write_text(text.replace("return True", "return False"))
+    code, output = run_pytest(folder)
+    assert code == 1, "a mission that fails"
+    assert "2 failed" in output
+
+
+def run_pytest(folder: Path) -> tuple[int, str]:
+    plugins = ("-p", "mrbt_mesh.pytest_plugin", "-p", "no:cacheprovider", "-p", "no:asyncio")
     words = [sys.executable, "-m", "pytest", "-q", *plugins, "test_mission.py"]
     run = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
-    assert run.returncode == 0, run.stdout
+    return run.returncode, run.stdout
+
+
+TYPED = """<root BTCPP_format="4" main_tree_to_execute="M"><BehaviorTree ID="M"><Sequence>
+  <Measure a="{a}" b="{b}" c="{c}" d="{d}" e="{e}" f="{f}"/><Use a="{a}" d="{d}" f="{f}" g="7"/>
+  <ComputePathToPose goal="{goal}" path="{path}" error_code_id="{code}" planner_id="x"/>
+  <FollowPath path="{path}"/><Wait wait_duration="2.5"/><Spin spin_dist="left"/>
+  <WouldAPlannerRecoveryHelp error_code="{code}"/>
+</Sequence></BehaviorTree><TreeNodesModel><Action ID="Measure">
+  <output_port name="a" type="unsigned int"/><output_port name="b" type="float"/>
+  <output_port name="c" type="bool"/><output_port name="d" type="geometry_msgs::msg::Pose"/>
+  <output_port name="e" type="uint64_t"/><output_port name="f"/>
+</Action></TreeNodesModel></root>"""
+
+
+def test_ports_have_the_types_of_models_and_nav2s_nodes_need_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "typed.xml").write_text(TYPED)
+    folder = tmp_path / "mine"
+    code, _, problems = mrbt("new", str(folder), "--btcpp", str(tmp_path / "typed.xml"))
+    assert code == 0, problems
+    text = (folder / "robot.py").read_text()
+    for line in (
+        "a: Out[int], b: Out[float], c: Out[bool], d: Out[str], e: Out[int], f: Out[str]",
+        "async def use(a: InOut[int], d: InOut[str], f: InOut[str], g: str)",
+        "goal: str, path: Out[str], error_code_id: Out[int], planner_id: str",
+        " error_code_id.set(0) ",
+        "async def follow_path(path: str)",
+        "async def wait(wait_duration: float)",
+        "async def spin(spin_dist: str)",
+        "def would_a_planner_recovery_help(error_code: int) -> bool:",
+        '@robot.entry("goal") def goal() -> str:',
+    ):
+        assert line in " ".join(text.replace("(\n    ", "(").replace(",\n)", ")").split()), line
+    assert text.count("@robot.entry") == 1
+    mission = load_mission(folder / "mission.yaml")
+    assert mission.program is not None
+    assert simulate(mission, load_program(mission.program), seed=1).result == "success"
 
 
 GUARDED = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
@@ -121,9 +180,9 @@ def test_what_is_written_runs_at_once_whatever_the_tree_repeats_or_leaves_out(
     code, _, problems = mrbt("new", str(folder), "--btcpp", str(tmp_path / "guarded.xml"))
     assert code == 0, problems
     text = (folder / "robot.py").read_text()
-    look = "def look(at: Out[object], zoom: object, far: Out[object] | None = None) -> None:"
+    look = "def look(at: Out[str], zoom: str, far: Out[str] | None = None) -> None:"
     assert f"\n{look}" in text
-    assert "async def go(to: InOut[object]) -> None:" in text
+    assert "async def go(to: InOut[str]) -> None:" in text
     assert "colour" not in text
     assert 'self.output("what", "...")' in text
     mission = load_mission(folder / "mission.yaml")
@@ -154,8 +213,8 @@ def test_what_a_tree_only_reads_is_asked_of_the_program(
     text = (folder / "robot.py").read_text()
     for line in (
         'robot.enum("LOW", 0)\nrobot.enum("STATE_OK", 1)\n',
-        '@robot.entry("charge")\ndef charge() -> object:\n    return 1 ',
-        '@robot.entry("mode")\ndef mode() -> object:\n    return "auto" ',
+        '@robot.entry("charge")\ndef charge() -> float:\n    return 1.0 ',
+        '@robot.entry("mode")\ndef mode() -> str:\n    return "auto" ',
         '@robot.entry("rounds")\ndef rounds() -> int:\n    return 1 ',
         '@robot.entry("word")\ndef word() -> str:\n    return "..." ',
         '@robot.source("robot_pose")\n',
@@ -203,12 +262,32 @@ def test_nodes_of_ones_own_and_trees_of_other_files(
     assert 'self.input("limit"), self.input("wind")' in text
     assert '@robot.node("Both-Of")\nclass Both_Of(TreeNode):' in text
     assert '@robot.condition("GoalUpdated")' in text, "Nav2's files have no models"
-    assert "async def go(to: object, error: InOut[object] | None = None)" in text
+    assert "async def go(to: str, error: InOut[str] | None = None)" in text
     assert "def grasp(what: str)" in text
     assert "Unused" not in (folder / "task.xml").read_text()
     mission = load_mission(folder / "mission.yaml")
     assert mission.program is not None
     assert simulate(mission, load_program(mission.program), seed=1).result == "success"
+
+
+def test_units_and_problems_are_told_of_the_users_own_file(tmp_path: Path) -> None:
+    tree = tmp_path / "task.xml"
+    tree.write_text(OF_ONES_OWN)
+    code, output, problems = mrbt(
+        "new", str(tmp_path / "mine"), "--btcpp", str(tree), "--tree", "Other"
+    )
+    assert code == 0, problems
+    assert "1 unit, carried out by one robot" in output
+    long = "x" * 60
+    ports = " ".join(f'{long[: 4 + n]}="{n}"' for n in range(3))
+    tree.write_text(
+        '<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence _skipIf="a := ">'
+        f"<Go {ports}/></Sequence></BehaviorTree></root>"
+    )
+    code, _, problems = mrbt("new", str(tmp_path / "other"), "--btcpp", str(tree))
+    assert code == 2
+    assert "task.xml:1:" in problems
+    assert "/tmp/tmp" not in problems
 
 
 def test_what_is_for_trees_is_refused_without_one(tmp_path: Path) -> None:
@@ -283,15 +362,15 @@ FOLLOW = """<root main_tree_to_execute="MainTree"><BehaviorTree ID="MainTree"><S
 
 
 def test_a_file_of_nav2_with_a_long_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its goal comes from outside; the mission has as much of the name as a mission may have."""
+    """Its goal comes from outside; the mission has the folder's name."""
     monkeypatch.setattr(sys, "path", list(sys.path))
     tree, folder = tmp_path / f"follow_{'point_' * 12}größer.xml", tmp_path / "mine"
     tree.write_text(FOLLOW)
     code, _, problems = mrbt("new", str(folder), "--btcpp", str(tree))
     assert code == 0, problems
-    assert '@robot.entry("goal")\ndef goal() -> object:' in (folder / "robot.py").read_text()
+    assert '@robot.entry("goal")\ndef goal() -> str:' in (folder / "robot.py").read_text()
     mission = load_mission(folder / "mission.yaml")
-    assert mission.name == f"follow_{'point_' * 12}"[:64]
+    assert mission.name == "mine"
     assert mission.program is not None
     assert simulate(mission, load_program(mission.program), seed=1).result == "success"
 
