@@ -13,45 +13,56 @@ A run of minutes takes milliseconds, and is the same each time. Programs wait wi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Literal, Protocol, TypeAlias
 
-from mrbt_mesh.core.mission.mission import MICRO, Mission
+from mrbt_mesh.core.mission.mission import MICRO, Mission, micro_performance
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.expand import call_text
 from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.formats.problems import nearest
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import load_program, require_program
 from mrbt_mesh.sim import (
-    Fault,
+    ChangePerformance,
     Freeze,
     Kill,
     Leave,
     LinkKnobs,
     Lose,
     NetworkKnobs,
-    Perform,
     Restart,
     Restore,
     SimulationResult,
     Thaw,
     simulate,
 )
+from mrbt_mesh.sim.engine.named_faults import (
+    ALL,
+    NamedFault,
+    check_faults,
+    check_local_task,
+    check_robot,
+    missed,
+)
 
 __all__ = [
     "Event",
+    "Failure",
     "Fault",
     "Freeze",
     "Kill",
     "Leave",
-    "LinkKnobs",
     "Lose",
     "MissionRun",
-    "NetworkKnobs",
+    "NetworkQuality",
+    "ObservedFault",
     "Perform",
     "Restart",
     "Restore",
@@ -61,6 +72,78 @@ __all__ = [
 ]
 
 File: TypeAlias = "str | PathLike[str]"
+
+
+@dataclass(frozen=True, slots=True)
+class Perform:
+    """From now on the robot does a local task (a type or a ground one) this well, 0 to 1e6.
+
+    It replaces the mission file's performance; 0 is a minor fault.
+    """
+
+    robot: str
+    local_task: str
+    performance: float
+
+
+Fault: TypeAlias = Kill | Restart | Freeze | Thaw | Leave | Lose | Restore | Perform
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkQuality:
+    """How messages travel: `loss`, `duplicate` and `reorder` are shares of them, 0 to 1.
+
+    A message takes `delay_s` and up to `jitter_s` more.
+    """
+
+    loss: float = 0.0
+    duplicate: float = 0.0
+    reorder: float = 0.0
+    delay_s: float = 0.001
+    jitter_s: float = 0.001
+
+    def __post_init__(self) -> None:
+        for name in ("loss", "duplicate", "reorder"):
+            _number(f"NetworkQuality: {name}", getattr(self, name), 1.0)
+        for name in ("delay_s", "jitter_s"):
+            _number(f"NetworkQuality: {name}", getattr(self, name))
+
+    def knobs(self) -> NetworkKnobs:
+        """The same in the simulator's units."""
+        return NetworkKnobs(
+            LinkKnobs(
+                delay_us=round(self.delay_s * MICRO),
+                jitter_us=round(self.jitter_s * MICRO),
+                loss_permille=round(self.loss * 1_000),
+                duplicate_permille=round(self.duplicate * 1_000),
+                reorder_permille=round(self.reorder * 1_000),
+            )
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A robot has failed at a local task. `reason`: what its program said, empty if nothing."""
+
+    at_s: float
+    robot: str
+    local_task: str
+    global_task: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class ObservedFault:
+    """A fault as the team has seen it: `major`, a robot is gone; `minor`, it lost `local_tasks`.
+
+    `until_s` is None if it has not ended.
+    """
+
+    kind: Literal["major", "minor"]
+    at_s: float
+    robot: str
+    local_tasks: tuple[str, ...] = ()
+    until_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +163,7 @@ class Event:
 
 @dataclass(frozen=True)
 class MissionRun:
-    """What came of a run.
+    """What came of a run of `mission`.
 
     `result`: success, failure, timeout or blocked. `summary` is that of `mrbt sim --json`. `starts`
     and `ends` are in the order of time; a robot that was killed at work has no end of it. `whole`
@@ -92,6 +175,7 @@ class MissionRun:
     starts: Sequence[Event]
     ends: Sequence[Event]
     whole: SimulationResult
+    mission: Mission
 
     @property
     def duration_s(self) -> float:
@@ -99,41 +183,68 @@ class MissionRun:
         return float(self.summary["duration_s"] or 0.0)
 
     @property
-    def failures(self) -> Sequence[Mapping[str, Any]]:
-        """Who failed at what, when and why: `robot`, `local_task`, `reason`, ..."""
-        failures: Sequence[Mapping[str, Any]] = self.summary["failures"]
-        return failures
+    def failures(self) -> Sequence[Failure]:
+        """Who failed at what, when and why, in order."""
+        return [Failure(**each) for each in self.summary["failures"]]
+
+    @property
+    def faults(self) -> Sequence[ObservedFault]:
+        """The faults that the team has seen, in order."""
+        return [
+            ObservedFault(**{**each, "local_tasks": tuple(each.get("local_tasks", ()))})
+            for each in self.summary["faults"]
+        ]
 
     def started(self, local_task: str | None = None) -> list[str]:
-        """Who began a local task (ground, or a type; None: any), in order."""
-        return [event.robot for event in self.starts if _is_of(event, local_task)]
+        """Who began a local task (ground, or a type; None: any), in order.
+
+        This and the next three raise InputError for a local task that the mission never asks for.
+        """
+        return self._robots(self.starts, local_task, None)
 
     def succeeded(self, local_task: str | None = None) -> list[str]:
         """Who ended it with success, in order."""
-        return self._ended(local_task, "success")
+        return self._robots(self.ends, local_task, "success")
 
     def failed(self, local_task: str | None = None) -> list[str]:
         """Who ended it with failure, in order."""
-        return self._ended(local_task, "failure")
+        return self._robots(self.ends, local_task, "failure")
 
     def cancelled(self, local_task: str | None = None) -> list[str]:
         """Whose work on it was cancelled, in order."""
-        return self._ended(local_task, "cancelled")
+        return self._robots(self.ends, local_task, "cancelled")
 
-    def _ended(self, local_task: str | None, outcome: str) -> list[str]:
-        found = (event for event in self.ends if event.outcome == outcome)
-        return [event.robot for event in found if _is_of(event, local_task)]
+    def _robots(
+        self, events: Sequence[Event], local_task: str | None, outcome: str | None
+    ) -> list[str]:
+        if local_task is not None:
+            local_task = local_task.replace(" ", "")
+            known = _local_tasks(self.mission)
+            if local_task not in known:
+                raise InputError(f"no local task {local_task!r}{nearest(local_task, known)}")
+        return [
+            event.robot
+            for event in events
+            if event.outcome == outcome
+            and local_task in (None, event.local_task, type_name(event.local_task))
+        ]
 
     def status(self, global_task: str) -> str:
         """What became of a global task: idle, running, success, failure or cancelled."""
         known: Mapping[str, Any] = self.summary["global_tasks"]
         if global_task not in known:
-            raise InputError(f"no global task {global_task!r}; there are {', '.join(known)}")
+            raise InputError(f"no global task {global_task!r}{nearest(global_task, known)}")
         return str(known[global_task]["status"])
 
 
-def _is_of(event: Event, local_task: str | None) -> bool:
-    return local_task in (None, event.local_task, type_name(event.local_task))
+def _local_tasks(mission: Mission) -> set[str]:
+    """All that the mission asks robots for: ground local tasks, the actions of their trees, and
+    the types of both.
+    """
+    grounds = {need.local_task for task in mission.global_tasks.values() for need in task.needs}
+    for tree in mission.local_trees.values():
+        grounds |= {node.subject for node in tree.actions()}
+    return grounds | {type_name(name) for name in grounds} | mission.local_tasks.keys()
 
 
 def run(
@@ -143,7 +254,7 @@ def run(
     robots: Iterable[str] | None = None,
     faults: Iterable[tuple[float, Fault]] = (),
     parameters: Mapping[str, Any] | None = None,
-    network: NetworkKnobs | None = None,
+    network: NetworkQuality | None = None,
     seed: int = 0,
     speed: float = 1.0,
     timeout_s: float = 600.0,
@@ -151,14 +262,23 @@ def run(
     """Run a mission once in virtual time.
 
     `program`: the robots' program, or where one is; None: the mission's. `robots`: those that take
-    part, by default all. `faults`: (seconds from the launch, fault). `parameters` replace those
-    that programs read; the tree is that of the file. The same arguments give the same run; another
-    `seed` gives other delays.
+    part, by default all. `faults`: (seconds from the launch, fault); each has to come before the
+    run ends. `parameters` replace those that programs read; the tree is that of the file. The same
+    arguments give the same run; another `seed` gives other delays.
 
     Raises InputError for what does not fit the mission, AssertionError where one of the promises of
     docs/guarantees.md did not hold.
     """
+    _number("speed", speed)
+    _number("timeout_s", timeout_s)
     loaded = mission if isinstance(mission, Mission) else load_mission(Path(fspath(mission)))
+    for name in parameters or ():
+        if name not in loaded.parameters:
+            hint = nearest(name, loaded.parameters)
+            raise InputError(f"mission {loaded.name} has no parameter {name!r}{hint}")
+    team = _team(loaded, robots)
+    schedule = _schedule(loaded, faults)
+    check_faults(schedule, team, timeout_s)
     if parameters is not None:
         loaded = replace(loaded, parameters={**loaded.parameters, **parameters})
     found = program if isinstance(program, RobotProgram) else _load(loaded, program)
@@ -169,22 +289,21 @@ def run(
         {robot.id: robot.capabilities for robot in loaded.robots.values()},
     )
     found.check_computer()
-    schedule = sorted(
-        ((round(at_s * MICRO), fault) for at_s, fault in faults), key=lambda step: step[0]
-    )
     try:
         result = simulate(
             loaded,
             found.recorded(),
             seed=seed,
-            robots=robots,
-            schedule=schedule,
-            network=network,
+            robots=team,
+            schedule=[(each.at_us, each.fault) for each in schedule],
+            network=None if network is None else network.knobs(),
             timeout_us=round(timeout_s * MICRO),
             speed=speed,
         )
     except ValueError as error:
         raise InputError(str(error)) from None
+    if too_late := list(missed(schedule, result.duration_us)):
+        raise InputError("\n".join(too_late))
     assert not result.violations, "\n".join(result.violations)
     events = [_event(line) for line in result.events if line.get("event") in _OUTCOMES]
     return MissionRun(
@@ -193,7 +312,61 @@ def run(
         [event for event in events if event.outcome is None],
         [event for event in events if event.outcome is not None],
         result,
+        loaded,
     )
+
+
+def _team(mission: Mission, robots: Iterable[str] | None) -> list[str]:
+    if robots is None:
+        return sorted(mission.robots)
+    if isinstance(robots, str):
+        raise InputError(f"robots: a list of names is expected, e.g. [{robots!r}]")
+    team = sorted(robots)
+    for robot in team:
+        check_robot(mission, robot, "robots")
+    return team
+
+
+def _schedule(mission: Mission, faults: Iterable[tuple[float, Fault]]) -> list[NamedFault]:
+    """The faults by time; raises InputError for what is no fault of this mission's robots."""
+    found = []
+    for index, entry in enumerate(faults):
+        place = f"faults[{index}]"
+        if not isinstance(entry, tuple) or len(entry) != 2 or not isinstance(entry[1], Fault):
+            text = "(seconds, fault) is expected, e.g. (2.5, Kill('A1'))"
+            raise InputError(f"{place}: {text}, found {entry!r:.80}")
+        at_s, fault = entry
+        _number(f"{place}: seconds", at_s)
+        said = f"{place}: {fault!r} at {at_s:g} s"
+        check_robot(mission, fault.robot, said)
+        if isinstance(fault, Lose | Restore | Perform):
+            _check_local_task(mission, fault, said)
+        if isinstance(fault, Perform):
+            try:
+                micro = micro_performance(fault.performance)
+            except ValueError as error:
+                raise InputError(f"{said}: {error}") from None
+            given = ChangePerformance(fault.robot, fault.local_task, micro)
+            found.append(NamedFault(round(at_s * MICRO), given, said))
+        else:
+            found.append(NamedFault(round(at_s * MICRO), fault, said))
+    return sorted(found, key=lambda named: named.at_us)
+
+
+def _check_local_task(mission: Mission, fault: Lose | Restore | Perform, said: str) -> None:
+    known = _local_tasks(mission) | ({ALL} if not isinstance(fault, Perform) else set())
+    if fault.local_task not in known:
+        hint = nearest(fault.local_task, known)
+        raise InputError(f"{said}: no local task {fault.local_task!r}{hint}")
+    check_local_task(mission, fault.robot, fault.local_task, said)
+
+
+def _number(name: str, value: Any, most: float = math.inf) -> None:
+    """Raise InputError unless it is a finite number from 0 to `most`."""
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
+    if not is_number or not math.isfinite(value) or not 0 <= value <= most:
+        limit = "" if most == math.inf else f" to {most:g}"
+        raise InputError(f"{name}: a number from 0{limit} is expected, not {value!r:.80}")
 
 
 def _load(mission: Mission, reference: str | None) -> RobotProgram:
@@ -221,5 +394,15 @@ class RunMission(Protocol):
     """What the fixture `run_mission` gives: `run`, with files beside the test."""
 
     def __call__(
-        self, mission: File, program: RobotProgram | str | None = None, **more: Any
+        self,
+        mission: File,
+        program: RobotProgram | str | None = None,
+        *,
+        robots: Iterable[str] | None = None,
+        faults: Iterable[tuple[float, Fault]] = (),
+        parameters: Mapping[str, Any] | None = None,
+        network: NetworkQuality | None = None,
+        seed: int = 0,
+        speed: float = 1.0,
+        timeout_s: float = 600.0,
     ) -> MissionRun: ...

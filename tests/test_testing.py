@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import tomllib
@@ -15,7 +16,17 @@ from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.formats.template import template_files, write_files
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import simulate
-from mrbt_mesh.testing import Freeze, Kill, Lose, RunMission, Thaw, run
+from mrbt_mesh.testing import (
+    Freeze,
+    Kill,
+    Lose,
+    NetworkQuality,
+    Perform,
+    Restore,
+    RunMission,
+    Thaw,
+    run,
+)
 from tests.support.paths import ROOT, mission_file
 
 EXPLORE = mission_file("explore")
@@ -76,8 +87,8 @@ def test_faults_come_when_they_are_to_come() -> None:
         EXPLORE, exploring(5), faults=[(3, Thaw("R2")), (2, Kill("R1")), (2.5, Freeze("R2"))]
     )
     assert found.result == "success"
-    (died,) = (each for each in found.summary["faults"] if each["kind"] == "major")
-    assert (died["robot"], found.succeeded()) == ("R1", ["R2", "R2"])
+    (died,) = (each for each in found.faults if each.kind == "major" and each.robot == "R1")
+    assert (died.until_s, found.succeeded()) == (None, ["R2", "R2"])
     assert (len(found.starts), len(found.ends)) == (3, 2)
     lost = run(EXPLORE, exploring(), faults=[(0.5, Lose("R1", "explore"))])
     assert (lost.cancelled(), lost.succeeded()) == (["R1"], ["R2", "R2"])
@@ -86,7 +97,7 @@ def test_faults_come_when_they_are_to_come() -> None:
 def test_failures_have_their_reasons() -> None:
     found = run(EXPLORE, exploring(reason="no way"))
     assert found.failed() == ["R1"]
-    assert [(each["robot"], each["reason"]) for each in found.failures] == [("R1", "no way")]
+    assert [(each.robot, each.reason) for each in found.failures] == [("R1", "no way")]
 
 
 def test_the_same_again_and_with_another_seed() -> None:
@@ -112,9 +123,33 @@ def test_a_run_that_does_not_end_in_time() -> None:
         ),
         ({"program": "none.py"}, "there is no such file"),
         ({"mission": "none.yaml"}, "none.yaml"),
-        ({"robots": ["R9"]}, "has no robot 'R9'"),
-        ({"faults": [(1, Kill("R9"))]}, "has no robot 'R9'"),
+        ({"robots": ["R9"]}, "has no robot 'R9'; known: R1, R2"),
+        ({"robots": "R1"}, r"a list of names is expected, e.g. \['R1'\]"),
         ({"speed": 0}, "a speed above 0"),
+        ({"speed": "2"}, "speed: a number from 0 is expected, not '2'"),
+        ({"timeout_s": float("nan")}, "timeout_s: a number from 0 is expected, not nan"),
+        ({"parameters": {"spede": 2}}, "has no parameter 'spede'"),
+        *[
+            ({"faults": [fault]}, r"^faults\[0\]: " + message)
+            for fault, message in [
+                (
+                    (1, Kill("R9")),
+                    "Kill.robot='R9'. at 1 s: mission explore has no robot 'R9'; kno",
+                ),
+                ((-1, Kill("R1")), "seconds: a number from 0 is expected, not -1"),
+                (("1", Kill("R1")), "seconds: a number from 0 is expected, not '1'"),
+                ((Kill("R1"), 1), r"\(seconds, fault\) is expected, e.g. "),
+                (Kill("R1"), r"\(seconds, fault\) is expected, e.g. "),
+                ((1, Lose("R1", "explroe")), ".* no local task 'explroe'; did you mean 'explore'"),
+                ((1, Lose("R1", "explore(Z)")), ".* no local task 'explore.Z.'; did you mean"),
+                ((1, Restore("R1", "x")), ".* no local task 'x'; known: all, explore, explore"),
+                ((1, Perform("R1", "all", 2)), ".* no local task 'all'; known: explore"),
+                ((1, Perform("R1", "explore", -2)), ".* a performance is a number from 0 to"),
+                ((1, Thaw("R1")), ".* R1 is not frozen at that time"),
+                ((900, Kill("R1")), ".* the run is given up at 600 s; give it a longer timeout"),
+                ((90, Kill("R1")), ".* the run had ended before, at "),
+            ]
+        ],
     ],
 )
 def test_what_does_not_fit_is_told(changes: dict[str, object], message: str) -> None:
@@ -123,9 +158,36 @@ def test_what_does_not_fit_is_told(changes: dict[str, object], message: str) -> 
         run(**given)  # type: ignore[arg-type]
 
 
-def test_a_global_task_that_there_is_not() -> None:
-    with pytest.raises(InputError, match="no global task 'explore'; there are explore_area"):
-        run(EXPLORE, exploring()).status("explore")
+def test_names_that_the_mission_does_not_have() -> None:
+    found = run(EXPLORE, exploring())
+    with pytest.raises(InputError, match=r"no global task 'explore_aera.A.'; did you mean 'expl"):
+        found.status("explore_aera(A)")
+    for names in (found.started, found.succeeded, found.failed, found.cancelled):
+        for wrong in ("explroe", "explore(AA)", ""):
+            with pytest.raises(InputError, match=f"no local task '{re.escape(wrong)}'; "):
+                names(wrong)
+    assert found.succeeded("explore( A )") == found.succeeded("explore(A)")
+
+
+def test_a_performance_is_in_the_units_of_the_mission_file() -> None:
+    """1 is what the mission file says: half of it takes the robot twice as long."""
+    found = run(mission_file("vehicle_repair"), faults=[(1.0, Perform("A1", "replace_hw", 0.5))])
+    assert found.summary["robots"]["A1"]["performances"] == {"replace_hw": 0.5}
+    gone = run(EXPLORE, exploring(5), faults=[(1, Perform("R1", "explore", 0))])
+    assert [(each.kind, each.robot, each.local_tasks) for each in gone.faults] == [
+        ("minor", "R1", ("explore",))
+    ]
+
+
+def test_the_network_loses_messages() -> None:
+    lossy = run(EXPLORE, exploring(), network=NetworkQuality(loss=0.2, delay_s=0.01), seed=3)
+    assert lossy.result == "success"
+    assert (
+        lossy.whole.effect_log_digest != run(EXPLORE, exploring(), seed=3).whole.effect_log_digest
+    )
+    for wrong in ({"loss": 2}, {"delay_s": -1.0}, {"jitter_s": float("inf")}):
+        with pytest.raises(InputError, match=f"{next(iter(wrong))}: a number from 0"):
+            NetworkQuality(**wrong)
 
 
 def test_a_promise_that_is_broken_fails_the_test(monkeypatch: pytest.MonkeyPatch) -> None:

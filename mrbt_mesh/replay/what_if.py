@@ -15,7 +15,7 @@ from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.recording.reader import Recording, RecordingError
 from mrbt_mesh.replay.player import Player
 from mrbt_mesh.runtime.program import RobotProgram
-from mrbt_mesh.sim.engine.faults import Fault, Lose, Perform
+from mrbt_mesh.sim.engine.faults import ChangePerformance, Fault, Lose
 from mrbt_mesh.sim.engine.setup import Beginning
 from mrbt_mesh.sim.run import SimulationResult, simulate
 
@@ -116,4 +116,4 @@ def _described(
         for name in known.member.lost:
             yield 0, Lose(robot, name)
         for name, value in changed_performances(mission, robot, known.member).items():
-            yield 0, Perform(robot, name, value)
+            yield 0, ChangePerformance(robot, name, value)

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from functools import partial
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, Unpack
 
 import anyio
 
@@ -27,6 +27,7 @@ from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import OrderKind, Phase
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.formats.problems import nearest
 from mrbt_mesh.runtime.driver import Driver, RobotSetup
 from mrbt_mesh.runtime.log import StandardLog
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext
@@ -36,6 +37,7 @@ from mrbt_mesh.runtime.settings import (
     DEFAULT_BEAT_S,
     DEFAULT_DETECTION_S,
     DEFAULT_GATHER_S,
+    PROTOCOLS,
     WIRED,
 )
 from mrbt_mesh.runtime.team_address import on_network
@@ -211,7 +213,7 @@ class JoinOptions(TypedDict, total=False):
     connect: Sequence[str]
     multicast: str | None
     routers: Sequence[str]
-    transport: str
+    transport: Literal["wired", "wireless"]
     beat_s: float
     detection_s: float
     expect: Sequence[str] | None
@@ -258,6 +260,7 @@ def _setup(
     file: Path, robot: str, program: RobotProgram | str | None, options: JoinOptions
 ) -> RobotSetup:
     """The robot that is to join; raises InputError."""
+    _check_options(options)
     keys = options.get("keys")
     if bool(options.get("insecure")) is (keys is not None):
         text = "give either keys=FOLDER, made by `mrbt keys`, or insecure=True"
@@ -302,6 +305,44 @@ def _setup(
         except OSError as error:
             raise InputError(f"{start.run_dir}: cannot be written: {error.strerror}") from None
     return robot_setup(start, mission, program, reference, locate, StandardLog(robot))
+
+
+def _is_number(least: float, most: float) -> Callable[[Any], bool]:
+    return lambda value: type(value) in (int, float) and least <= value <= most
+
+
+def _is_list(value: Any) -> bool:
+    is_list = isinstance(value, Sequence) and not isinstance(value, str)
+    return is_list and all(isinstance(each, str) for each in value)
+
+
+_LIST = ("a list of texts", _is_list)
+_TEXT = ("a text", lambda value: isinstance(value, str))
+_FLAG = ("True or False", lambda value: isinstance(value, bool))
+_PATH = ("a path", lambda value: isinstance(value, str | PathLike))
+_PERIOD = ("a number of seconds from 0.001 to 3600", _is_number(0.001, 3_600))
+# What the options may be, besides None where that is their default.
+_EXPECTED: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
+    **dict.fromkeys(("robot_type", "team", "run", "multicast", "solver"), _TEXT),
+    **dict.fromkeys(("listen", "connect", "routers", "expect"), _LIST),
+    **dict.fromkeys(("insecure", "takeover", "exit_when_done"), _FLAG),
+    **dict.fromkeys(("keys", "run_dir"), _PATH),
+    **dict.fromkeys(("beat_s", "detection_s"), _PERIOD),
+    "gather_s": ("a number of seconds from 0 to 86400", _is_number(0, 86_400)),
+    "speed": ("a number from 0.01 to 1000", _is_number(0.01, 1_000)),
+    "transport": (" or ".join(map(repr, PROTOCOLS)), lambda value: value in tuple(PROTOCOLS)),
+}
+_MAY_BE_NONE = ("keys", "robot_type", "team", "run", "multicast", "expect", "run_dir", "solver")
+
+
+def _check_options(options: JoinOptions) -> None:
+    """Raise InputError for an option that there is not, and for a value that it cannot have."""
+    for name, value in options.items():
+        if name not in _EXPECTED:
+            raise InputError(f"join_team has no option {name!r}{nearest(name, _EXPECTED)}")
+        expected, accepts = _EXPECTED[name]
+        if not accepts(value) and not (value is None and name in _MAY_BE_NONE):
+            raise InputError(f"join_team: {name} is {expected}, not {value!r:.80}")
 
 
 async def _begun(driver: Driver, running: asyncio.Task[Stop]) -> None:

@@ -10,6 +10,7 @@ never Zenoh. The same seed gives the same run, to the byte.
 
 from mrbt_mesh.sim.engine.faults import (
     Block,
+    ChangePerformance,
     ClockJump,
     ClockRate,
     Command,
@@ -24,7 +25,6 @@ from mrbt_mesh.sim.engine.faults import (
     Leave,
     Lose,
     LoseToken,
-    Perform,
     Replay,
     Restart,
     Restore,
@@ -44,6 +44,7 @@ from mrbt_mesh.sim.run import SimulationError, SimulationResult, simulate
 __all__ = [
     "AgentOptions",
     "Block",
+    "ChangePerformance",
     "ClockJump",
     "ClockRate",
     "Command",
@@ -60,7 +61,6 @@ __all__ = [
     "Lose",
     "LoseToken",
     "NetworkKnobs",
-    "Perform",
     "Replay",
     "Restart",
     "Restore",

@@ -194,6 +194,19 @@ async def test_a_loop_that_stood_still_fences_its_robot_off() -> None:
         ({"insecure": True, "program": "none.py"}, "there is no such file"),
         ({"insecure": True, "mission": "none.yaml"}, "none.yaml"),
         ({"insecure": True, "detection_s": 0.01}, "detection"),
+        ({"keyz": 1}, "join_team has no option 'keyz'; did you mean 'keys'?"),
+        ({"insecure": 1}, "insecure is True or False, not 1"),
+        ({"keys": 1}, "keys is a path, not 1"),
+        ({"insecure": True, "connect": "tcp/1.2.3.4:7447"}, "connect is a list of texts, not 'tcp"),
+        ({"insecure": True, "expect": ["R1", 2]}, "expect is a list of texts, not"),
+        ({"insecure": True, "beat_s": "fast"}, "beat_s is a number of seconds from 0.001 to"),
+        ({"insecure": True, "beat_s": float("nan")}, "beat_s is a number of seconds"),
+        ({"insecure": True, "gather_s": -1}, "gather_s is a number of seconds from 0 to 86400"),
+        ({"insecure": True, "speed": 0}, "speed is a number from 0.01 to 1000, not 0"),
+        ({"insecure": True, "speed": True}, "speed is a number from 0.01 to 1000, not True"),
+        ({"insecure": True, "transport": "wird"}, "transport is 'wired' or 'wireless', not 'wird'"),
+        ({"insecure": True, "transport": None}, "transport is 'wired' or 'wireless', not None"),
+        ({"insecure": True, "robot_type": 3}, "robot_type is a text, not 3"),
         ({"insecure": True, "expect": ["a b"]}, "is no robot's id"),
         ({"insecure": True, "run_dir": EXPLORE / "x"}, "mission.yaml/x: cannot be written"),
     ],
@@ -284,3 +297,7 @@ def test_without_asyncio_it_says_so() -> None:
     entering = join_team(EXPLORE, "R1", exploring(), insecure=True).__aenter__()
     with pytest.raises(InputError, match="needs asyncio"):
         entering.__await__().send(None)
+
+
+def test_every_option_is_checked() -> None:
+    assert team_member._EXPECTED.keys() == team_member.JoinOptions.__optional_keys__

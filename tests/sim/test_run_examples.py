@@ -35,7 +35,7 @@ def test_both_storages_are_searched_at_once_and_one_success_is_enough(
     run = run_mission(mission_file("tool_search"), seed=1)
     assert len(set(run.started("search"))) == 2
     assert (len(run.failed("search(1)")), len(run.succeeded("search(2)"))) == (1, 1)
-    assert run.failures[0]["reason"] == "no tools in storage 1"
+    assert run.failures[0].reason == "no tools in storage 1"
 
 
 def test_the_small_screwdriver_only_if_the_large_one_does_not_fit(run_mission: RunMission) -> None:

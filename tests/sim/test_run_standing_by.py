@@ -9,7 +9,16 @@ import pytest
 from mrbt_mesh.core.agent.commands import ORDER
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
-from mrbt_mesh.sim import Command, Fault, Kill, Leave, Perform, Restart, SimulationResult, simulate
+from mrbt_mesh.sim import (
+    ChangePerformance,
+    Command,
+    Fault,
+    Kill,
+    Leave,
+    Restart,
+    SimulationResult,
+    simulate,
+)
 from tests.support.effort import seeds
 from tests.support.paths import EXAMPLES
 
@@ -64,7 +73,7 @@ def test_faults_while_the_team_rests_and_while_it_works() -> None:
         (2, Kill("A2")),
         (16, Kill("B1")),
         (29, Restart("B1")),
-        (29, Perform("A1", "replace_hw", S // 2)),
+        (29, ChangePerformance("A1", "replace_hw", S // 2)),
         seconds=110,
     )
     assert [fault["robot"] for fault in result.summary["faults"]] == ["A2", "B1"]

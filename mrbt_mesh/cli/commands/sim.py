@@ -117,12 +117,13 @@ def sim(
     Example: mrbt sim --schedule chaos-failures/seed-17-minimised.json
     """
     from mrbt_mesh.cli.missions import checked_program, chosen_robots
-    from mrbt_mesh.cli.virtual.named_faults import check_faults, read_faults
+    from mrbt_mesh.cli.virtual.named_faults import read_faults
     from mrbt_mesh.cli.virtual.one_run import run_and_tell
     from mrbt_mesh.cli.virtual.replay import read_schedule
     from mrbt_mesh.formats.mission_file import load_mission
     from mrbt_mesh.runtime.program_loader import load_program
     from mrbt_mesh.runtime.solver_loader import solver_for
+    from mrbt_mesh.sim.engine.named_faults import check_faults
     from mrbt_mesh.sim.engine.setup import AgentOptions
     from mrbt_mesh.sim.run import run_scenario, simulate
 

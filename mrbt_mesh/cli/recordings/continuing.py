@@ -9,7 +9,7 @@ from typing import Any
 from mrbt_mesh.cli.framework.exits import FAILURE, fail
 from mrbt_mesh.cli.missions import checked_program
 from mrbt_mesh.cli.recordings.replaying import time_of
-from mrbt_mesh.cli.virtual.named_faults import NamedFault, read_faults
+from mrbt_mesh.cli.virtual.named_faults import read_faults
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
@@ -17,6 +17,7 @@ from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.replay.player import Player
 from mrbt_mesh.replay.what_if import ASSUMED, Continuation, what_if
 from mrbt_mesh.runtime.program_loader import load_program
+from mrbt_mesh.sim.engine.named_faults import NamedFault
 from mrbt_mesh.sim.run import SimulationError
 
 

@@ -351,7 +351,7 @@ class _Chaos:
             known = [task for task in self.local_tasks[robot] if task != "all"]
             value = pick.choice([0, MICRO // 4, MICRO // 2, MICRO, 2 * MICRO, 4 * MICRO])
             at_us = pick.randrange(self.knobs.chaos_us)
-            self.steps.append((at_us, faults.Perform(robot, pick.choice(known), value)))
+            self.steps.append((at_us, faults.ChangePerformance(robot, pick.choice(known), value)))
 
     def _pause(self) -> None:
         one, other = self._robot(), self._robot()

@@ -91,7 +91,7 @@ class Restore:
 
 
 @dataclass(frozen=True, slots=True)
-class Perform:
+class ChangePerformance:
     """From now on the robot does a local task (a type or a ground one) so well, in micro-units.
 
     0 is a minor fault.
@@ -229,7 +229,7 @@ Fault: TypeAlias = (
     | Leave
     | Lose
     | Restore
-    | Perform
+    | ChangePerformance
     | Block
     | Unblock
     | Disturb

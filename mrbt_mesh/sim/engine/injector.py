@@ -40,7 +40,7 @@ _ISOLATING = (
     | faults.LoseToken  # a suspect is left out when agreement is counted
 )
 # What a robot lacks from the beginning it finds out once it has started.
-_OF_THE_ROBOT = faults.Lose | faults.Restore | faults.Perform
+_OF_THE_ROBOT = faults.Lose | faults.Restore | faults.ChangePerformance
 BOOT_US = 1_000
 
 
@@ -184,7 +184,7 @@ class Injector:
                 return CapabilityChanged(local_task, lost=True)
             case faults.Restore(_, local_task):
                 return CapabilityChanged(local_task, lost=False)
-            case faults.Perform(_, local_task, performance):
+            case faults.ChangePerformance(_, local_task, performance):
                 return PerformanceChanged(local_task, performance)
             case faults.Command(_, command, argument):
                 body = command_body(command, argument)

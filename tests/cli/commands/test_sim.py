@@ -115,7 +115,7 @@ def test_files_are_written(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--kill", "Z9@1"], "no robot 'Z9' (A1, A2, B1, B2, C1, C2)"),
+        (["--kill", "Z9@1"], "has no robot 'Z9'; known: A1, A2, B1, B2, C1, C2"),
         (["--kill", "A1"], "expected ROBOT@SECONDS, e.g. A1@12.5"),
         (["--kill", "A1@-4"], "expected ROBOT@SECONDS, e.g. A1@12.5"),
         (["--kill", "A1:replace_hw@4"], "only --fault, --restore, --performance name a local task"),
@@ -127,7 +127,7 @@ def test_files_are_written(tmp_path: Path) -> None:
         (["--fault", "A1@4"], "which local task? e.g. A1:all@4"),
         (["--fault", "A1:fly@4"], "A1 has no local task 'fly'"),
         (["--restore", "A1:@4"], "which local task? e.g. A1:all@4"),
-        (["--kill", "A1@2"], "--kill A1@2: the run is given up at 1 s (--timeout)"),
+        (["--kill", "A1@2"], "--kill A1@2: the run is given up at 1 s; give it a longer timeout"),
         (["--thaw", "A1@0.5"], "--thaw A1@0.5: A1 is not frozen at that time"),
         (["--kill", "A1@0.2", "--freeze", "A1@0.4"], "A1 does not run at that time"),
         (["--leave", "A1@0.2", "--fault", "A1:all@0.4"], "A1 does not run at that time"),

@@ -17,7 +17,7 @@ from mrbt_mesh.cli.views.summary_view import render_summary
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.capacity import Machine, overload
 from mrbt_mesh.runtime.program_loader import load_program
-from mrbt_mesh.sim import Kill, Lose, Perform, SimulationResult, simulate
+from mrbt_mesh.sim import ChangePerformance, Kill, Lose, SimulationResult, simulate
 from tests.support.paths import ROOT
 
 REPAIR = ROOT / "examples" / "vehicle_repair" / "mission.yaml"
@@ -26,7 +26,7 @@ LOSE = Lose("A1", "do_diagnosis")
 
 
 def run(
-    until_s: float, *schedule: tuple[int, Kill | Lose | Perform], path: Path = REPAIR
+    until_s: float, *schedule: tuple[int, Kill | Lose | ChangePerformance], path: Path = REPAIR
 ) -> SimulationResult:
     """The repair until a moment in the middle of it."""
     mission = load_mission(path)
@@ -229,6 +229,6 @@ def test_a_team_that_stands_by_shows_its_rounds() -> None:
 
 
 def test_what_a_robot_does_worse_stands_beside_what_it_has_lost() -> None:
-    perform = [(2 * SECOND, Perform("A1", "replace_hw", 500_000)), (2 * SECOND, LOSE)]
+    perform = [(2 * SECOND, ChangePerformance("A1", "replace_hw", 500_000)), (2 * SECOND, LOSE)]
     text = drawn(render_summary(run(4.0, *perform).summary))
     assert "do_diagnosis, replace_hw 0.5" in line_of(text, " A1 ")
