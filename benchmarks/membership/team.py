@@ -146,7 +146,7 @@ class SteppedTeam:
         program = self._programs[robot]
         assert program.action is not None
         ticket, program.action = program.action, None
-        self.give(robot, ActionFinished(ticket, True, None, conditions))
+        self.give(robot, ActionFinished(ticket, True, conditions))
 
     def give(self, robot: str, event: Input) -> None:
         """One input to one robot, and what follows from it."""

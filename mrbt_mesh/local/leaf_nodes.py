@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Mapping
 from typing import Any
 
+from mrbt_mesh.core.mission.conditions import truth_of
 from mrbt_mesh.errors import TaskFailedError
 from mrbt_mesh.formats.btcpp.document import pointer
 from mrbt_mesh.local.leaves import InOut, Leaf, Out
@@ -134,13 +135,17 @@ class ActionLeaf(LeafNode):
 
 def status_of(result: Any, node: TreeNode) -> NodeStatus:
     """What a function's result means. Raises TickError."""
-    if result is None or result is True:
+    if result is None:
         return SUCCESS
-    if result is False:
-        return FAILURE
+    truth = truth_of(result)
+    if truth is not None:
+        return SUCCESS if truth else FAILURE
     if isinstance(result, NodeStatus) and result not in (IDLE, RUNNING):
         return result
-    raise TickError(f"{node.place}: {node.type} returned {result!r:.80}, which is no status")
+    raise TickError(
+        f"{node.place}: {node.type} returned {result!r:.80}, which is no status: return None, "
+        "True, False or a NodeStatus that ends it"
+    )
 
 
 def _finished(result: Any, node: TreeNode) -> Any:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import inspect
 import logging
+import math
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
@@ -56,7 +57,7 @@ class TreeRunner:
         self._on_tick = on_tick
         self._runs: dict[tuple[int, int], _Run] = {}
         self._happened = anyio.Event()
-        self._error: Exception | None = None
+        self._error: BaseException | None = None
         # How often the tree was ticked again at once, one time after the other.
         self._at_once = 0
         self._is_slowed = False
@@ -75,7 +76,9 @@ class TreeRunner:
         async with anyio.create_task_group() as group:
             try:
                 result = await self._tick_to_the_end(group)
-            except Exception as error:
+            except BaseException as error:
+                if anyio.current_effective_deadline() == -math.inf:
+                    raise  # it is cancelled
                 # A task group would wrap it.
                 self._error = self._error or error
             finally:
@@ -151,7 +154,10 @@ class TreeRunner:
                     await stopped.wait()
                 status, reason = await self._call(effect)
                 self._engine.ended(effect.uid, effect.run, status, reason)
-        except Exception as error:
+        except BaseException as error:
+            # Not one of the leaf's own making: the whole tree is cancelled.
+            if anyio.current_effective_deadline() == -math.inf:
+                raise
             self._error = self._error or error
         finally:
             del self._runs[effect.uid, effect.run]

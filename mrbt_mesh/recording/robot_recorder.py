@@ -154,7 +154,7 @@ class RobotRecorder:
             case ProgressReported(ticket, percent) if abs(percent - self._percent) >= PERCENT_STEP:
                 self._percent = percent
                 yield from self._own("progress", ticket, percent=percent)
-            case ActionFinished(ticket, success, _, _, error):
+            case ActionFinished(ticket, success, _, error):
                 yield from self._own("finished", ticket, success=success, error=error)
             case ActionStopped(ticket):
                 yield from self._own("stopped", ticket)

@@ -5,13 +5,11 @@ Used by the real runtime and, on a virtual clock, by the simulator.
 
 from __future__ import annotations
 
-import inspect
-import math
-import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any, Protocol
+from functools import partial
+from numbers import Real
+from typing import Any, TypeVar
 
 import anyio
 import anyio.abc
@@ -23,47 +21,27 @@ from mrbt_mesh.core.agent.inputs import (
     ActionStopped,
     BidMade,
     BidsMade,
-    CapabilityChanged,
-    ConditionSet,
     Input,
-    PerformanceChanged,
-    PositionReported,
-    ProgressReported,
-    TreeTicked,
 )
 from mrbt_mesh.core.bt.local_run import OwnConditions
 from mrbt_mesh.core.bt.tree import Tree
 from mrbt_mesh.core.facts.store import Incarnation
-from mrbt_mesh.core.membership.wire import MAX_COORDINATE, Position
-from mrbt_mesh.core.mission.failure_reasons import MAX_REASON, one_line
 from mrbt_mesh.core.mission.mission import (
     MAX_BID_WITHIN_US,
     MAX_PERFORMANCE,
     MICRO,
     Mission,
-    micro_performance,
 )
 from mrbt_mesh.core.mission.names import split_call
-from mrbt_mesh.errors import TaskFailedError
 from mrbt_mesh.runtime.local_trees import LeafEnd, LocalTreeRunner
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext, TaskFunction
+from mrbt_mesh.runtime.task_call import perform
+from mrbt_mesh.runtime.task_port import AgentPort, Host
+from mrbt_mesh.runtime.user_code import UserCall, UserCodeError, shown
 
-MAX_ERROR = 2_000
+_T = TypeVar("_T")
 # No mission waits longer for a bid.
 BID_LIMIT_S = MAX_BID_WITHIN_US / MICRO
-
-
-class Host(Protocol):
-    """What an action needs of its surroundings."""
-
-    def submit(self, event: Input) -> None:
-        """Hand an input to the agent; may be called from the event loop only."""
-        ...
-
-    def read_condition(self, name: str) -> bool: ...
-    def record_event(self, event: Mapping[str, Any]) -> None: ...
-    def unix_time_s(self) -> float: ...
-    def log(self, level: str, event: str, **fields: Any) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -77,126 +55,15 @@ class RobotIdentity:
     is_virtual: bool = False
 
 
-class _NoBidError(Exception):
-    """Why there is no bid; the message says all that is to be said."""
-
-
 def micro_bid(value: Any) -> int | None:
-    """A bid in micro-units, None for none. Raises _NoBidError for what is no bid."""
+    """A bid in micro-units, None for none. Raises ValueError for what is no bid."""
     most = MAX_PERFORMANCE // MICRO
     if value is None:
         return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not -most <= value <= most:
-        raise _NoBidError(f"a bid is a number from {-most} to {most}, or None, not {value!r:.80}")
-    return round(value * MICRO)
-
-
-def milli_position(x: float, y: float, heading: float | None) -> Position:
-    """A position in thousandths, the heading turned into one turn. Raises ValueError."""
-    most = MAX_COORDINATE // 1_000
-    for number in (x, y, heading or 0.0):
-        if isinstance(number, bool) or not isinstance(number, int | float):
-            raise ValueError(f"a position is of numbers, not {number!r:.80}")
-        if not -most <= number <= most:
-            raise ValueError(f"a position is of numbers from {-most} to {most}, not {number!r}")
-    turned = None if heading is None else round(math.remainder(heading, math.tau) * 1_000)
-    return Position(round(x * 1_000), round(y * 1_000), turned)
-
-
-def _exception_reason(error: Exception, function: TaskFunction) -> str:
-    """What was raised, and where in the robot's program: `KeyError: 'grip' (robot.py:12)`."""
-    text = "".join(traceback.format_exception_only(error)).strip()
-    frames = traceback.extract_tb(error.__traceback__)[1:]
-    code = getattr(inspect.unwrap(function), "__code__", None)
-    folder = Path(code.co_filename).parent if code is not None else None
-    own = [frame for frame in frames if Path(frame.filename).parent == folder]
-    if not frames:
-        return text
-    place = (own or frames)[-1]
-    where = f" ({Path(place.filename).name}:{place.lineno})"
-    return one_line(text[: MAX_REASON - len(where)]) + where
-
-
-class _Port:
-    """Behind one TaskContext; collects the conditions that go with the outcome.
-
-    `own` are the robot's own conditions. `whole` is the port of the local task in whose tree this
-    one's action stands.
-    """
-
-    def __init__(
-        self,
-        host: Host,
-        mission: Mission,
-        ticket: int | None,
-        own: OwnConditions,
-        whole: _Port | None = None,
-    ) -> None:
-        self._host = host
-        self._mission = mission
-        self._ticket = ticket
-        self._own = own
-        self._whole = whole
-        self.conditions: dict[str, bool] = {}
-        self.own_conditions: dict[str, bool] = {}
-        self._tree_statuses = b""
-
-    def set_condition(self, name: str, value: bool, at_once: bool) -> None:
-        if not self._mission.knows_condition(name):
-            declared = ", ".join(sorted(self._mission.conditions)) or "none"
-            raise ValueError(f"condition {name!r} is not declared in the mission ({declared})")
-        if self._mission.is_failure_reason(name):
-            text = "tells why something failed: fail with such a reason instead"
-            raise ValueError(f"condition {name!r} {text}")
-        if at_once or self._ticket is None:
-            self._host.submit(ConditionSet(name, bool(value)))
-        else:
-            self.conditions[name] = bool(value)
-
-    def read_condition(self, name: str) -> bool:
-        known = self._whole.read_condition if self._whole is not None else self._host.read_condition
-        return self.conditions.get(name, known(name))
-
-    def set_local_condition(self, name: str, value: bool, at_once: bool) -> None:
-        if not self._mission.knows_local_condition(name):
-            declared = ", ".join(sorted(self._mission.local_conditions)) or "none"
-            raise ValueError(f"{name!r} is not declared in local_conditions ({declared})")
-        if at_once or self._ticket is None:
-            self._own.set(name, bool(value))
-        else:
-            self.own_conditions[name] = bool(value)
-
-    def read_local_condition(self, name: str) -> bool:
-        return self.own_conditions.get(name, self._own.value(name))
-
-    def report_progress(self, fraction: float) -> None:
-        if self._ticket is not None:
-            percent = max(0, min(100, round(fraction * 100)))
-            self._host.submit(ProgressReported(self._ticket, percent))
-
-    def report_tree(self, statuses: bytes) -> None:
-        """The tree that is the action has been ticked: the statuses of its nodes in preorder."""
-        if self._ticket is not None and statuses != self._tree_statuses:
-            self._tree_statuses = statuses
-            self._host.submit(TreeTicked(self._ticket, statuses))
-
-    def report_position(self, x: float, y: float, heading: float | None) -> None:
-        self._host.submit(PositionReported(milli_position(x, y, heading)))
-
-    def lose_capability(self, local_task: str) -> None:
-        self._host.submit(CapabilityChanged(local_task, lost=True))
-
-    def restore_capability(self, local_task: str) -> None:
-        self._host.submit(CapabilityChanged(local_task, lost=False))
-
-    def report_performance(self, local_task: str, performance: float) -> None:
-        self._host.submit(PerformanceChanged(local_task, micro_performance(performance)))
-
-    def record_event(self, event: Mapping[str, Any]) -> None:
-        self._host.record_event(event)
-
-    def unix_time_s(self) -> float:
-        return self._host.unix_time_s()
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
+    if not is_number or not -most <= float(value) <= most:
+        raise ValueError(f"a bid is a number from {-most} to {most}, or None, not {shown(value)}")
+    return round(float(value) * MICRO)
 
 
 class ActionRunner:
@@ -218,6 +85,7 @@ class ActionRunner:
         self._identity = identity
         self._host = host
         self._scopes: dict[int, anyio.CancelScope] = {}
+        self._calls: set[UserCall] = set()
         self._bids: list[BidMade] = []
         self._own = OwnConditions(mission.local_condition_default)
         # How many of the program's sensors run.
@@ -242,7 +110,7 @@ class ActionRunner:
             self._group.start_soon(self._background, function)
 
     async def _run(self, effect: StartAction, scope: anyio.CancelScope) -> None:
-        port = _Port(self._host, self._mission, effect.ticket, self._own)
+        port = AgentPort(self._host, self._mission, effect.ticket, self._own)
         tree = self._mission.local_trees.get(effect.local_task)
         end: Input = ActionStopped(effect.ticket)
         with scope:
@@ -252,24 +120,24 @@ class ActionRunner:
                     self._own.set(name, value)
             else:
                 end = await self._run_tree(effect, tree, port)
+        port.close()
         del self._scopes[effect.ticket]
         self._host.submit(end)
 
-    async def _run_tree(self, effect: StartAction, tree: Tree, port: _Port) -> ActionFinished:
+    async def _run_tree(self, effect: StartAction, tree: Tree, port: AgentPort) -> ActionFinished:
         """Carry out a local task that is a tree; its status is the outcome.
 
-        Conditions of the team and data of its actions go with that outcome; where it fails, so does
-        the reason of the action that failed last. What made actions fail is logged when it happens.
+        Conditions of the team go with that outcome; where it fails, so does the reason of the
+        action that failed last. What made actions fail is logged when it happens.
         """
-        data: dict[str, Any] = {}
         reason = ""
 
         async def run_leaf(local_task: str) -> LeafEnd:
             nonlocal reason
-            inner = _Port(self._host, self._mission, effect.ticket, self._own, port)
+            inner = AgentPort(self._host, self._mission, effect.ticket, self._own, port)
             end = await self._call(replace(effect, local_task=local_task), inner)
             port.conditions |= inner.conditions
-            data.update(end.data or {})
+            inner.close()
             reason = reason if end.success else end.reason
             level, outcome = ("info", "success") if end.success else ("warning", "failure")
             self._host.log(
@@ -286,30 +154,42 @@ class ActionRunner:
         success = await runner.run()
         conditions = tuple(sorted(port.conditions.items()))
         reason = "" if success else reason
-        return ActionFinished(effect.ticket, success, data or None, conditions, reason=reason)
+        return ActionFinished(effect.ticket, success, conditions, reason=reason)
 
-    async def _call(self, effect: StartAction, port: _Port) -> ActionFinished:
-        """Call the user's function; whatever it raises is a failure of this local task."""
-        ticket, (name, arguments) = effect.ticket, split_call(effect.local_task)
+    async def _call(self, effect: StartAction, port: AgentPort) -> ActionFinished:
+        """Call the program's function; whatever it does wrong is a failure of this local task."""
+        name, arguments = split_call(effect.local_task)
         context = self._context(effect, name, arguments, port)
         function = self._function(effect.local_task, name, port)
-        error, reason, data, success = "", "", None, False
+        error, reason, success = "", "", False
         if function is None:
             error = reason = f"the robot's program has no local task {name!r}"
         else:
+            call = UserCall(effect.local_task, function, partial(function, context, *arguments))
             try:
-                result = await function(context, *arguments)
-                success = result is not False
-                data = dict(result) if isinstance(result, Mapping) else None
-            except TaskFailedError as failure:
-                error, reason = str(failure) or "failed", str(failure)
-            except Exception as problem:
-                error = traceback.format_exc(limit=-8)[-MAX_ERROR:]
-                reason = _exception_reason(problem, function)
+                success = await self._watched(
+                    call, perform(call, context, self._program.record_work)
+                )
+            except UserCodeError as failure:
+                error, reason = failure.details, failure.reason
         conditions = tuple(sorted(port.conditions.items()))
-        return ActionFinished(ticket, success, data, conditions, error, reason)
+        return ActionFinished(effect.ticket, success, conditions, error, reason)
 
-    def _function(self, ground: str, name: str, port: _Port) -> TaskFunction | None:
+    async def _watched(self, call: UserCall, run: Awaitable[_T]) -> _T:
+        """Run a call; what it raises while it is cancelled goes to the log."""
+        self._calls.add(call)
+        try:
+            return await run
+        except anyio.get_cancelled_exc_class():
+            if (late := call.late_failure) is not None:
+                self._host.log(
+                    "error", "cancelled_code_failed", function=call.name, error=late.details
+                )
+            raise
+        finally:
+            self._calls.discard(call)
+
+    def _function(self, ground: str, name: str, port: AgentPort) -> TaskFunction | None:
         """The program's function for a local task; of one that is a tree in a file, its run."""
         program = self._mission.program_trees.get(ground)
         if program is None:
@@ -326,20 +206,22 @@ class ActionRunner:
                 for condition, value in told_outputs(program, tree).items():
                     context.set_condition(condition, value)
 
-        return self._program.recording(run)
+        return run
 
     async def _bid(self, effect: RequestBid) -> None:
-        value, error = None, ""
+        value, error, reason = None, "", ""
         try:
             with anyio.move_on_after(BID_LIMIT_S) as scope:
                 value = micro_bid(await self._call_bid(effect))
             if scope.cancelled_caught:
                 error = f"no answer within {BID_LIMIT_S:g} s"
-        except _NoBidError as problem:
+        except UserCodeError as failure:
+            error, reason = failure.details, failure.reason
+        except ValueError as problem:
             error = str(problem)
-        except Exception:
-            error = traceback.format_exc(limit=-8)[-MAX_ERROR:]
-        self._bids.append(BidMade(effect.activation, effect.local_task, value, error))
+        self._bids.append(
+            BidMade(effect.activation, effect.local_task, value, error, reason or error)
+        )
         if len(self._bids) == 1:
             self._group.start_soon(self._tell_bids)
 
@@ -353,8 +235,8 @@ class ActionRunner:
         name, arguments = split_call(effect.local_task)
         function = self._program.find_bid(name)
         if function is None:
-            raise _NoBidError(f"the robot's program has no bid for {name!r}")
-        port = _Port(self._host, self._mission, None, self._own)
+            raise ValueError(f"the robot's program has no bid for {name!r}")
+        port = AgentPort(self._host, self._mission, None, self._own)
         start = StartAction(
             0,
             effect.activation,
@@ -364,27 +246,30 @@ class ActionRunner:
             effect.performance,
             effect.incarnation,
         )
-        result = function(self._context(start, name, arguments, port), *arguments)
-        return await result if inspect.isawaitable(result) else result
+        context = self._context(start, name, arguments, port)
+        call = UserCall(
+            f"bid for {effect.local_task}", function, partial(function, context, *arguments)
+        )
+        return await self._watched(call, call.run())
 
     def free_context(self) -> TaskContext:
         """A context that belongs to no activation."""
-        port = _Port(self._host, self._mission, None, self._own)
+        port = AgentPort(self._host, self._mission, None, self._own)
         effect = StartAction(0, "", "", "", (), MICRO, Incarnation(0, ""))
         return self._context(effect, "", (), port)
 
     async def _background(self, function: Callable[[TaskContext], Any]) -> None:
+        name = getattr(function, "__name__", repr(function))
+        call = UserCall(name, function, partial(function, self.free_context()))
         try:
-            await function(self.free_context())
-        except Exception:
-            name = getattr(function, "__name__", repr(function))
-            text = traceback.format_exc(limit=-8)[-MAX_ERROR:]
-            self._host.log("error", "background_failed", function=name, error=text)
+            await self._watched(call, call.run())
+        except UserCodeError as failure:
+            self._host.log("error", "background_failed", function=name, error=failure.details)
         finally:
             self.backgrounds -= 1
 
     def _context(
-        self, effect: StartAction, name: str, arguments: tuple[str, ...], port: _Port
+        self, effect: StartAction, name: str, arguments: tuple[str, ...], port: AgentPort
     ) -> TaskContext:
         return TaskContext(
             robot=self._identity.robot,

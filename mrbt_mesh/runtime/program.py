@@ -23,14 +23,12 @@ runtime cancels it through an anyio cancel scope when the plan no longer wants i
 from __future__ import annotations
 
 import copy
-import functools
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Concatenate, Protocol, TypeAlias, TypeVar, overload
 
-from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.runtime.program_function import (
     ProgramError,
     ProgramFunction,
@@ -52,6 +50,7 @@ class TaskPort(Protocol):
 
     def set_condition(self, name: str, value: bool, at_once: bool) -> None: ...
     def read_condition(self, name: str) -> bool: ...
+    def set_conditions(self, values: Mapping[str, bool]) -> None: ...
     def set_local_condition(self, name: str, value: bool, at_once: bool) -> None: ...
     def read_local_condition(self, name: str) -> bool: ...
     def report_progress(self, fraction: float) -> None: ...
@@ -154,7 +153,7 @@ class TaskContext:
         return self.port.unix_time_s()
 
 
-Result: TypeAlias = bool | Mapping[str, Any] | None
+Result: TypeAlias = bool | Mapping[str, bool] | None
 Bid: TypeAlias = float | None
 TaskFunction: TypeAlias = Callable[Concatenate[TaskContext, ...], Awaitable[Result]]
 BidFunction: TypeAlias = Callable[Concatenate[TaskContext, ...], Bid | Awaitable[Bid]]
@@ -324,17 +323,8 @@ class RobotProgram:
         program.record_work = True
         return program
 
-    def recording(self, function: TaskFunction) -> TaskFunction:
-        """A function that carries out a local task, recorded as this program's are."""
-        return _recorded(function) if self.record_work else function
-
-    def find(self, local_task_type: str) -> TaskFunction | None:
+    def find(self, local_task_type: str) -> ProgramFunction | None:
         """The function for a local-task type, or None. It is called with the arguments' texts."""
-        function = self.function(local_task_type)
-        return None if function is None else self.recording(function)
-
-    def function(self, local_task_type: str) -> ProgramFunction | None:
-        """What is registered for a local-task type, or None."""
         return self._tasks.get(local_task_type, self._tasks.get("*"))
 
     def find_bid(self, local_task_type: str) -> ProgramFunction | None:
@@ -351,44 +341,3 @@ def _add(known: dict[str, ProgramFunction], name: str, function: ProgramFunction
         first = known[name].place
         raise ProgramError(f"{function.what} is registered twice, first at {first}")
     known[name] = function
-
-
-def _recorded(function: TaskFunction) -> TaskFunction:
-    """The same with exactly one line for its start and one for its end or cancellation.
-
-    False, and whatever is raised, is an end with failure.
-    """
-
-    @functools.wraps(function)
-    async def recorded(task: TaskContext, *arguments: str) -> Result:
-        _record(task, "start")
-        try:
-            result = await function(task, *arguments)
-        except Exception:
-            _record(task, "end", "failure")
-            raise
-        except BaseException:
-            # Cancelled: neither asyncio's nor trio's cancellation is an Exception.
-            _record(task, "cancel")
-            raise
-        _record(task, "end", "failure" if result is False else "success")
-        return result
-
-    return recorded
-
-
-def _record(task: TaskContext, event: str, outcome: str | None = None) -> None:
-    task.record_event(
-        {
-            "t": task.unix_time_s(),
-            "robot": task.robot,
-            "pid": task.pid,
-            "incarnation": task.incarnation,
-            "event": event,
-            "outcome": outcome,
-            "activation": task.activation,
-            "global_task": task.global_task,
-            "local_task": type_name(task.local_task),
-            "args": list(task.arguments),
-        }
-    )

@@ -109,7 +109,7 @@ _Problem: TypeAlias = tuple[str, str]
 
 def _task_problem(program: RobotProgram, mission: Mission, ground: str, of: str) -> _Problem:
     name = type_name(ground)
-    function = program.function(name)
+    function = program.find(name)
     if function is None:
         close = difflib.get_close_matches(name, program.names(), n=1)
         hint = f"rename {close[0]!r}, or add" if close else "add"

@@ -6,10 +6,11 @@ from pathlib import Path
 import anyio
 import pytest
 
-from mrbt_mesh import RobotProgram, TaskContext, TaskFailedError
+from mrbt_mesh import RobotProgram, TaskContext
 from mrbt_mesh.formats.team_file import load_team
 from mrbt_mesh.formats.template import template_files, write_files
 from mrbt_mesh.runtime.program_loader import load_program
+from mrbt_mesh.runtime.user_code import UserCodeError
 from tests.support.fake_port import FakePort, cancelled_while_working, context, outcomes, run
 from tests.support.paths import ROOT
 
@@ -30,7 +31,7 @@ def agent(name: str) -> RobotProgram:
 async def test_a_diagnosis_finds_what_the_parameters_say(part: str, is_broken: bool) -> None:
     port = FakePort()
     task = context(port, "do_diagnosis", part, parameters={"broken_parts": [2, 4]})
-    assert await run(agent("repair"), task) is None
+    assert await run(agent("repair"), task)
     assert port.conditions == {f"broken({part})": is_broken}
 
 
@@ -75,7 +76,7 @@ async def test_work_takes_work_by_performance_and_speed(monkeypatch: pytest.Monk
 @pytest.mark.parametrize("task", ["use_screwdriver", "move_frame", "use_soldering_iron"])
 async def test_other_repairs_are_only_work(task: str) -> None:
     port = FakePort()
-    assert await run(agent("repair"), context(port, task)) is None
+    assert await run(agent("repair"), context(port, task))
     assert outcomes(port) == [("start", None), ("end", "success")]
     assert port.conditions == {}
 
@@ -90,7 +91,7 @@ async def test_a_mechanic_changes_what_its_local_tasks_declare(task: str) -> Non
     declared = TEAM.declaration(subject)
     assert declared is not None
     port = FakePort()
-    assert await run(agent("mechanic"), context(port, subject, *part)) is None
+    assert await run(agent("mechanic"), context(port, subject, *part))
     assert port.conditions == declared.effects
     assert outcomes(port) == [("start", None), ("end", "success")]
 
@@ -109,7 +110,7 @@ async def test_tool_search_fails_as_the_parameters_say(task: tuple[str, ...], fa
     parameters = {"tools_in_storage": 2, "large_fits": False}
     running = run(agent("tool_search"), context(port, *task, parameters=parameters))
     if fails:
-        with pytest.raises(TaskFailedError):
+        with pytest.raises(UserCodeError):
             await running
     else:
         await running
@@ -178,7 +179,7 @@ async def test_the_template_robot_does_and_records_its_tasks(tmp_path: Path) -> 
     await run(program, context(port, "carry", "green"))
     assert port.conditions == {"heavy(green)": True}
     assert outcomes(port) == [("start", None), ("end", "success")] * 2
-    with pytest.raises(KeyError):
+    with pytest.raises(UserCodeError, match="KeyError"):
         await run(program, context(port, "look_at", "red"))
     assert outcomes(port)[-1] == ("end", "failure")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Any
 
 import anyio
@@ -158,6 +159,26 @@ def test_failures_have_reasons_and_other_errors_end_the_run() -> None:
     with pytest.raises(ZeroDivisionError, match="in the driver"):
         robot.run()
     assert robot.told[-1] == "a has stopped at 0.25"
+
+
+@pytest.mark.parametrize("error", [SystemExit(3), asyncio.CancelledError(), GeneratorExit()])
+def test_a_leaf_that_exits_or_cancels_ends_the_run_with_that(error: BaseException) -> None:
+    robot = Robot("<Odd/>")
+
+    @robot.tree.action("Odd")
+    async def odd() -> None:
+        raise error
+
+    caught: list[BaseException] = []
+
+    async def run() -> None:
+        try:
+            await robot.tree.run()
+        except BaseException as found:
+            caught.append(found)
+
+    anyio.run(run)
+    assert caught == [error]
 
 
 def test_a_result_that_is_no_status_is_told() -> None:

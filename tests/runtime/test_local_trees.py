@@ -45,7 +45,7 @@ class Story:
         self.program = RobotProgram()
 
         @self.program.local_task("*")
-        async def act(task: TaskContext) -> dict[str, Any]:
+        async def act(task: TaskContext) -> None:
             name = task.local_task
             try:
                 await anyio.sleep(5 if name == "wait" else 1)
@@ -58,7 +58,6 @@ class Story:
             for change in sets.get(name, "").split():
                 task.set_local_condition(change.lstrip("-"), not change.startswith("-"))
             task.set_condition("told", True)
-            return {name: "done"}
 
 
 def mission_of(tree: NodeSpec) -> Mission:
@@ -97,7 +96,7 @@ def outcome(host: Host) -> bool:
 def test_its_status_is_the_outcome_with_data_and_conditions_of_its_actions() -> None:
     story = Story()
     host = play(sequence(action("a"), action("b")), story)
-    assert host.said == [ActionFinished(7, True, {"a": "done", "b": "done"}, (("told", True),))]
+    assert host.said == [ActionFinished(7, True, (("told", True),))]
     assert story.told == ["1 a", "2 b"]
 
 

@@ -10,7 +10,8 @@ from typing import Any, Optional
 import pytest
 from mypy import api
 
-from mrbt_mesh import ProgramError, RobotProgram, TaskContext, TaskFailedError
+from mrbt_mesh import ProgramError, RobotProgram, TaskContext
+from mrbt_mesh.runtime.user_code import UserCodeError
 from tests.support.fake_port import FakePort, context, run
 from tests.support.paths import ROOT
 
@@ -126,7 +127,7 @@ async def test_arguments_that_do_not_fit_are_a_failure_with_its_place(
     async def x(task: TaskContext, part: int) -> None:
         raise AssertionError(part)
 
-    with pytest.raises(TaskFailedError) as caught:
+    with pytest.raises(UserCodeError) as caught:
         await run(program, context(FakePort(), "x", *arguments))
     said = str(caught.value)
     assert said.startswith(reason)

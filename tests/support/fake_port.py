@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import anyio
 
 from mrbt_mesh import RobotProgram, TaskContext
+from mrbt_mesh.runtime.task_call import perform
+from mrbt_mesh.runtime.user_code import UserCall
 
 
 @dataclass
@@ -23,6 +26,9 @@ class FakePort:
     def set_condition(self, name: str, value: bool, at_once: bool) -> None:
         assert not at_once
         self.conditions[name] = value
+
+    def set_conditions(self, values: Mapping[str, bool]) -> None:
+        self.conditions |= values
 
     def read_condition(self, name: str) -> bool:
         return self.conditions.get(name, False)
@@ -76,11 +82,12 @@ def context(port: FakePort, local_task: str, *arguments: str, **changes: Any) ->
     return TaskContext(**{**given, **changes})
 
 
-async def run(program: RobotProgram, task: TaskContext) -> Any:
-    """What comes of the program's function for a local task."""
+async def run(program: RobotProgram, task: TaskContext) -> bool:
+    """Whether the program's function for a local task succeeds; raises UserCodeError."""
     function = program.find(task.local_task.partition("(")[0])
     assert function is not None
-    return await function(task, *task.arguments)
+    call = UserCall(task.local_task, function, partial(function, task, *task.arguments))
+    return await perform(call, task, program.record_work)
 
 
 def outcomes(port: FakePort) -> list[tuple[str, str | None]]:
@@ -98,7 +105,8 @@ async def cancelled_while_working(program: RobotProgram, task: TaskContext) -> b
                 await run(program, task)
 
         group.start_soon(work)
-        # One turn of the loop starts the task, which then waits for what never comes.
-        await anyio.lowlevel.checkpoint()
+        # Three turns of the loop start the task, which then waits for what never comes.
+        for _ in range(3):
+            await anyio.lowlevel.checkpoint()
         scope.cancel()
     return scope.cancelled_caught

@@ -179,7 +179,7 @@ class Script:
         process = self.team.processes[name]
         conditions = tuple((k, v == "true") for k, _, v in (w.partition("=") for w in words))
         ticket = process.tickets.pop()
-        event = inputs.ActionFinished(ticket, success, None, conditions, error)
+        event = inputs.ActionFinished(ticket, success, conditions, error)
         self.team.give(process, event)
 
     def do_succeed(self, name: str, *conditions: str) -> None:

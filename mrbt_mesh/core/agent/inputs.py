@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import MessageKind, Position
@@ -81,7 +81,6 @@ class ActionFinished:
 
     ticket: int
     success: bool
-    data: Any = None
     conditions: tuple[tuple[str, bool], ...] = ()
     error: str = ""
     reason: str = ""
@@ -150,13 +149,15 @@ class PerformanceChanged:
 class BidMade:
     """What this robot would do a local task with, in micro-units.
 
-    None: it has no bid, because of `error` if that says anything.
+    None: it has no bid. If something was wrong with it, `reason` says what, and `error`, for the
+    log, has the traceback.
     """
 
     activation: str
     local_task: str
     performance: int | None
     error: str = ""
+    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True)

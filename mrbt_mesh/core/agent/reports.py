@@ -51,18 +51,11 @@ class Reports:
         if action.coalition:
             name += f"/{action.coalition}"
         reason = "" if event.success else one_line(event.reason)
-        writes: list[tuple[str, Any]] = [
-            (name, Outcome(event.success, event.data, reason).to_value())
-        ]
-        problem = context.replica.find_problem(*writes[0]) if event.data is not None else None
-        if problem is not None:
-            local_task = action.local_task
-            context.log("error", "result_data_refused", local_task=local_task, reason=problem)
-            writes = [(name, Outcome(event.success, None, reason).to_value())]
+        writes: list[tuple[str, Any]] = [(name, Outcome(event.success, None, reason).to_value())]
         ends = context.mission.conditions_after_end(
             action.global_task, action.local_task, event.success, reason
         )
-        conditions = self._condition_writes([*event.conditions[:CONDITIONS_PER_OUTCOME], *ends])
+        conditions = self._condition_writes([*event.conditions, *ends])
         rest: list[tuple[str, Any]] = [*conditions]
         if work.claim is None and claimed is not None:
             rest.append((records.CLAIM, None))

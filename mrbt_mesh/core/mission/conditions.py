@@ -144,3 +144,12 @@ class PerRobotConditions:
             if guards:
                 found[node.index] = guards
         return found
+
+
+def truth_of(value: Any) -> bool | None:
+    """The truth that a robot's program gives: a bool, Python's or numpy's; None: it is none."""
+    if isinstance(value, bool):
+        return value
+    kind = type(value)
+    is_numpy = kind.__module__ == "numpy" and kind.__name__ in ("bool", "bool_")
+    return bool(value) if is_numpy else None

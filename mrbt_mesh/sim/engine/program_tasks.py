@@ -11,8 +11,9 @@ import anyio.abc
 
 from mrbt_mesh.core.agent.effects import CancelAction, RequestBid, StartAction
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.runtime.actions import ActionRunner, Host, RobotIdentity
+from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.runtime.program import RobotProgram
+from mrbt_mesh.runtime.task_port import Host
 from mrbt_mesh.sim.engine.clock import Gate, VirtualClock, current_gate
 from mrbt_mesh.sim.engine.process import Program
 

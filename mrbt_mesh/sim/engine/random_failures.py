@@ -80,7 +80,7 @@ class RandomFailures:
         if not self._happens("action", process.robot, chance):
             return event
         why = "failed by chance"
-        return replace(event, success=False, data=None, conditions=(), error=why, reason=why)
+        return replace(event, success=False, conditions=(), error=why, reason=why)
 
     def completed(self, process: SimProcess) -> None:
         """A robot has completed an action, and what came of it has been told."""

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from mrbt_mesh.core.agent import effects as fx
 from mrbt_mesh.core.agent import inputs
 from mrbt_mesh.core.agent.agent import Agent
-from mrbt_mesh.core.facts.store import MAX_VALUE_BYTES, Incarnation
+from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import (
     MAX_TREE_NODES,
     Header,
@@ -158,29 +158,6 @@ def test_a_malformed_command_is_answered_and_changes_nothing(body: Any) -> None:
 
 
 # -- the robot's own code ---------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "data", [object(), {1, 2}, 1 << 70, "\ud800", b"x" * MAX_VALUE_BYTES, [[[[[[[[0]]]]]]]] * 2]
-)
-def test_result_data_that_cannot_be_sent_costs_the_data_and_not_the_outcome(data: Any) -> None:
-    script = team()
-    robot = script.team.processes["A"]
-    for _ in range(12):
-        data = [data] if isinstance(data, list) else data
-    event = inputs.ActionFinished(robot.tickets.pop(), True, data)
-    script.team.give(robot, event)
-    told = "\n".join(script.team.story)
-    assert "(error) result_data_refused local_task=weld" in told
-    assert "A writes success of weld for weld, no claim" in told
-    assert "B starts look" in told
-
-
-def test_result_data_travels_with_the_outcome() -> None:
-    script = team()
-    robot = script.team.processes["A"]
-    script.team.give(robot, inputs.ActionFinished(robot.tickets.pop(), True, {"torque": 1.5}))
-    assert any("success of weld for weld {'torque': 1.5}" in line for line in script.team.story)
 
 
 @pytest.mark.parametrize(

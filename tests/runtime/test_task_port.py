@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.core.membership.wire import Position
-from mrbt_mesh.runtime.actions import milli_position
+from mrbt_mesh.runtime.task_port import milli_position
 from mrbt_mesh.viewmodel.team_view import TeamView
 from tests.support.runs import run_example
 
@@ -21,7 +21,7 @@ def test_in_thousandths_and_within_one_turn() -> None:
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, 1e6 + 1, "1", True, None])
 def test_what_is_no_position_is_the_programs_fault(number: Any) -> None:
-    with pytest.raises(ValueError, match="a position is of numbers"):
+    with pytest.raises(ValueError, match="a position consists of numbers"):
         milli_position(number, 0, None)
 
 

@@ -1,0 +1,199 @@
+"""What is behind a task's context: checks what the program says, and hands it to the agent."""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+from collections.abc import Mapping
+from numbers import Real
+from typing import Any, Protocol
+
+from mrbt_mesh.core.agent.inputs import (
+    CapabilityChanged,
+    ConditionSet,
+    Input,
+    PerformanceChanged,
+    PositionReported,
+    ProgressReported,
+    TreeTicked,
+)
+from mrbt_mesh.core.agent.reports import CONDITIONS_PER_OUTCOME
+from mrbt_mesh.core.bt.local_run import OwnConditions
+from mrbt_mesh.core.membership.wire import MAX_COORDINATE, Position
+from mrbt_mesh.core.mission.conditions import truth_of
+from mrbt_mesh.core.mission.mission import Mission, micro_performance
+from mrbt_mesh.runtime.user_code import shown
+
+
+class Host(Protocol):
+    """What an action needs of its surroundings."""
+
+    def submit(self, event: Input) -> None:
+        """Hand an input to the agent; may be called from the event loop only."""
+        ...
+
+    def read_condition(self, name: str) -> bool: ...
+    def record_event(self, event: Mapping[str, Any]) -> None: ...
+    def unix_time_s(self) -> float: ...
+    def log(self, level: str, event: str, **fields: Any) -> None: ...
+
+
+def milli_position(x: float, y: float, heading: float | None) -> Position:
+    """A position in thousandths, the heading turned into one turn. Raises ValueError."""
+    most = MAX_COORDINATE // 1_000
+    for number in (x, y, 0.0 if heading is None else heading):
+        if isinstance(number, bool) or not isinstance(number, Real):
+            raise ValueError(f"a position consists of numbers, not {shown(number)}")
+        if not -most <= number <= most:
+            raise ValueError(
+                f"a position consists of numbers from {-most} to {most}, not {shown(number)}"
+            )
+    turned = None if heading is None else round(math.remainder(heading, math.tau) * 1_000)
+    return Position(round(float(x) * 1_000), round(float(y) * 1_000), turned)
+
+
+def truth(value: Any, what: str) -> bool:
+    """A bool, also numpy's; raises ValueError for anything else: `what` must be one."""
+    found = truth_of(value)
+    if found is None:
+        raise ValueError(f"{what} is set to True or False, not {shown(value)}")
+    return found
+
+
+class AgentPort:
+    """Behind one TaskContext; collects the conditions that go with the outcome.
+
+    `own` are the robot's own conditions. `whole` is the port of the local task in whose tree this
+    one's action stands.
+    """
+
+    def __init__(
+        self,
+        host: Host,
+        mission: Mission,
+        ticket: int | None,
+        own: OwnConditions,
+        whole: AgentPort | None = None,
+    ) -> None:
+        self._host = host
+        self._mission = mission
+        self._ticket = ticket
+        self._own = own
+        self._whole = whole
+        self._thread = threading.get_ident()
+        self._is_over = False
+        self.conditions: dict[str, bool] = {}
+        self.own_conditions: dict[str, bool] = {}
+        self._tree_statuses = b""
+
+    def close(self) -> None:
+        """The local task has ended: nothing goes with its outcome any more."""
+        self._is_over = True
+
+    def set_condition(self, name: str, value: bool, at_once: bool) -> None:
+        self.check_condition(name)
+        holds = truth(value, f"condition {name!r}")
+        if at_once or self._ticket is None:
+            self._submit(ConditionSet(name, holds))
+        else:
+            self._keep(self.conditions, name, holds)
+
+    def check_condition(self, name: str) -> None:
+        """Raise ValueError unless this is a condition that the program may set."""
+        if not isinstance(name, str) or not self._mission.knows_condition(name):
+            declared = ", ".join(sorted(self._mission.conditions)) or "none"
+            raise ValueError(f"condition {shown(name)} is not declared in the mission ({declared})")
+        if self._mission.is_failure_reason(name):
+            text = "tells why something failed: fail with such a reason instead"
+            raise ValueError(f"condition {name!r} {text}")
+
+    def set_conditions(self, values: Mapping[str, bool]) -> None:
+        """Set conditions of the team or the robot's own with the outcome, all or none."""
+        own = {
+            name: truth(value, f"local condition {name!r}")
+            for name, value in values.items()
+            if isinstance(name, str) and self._mission.knows_local_condition(name)
+        }
+        others = [name for name in values if name not in own]
+        for name in others:
+            self.check_condition(name)
+        told = {name: truth(values[name], f"condition {name!r}") for name in others}
+        for kept, found in ((self.conditions, told), (self.own_conditions, own)):
+            for name, value in found.items():
+                self._keep(kept, name, value)
+
+    def _keep(self, values: dict[str, bool], name: str, value: bool) -> None:
+        """Keep a condition until the outcome is told."""
+        if self._is_over:
+            raise RuntimeError(f"{name!r} is set after the local task has ended: use at_once=True")
+        values[name] = value
+        if len(values) > CONDITIONS_PER_OUTCOME:
+            raise ValueError(f"more than {CONDITIONS_PER_OUTCOME} conditions set by one local task")
+
+    def read_condition(self, name: str) -> bool:
+        known = self._whole.read_condition if self._whole is not None else self._host.read_condition
+        return self.conditions.get(name, known(name))
+
+    def set_local_condition(self, name: str, value: bool, at_once: bool) -> None:
+        if not isinstance(name, str) or not self._mission.knows_local_condition(name):
+            declared = ", ".join(sorted(self._mission.local_conditions)) or "none"
+            raise ValueError(f"{shown(name)} is not declared in local_conditions ({declared})")
+        holds = truth(value, f"local condition {name!r}")
+        if at_once or self._ticket is None:
+            self._own.set(name, holds)
+        else:
+            self._keep(self.own_conditions, name, holds)
+
+    def read_local_condition(self, name: str) -> bool:
+        return self.own_conditions.get(name, self._own.value(name))
+
+    def report_progress(self, fraction: float) -> None:
+        if isinstance(fraction, bool) or not isinstance(fraction, Real) or fraction != fraction:
+            raise ValueError(f"progress is a number from 0 to 1, not {shown(fraction)}")
+        if self._ticket is not None:
+            percent = round(max(0.0, min(1.0, float(fraction))) * 100)
+            self._submit(ProgressReported(self._ticket, percent))
+
+    def report_tree(self, statuses: bytes) -> None:
+        """The tree that is the action has been ticked: the statuses of its nodes in preorder."""
+        if self._ticket is not None and statuses != self._tree_statuses:
+            self._tree_statuses = statuses
+            self._submit(TreeTicked(self._ticket, statuses))
+
+    def report_position(self, x: float, y: float, heading: float | None) -> None:
+        self._submit(PositionReported(milli_position(x, y, heading)))
+
+    def lose_capability(self, local_task: str) -> None:
+        self._submit(CapabilityChanged(_name(local_task), lost=True))
+
+    def restore_capability(self, local_task: str) -> None:
+        self._submit(CapabilityChanged(_name(local_task), lost=False))
+
+    def report_performance(self, local_task: str, performance: float) -> None:
+        micro = micro_performance(performance)
+        self._submit(PerformanceChanged(_name(local_task), micro))
+
+    def record_event(self, event: Mapping[str, Any]) -> None:
+        try:
+            json.dumps(dict(event), allow_nan=False)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"an event has to be JSON: {error}") from None
+        self._host.record_event(event)
+
+    def unix_time_s(self) -> float:
+        return self._host.unix_time_s()
+
+    def _submit(self, event: Input) -> None:
+        if threading.get_ident() != self._thread:
+            raise RuntimeError(
+                "a task's context is used from another thread: call it with "
+                "anyio.from_thread.run_sync or loop.call_soon_threadsafe"
+            )
+        self._host.submit(event)
+
+
+def _name(local_task: Any) -> str:
+    if not isinstance(local_task, str):
+        raise ValueError(f"a local task is named by a text, not {shown(local_task)}")
+    return local_task

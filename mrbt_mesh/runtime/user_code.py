@@ -1,0 +1,309 @@
+"""Calls the functions of a robot's program so that nothing they do ends the robot.
+
+Whatever comes out of a function is an answer: its result, a failure with its reason and place, or
+the end of a cancellation that the runtime asked for. A function that cancels, exits or interrupts
+itself has failed, as one that raises any other exception.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import inspect
+import reprlib
+import signal
+import sysconfig
+import threading
+import traceback
+from collections.abc import Awaitable, Callable, Coroutine, Generator, Iterator
+from functools import partial
+from pathlib import Path
+from types import CodeType, FrameType, TracebackType
+from typing import Any, NoReturn
+
+import anyio
+
+from mrbt_mesh.core.mission.failure_reasons import MAX_REASON, one_line
+from mrbt_mesh.errors import TaskFailedError
+
+MAX_DETAILS = 2_000
+# So many exceptions of a group are named in a reason.
+MAX_NAMED = 3
+# A function that swallows this many cancellations in a row will not stop by itself.
+MAX_SWALLOWED = 1_000
+
+_OURS = (Path(__file__).parent, Path(__file__).parent.parent / "local")
+_LIBRARIES = tuple(Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib"))
+
+
+class UserCodeError(Exception):
+    """A function of the program has failed. `reason` is one line for the team, empty where the
+    program gave none; `details`, for the log, has the traceback.
+    """
+
+    def __init__(self, reason: str, details: str = "") -> None:
+        super().__init__(reason)
+        self.reason = reason
+        self.details = details or reason
+
+
+class UserCall:
+    """One call of `function`, made by `call`. `name` is what it does: a local task, a bid."""
+
+    def __init__(self, name: str, function: Callable[..., Any], call: Callable[[], Any]) -> None:
+        self.name = name
+        self.function = function
+        self._call = call
+        self._driven: _Driven | None = None
+        self._result: Any = None
+        self._error: BaseException | None = None
+        self._has_ended = False
+
+    async def run(self) -> Any:
+        """The function's result, awaited if it can be.
+
+        Raises UserCodeError for whatever the function raised, and the cancellation if the runtime
+        cancelled it before it had ended.
+        """
+        try:
+            # A task of its own: what the function leaves behind in it (cancel scopes, requests to
+            # cancel it) ends with it.
+            async with anyio.create_task_group() as group:
+                group.start_soon(self._carry_out)
+        except anyio.get_cancelled_exc_class():
+            if not self._has_ended or self.was_cancelled:
+                raise
+        except ExceptionGroup as leftovers:
+            # The function itself raises nothing here: this is anyio's, of scopes left open.
+            self._error = self._error or leftovers
+        if self._error is not None:
+            raise self._failure(self._error) from None
+        return self._result
+
+    @property
+    def was_cancelled(self) -> bool:
+        """Whether a cancellation has reached the function."""
+        return self._driven is not None and self._driven.cancellations > 0
+
+    @property
+    def late_failure(self) -> UserCodeError | None:
+        """What it raised in place of the cancellation."""
+        if self._error is None or isinstance(self._error, asyncio.CancelledError):
+            return None
+        return self._failure(self._error)
+
+    def place(self) -> str:
+        """Where the function waits now: `robot.py:12`."""
+        frames = self._driven.frames() if self._driven is not None else []
+        return place_of(self.function, frames)
+
+    def _failure(self, error: BaseException) -> UserCodeError:
+        return failure_of(error, self.function)
+
+    async def _carry_out(self) -> None:
+        try:
+            self._result = self._call()
+            if inspect.isawaitable(self._result):
+                self._driven, self._result = _Driven(self._result), None
+                self._result = await self._driven
+        except BaseException as error:
+            if is_interrupt(error):
+                raise
+            self._error = error
+        self._has_ended = True
+
+
+class _Driven:
+    """Awaits something, and counts how often it was cancelled.
+
+    What goes on after MAX_SWALLOWED cancellations is ended.
+    """
+
+    def __init__(self, awaitable: Awaitable[Any]) -> None:
+        self.cancellations = 0
+        self._coroutine: Coroutine[Any, Any, Any] = (
+            awaitable if inspect.iscoroutine(awaitable) else _awaited(awaitable)
+        )
+
+    def frames(self) -> list[tuple[str, int]]:
+        """Where it waits: file and line, the outermost first."""
+        found = []
+        each: Any = self._coroutine
+        while (frame := getattr(each, "cr_frame", None)) is not None:
+            found.append((frame.f_code.co_filename, frame.f_lineno))
+            each = each.cr_await
+        return found
+
+    def __await__(self) -> Generator[Any, None, Any]:
+        step = partial(self._coroutine.send, None)
+        while True:
+            try:
+                awaited = step()
+            except StopIteration as end:
+                return end.value
+            try:
+                yield awaited
+                step = partial(self._coroutine.send, None)
+            except asyncio.CancelledError as cancellation:
+                self.cancellations += 1
+                if self.cancellations > MAX_SWALLOWED:
+                    del step
+                    self._end()
+                step = partial(self._coroutine.throw, cancellation)
+            except BaseException:
+                self._coroutine.close()
+                raise
+
+    def _end(self) -> NoReturn:
+        """Drop the coroutine, here in the event loop: it may go on forever where there is none."""
+        place = self.frames()
+        with contextlib.suppress(RuntimeError):  # it ignores this too
+            self._coroutine.close()
+        self._coroutine = _awaited(None)
+        self._coroutine.close()
+        file, line = place[-1] if place else ("?", 0)
+        raise UserCodeError(
+            f"goes on after {MAX_SWALLOWED} cancellations ({Path(file).name}:{line}) and was "
+            "ended: raise the cancellation again where it is caught"
+        ) from None
+
+
+async def _awaited(awaitable: Any) -> Any:
+    return await awaitable
+
+
+# -- failures ---------------------------------------------------------------------------------
+
+
+def failure_of(error: BaseException, function: Callable[..., Any]) -> UserCodeError:
+    """What a function raised as a failure: its reason names the place in the program.
+
+    Of an exception group the first real exceptions are named.
+    """
+    if isinstance(error, UserCodeError):
+        return error
+    try:
+        return _failure(error, function)
+    except Exception:  # an exception that cannot even be formatted
+        return UserCodeError(type(error).__name__)
+
+
+def _failure(error: BaseException, function: Callable[..., Any]) -> UserCodeError:
+    raised = list(_exceptions_in(error))
+    told = next((each for each in raised if isinstance(each, TaskFailedError)), None)
+    if told is not None:
+        reason = str(told)
+        return UserCodeError(reason, reason or "failed")
+    details = "".join(traceback.format_exception(error, limit=-8))[-MAX_DETAILS:]
+    # A cancellation beside other exceptions of a group came from these.
+    real = [each for each in raised if not isinstance(each, asyncio.CancelledError)] or raised
+    named = [_one_failure(each, function, len(real[:MAX_NAMED])) for each in real[:MAX_NAMED]]
+    if len(real) > MAX_NAMED:
+        named.append(f"{len(real) - MAX_NAMED} more")
+    return UserCodeError("; ".join(named), details)
+
+
+def _exceptions_in(error: BaseException) -> Iterator[BaseException]:
+    """The exception, or those of a group and its groups, in their order."""
+    waiting = [error]
+    while waiting:
+        each = waiting.pop()
+        if isinstance(each, BaseExceptionGroup):
+            waiting += reversed(each.exceptions)
+        else:
+            yield each
+
+
+def _one_failure(error: BaseException, function: Callable[..., Any], count: int) -> str:
+    """`KeyError: 'grip' (robot.py:12)`, not longer than its share of a reason."""
+    text = "".join(traceback.format_exception_only(error)).strip()
+    if isinstance(error, asyncio.CancelledError):
+        text = "CancelledError: the program cancelled it, or what it waited for"
+    frames = [
+        (frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(error.__traceback__)
+    ]
+    where = f" ({place_of(function, frames)})"
+    most = MAX_REASON // count - len(where) - (10 if count > 1 else 0)
+    return one_line(text)[: max(most, 20)].rstrip() + where
+
+
+def wrong_result(function: Callable[..., Any], result: Any, expected: str) -> UserCodeError:
+    """A function returned what it must not; `expected` says what would be right."""
+    code = code_of(function)
+    name = code.co_name if code is not None else "the function"
+    where = place_of(function, [])
+    return UserCodeError(one_line(f"{name} returned {shown(result)} ({where}): {expected}"))
+
+
+def shown(value: Any) -> str:
+    """A value for a message: short, whatever it is."""
+    try:
+        text = reprlib.repr(value)
+    except Exception:
+        text = f"an object of {type(value).__name__}"
+    return text if len(text) <= 60 else text[:59] + "…"
+
+
+# -- places -----------------------------------------------------------------------------------
+
+
+def code_of(function: Callable[..., Any]) -> CodeType | None:
+    """The code of a function, also of a decorated or partly applied one."""
+    function = inspect.unwrap(function)
+    while isinstance(function, partial):
+        function = inspect.unwrap(function.func)
+    code = getattr(function, "__code__", None)
+    return code if isinstance(code, CodeType) else None
+
+
+def place_of(function: Callable[..., Any], frames: list[tuple[str, int]]) -> str:
+    """The innermost of `frames`, outermost first, that is the program's: `robot.py:12`.
+
+    Of code of the program's folder, else of any that is neither ours nor Python's; with none, it is
+    where the function begins.
+    """
+    code = code_of(function)
+    folder = Path(code.co_filename).parent if code is not None else None
+    others = [place for place in frames if not _is_ours(Path(place[0]))]
+    own = [place for place in others if folder is not None and Path(place[0]).parent == folder]
+    outside = [place for place in others if not _is_library(Path(place[0]))]
+    for found in (own, outside, others):
+        if found:
+            file, line = found[-1]
+            return f"{Path(file).name}:{line}"
+    return "?" if code is None else f"{Path(code.co_filename).name}:{code.co_firstlineno}"
+
+
+def _is_ours(file: Path) -> bool:
+    return any(file.is_relative_to(each) for each in _OURS)
+
+
+def _is_library(file: Path) -> bool:
+    return not file.is_absolute() or any(file.is_relative_to(each) for each in _LIBRARIES)
+
+
+def frames_of(frame: FrameType | None) -> list[tuple[str, int]]:
+    """File and line of a frame and its callers, the outermost first."""
+    found = [(each.f_code.co_filename, line) for each, line in traceback.walk_stack(frame)]
+    return found[::-1]
+
+
+# -- interrupts -------------------------------------------------------------------------------
+
+
+def is_interrupt(error: BaseException) -> bool:
+    """Whether somebody has pressed Ctrl-C: not what a program raised itself."""
+    if not isinstance(error, KeyboardInterrupt):
+        return False
+    if threading.current_thread() is not threading.main_thread():
+        return False
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        return True
+    return _innermost(error.__traceback__) == "_on_sigint"
+
+
+def _innermost(found: TracebackType | None) -> str:
+    name = ""
+    for frame, _ in traceback.walk_tb(found):
+        name = frame.f_code.co_name
+    return name
