@@ -321,7 +321,7 @@ def entry_text(name: str, value: object) -> str:
 
 def latch_text(kind: str, parts: list[str], value: object) -> str:
     match kind, value:
-        case "result", success:
+        case "result", [success, _]:
             return f"the mission's {'success' if success else 'failure'}"
         case "expression", [revision, _]:
             return f"{parts[0]} (revision {revision})"

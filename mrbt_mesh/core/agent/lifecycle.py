@@ -196,6 +196,11 @@ class Lifecycle:
         return (
             context.joining is None
             and self.is_over
-            and context.membership.all_report_result(int(plan.result))
+            and not plan.is_about_to_end(context.mission)
+            and context.membership.all_report_result(int(plan.result), self._digest_of_end(plan))
             and context.work.is_idle
         )
+
+    def _digest_of_end(self, plan: Plan) -> bytes | None:
+        """What others report who know that the mission has ended; None where that says nothing."""
+        return plan.digest if plan.ended is not None else None

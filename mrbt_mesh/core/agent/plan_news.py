@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.planner import Planner
+from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Phase
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.neighbourhood import Neighbourhood
@@ -105,4 +106,6 @@ def who_waits(plan: Plan, facts: TeamFacts, around: Neighbourhood) -> set[str]:
     verdicts = [verdict.verdict_name for verdict in plan.pending_verdicts]
     for name in (*verdicts, *(loss.fact[0] for loss in plan.pending_losses)):
         found.update(around.monitors(name))
+    if plan.is_about_to_end(facts.mission):
+        found.update(around.monitors(records.RESULT))
     return found

@@ -18,6 +18,7 @@ from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.engine import PlanFunction
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import newly_broken
+from mrbt_mesh.core.facts.records import MissionResult
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.planning.deadlines import Deadlines
@@ -123,6 +124,7 @@ class Planner:
             if self._number != before:
                 latches = self._latches(self.plan, context.alive())
             latches += self.deadlines.expired(self.plan, facts, now_us, self._is_agreed)
+            latches += self._end(self.plan)
             if not latches:
                 break
             context.write(latches, now_us)
@@ -211,10 +213,25 @@ class Planner:
         tick = OutcomeTick(facts, activation, facts.conditions.after(conditions))
         evaluation = self._evaluator.evaluate(tick)
         latched = self._of_tree(evaluation)
-        ends = self._context.mission.ends is MissionEnd.ONCE
-        if ends and evaluation.status is not Status.RUNNING:
-            latched.append((records.RESULT, evaluation.status is Status.SUCCESS))
+        if self._context.mission.ends is MissionEnd.ONCE:
+            latched += _result(evaluation.status, len(self._context.mission.robots))
         return latched
+
+    def _end(self, plan: Plan) -> list[tuple[str, Any]]:
+        """The mission has ended once all robots report that T_G has.
+
+        In a large team the robots that would watch one of this name say so for all.
+        """
+        context, membership = self._context, self._context.membership
+        if (
+            not plan.is_about_to_end(context.mission)
+            or not membership.all_report_result(int(plan.result))
+            or not self._is_agreed()
+            or context.me not in membership.neighbourhood.monitors(records.RESULT)
+        ):
+            return []
+        robots = context.mission.robots
+        return _result(plan.result, sum(robot in robots for robot in context.alive()))
 
     def _of_tree(self, evaluation: Evaluation) -> list[tuple[str, Any]]:
         """What one tick of T_G has found for good."""
@@ -247,6 +264,13 @@ class Planner:
         while turned := self._context.facts.conditions.unnoted():
             rows = [(f"{records.EXPRESSION}/{name}", each.to_value()) for name, each in turned]
             self._context.write(rows, now_us)
+
+
+def _result(status: Status, agreed: int) -> list[tuple[str, Any]]:
+    """The mission's result, if T_G has ended so; `agreed`: how many robots go by that."""
+    if status not in (Status.SUCCESS, Status.FAILURE) or not agreed:
+        return []
+    return [(records.RESULT, MissionResult(status is Status.SUCCESS, agreed).to_value())]
 
 
 def _solved(plan: Plan) -> Status:

@@ -330,17 +330,25 @@ class ChildResult(Record):
 
 @dataclass(frozen=True, slots=True)
 class MissionResult(Record):
-    """How T_G ended in the tick of an outcome that came with conditions; success wins."""
+    """How the mission has ended, and how many of its robots have agreed on it.
+
+    Of what one author writes, the result that more have agreed on stands, then success.
+    """
 
     success: bool
+    agreed: int
     first_stands: ClassVar[bool] = True
 
     def rank(self) -> int:
-        return int(self.success)
+        return 2 * self.agreed + self.success
+
+    def to_value(self) -> list[Any]:
+        return [self.success, self.agreed]
 
     @staticmethod
     def parse(value: Any) -> MissionResult:
-        return MissionResult(read_boolean(value))
+        success, agreed = read_fields(value, 2)
+        return MissionResult(read_boolean(success), read_integer(agreed, 1, MAX_ROBOTS))
 
 
 @dataclass(frozen=True, slots=True)

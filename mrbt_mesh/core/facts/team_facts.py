@@ -6,7 +6,7 @@ stand where the package's docstring says.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 from mrbt_mesh.core.bt.activation import parse_activation
@@ -84,7 +84,7 @@ class TeamFacts:
         self.changes = 0
         self.outcome_changes = 0
         self._orders: dict[str, Order] = {}
-        self._results: dict[str, bool] = {}
+        self._results: dict[str, MissionResult] = {}
         self._pruned_at = 0
         self.map.subscribe(self._index)
 
@@ -161,11 +161,19 @@ class TeamFacts:
         latest = max(((order.stamp, author, order.kind) for author, order in orders), default=None)
         return latest[2] if latest else OrderKind.RESUME
 
-    def result(self) -> Status | None:
-        """How T_G ended in the tick of an outcome, None if it did not; success goes first."""
+    def result(self, alive: Collection[str]) -> Status | None:
+        """How the mission has ended, None if it has not; success goes before failure.
+
+        What half of its robots or fewer have agreed on counts while no more of them are alive.
+        """
         if not self._results:
             return None
-        return Status.SUCCESS if any(self._results.values()) else Status.FAILURE
+        robots = self.mission.robots
+        present = min(sum(robot in robots for robot in alive), len(robots) // 2 + 1)
+        standing = [each.success for each in self._results.values() if each.agreed >= present]
+        if not standing:
+            return None
+        return Status.SUCCESS if any(standing) else Status.FAILURE
 
     # -- activations of global tasks ----------------------------------------------------------
 
@@ -272,8 +280,8 @@ class TeamFacts:
                 self._see_stamp(record.stamp)
             case ExpressionRevision():
                 self.conditions.note(entry.parts[1], author, record)
-            case MissionResult(success):
-                self._results[author] = success
+            case MissionResult():
+                self._results[author] = record
             case Order():
                 self._orders[author] = record
                 self._see_stamp(record.stamp)

@@ -360,14 +360,14 @@ class Membership:
         """The robots in good standing that have yet to join."""
         return self._alive.newcomers
 
-    def all_report_result(self, result: int) -> bool:
+    def all_report_result(self, result: int, digest: bytes | None = None) -> bool:
         """Whether every robot of the alive set that this one judges reports this mission status.
 
-        Suspects included. A robot that has missed the end can hear of it from its neighbours, who
-        stay until it has.
+        And, unless it is None, this digest of its plan. Suspects included. A robot that has missed
+        the end can hear of it from its neighbours, who stay until it has.
         """
         return all(
-            peer.report.result == result
+            peer.report.result == result and digest in (None, peer.report.plan_digest)
             for peer in self.neighbourhood.judged.values()
             if peer.report.has_joined
         )

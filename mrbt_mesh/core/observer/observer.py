@@ -202,8 +202,11 @@ class Observer:
 
     def _result_of_plan(self, now_us: int) -> None:
         """Believe the plan, whatever robots report."""
-        if self.plan is not None and self.plan.result in (Status.SUCCESS, Status.FAILURE):
-            self._ended(self.plan.result, now_us)
+        plan = self.plan
+        if plan is None or not (plan.is_final or self._stands_by):
+            return
+        if plan.result in (Status.SUCCESS, Status.FAILURE):
+            self._ended(plan.result, now_us)
 
     def _ended(self, result: Status, now_us: int) -> None:
         """The team has come to a result. Its reports may be older than this observer's plan."""
@@ -228,11 +231,15 @@ class Observer:
 
     @property
     def team_result(self) -> Status | None:
-        """SUCCESS or FAILURE once every robot of the alive set reports it, else None."""
-        alive = self.membership.alive_set()
+        """SUCCESS or FAILURE once every robot of the alive set reports it, else None.
+
+        Of a mission that ends, once that is a fact: until then a condition may turn.
+        """
+        alive, plan = self.membership.alive_set(), self.plan
         for result in (Status.SUCCESS, Status.FAILURE):
             if alive and self.membership.all_report_result(int(result)):
-                return result
+                has_ended = plan is not None and plan.is_final and plan.result is result
+                return result if has_ended or self._stands_by else None
         return None
 
     def result(self, anybody_lives: bool) -> str:

@@ -11,6 +11,7 @@ from dataclasses import replace
 from mrbt_mesh.core.assignment.named import NamedDemand, NamedProblem
 from mrbt_mesh.core.assignment.solve import within
 from mrbt_mesh.core.bt.evaluation import Request
+from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.coalitions import coalition_at_work
 from mrbt_mesh.core.facts.records import OrderKind
 from mrbt_mesh.core.facts.store import Incarnation
@@ -42,9 +43,10 @@ def make_plan(
     capabilities = steps.capabilities(facts, alive)
     team = capabilities.team
     outside = {r: _why_outside(facts, r, alive[r]) for r in sorted(alive) if r not in team}
-    if reason := _nothing_to_do(facts, order):
+    ended = facts.result(alive)
+    if reason := _nothing_to_do(order, ended):
         idle = dict.fromkeys(team, reason) | outside
-        return Plan(evaluation, order, {}, idle, (), ended=facts.result())
+        return Plan(evaluation, order, {}, idle, (), ended=ended)
 
     # What that asks of the team.
     requests = evaluation.requests
@@ -109,11 +111,11 @@ def _why_outside(facts: TeamFacts, robot: str, incarnation: Incarnation) -> str:
     return "leaving" if is_described else "what it can do is not known yet"
 
 
-def _nothing_to_do(facts: TeamFacts, order: OrderKind) -> str:
+def _nothing_to_do(order: OrderKind, ended: Status | None) -> str:
     """Why no robot is to work, whatever T_G asks for; empty if they are."""
     if order is not OrderKind.RESUME:
         return f"the operator's order is {order}"
-    return "the mission has ended" if facts.result() is not None else ""
+    return "" if ended is None else "the mission has ended"
 
 
 def _obstacles(

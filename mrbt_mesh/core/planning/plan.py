@@ -17,7 +17,7 @@ from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import OrderKind
-from mrbt_mesh.core.mission.mission import MICRO
+from mrbt_mesh.core.mission.mission import MICRO, Mission, MissionEnd
 from mrbt_mesh.core.planning.demands import Group
 
 # How many robots are listed by name.
@@ -212,7 +212,8 @@ class Plan:
     `feasible`, so if the assignment problem, equation (2), has a solution. A request that waits is
     no part of the problem, unless all of them wait.
 
-    `ended`: how T_G ended in the tick of an outcome, None if it did not.
+    `ended`: how the mission has ended, None if it has not. T_G may have ended before the team
+    agrees on that, and may read otherwise afterwards.
     """
 
     evaluation: Evaluation
@@ -230,19 +231,33 @@ class Plan:
 
     @cached_property
     def result(self) -> Status:
-        """The mission's status: T_G's, or FAILURE once the operator has aborted.
-
-        Once it has ended in the tick of an outcome, what comes with the outcome changes nothing.
-        """
+        """T_G's status until the mission has ended; FAILURE once the operator has aborted."""
         if self.order is OrderKind.ABORT:
             return Status.FAILURE
         return self.evaluation.status if self.ended is None else self.ended
 
+    @property
+    def is_final(self) -> bool:
+        """Whether the result stays as it is, whatever conditions turn."""
+        return self.ended is not None or self.order is OrderKind.ABORT
+
+    def is_about_to_end(self, mission: Mission) -> bool:
+        """Whether T_G has ended, so that the mission has too once all robots agree on it."""
+        is_over = self.result in (Status.SUCCESS, Status.FAILURE)
+        return is_over and not self.is_final and mission.ends is MissionEnd.ONCE
+
     @cached_property
     def digest(self) -> bytes:
-        """8 bytes over activation -> robots alone: no phases, no pins, not the alive set."""
-        lines = sorted((x.activation, x.local_task, x.robot, x.round) for x in self.lines.values())
-        return hashlib.blake2b(msgpack.packb(lines), digest_size=8).digest()
+        """8 bytes over activation -> robots alone: no phases, no pins, not the alive set.
+
+        Once the mission has ended, over how it did.
+        """
+        said: Sequence[Any] = (
+            [int(self.result)]
+            if self.ended is not None
+            else sorted((x.activation, x.local_task, x.robot, x.round) for x in self.lines.values())
+        )
+        return hashlib.blake2b(msgpack.packb(said), digest_size=8).digest()
 
     @cached_property
     def packed(self) -> bytes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from mrbt_mesh.core.agent.effects import CancelAction, Effect, Log, StartAction
+from mrbt_mesh.core.agent.effects import CancelAction, Effect, Log, StartAction, Stop
 from mrbt_mesh.core.agent.inputs import Input
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.facts.records import Claim
@@ -76,6 +76,8 @@ class Checkers:
                 self.i4.cancelled(agent, self._running)
             elif isinstance(effect, Log) and effect.event == "robot_dead":
                 self.i2.declared_dead(agent, effect.fields["robot"])
+            elif isinstance(effect, Stop):
+                self.i3.stopped(agent, effect)
             elif isinstance(effect, StartAction):
                 self.i3.started(agent, effect)
                 self.i4.started(agent, effect)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from mrbt_mesh.core.agent.effects import StartAction
+from mrbt_mesh.core.agent.effects import StartAction, Stop
 from mrbt_mesh.core.agent.inputs import Input, TimerFired
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.activation import parse_activation
@@ -126,18 +126,34 @@ def is_obsolete(agent: AgentView, entry: Entry) -> bool:
 
 
 class NothingUndone:
-    """I3: a process never loses an outcome, and what is finished stays finished."""
+    """I3: a process never loses an outcome, and what is finished stays finished: global tasks, and
+    the mission. Robots that have always heard one another stop with the same result.
+    """
 
     def __init__(self, findings: RunFindings) -> None:
         self._findings = findings
         self._outcomes: dict[SimProcess, dict[tuple[str, str], bool]] = {}
         self._finished: dict[SimProcess, set[str]] = {}
         self._seen: dict[SimProcess, tuple[int, int]] = {}
+        self._ended: dict[SimProcess, Status] = {}
+        self._stopped: dict[str, str] = {}
 
     def started(self, agent: AgentView, start: StartAction) -> None:
         if agent.facts.task_status(start.global_task, start.activation) is not Status.RUNNING:
             text = f"{agent.robot} starts {start.activation}, which it knows to be over"
             self._findings.say("I3", text)
+        if agent.facts.result(agent.alive()) is not None:
+            text = f"{agent.robot} starts {start.activation}, but knows that the mission has ended"
+            self._findings.say("I3", text)
+
+    def stopped(self, agent: AgentView, stop: Stop) -> None:
+        if not stop.reason.startswith("mission "):
+            return
+        for other, reason in self._stopped.items():
+            if reason != stop.reason and not self._findings.world.cut_off:
+                text = f"{agent.robot} stops with {stop.reason}, {other} has with {reason}"
+                self._findings.say("I3", text)
+        self._stopped[agent.robot] = stop.reason
 
     def check(self, process: SimProcess, agent: AgentView) -> None:
         """After a step, or at a sample: cheap while nothing has changed."""
@@ -146,6 +162,7 @@ class NothingUndone:
         if self._seen.get(process) == seen:
             return
         self._seen[process] = seen
+        self._check_end(process, agent)
         now = {
             (entry.author, entry.name): entry.record.success
             for entry in facts.map
@@ -171,6 +188,15 @@ class NothingUndone:
                 if not evaluator.is_obsolete(scope, facts):
                     text = f"for {agent.robot} {activation} is not finished any more"
                     self._findings.say("I3", text)
+
+    def _check_end(self, process: SimProcess, agent: AgentView) -> None:
+        """What most robots have agreed on is the mission's result, unless success comes later."""
+        result, before = agent.facts.result(agent.mission.robots), self._ended.get(process)
+        if before is not None and result not in (before, Status.SUCCESS):
+            self._findings.say("I3", f"for {agent.robot} the mission has not ended any more")
+        if result is not None:
+            self._findings.checks["I3"] += 1
+            self._ended[process] = result
 
     def _check_round(
         self,

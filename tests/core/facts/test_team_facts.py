@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import pytest
@@ -340,7 +341,39 @@ def test_facts_are_indexed_the_same_after_entries_came_and_went() -> None:
 
 def test_a_mission_that_never_ends_has_no_result() -> None:
     world = World(action("a"))
-    entry = make_entry("R1", "result", Version(Incarnation(1, "n"), 1), True)
+    entry = make_entry("R1", "result", Version(Incarnation(1, "n"), 1), [True, 1])
     assert refusal(world.facts, entry) is None
     never = World(replace(world.mission, ends=MissionEnd.NEVER))
     assert refusal(never.facts, entry) == "this mission never ends"
+
+
+@pytest.mark.parametrize(
+    ("results", "alive", "expected"),
+    [
+        ([], "R1", None),
+        ([(False, 3)], "R1 R2 R3", Status.FAILURE),
+        ([(False, 2)], "R1 R2 R3", Status.FAILURE),  # most of the three
+        ([(False, 1)], "R1 R2 R3", None),
+        ([(False, 1)], "R2 R3", None),
+        ([(False, 1)], "R3", Status.FAILURE),
+        ([(False, 3), (True, 2)], "R1 R2 R3", Status.SUCCESS),
+        ([(False, 3), (True, 1)], "R1 R2 R3", Status.FAILURE),
+        ([(False, 3), (True, 1)], "R1", Status.SUCCESS),
+        ([(False, 1), (True, 1), (False, 2)], "R1 R2 R3 guest", Status.FAILURE),
+    ],
+)
+def test_the_result_on_which_most_have_agreed_counts(
+    results: list[tuple[bool, int]], alive: str, expected: Status | None
+) -> None:
+    """Also one of fewer, where no more are alive; in whichever order they arrive."""
+    mission = make_mission(action("a"), {name: {"a": 1.0} for name in ("R1", "R2", "R3")})
+    version = Version(Incarnation(1, "n"), 1)
+    entries = [
+        make_entry(f"R{number}", "result", version, list(value))
+        for number, value in enumerate(results, 1)
+    ]
+    for order in itertools.permutations(entries):
+        facts = TeamFacts(mission, "r")
+        for entry in (*order, *order):
+            facts.map.merge([entry])
+        assert facts.result(alive.split()) is expected

@@ -119,16 +119,18 @@ def test_claims_of_the_living_are_shown() -> None:
 
 
 def test_a_late_observer_of_a_finished_mission_reports_nothing_as_blocked() -> None:
-    """Nothing is left to do, so its plan without any facts is the robots' plan."""
+    """Nor that the mission has ended, which is a fact, until it has the facts."""
     script = Script()
     script.block(UNSEEN)
     script.block(["succeed A", "pass 100", "succeed A", "succeed B", "pass 500"])
     script.block(["observe", "pass 500"])
     observer = script.team.observer
     assert observer is not None
-    assert observer.team_result is Status.SUCCESS
     assert not observer.caught_up
+    assert observer.team_result is None
     assert observer.record.blocked == []
+    observer.read(script.team.processes["A"].agent.view.facts.map, script.team.now_us)
+    assert observer.team_result is Status.SUCCESS
 
 
 def test_who_watches_another_run_is_told_so_once_per_robot() -> None:
