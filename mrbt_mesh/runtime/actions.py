@@ -22,6 +22,7 @@ from mrbt_mesh.core.agent.inputs import (
     BidMade,
     BidsMade,
     Input,
+    ProblemFound,
 )
 from mrbt_mesh.core.bt.local_run import OwnConditions
 from mrbt_mesh.core.bt.tree import Tree
@@ -32,7 +33,7 @@ from mrbt_mesh.core.mission.mission import (
     MICRO,
     Mission,
 )
-from mrbt_mesh.core.mission.names import split_call
+from mrbt_mesh.core.mission.names import split_call, type_name
 from mrbt_mesh.runtime.local_trees import LeafEnd, LocalTreeRunner
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext, TaskFunction
 from mrbt_mesh.runtime.task_call import perform
@@ -182,9 +183,7 @@ class ActionRunner:
             return await run
         except anyio.get_cancelled_exc_class():
             if (late := call.late_failure) is not None:
-                self._host.log(
-                    "error", "cancelled_code_failed", function=call.name, error=late.details
-                )
+                self._tell_problem("when cancelled", call.name, late)
             raise
         finally:
             self._calls.discard(call)
@@ -264,9 +263,14 @@ class ActionRunner:
         try:
             await self._watched(call, call.run())
         except UserCodeError as failure:
-            self._host.log("error", "background_failed", function=name, error=failure.details)
+            self._tell_problem("background function", name, failure)
         finally:
             self.backgrounds -= 1
+
+    def _tell_problem(self, part: str, name: str, failure: UserCodeError) -> None:
+        """Tell the team, and the log with the traceback."""
+        self._host.log("error", "program_failed", part=f"{part} {name}", error=failure.details)
+        self._host.submit(ProblemFound(f"{part} {type_name(name)}", failure.reason))
 
     def _context(
         self, effect: StartAction, name: str, arguments: tuple[str, ...], port: AgentPort

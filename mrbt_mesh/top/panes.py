@@ -15,7 +15,7 @@ from textual.widgets import Static
 from mrbt_mesh.core.bt.tree import Kind, Status
 from mrbt_mesh.top.lanes import LEAST_S, Window, axis, lane, latest_fault
 from mrbt_mesh.top.marks import MARKS
-from mrbt_mesh.top.robot_rows import capabilities_text, robot_text, trees_text
+from mrbt_mesh.top.robot_rows import capabilities_text, problems_text, robot_text, trees_text
 from mrbt_mesh.top.robot_tree import RobotRows
 from mrbt_mesh.top.rows import Rows
 from mrbt_mesh.top.team import ShownTeam
@@ -304,6 +304,9 @@ class WhyPane(VerticalScroll):
             text.append_text(why_text(takeover))
         text.append("\n")
         text.append_text(capabilities_text(item))
+        if item["problems"]:
+            text.append("\n")
+            text.append_text(problems_text(item))
         if item["statuses"]:
             text.append("\n")
             text.append_text(trees_text(item))

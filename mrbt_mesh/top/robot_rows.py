@@ -39,6 +39,11 @@ def robot_text(robot: str, item: dict[str, Any], name_width: int) -> Text:
     return text
 
 
+def problems_text(item: dict[str, Any]) -> Text:
+    """What is wrong with its program, a line for each part."""
+    return Text("\n".join(f"program problem, {each}" for each in item["problems"]), "red")
+
+
 def bar(percent: int) -> str:
     """Progress, 0 to 100."""
     full = BAR_COLUMNS * min(max(percent, 0), 100) // 100

@@ -115,6 +115,10 @@ class TeamState:
             "pid": known.member.pid if known else None,
             "capabilities": in_units(known.member.capabilities) if known else {},
             "lost": list(known.member.lost) if known else [],
+            "problems": [
+                f"{subject}: {text}"
+                for subject, text in observer.facts.problems.get(robot, {}).items()
+            ],
             "local_task": claim.local_task if claim else None,
             "global_task": claim.global_task if claim else None,
             "phase": claim.phase.name.lower() if claim else None,

@@ -13,6 +13,7 @@ from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.facts.team_facts import capability
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import MICRO, Need, performance
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.observer.episodes import MajorFault
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.task_log import TaskState
@@ -96,6 +97,9 @@ def _candidate(
         verb = "goes on with" if line.pinned else "does"
         other = f"{verb} {line.local_task} for {line.global_task}"
         return Candidate(robot, units, False, f"{other} ({line.performance / MICRO:g})")
+    bid_problem = observer.facts.problems.get(robot, {}).get(f"bid for {type_name(local_task)}")
+    if bids is not None and number is None and bid_problem is not None:
+        return Candidate(robot, None, False, bid_problem)
     idle = plan.idle.get(robot, "is joining") if plan is not None else "is joining"
     return Candidate(robot, units, False, f"is free: {idle}" if plan is not None else idle)
 

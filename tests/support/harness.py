@@ -325,6 +325,8 @@ def latch_text(kind: str, parts: list[str], value: object) -> str:
             return f"the mission's {'success' if success else 'failure'}"
         case "expression", [revision, _]:
             return f"{parts[0]} (revision {revision})"
+        case "problem", text:
+            return f"problem of {parts[0]}: {text}"
         case "attempt", number:
             return f"attempt {number}"
     scope = parse_activation(parts[0])

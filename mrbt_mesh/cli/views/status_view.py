@@ -12,7 +12,12 @@ from rich.text import Text
 
 from mrbt_mesh.cli.views.live_view import STATE_STYLES
 from mrbt_mesh.cli.views.plan_view import render_bounds
-from mrbt_mesh.cli.views.summary_view import MOST_FAILURES, capability_changes, failure_line
+from mrbt_mesh.cli.views.summary_view import (
+    MOST_FAILURES,
+    capability_changes,
+    failure_line,
+    problem_line,
+)
 from mrbt_mesh.core.membership.peer import State
 
 # So many reasons of refusals are named for each robot; `--json` has all.
@@ -31,6 +36,7 @@ def render_status(data: Mapping[str, Any]) -> RenderableType:
         *([render_bounds(data["bounds"])] if data["bounds"] else []),
         *(Text(f"{row['request']} {row['reason']}", "red") for row in data["blocked"]),
         *_failures(data["failures"]),
+        *_problems(data["robots"]),
         agreement,
         *_refused(data.get("refused", {})),
         *([] if data.get("secure", True) else [Text("not secure: nothing is signed", "yellow")]),
@@ -42,6 +48,15 @@ def _failures(ends: Sequence[Mapping[str, Any]]) -> list[Text]:
     lines = [failure_line(end) for end in ends[-MOST_FAILURES:]]
     earlier = len(ends) - len(lines)
     return ([Text(f"{earlier} earlier failures", "dim")] if earlier else []) + lines
+
+
+def _problems(robots: Mapping[str, Any]) -> list[Text]:
+    """What is wrong with the programs of the robots."""
+    return [
+        problem_line({"robot": robot, "subject": subject, "problem": text})
+        for robot, row in robots.items()
+        for subject, text in row["problems"].items()
+    ]
 
 
 def _refused(counts: Mapping[str, Mapping[str, int]]) -> list[Text]:

@@ -178,6 +178,8 @@ def _story(summary: Mapping[str, Any]) -> list[tuple[float, Text]]:
     if len(failures) > MOST_FAILURES:
         left = _count(len(failures) - MOST_FAILURES, "other failure")
         story.append((failures[MOST_FAILURES].get("at_s") or 0.0, Text(f"and {left}", "dim")))
+    for each in summary.get("problems", ()):
+        story.append((each.get("at_s") or 0.0, problem_line(each)))
     for episode in summary.get("blocked", ()):
         line = Text(episode["request"], "bold")
         line.append(f" {episode['reason']}", "not bold yellow")
@@ -185,6 +187,13 @@ def _story(summary: Mapping[str, Any]) -> list[tuple[float, Text]]:
         line.append(", to the end" if to_s is None else f", until {_seconds(to_s)}", PLAIN)
         story.append((episode.get("from") or 0.0, line))
     return sorted(story, key=lambda item: item[0])
+
+
+def problem_line(problem: Mapping[str, Any]) -> Text:
+    """What is wrong with a robot's program."""
+    line = Text(problem["robot"], "bold")
+    line.append(f" program problem, {problem['subject']}: ", "not bold red")
+    return line.append(problem["problem"], PLAIN)
 
 
 def failure_line(end: Mapping[str, Any]) -> Text:

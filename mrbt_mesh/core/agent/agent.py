@@ -33,6 +33,7 @@ from mrbt_mesh.core.agent.inputs import (
     PerformanceChanged,
     PlanMade,
     PositionReported,
+    ProblemFound,
     ProgressReported,
     QueryReceived,
     RouterAnswered,
@@ -138,14 +139,20 @@ class Agent:
                 self._reports.change_capability(local_task, lost, now_us)
             case PerformanceChanged(local_task, performance):
                 self._reports.change_performance(local_task, performance, now_us)
-            case BidsMade():
-                self._reports.bids_made(event, now_us)
+            case BidsMade() | ProblemFound():
+                self._take_for_team(event, now_us)
             case LeaveRequested():
                 self._reports.leave(now_us)
             case PlanMade(number, plan):
                 self._planner.made(number, plan, now_us)
             case _:
                 pass  # TimerFired: what is due is followed up
+
+    def _take_for_team(self, event: BidsMade | ProblemFound, now_us: int) -> None:
+        if isinstance(event, BidsMade):
+            self._reports.bids_made(event, now_us)
+        else:
+            self._reports.problem_found(event.subject, event.text, now_us)
 
     def _take_for_people(self, event: ProgressReported | TreeTicked | PositionReported) -> None:
         """What heartbeats carry for those who watch; nothing follows from it."""

@@ -146,6 +146,17 @@ class PerformanceChanged:
 
 
 @dataclass(frozen=True, slots=True)
+class ProblemFound:
+    """Something is wrong with the robot's own program: `subject` names the part, `text` says what.
+
+    The team is told for those who watch; nothing follows from it.
+    """
+
+    subject: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class BidMade:
     """What this robot would do a local task with, in micro-units.
 
@@ -209,6 +220,7 @@ Input: TypeAlias = (
     | CapabilityChanged
     | PerformanceChanged
     | BidsMade
+    | ProblemFound
     | LeaveRequested
     | TimerFired
     | PlanMade

@@ -11,6 +11,7 @@ from mrbt_mesh.core.agent.executor import Executor
 from mrbt_mesh.core.agent.inputs import ActionFinished, BidsMade
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.problems import as_subject
 from mrbt_mesh.core.facts.records import ConditionValue, OrderKind, Outcome
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
 from mrbt_mesh.core.mission.conditions import own_name
@@ -18,6 +19,7 @@ from mrbt_mesh.core.mission.failure_reasons import one_line
 from mrbt_mesh.core.mission.names import type_name
 
 CONDITIONS_PER_OUTCOME = 1_000
+MAX_PROBLEMS = 20
 
 
 class Reports:
@@ -35,7 +37,9 @@ class Reports:
         self._executor = executor
         self._schedule = schedule
         self._asked_bids: set[tuple[str, str]] = set()
+        self._failed_bids: set[str] = set()
         self._unsaid: dict[str, bool] = {}
+        self._unsaid_problems: dict[str, str] = {}
 
     def finished(self, event: ActionFinished, now_us: int) -> None:
         """Write the outcome and the conditions in one batch, with the claim that ends.
@@ -92,6 +96,9 @@ class Reports:
         """The robot has joined: tell the conditions that were set before."""
         unsaid, self._unsaid = self._unsaid, {}
         self.set_conditions(unsaid, now_us)
+        problems, self._unsaid_problems = self._unsaid_problems, {}
+        for subject, text in problems.items():
+            self.problem_found(subject, text, now_us)
 
     def _condition_writes(
         self, conditions: Iterable[tuple[str, bool]]
@@ -172,6 +179,7 @@ class Reports:
             self._asked_bids.clear()
             return
         writes: dict[str, int | None] = {}
+        problems: dict[str, str] = {}
         for bid in event.bids:
             if (bid.activation, bid.local_task) not in self._asked_bids:
                 continue  # nobody needs it any more
@@ -180,12 +188,42 @@ class Reports:
             error = bid.error or context.replica.find_problem(name, value)
             if error:
                 value = None
-                lines = error.strip().splitlines()
-                if context.is_first(f"bid for {type_name(bid.local_task)}", lines[-1]):
+                subject = f"bid for {type_name(bid.local_task)}"
+                if subject not in self._failed_bids:
+                    self._failed_bids.add(subject)
                     context.log("error", "bid_failed", local_task=bid.local_task, error=error)
+                problems[subject] = f"made no bid: {bid.reason or error}"
             writes[name] = value
         if writes:
-            context.write(sorted(writes.items()), now_us)
+            context.write([*sorted(writes.items()), *self._problem_writes(problems)], now_us)
+
+    # -- problems of its program --------------------------------------------------------------
+
+    def problem_found(self, subject: str, text: str, now_us: int) -> None:
+        """Tell the team what is wrong with a part of the program; a new life keeps it until then.
+
+        The first MAX_PROBLEMS parts are told; the log has them all.
+        """
+        context = self._context
+        if context.is_new:
+            self._unsaid_problems[subject] = text
+            return
+        writes = self._problem_writes({subject: text})
+        if writes:
+            context.write(writes, now_us)
+
+    def _problem_writes(self, problems: Mapping[str, str]) -> list[tuple[str, Any]]:
+        """The entries that tell of problems; none for those that are known already."""
+        context = self._context
+        known = context.facts.problems.get(context.me, {})
+        writes: dict[str, str] = {}
+        for given, text in problems.items():
+            subject, line = as_subject(given), one_line(text)
+            is_told = subject in known or len(known) + len(writes) < MAX_PROBLEMS
+            if is_told and known.get(subject) != line:
+                context.log("error", "program_problem", subject=subject, problem=line)
+                writes[f"{records.PROBLEM}/{subject}"] = line
+        return sorted(writes.items())
 
     # -- itself -------------------------------------------------------------------------------
 

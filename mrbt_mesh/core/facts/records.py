@@ -12,7 +12,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar
 
+from mrbt_mesh.core.facts.problems import ProgramProblem
 from mrbt_mesh.core.facts.values import (
+    Record,
     check_depth,
     read_boolean,
     read_fields,
@@ -25,15 +27,6 @@ from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MAX_ROBOTS
 
 MAX_NAME = 2_048
 MAX_CAPABILITIES = 1_000
-
-
-class Record:
-    """Base of all records. `rank` and `first_stands` are the exceptions to newest-wins."""
-
-    first_stands: ClassVar[bool] = False
-
-    def rank(self) -> int:
-        return 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -401,6 +394,8 @@ CHILD_RESULT = "passed"
 DONE = "done"
 # For one local task of an activation: the author's bid; nobody's bid is waited for any more.
 BID, CLOSED = "bid", "closed"
+# What is wrong with a part of the author's program.
+PROBLEM = "problem"
 
 _PARSERS: Mapping[str, Callable[[Any], Record]] = {
     MEMBER: Member.parse,
@@ -422,6 +417,7 @@ _PARSERS: Mapping[str, Callable[[Any], Record]] = {
     DONE: Latch.parse,
     BID: Bid.parse,
     CLOSED: Latch.parse,
+    PROBLEM: ProgramProblem.parse,
 }
 COALITION_KINDS = frozenset({COALITION, BROKEN, GRANT, DOUBT, CLEARED})
 EXCLUSIVE_KINDS = frozenset({GRANT, DOUBT, CLEARED, DONE})

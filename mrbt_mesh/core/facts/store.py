@@ -15,7 +15,8 @@ from typing import Any, NamedTuple, TypeAlias
 
 import msgpack
 
-from mrbt_mesh.core.facts.records import Record, parse_record
+from mrbt_mesh.core.facts.records import parse_record
+from mrbt_mesh.core.facts.values import Record
 
 MAX_VALUE_BYTES = 1 << 18
 _DIGEST_MODULUS = 1 << 128

@@ -16,6 +16,7 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.activation_facts import NO_BIDS, ActivationFacts, KnownBids, Outcomes
 from mrbt_mesh.core.facts.coalitions import Coalitions
 from mrbt_mesh.core.facts.conditions import Conditions
+from mrbt_mesh.core.facts.problems import ProgramProblem
 from mrbt_mesh.core.facts.records import (
     Claim,
     CoalitionId,
@@ -68,7 +69,8 @@ def changed_performances(mission: Mission, robot: str, member: Member) -> dict[s
 class TeamFacts:
     """The replicated facts of one run of one mission, indexed.
 
-    `activations`: what is said of each activation, by name. `changes` counts all changes of the
+    `activations`: what is said of each activation, by name. `problems`: robot -> part of its
+    program -> what is wrong with it. `changes` counts all changes of the
     map, `outcome_changes` those of outcomes. `max_stamp`: the greatest Lamport stamp seen.
     """
 
@@ -80,6 +82,7 @@ class TeamFacts:
         self.claims: dict[str, KnownClaim] = {}
         self.conditions = Conditions(mission)
         self.activations: dict[str, ActivationFacts] = {}
+        self.problems: dict[str, dict[str, str]] = {}
         self.max_stamp = 0
         self.changes = 0
         self.outcome_changes = 0
@@ -282,6 +285,8 @@ class TeamFacts:
                 self.conditions.note(entry.parts[1], author, record)
             case MissionResult():
                 self._results[author] = record
+            case ProgramProblem(text):
+                self.problems.setdefault(author, {})[entry.parts[1]] = text
             case Order():
                 self._orders[author] = record
                 self._see_stamp(record.stamp)

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import reprlib
-from typing import Any
+from typing import Any, ClassVar
 
 MAX_TEXT = 640
 MAX_STAMP = (1 << 53) - 1
 MAX_DATA_DEPTH = 16
+
+
+class Record:
+    """Base of all records. `rank` and `first_stands` are the exceptions to newest-wins."""
+
+    first_stands: ClassVar[bool] = False
+
+    def rank(self) -> int:
+        return 0
 
 
 def shown(value: Any) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.problems import ProgramProblem
 from mrbt_mesh.core.facts.records import Bid, Claim, ConditionValue, Member, NoClaim, Outcome, Phase
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import changed_performances
@@ -52,6 +53,8 @@ class RunRecord:
         self.timeline: list[tuple[int, str]] = []
         self.claims: list[tuple[int, str, Claim]] = []
         self.conditions: list[tuple[int, str, bool]] = []
+        # (robot, part of its program) -> since when, what is wrong with it.
+        self.problems: dict[tuple[str, str], tuple[int, str]] = {}
         self.biddings: dict[tuple[str, str], BiddingRecord] = {}
         self.joined_us: dict[str, int] = {}
         self._claims: dict[str, tuple[Claim, Incarnation]] = {}
@@ -214,8 +217,14 @@ class RunRecord:
             case Bid(number):
                 _, activation, local_task = entry.parts
                 self._bid(robot, activation, local_task, number, now_us)
+            case ProgramProblem(text):
+                self._problem(robot, entry.parts[1], text, now_us)
             case records.Order() as order:
                 self._say_heard(now_us, f"operator: {order.kind}")
+
+    def _problem(self, robot: str, subject: str, text: str, now_us: int) -> None:
+        self.problems[robot, subject] = (now_us, text)
+        self._say_heard(now_us, f"{robot}: program problem, {subject}: {text}")
 
     def plan(self, plan: Plan, now_us: int, settled: bool = True) -> None:
         """A new plan: how far global tasks are, and what is blocked.

@@ -58,6 +58,10 @@ def run_summary(record: RunRecord, result: str, now_us: int) -> dict[str, Any]:
             for episode in record.blocked
         ],
         "failures": [_failure(record, end) for end in record.failures],
+        "problems": [
+            {"robot": robot, "subject": subject, "at_s": record.seconds(at_us), "problem": text}
+            for (robot, subject), (at_us, text) in record.problems.items()
+        ],
         "bids": [
             {
                 "global_task": bidding.global_task,

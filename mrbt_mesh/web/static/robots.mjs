@@ -40,7 +40,7 @@ export class RobotsView {
   _card(name) {
     const part = (tag, className) => element(tag, { class: className });
     const card = { state: part("span", "state"), type: part("span", "hint"), task: part("div", "task"),
-      can: part("div", "can"), trees: part("div", "trees"), buttons: part("div", "buttons"), shown: "", canShown: "" };
+      can: part("div", "can"), problems: part("div", "problems"), trees: part("div", "trees"), buttons: part("div", "buttons"), shown: "", canShown: "" };
     // Its inner part is scaled, which needs no new layout.
     card.done = element("div", {});
     card.bar = element("div", { class: "progress", role: "progressbar", "aria-label": `progress of ${name}`, "aria-valuenow": 0 }, card.done);
@@ -48,7 +48,7 @@ export class RobotsView {
       onclick: () => this._select({ kind: "robot", name }) }, name);
     // By keys it is chosen by its name; with a mouse or a finger it is one target, but for its buttons.
     card.root = element("li", { class: "card", onclick: (event) => { if (!event.target.closest("button")) card.name.click(); } },
-      element("div", { class: "top" }, card.name, card.type, card.state), card.task, card.bar, card.can, card.trees, card.buttons);
+      element("div", { class: "top" }, card.name, card.type, card.state), card.task, card.bar, card.can, card.problems, card.trees, card.buttons);
     this._cards.set(name, card);
     const after = [...this._cards.keys()].sort().indexOf(name);
     byId("cards").insertBefore(card.root, byId("cards").children[after] ?? null);
@@ -76,6 +76,7 @@ export class RobotsView {
       card.done.style.transform = `scaleX(${progress / 100})`;
     }
     this._drawCan(card, robot);
+    setText(card.problems, (robot.problems ?? []).map((text) => `⚠ program problem, ${text}`).join("\n"));
     this._drawTrees(card, robot.statuses);
     if (this._control) this._drawButtons(card, name, robot);
   }

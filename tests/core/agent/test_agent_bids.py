@@ -43,7 +43,7 @@ def test_a_bid_for_what_is_no_longer_wanted_is_not_told() -> None:
     assert not script.team.processes["A"].agent.view.facts.bids(asked.activation).of("swim")
 
 
-def test_a_bid_beyond_all_limits_is_no_bid_and_counted() -> None:
+def test_a_bid_beyond_all_limits_is_no_bid_and_told() -> None:
     script = Script()
     script.block(TEAM.splitlines())
     process = script.team.processes["A"]
@@ -51,8 +51,9 @@ def test_a_bid_beyond_all_limits_is_no_bid_and_counted() -> None:
     bid = BidMade(asked.activation, asked.local_task, 10 * MAX_PERFORMANCE)
     script.team.give(process, BidsMade((bid,)))
     assert process.agent.view.facts.bids(asked.activation).of(asked.local_task) == {"A": None}
-    (reason,) = process.agent.view.refused
-    assert reason.startswith("bid for drive: integer from")
+    (problem,) = process.agent.view.facts.problems["A"].items()
+    assert problem[0] == "bid for drive"
+    assert problem[1].startswith("made no bid: integer from")
 
 
 def test_what_was_asked_before_a_new_life_is_asked_again() -> None:
