@@ -10,10 +10,13 @@ from __future__ import annotations
 
 import math
 import os
+import resource
 from dataclasses import dataclass
 from typing import Literal
 
 import psutil
+
+from mrbt_mesh.errors import InputError
 
 # Processor time that one robot takes per beat: its own beat, those that it hears, its links.
 BEAT_COST_S = 0.009
@@ -22,8 +25,28 @@ ROBOT_MEMORY_MB = 30
 # Robots at rest may take so much of the processor: starting, plans and work need the rest.
 MOST_OF_CORES = 0.6
 MOST_OF_MEMORY = 0.8
+# Files and sockets that a process of a team has open: 27 with 2 robots, 42 with 6, and two for each
+# robot more at most.
+OPEN_FILES, OPEN_FILES_PER_ROBOT = 36, 2
 # Silence until a robot is dead, in beats, as by default.
 DETECTION_BEATS = 5
+
+
+def allow_open_files(robots: int) -> None:
+    """Let this process, and the robots that it starts, open what a team of so many needs.
+
+    Raises InputError if the system's limit is lower.
+    """
+    needed = OPEN_FILES + OPEN_FILES_PER_ROBOT * robots
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft == resource.RLIM_INFINITY or soft >= needed:
+        return
+    if hard != resource.RLIM_INFINITY and hard < needed:
+        raise InputError(
+            f"a process may open {hard} files here (ulimit -n), and each process of a team of "
+            f"{robots} robots needs {needed}: raise the limit, or start fewer robots"
+        )
+    resource.setrlimit(resource.RLIMIT_NOFILE, (needed, hard))
 
 
 @dataclass(frozen=True)

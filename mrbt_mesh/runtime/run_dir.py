@@ -11,7 +11,8 @@ fork_server.out     what was printed by the process that forks the robots: nothi
 events.jsonl        the physical truth, written by the robots
 recordings/         what each robot knew and did (see `recording.folder`)
 run.mcap            what `up` heard of it
-summary.json        written by `up` at the end
+summary.json        written by `up` at the end; for a detached team by `cli/team/summary_writer.py`
+summary_writer.out  what was printed by that process: nothing, unless it fails
 metrics-targets.json  where robots serve metrics, as Prometheus reads it (file_sd_configs)
 """
 
@@ -235,9 +236,19 @@ class RunDir:
         return sorted(path.stem for path in self.path.glob("*.process"))
 
     def summary(self) -> dict[str, Any] | None:
-        """The summary of a run that has ended, else None."""
+        """The summary of a run that has ended, else None; not that of the run which it resumes."""
+        path = self.path / SUMMARY_FILE
         try:
-            data: dict[str, Any] = json.loads((self.path / SUMMARY_FILE).read_text())
+            data: dict[str, Any] = json.loads(path.read_text())
+            is_of_now = path.stat().st_mtime >= self.info().started_unix_s
         except (OSError, ValueError):
             return None
-        return data
+        return data if is_of_now else None
+
+    def write_summary(self, summary: Mapping[str, Any]) -> None:
+        """Write summary.json; raises RunDirError."""
+        path = self.path / SUMMARY_FILE
+        try:
+            write_atomically(path, json.dumps(summary, indent=2) + "\n")
+        except OSError as error:
+            raise RunDirError(f"{path} cannot be written: {error.strerror or error}") from error

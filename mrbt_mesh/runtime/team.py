@@ -166,6 +166,7 @@ class Team:
         self.environment = dict(environment or {})
         self.processes: dict[str, StartedRobot] = {}
         self._forks: RobotForks | None = None
+        self._started_ns = 0
 
     async def start(
         self, robot: str, *, robot_type: str | None = None, takeover: bool = False
@@ -199,6 +200,7 @@ class Team:
 
         They are forked from one process, unless they have places of their own.
         """
+        self._started_ns = time.time_ns()
         if not CAN_FORK or self.info.places or len(self.info.robots) == 1:
             for robot in self.info.robots:
                 await self.start(robot)
@@ -213,13 +215,22 @@ class Team:
             if first + STARTED_AT_ONCE < len(arguments):
                 await self._until_up(robots, before_ns)
 
-    async def _until_up(self, robots: Sequence[str], before_ns: int) -> None:
+    async def until_up(self, timeout_s: float) -> list[str]:
+        """Wait until all robots that were started from here have opened their sessions, or ended.
+
+        Returns those that have done neither.
+        """
+        return await self._until_up([*self.processes], self._started_ns, timeout_s)
+
+    async def _until_up(
+        self, robots: Sequence[str], before_ns: int, timeout_s: float = UP_TIMEOUT_S
+    ) -> list[str]:
         """Wait until these have opened their sessions: many that start at once starve each other.
 
-        No longer than `UP_TIMEOUT_S`: one that ends, or hangs, holds up nobody.
+        No longer than `timeout_s`: one that ends, or hangs, holds up nobody.
         """
         waiting, begun_ns = set(robots), dict.fromkeys(robots, before_ns)
-        with anyio.move_on_after(UP_TIMEOUT_S):
+        with anyio.move_on_after(timeout_s):
             while waiting:
                 await anyio.sleep(UP_LOOK_S)
                 for robot in sorted(waiting):
@@ -231,6 +242,7 @@ class Team:
                         waiting.discard(robot)
                     elif mark_ns > before_ns:
                         begun_ns[robot] = mark_ns  # it has begun; next it marks that it is up
+        return sorted(waiting)
 
     def process(self, robot: str) -> psutil.Process | None:
         """The robot's process, whoever started it, also one that is only just starting."""

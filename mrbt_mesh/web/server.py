@@ -70,8 +70,8 @@ async def served(
     options: PageOptions, feed: Feed, make_page: Callable[[frozenset[str]], Page]
 ) -> AsyncIterator[str]:
     """The address of a page, which is made for the Host headers that name it. Raises PageError."""
-    with _bound(options) as bound:
-        port = bound.getsockname()[1]
+    with bound(options) as opened:
+        port = opened.getsockname()[1]
         names = {options.host, LOOPBACK, "localhost", *names_of(options.host)}
         config = uvicorn.Config(
             make_page(hosts(names, port)).application(),
@@ -83,7 +83,7 @@ async def served(
         )
         server = _Server(config)
         async with anyio.create_task_group() as group:
-            group.start_soon(server.serve, [bound])
+            group.start_soon(server.serve, [opened])
             while not server.started:
                 await anyio.sleep(0.01)
             shown = f"[{options.host}]" if ":" in options.host else options.host
@@ -107,16 +107,21 @@ def names_of(host: str) -> set[str]:
     return {name.partition("%")[0].lower() for name in found} | {socket.gethostname().lower()}
 
 
-def _bound(options: PageOptions) -> socket.socket:
+def bound(options: PageOptions) -> socket.socket:
+    """A socket at the page's address; raises PageError."""
     family = socket.AF_INET6 if ":" in options.host else socket.AF_INET
-    bound = socket.socket(family, socket.SOCK_STREAM)
+    opened = socket.socket(family, socket.SOCK_STREAM)
     try:
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        bound.bind((options.host, options.port))
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        opened.bind((options.host, options.port))
+        opened.listen()
     except (OSError, OverflowError) as error:
-        bound.close()
-        raise PageError(f"cannot serve at {options.host} port {options.port}: {error}") from error
-    return bound
+        opened.close()
+        why = getattr(error, "strerror", None) or error
+        raise PageError(
+            f"the page cannot be served at {options.host} port {options.port}: {why}"
+        ) from None
+    return opened
 
 
 async def follow(watcher: Watcher, feed: Feed) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import secrets
+import socket
 
 import pytest
 
@@ -79,6 +80,34 @@ def test_detached_teams_run_without_an_observer_and_end_by_themselves(team: Team
     assert team.fork_servers() == []
     over = team.wait_until(lambda: _stopped(team, "R1"), "R1 stopped")
     assert over[-1]["reason"] == "mission success"
+    summary = team.run_dir / "summary.json"
+    team.wait_until(summary.exists, "its summary is written, though nobody watched")
+    assert json.loads(summary.read_text())["result"] == "success"
+    assert team.status() | {"over": True, "result": "success"} == team.status()
+
+
+def test_a_detached_team_that_is_killed_has_a_status(team: Team) -> None:
+    team.hold("explore")
+    team.mrbt("up", str(EXPLORE), "--detach", "--run-dir", str(team.run_dir))
+    team.wait_for_events(2, "explore")
+    team.kill_all()
+    team.wait_until(lambda: not team.running(), "all are gone")
+    assert team.mrbt("status").startswith("the run is over: blocked\n")
+    summary = json.loads((team.run_dir / "summary.json").read_text())
+    assert (summary["result"], summary["ended_because"]) == ("blocked", "no robot is left")
+    assert summary["duration_s"] < 100
+    assert {row["robots"][0] for row in summary["global_tasks"].values()} == {"R1", "R2"}
+
+
+def test_a_detached_team_that_cannot_start_is_said_and_leaves_no_robot(team: Team) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        metrics = ("--metrics-port", str(port))
+        options = ("--detach", "--run-dir", str(team.run_dir), *metrics)
+        refused = team.command("up", str(EXPLORE), *options)
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert f"metrics cannot be served on 127.0.0.1:{port}: Address already" in refused.stderr
+    assert team.running() == []
 
 
 def _stopped(team: Team, robot: str) -> list[dict[str, str]]:

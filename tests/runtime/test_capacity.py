@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import resource
+
 import psutil
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.capacity import (
     BEAT_COST_S,
     MOST_OF_CORES,
     MOST_OF_MEMORY,
     ROBOT_MEMORY_MB,
     Machine,
+    allow_open_files,
     overload,
 )
 
@@ -75,3 +80,17 @@ def test_this_machine() -> None:
     found = Machine.here()
     assert 1 <= found.cores <= (psutil.cpu_count() or 1)
     assert 1 <= found.free_memory_mb <= psutil.virtual_memory().total / 1e6
+
+
+def test_a_low_limit_of_open_files_is_raised_as_far_as_it_may(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    raised: list[tuple[int, int]] = []
+    monkeypatch.setattr(resource, "setrlimit", lambda _, limits: raised.append(limits))
+    for soft, hard in ((1024, 4096), (40, 4096), (resource.RLIM_INFINITY,) * 2):
+        monkeypatch.setattr(resource, "getrlimit", lambda _, found=(soft, hard): found)
+        allow_open_files(20)
+    assert raised == [(76, 4096)]
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (40, 75))
+    with pytest.raises(InputError, match=r"may open 75 files here .* 20 robots needs 76"):
+        allow_open_files(20)

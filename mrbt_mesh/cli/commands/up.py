@@ -86,6 +86,7 @@ def up(
     from mrbt_mesh.cli.team.launching import created, resumed, run_team
     from mrbt_mesh.cli.team.network_options import endpoints_of, warn_insecure
     from mrbt_mesh.formats.mission_file import load_mission
+    from mrbt_mesh.runtime.metrics.server import require_metrics
     from mrbt_mesh.runtime.solver_loader import solver_for
     from mrbt_mesh.runtime.team import new_run
 
@@ -100,6 +101,8 @@ def up(
     if launch.no_record:
         given.refuse(["--record-beats"], "with --no-record nothing is recorded")
     served = page.page() if web else None
+    if launch.metrics_port is not None:
+        require_metrics()
     loaded = load_mission(mission)
     robots = chosen_robots("--robots", launch.robots, loaded)
     program = checked_program(loaded, robots, launch.program)

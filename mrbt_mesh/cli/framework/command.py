@@ -38,9 +38,22 @@ class MrbtCommand(click.Command):
             return super().invoke(ctx)
         except InputError as error:
             fail(str(error))
+        except BaseExceptionGroup as group:
+            # A task group wraps what was raised within it.
+            alone = lone(group)
+            if isinstance(alone, InputError):
+                fail(str(alone))
+            raise alone from None
 
     def main(self, *args: Any, **extra: Any) -> Any:
         run(super().main, *args, **extra)
+
+
+def lone(error: BaseException) -> BaseException:
+    """The one exception in a group of one; a group of several stays one."""
+    while isinstance(error, BaseExceptionGroup) and len(error.exceptions) == 1:
+        error = error.exceptions[0]
+    return error
 
 
 def run(main: Callable[..., Any], *args: Any, **extra: Any) -> NoReturn:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 from typing import NoReturn
@@ -26,6 +27,7 @@ def fail(message: str, code: int = BAD_INPUT) -> NoReturn:
 
 def end_process(code: int) -> NoReturn:
     """End a process that had a Zenoh session: closing one can take 10 s, so do not wait."""
-    sys.stdout.flush()
-    sys.stderr.flush()
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError):
+            stream.flush()
     os._exit(code)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO, cast
 
 from rich.console import Console
 from rich.text import Text
@@ -14,6 +15,31 @@ from mrbt_mesh.errors import InputError
 
 console = Console()
 errors = Console(stderr=True, highlight=False)
+
+
+class _LosableOutput:
+    """A standard stream whose text is lost where it cannot be written."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        with contextlib.suppress(OSError):
+            self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with contextlib.suppress(OSError):
+            self._stream.flush()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+def lose_output_rather_than_end() -> None:
+    """From now on a closed pipe or a full disk costs what is printed, and ends nothing."""
+    sys.stdout = cast(TextIO, _LosableOutput(sys.stdout))
+    sys.stderr = cast(TextIO, _LosableOutput(sys.stderr))
 
 
 def labelled(label: str, style: str, text: str) -> Text:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -10,23 +12,28 @@ from typing import TYPE_CHECKING, NoReturn
 import anyio
 import click
 
-from mrbt_mesh.cli.framework.exits import SUCCESS, end_process
-from mrbt_mesh.cli.framework.terminal import errors, labelled, note
+from mrbt_mesh.cli.framework.exits import BAD_INPUT, FAILURE, SUCCESS, end_process
+from mrbt_mesh.cli.framework.terminal import errors, labelled, lose_output_rather_than_end, note
 from mrbt_mesh.cli.team.show_options import ShowOptions
-from mrbt_mesh.cli.team.watching import watch
+from mrbt_mesh.cli.team.watching import print_refusals, watch
 from mrbt_mesh.cli.views.overload_view import overload_text
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
 from mrbt_mesh.recording.folder import observer_file
-from mrbt_mesh.runtime.capacity import Machine, overload
+from mrbt_mesh.runtime.capacity import Machine, allow_open_files, overload
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
 from mrbt_mesh.runtime.recording import RecordTo
 from mrbt_mesh.runtime.run_dir import RunDir, RunInfo, state_dir
+from mrbt_mesh.runtime.settings import START_S_PER_ROBOT
 from mrbt_mesh.runtime.team import Team, address_of
 
 if TYPE_CHECKING:
     from mrbt_mesh.web.server import PageOptions
+
+
+# What the slowest machine takes to start few robots.
+UP_TIMEOUT_S = 60.0
 
 
 def created(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
@@ -66,9 +73,45 @@ def run_team(
 ) -> NoReturn:
     """Start the robots, watch them to the end (None: leave them running), and end the process.
 
-    `page`: watch them in a browser too.
+    `page`: watch them in a browser too. Output that cannot be written ends no robot.
     """
+    allow_open_files(len(run_dir.info().robots))
+    lose_output_rather_than_end()
     end_process(anyio.run(_run, run_dir, mission, show, page))
+
+
+async def _detached(team: Team) -> int:
+    """Start a team and leave it alone once all its robots are up; else none of them stays."""
+    run_dir, info = team.run_dir, team.info
+    refused, problems = [], []
+    try:
+        await team.start_all()
+        hanging = await team.until_up(max(UP_TIMEOUT_S, START_S_PER_ROBOT * len(info.robots)))
+        refused, problems = team.refusals(), team.crashes()
+        problems += [
+            f"{robot} does not start; see {run_dir.output_path(robot)}" for robot in hanging
+        ]
+    except BaseException:
+        with anyio.CancelScope(shield=True):
+            await team.end()
+        raise
+    if refused or problems:
+        await team.end()
+        print_refusals(refused)
+        for problem in problems:
+            errors.print(labelled("error", "bold red", problem), soft_wrap=True)
+        return BAD_INPUT if refused else FAILURE
+    with (run_dir.path / "summary_writer.out").open("ab") as output:
+        subprocess.Popen(
+            [sys.executable, "-m", "mrbt_mesh.cli.team.summary_writer", str(run_dir.path)],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+            start_new_session=True,
+        )
+    click.echo(f"{team.mission.name}: {len(info.robots)} robots run; see mrbt status")
+    click.echo(f"run directory: {run_dir.path}")
+    return SUCCESS
 
 
 async def _run(
@@ -85,10 +128,7 @@ async def _run(
         ports = f"ports {first} to {last}" if first < last else f"port {first}"
         note(f"metrics on {ports} of 127.0.0.1: {run_dir.metrics_targets_path} says whose")
     if show is None:
-        await team.start_all()
-        click.echo(f"{mission.name}: {len(info.robots)} robots run; see mrbt status")
-        click.echo(f"run directory: {run_dir.path}")
-        return SUCCESS
+        return await _detached(team)
     with launched_from_here(run_dir):
         try:
             await team.start_all()

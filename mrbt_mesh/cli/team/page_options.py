@@ -29,12 +29,15 @@ class PageAddress:
     ] = "127.0.0.1"
 
     def page(self) -> PageOptions:
-        """What the server is given; raises InputError without the extra."""
+        """What the server is given; raises InputError without the extra, or for a busy port."""
         if not has_extra():
             raise InputError(f"the page needs more: pip install 'mrbt-mesh[{EXTRA}]'")
-        from mrbt_mesh.web.server import PageOptions
+        from mrbt_mesh.web.server import PageOptions, bound
 
-        return PageOptions(self.host, self.port)
+        options = PageOptions(self.host, self.port)
+        # Before a team is started, or waited for.
+        bound(options).close()
+        return options
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import signal
 from collections.abc import AsyncIterator, Callable
 from dataclasses import asdict
@@ -25,7 +24,7 @@ from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.runtime.capacity import Overload
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.recording import RecordTo
-from mrbt_mesh.runtime.run_dir import SUMMARY_FILE, write_atomically
+from mrbt_mesh.runtime.run_dir import RunDirError
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.runtime.watcher import Watcher, watching
@@ -189,7 +188,7 @@ def _report(
     refused = team.refusals() if team is not None else []
     observer = watcher.observer
     if observer.record.started_us is None and refused:
-        _print_refusals(refused)
+        print_refusals(refused)
         return BAD_INPUT
     now_us = boottime_us()
     if team is not None:
@@ -203,20 +202,19 @@ def _report(
         summary["overload"] = asdict(too_many)
     if team is not None:
         summary["run_dir"] = str(team.run_dir.path)
-        path = team.run_dir.path / SUMMARY_FILE
         try:
-            write_atomically(path, json.dumps(summary, indent=2) + "\n")
-        except OSError as error:
-            text = f"{path} cannot be written: {error.strerror or error}"
-            errors.print(text, soft_wrap=True, markup=False)
+            team.run_dir.write_summary(summary)
+        except RunDirError as error:
+            errors.print(str(error), soft_wrap=True, markup=False)
     if show.as_json:
         print_json(summary)
     else:
         console.print(render_summary(summary))
-    _print_refusals(refused)
+    print_refusals(refused)
     return EXIT_OF_RESULT[result]
 
 
-def _print_refusals(refused: list[str]) -> None:
-    for text in refused:
+def print_refusals(refused: list[str]) -> None:
+    """What robots said that refused their input; what several said, once."""
+    for text in dict.fromkeys(refused):
         errors.print(text, soft_wrap=True, markup=False)

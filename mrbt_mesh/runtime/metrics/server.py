@@ -15,6 +15,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
 
@@ -94,12 +95,15 @@ def written(read: ReadFamilies, accept: str) -> tuple[bytes, str]:
     return encode(registry), content_type
 
 
+def require_metrics() -> None:
+    """Raise InputError without the library."""
+    if find_spec("prometheus_client") is None:
+        raise InputError("metrics need the extra `metrics`: pip install 'mrbt-mesh[metrics]'")
+
+
 def _registry(read: ReadFamilies) -> CollectorRegistry:
-    try:
-        from prometheus_client import CollectorRegistry
-    except ImportError:
-        text = "metrics need the extra `metrics`: pip install 'mrbt-mesh[metrics]'"
-        raise InputError(text) from None
+    require_metrics()
+    from prometheus_client import CollectorRegistry
 
     class Collector:
         def describe(self) -> Iterable[Metric]:

@@ -43,13 +43,15 @@ def test_a_port_is_a_port(port: str) -> None:
     assert mrbt("web", "--port", port)[0] == 2
 
 
-def test_a_port_that_is_taken_is_named() -> None:
-    from mrbt_mesh.web.server import PageError, PageOptions, _bound
-
+@pytest.mark.parametrize("command", [["web", "--mission"], ["up", "--web"]])
+def test_a_port_that_is_taken_is_named(command: list[str]) -> None:
+    """In one line, before a team is looked for or started."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        with pytest.raises(PageError, match=f"port {port}: "):
-            _bound(PageOptions(port=port))
+        code, output, problem = mrbt(*command, REPAIR, "--port", str(port))
+    assert (code, output) == (2, "")
+    what = f"the page cannot be served at 127.0.0.1 port {port}: Address already in use"
+    assert problem == f"error: {what}\n"
 
 
 def test_a_port_for_foxglove_needs_foxglove() -> None:
