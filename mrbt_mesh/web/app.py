@@ -28,7 +28,6 @@ from mrbt_mesh.web.feed import Feed
 from mrbt_mesh.web.protection import Protection, policy, why_no_order
 
 STATIC = Path(__file__).with_name("static")
-MAX_PAGES = 64
 MAX_ORDER_BYTES = 4_096
 
 # Not every system knows them, and a browser runs no module of another type.
@@ -95,10 +94,10 @@ class Page:
         return JSONResponse(told | {"control": control, "recording": recording})
 
     async def _events(self, request: Request) -> Response:
-        if self._feed.pages >= MAX_PAGES:
-            raise HTTPException(503, f"{MAX_PAGES} pages are open already")
         last = request.headers.get("last-event-id", "")
-        return StreamingResponse(self._feed.messages(last), media_type="text/event-stream")
+        address = request.client.host if request.client is not None else ""
+        messages = self._feed.messages(last, address)
+        return StreamingResponse(messages, media_type="text/event-stream")
 
     def _told(self, tell: Callable[[str], Mapping[str, Any]], name: str) -> Response:
         try:

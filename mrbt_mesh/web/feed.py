@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import json
 import secrets
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncGenerator, Callable
 from typing import Any, Protocol
 
 import anyio
 
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.viewmodel.changes import ChangeLog
+from mrbt_mesh.web.connections import gives_way
 
 # A page hears at least so often how late it is, and so notices a connection that is gone.
 TICK_S = 1.0
+# Each hears all that happens: so many are told at once.
+MAX_PAGES = 64
 # So often, at most, pages are told something.
 FRAME_US = 80_000
 
@@ -34,12 +37,22 @@ class Shown(Protocol):
         """A time of the clock as seconds from the start of the run; None: it has not begun."""
 
 
+class _Page:
+    """One that follows; each is equal to itself alone."""
+
+    is_served = True
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+
+
 class Feed:
     """Pages follow one view. `clock_us` is the clock of its observer."""
 
     def __init__(self, view: Shown, clock_us: Callable[[], int]) -> None:
         self.view = view
-        self.pages = 0
+        # Whoever has followed for the longest time first.
+        self._pages: list[_Page] = []
         # Versions are those of this feed; a page of an earlier one begins anew.
         self.epoch = secrets.token_hex(4)
         self._clock_us = clock_us
@@ -51,6 +64,11 @@ class Feed:
     def observer(self) -> Observer:
         """The team as it is shown now."""
         return self.view.observer
+
+    @property
+    def pages(self) -> int:
+        """How many follow."""
+        return len(self._pages)
 
     def update(self) -> None:
         """Look at the observer, which is up to date, and tell the pages; call it often."""
@@ -75,12 +93,22 @@ class Feed:
         self._changed.set()
         self._changed = anyio.Event()
 
-    async def messages(self, last: str) -> AsyncIterator[str]:
-        """Server-sent events; `last` is the id of the last one that the page has, or empty."""
-        version = self._version_of(last)
-        self.pages += 1
+    def messages(self, last: str, address: str = "") -> AsyncGenerator[str, None]:
+        """Server-sent events; `last` is the id of the last one that the page has, or empty.
+
+        It counts as a page from now on. Beyond `MAX_PAGES` an older one ends, of the `address` that
+        has the most; a browser then asks again.
+        """
+        page = _Page(address)
+        if len(self._pages) >= MAX_PAGES:
+            self._pages.remove(gives_way(self._pages))
+            self.wake()
+        self._pages.append(page)
+        return self._messages(self._version_of(last), page)
+
+    async def _messages(self, version: int, page: _Page) -> AsyncGenerator[str, None]:
         try:
-            while True:
+            while page in self._pages:
                 changed, is_last = self._changed, self._is_closed
                 news = self.view.changes.since(version)
                 is_new = version == 0
@@ -94,7 +122,8 @@ class Feed:
                 with anyio.move_on_after(TICK_S):
                     await changed.wait()
         finally:
-            self.pages -= 1
+            if page in self._pages:
+                self._pages.remove(page)
 
     def _version_of(self, last: str) -> int:
         epoch, _, number = last.partition(".")

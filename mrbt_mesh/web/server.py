@@ -20,6 +20,7 @@ from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.watcher import Watcher
 from mrbt_mesh.viewmodel.team_view import TeamView
 from mrbt_mesh.web.app import Page
+from mrbt_mesh.web.connections import LimitedHttp
 from mrbt_mesh.web.feed import FRAME_US, Feed
 from mrbt_mesh.web.protection import hosts, new_token
 
@@ -79,6 +80,7 @@ async def served(
             log_config=None,
             access_log=False,
             server_header=False,
+            http=LimitedHttp,
             timeout_graceful_shutdown=CLOSE_TIMEOUT_S,
         )
         server = _Server(config)
