@@ -49,6 +49,7 @@ from mrbt_mesh.sim.engine.named_faults import (
     check_faults,
     check_local_task,
     check_robot,
+    local_task_names,
     missed,
 )
 
@@ -219,7 +220,7 @@ class MissionRun:
     ) -> list[str]:
         if local_task is not None:
             local_task = local_task.replace(" ", "")
-            known = _local_tasks(self.mission)
+            known = local_task_names(self.mission)
             if local_task not in known:
                 raise InputError(f"no local task {local_task!r}{nearest(local_task, known)}")
         return [
@@ -235,16 +236,6 @@ class MissionRun:
         if global_task not in known:
             raise InputError(f"no global task {global_task!r}{nearest(global_task, known)}")
         return str(known[global_task]["status"])
-
-
-def _local_tasks(mission: Mission) -> set[str]:
-    """All that the mission asks robots for: ground local tasks, the actions of their trees, and
-    the types of both.
-    """
-    grounds = {need.local_task for task in mission.global_tasks.values() for need in task.needs}
-    for tree in mission.local_trees.values():
-        grounds |= {node.subject for node in tree.actions()}
-    return grounds | {type_name(name) for name in grounds} | mission.local_tasks.keys()
 
 
 def run(
@@ -354,10 +345,8 @@ def _schedule(mission: Mission, faults: Iterable[tuple[float, Fault]]) -> list[N
 
 
 def _check_local_task(mission: Mission, fault: Lose | Restore | Perform, said: str) -> None:
-    known = _local_tasks(mission) | ({ALL} if not isinstance(fault, Perform) else set())
-    if fault.local_task not in known:
-        hint = nearest(fault.local_task, known)
-        raise InputError(f"{said}: no local task {fault.local_task!r}{hint}")
+    if isinstance(fault, Perform) and fault.local_task == ALL:
+        raise InputError(f"{said}: a performance is that of one local task")
     check_local_task(mission, fault.robot, fault.local_task, said)
 
 

@@ -33,13 +33,16 @@ class ExportOptions:
         option("Write snapshots for py_trees_js, JSON lines.", "FILE.jsonl", panel=PANEL),
     ] = None
 
+    def outputs(self) -> dict[str, Path | None]:
+        """The files by their options."""
+        return {"--btlog": self.btlog, "--py-trees-js": self.py_trees_js}
+
     def check(self) -> None:
         """Raise InputError, before long work begins, for files that cannot be written."""
-        from mrbt_mesh.cli.framework.terminal import check_folder
+        from mrbt_mesh.cli.framework.terminal import check_outputs
         from mrbt_mesh.errors import InputError
 
-        check_folder("--btlog", self.btlog)
-        check_folder("--py-trees-js", self.py_trees_js)
+        check_outputs(None, self.outputs())
         if self.btlog is not None and self.btlog.suffix != ".btlog":
             raise InputError(f"--btlog {self.btlog}: Groot2 wants the ending .btlog")
 
@@ -95,12 +98,12 @@ class RunFileOptions:
     ] = None
     export: ExportOptions = field(default_factory=ExportOptions)
 
-    def check(self) -> None:
+    def check(self, mission: Path | None) -> None:
         """Raise InputError, before long work begins, for files that cannot be written."""
-        from mrbt_mesh.cli.framework.terminal import check_folder, check_new_folder
+        from mrbt_mesh.cli.framework.terminal import check_new_folder, check_outputs
 
-        check_folder("--events", self.events)
-        check_folder("--log", self.log)
+        own = {"--events": self.events, "--log": self.log}
+        check_outputs(mission, own | self.export.outputs())
         check_new_folder("--record", self.record)
         self.export.check()
 

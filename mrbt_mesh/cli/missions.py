@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.formats.problems import nearest
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import load_program, require_program
 
@@ -15,10 +16,9 @@ def chosen_robots(option: str, text: str | None, mission: Mission) -> list[str]:
     names = [name.strip() for name in text.split(",")]
     unknown = [name for name in names if name not in mission.robots]
     if unknown:
-        listed = ", ".join(sorted(mission.robots))
-        named = ", ".join(name or "''" for name in unknown)
-        where = f"mission {mission.name} has no robot {named} ({listed})"
-        raise InputError(f"{option} {text}: {where}")
+        hint = nearest(unknown[0], mission.robots)
+        problem = f"mission {mission.name} has no robot {unknown[0]!r}{hint}"
+        raise InputError(f"{option} {text}: {problem}")
     if len(set(names)) < len(names):
         raise InputError(f"{option} {text}: a robot is named twice")
     return sorted(names)

@@ -184,7 +184,7 @@ class _Builder:
                     text, "local task", self.local_parameters, frozenset(), here, self.report
                 )
             if ground in result:
-                self.report.add(here, f"capability {ground!r} stands here twice; keep one")
+                self.report.add(here, f"capability {ground!r} is given twice; keep one")
             result[ground] = 0 if value is None else micro_or_report(value, here, self.report)
         return result
 

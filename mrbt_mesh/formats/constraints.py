@@ -88,5 +88,5 @@ class _Builder:
     def _once(self, names: Sequence[str], path: SourcePath) -> tuple[str, ...]:
         for i, name in enumerate(names):
             if name in names[:i]:
-                self._report.add((*path, i), f"{name!r} stands here twice; keep one")
+                self._report.add((*path, i), f"{name!r} is given twice; keep one")
         return tuple(sorted(set(names)))

@@ -108,6 +108,8 @@ def nearest(name: str, known: Iterable[str]) -> str:
     """`; did you mean 'x'?` for the known name most like `name`, else the names there are."""
     names = sorted(known)
     close = difflib.get_close_matches(name, names, n=1)
+    if not close and len(name) > 2:
+        close = [each for each in names if each.lower().startswith(name.lower())][:1]
     if close:
         return f"; did you mean {close[0]!r}?"
     if not names:

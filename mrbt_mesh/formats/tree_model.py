@@ -99,8 +99,10 @@ class CompositeModel(FileModel):
 
     @model_validator(mode="after")
     def _for_each_with_do(self) -> CompositeModel:
-        if (self.for_each is None) != (self.do is None):
-            raise PydanticCustomError("children", "for_each and do belong together; one is missing")
+        if self.do is None and self.for_each is not None:
+            raise PydanticCustomError("children", "do is missing: the node for each of the values")
+        if self.for_each is None and self.do is not None:
+            raise PydanticCustomError("children", "for_each is missing, e.g. {item: $items}")
         if not self.children and self.do is None:
             raise PydanticCustomError("children", "children, or for_each and do, are missing")
         return self

@@ -12,7 +12,7 @@ import warnings
 from typing import Any
 
 from ruamel.yaml import YAML
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.error import YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from mrbt_mesh.formats.problems import (
@@ -23,6 +23,7 @@ from mrbt_mesh.formats.problems import (
     found,
     whole_file_error,
 )
+from mrbt_mesh.formats.yaml_syntax import explain_yaml
 
 MAX_LEVELS = 200
 MAX_VALUES = 100_000
@@ -87,18 +88,11 @@ def _compose(text: str, file: str) -> Node | None:
             warnings.simplefilter("ignore")
             node: Node | None = YAML(typ="safe", pure=True).compose(text)
             return node
-    except MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        said = " ".join(part for part in (error.context, error.problem) if part)
-        problem = Problem(file, mark.line + 1 if mark else 0, "", f"not valid YAML: {said}")
-        raise MissionError([problem]) from None
+    except YAMLError as error:
+        line, said = explain_yaml(error, text)
+        raise MissionError([Problem(file, line, "", f"not valid YAML: {said}")]) from None
     except RecursionError:
         raise whole_file_error(file, _too_deep()) from None
-    except YAMLError as error:
-        position = getattr(error, "position", None)
-        line = text.count("\n", 0, position) + 1 if isinstance(position, int) else 0
-        said = " ".join(str(error).split())
-        raise MissionError([Problem(file, line, "", f"not valid YAML: {said}")]) from None
     except Exception as error:
         # The parser fails on some malformed input with exceptions of any type.
         raise whole_file_error(file, f"not valid YAML: {error!r}") from None
@@ -150,7 +144,7 @@ class _Unfolder:
                 continue
             here = (*path, key)
             if key in data:
-                text = f"{key!r} stands here twice, on line {self.lines[here]} and on line {line}"
+                text = f"{key!r} is given twice, first on line {self.lines[here]}"
                 self.report.add(here, f"{text}; keep one of them", line)
                 continue
             self.lines[here] = line

@@ -28,6 +28,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.btcpp.document import Category
 from mrbt_mesh.formats.btcpp.values import CPP_TYPES
 from mrbt_mesh.local.node import Source, TreeNode
@@ -37,7 +38,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 N = TypeVar("N", bound=type[TreeNode])
 
 
-class LeafError(ValueError):
+class LeafError(InputError, ValueError):
     """A function that cannot be a leaf, or a leaf that is registered twice."""
 
 
@@ -207,8 +208,9 @@ class Leaves:
         return sorted([*self._leaves, *self.node_types])
 
     def _register(self, name: str, category: Category) -> Callable[[F], F]:
-        if not name:
-            raise LeafError("a leaf needs a name")
+        if not isinstance(name, str) or not name:
+            given = getattr(name, "__name__", "NAME")
+            raise LeafError(f'a leaf needs a name: write @...{category.lower()}("{given}")')
 
         def register(function: F) -> F:
             if name in self._leaves:

@@ -23,7 +23,7 @@ runtime cancels it through an anyio cancel scope when the plan no longer wants i
 from __future__ import annotations
 
 import copy
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -39,6 +39,7 @@ from mrbt_mesh.runtime.program_function import (
 )
 
 if TYPE_CHECKING:
+    from mrbt_mesh.core.mission.mission import Mission
     from mrbt_mesh.local import Leaves, TreeNode
 
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -158,6 +159,7 @@ Bid: TypeAlias = float | None
 TaskFunction: TypeAlias = Callable[Concatenate[TaskContext, ...], Awaitable[Result]]
 BidFunction: TypeAlias = Callable[Concatenate[TaskContext, ...], Bid | Awaitable[Bid]]
 Background: TypeAlias = Callable[[TaskContext], Awaitable[None]]
+MissionCheck: TypeAlias = "Callable[[Mission, Collection[str]], None]"
 
 
 class TaskClass(Protocol):
@@ -194,6 +196,7 @@ class RobotProgram:
         self.record_work = record_work
         self.backgrounds: list[Background] = []
         self._checks: list[Callable[[], None]] = []
+        self._mission_checks: list[MissionCheck] = []
         self._tasks: dict[str, ProgramFunction] = {}
         self._bids: dict[str, ProgramFunction] = {}
 
@@ -302,6 +305,18 @@ class RobotProgram:
         background_function(function)
         self.backgrounds.append(function)
         return function
+
+    def for_mission(self, check: MissionCheck) -> None:
+        """Have `check(mission, robots)` called before this program is used for a mission.
+
+        It raises InputError for what does not fit, e.g. a robot that a file of its own lacks.
+        """
+        self._mission_checks.append(check)
+
+    def check_mission(self, mission: Mission, robots: Collection[str]) -> None:
+        """Call the checks of `for_mission`. Raises InputError."""
+        for check in self._mission_checks:
+            check(mission, robots)
 
     def before_start(self, check: Callable[[], None]) -> None:
         """Have `check` called before a robot with this program starts.

@@ -37,7 +37,8 @@ def load_program(reference: str) -> RobotProgram:
         raise ProgramError(f"{reference!r}: expected a Python file, e.g. robot.py or robot.py:name")
     path, name = Path(match[1]).absolute(), match[2] or DEFAULT_NAME
     if not path.exists():
-        raise ProgramError(f"{path}: there is no such file")
+        text = "there is no such file; the mission's `program`, or --program, names it"
+        raise ProgramError(f"{path}: {text}")
     if not path.is_file():
         raise ProgramError(f"{path}: not a file; give the Python file itself")
     return _pick(_import_file(path), path, name)
@@ -50,9 +51,10 @@ def require_program(
     robots: Mapping[str, Iterable[str]],
 ) -> None:
     """Raise ProgramError if `program`, found at `reference`, lacks what these robots' capabilities
-    (types or ground) need, or has a function that cannot be called as the mission calls it. What
-    this computer lacks is for `RobotProgram.check_computer`.
+    (types or ground) need, or has a function that cannot be called as the mission calls it;
+    InputError for its own checks. What this computer lacks is for `RobotProgram.check_computer`.
     """
+    program.check_mission(mission, robots.keys())
     found: dict[str, list[str]] = {}
     for robot, capabilities in sorted(robots.items()):
         for problem in check_program(program, mission, capabilities):
@@ -170,7 +172,8 @@ def _import_failure(path: Path, error: BaseException) -> str:
     if isinstance(error, MissionError):
         return str(error)  # of a file of bindings, with its own places
     if isinstance(error, SyntaxError):
-        return f"{error.filename or path}:{error.lineno or 0}: not valid Python: {error.msg}"
+        line = f":{error.lineno}" if error.lineno else ""
+        return f"{error.filename or path}{line}: not valid Python: {error.msg}"
     if isinstance(error, OSError) and error.filename == str(path):
         return f"{path}: cannot be read: {error.strerror}"
     if isinstance(error, SystemExit):
@@ -179,11 +182,14 @@ def _import_failure(path: Path, error: BaseException) -> str:
         said = str(error)
     elif isinstance(error, ModuleNotFoundError):
         said = f"{error.msg}; install it, or correct the import"
+    elif isinstance(error, ImportError):
+        said = f"{error.msg}; correct the import"
     else:
         said = f"{type(error).__name__}: {error}"
     frames = traceback.extract_tb(error.__traceback__)
-    own = [frame.lineno for frame in frames if frame.filename == str(path)]
-    place = f"{path}:{own[-1]}" if own else str(path)
+    # The program's own line, or that of a neighbour that it imports.
+    own = [frame for frame in frames if Path(frame.filename).parent == path.parent]
+    place = f"{own[-1].filename}:{own[-1].lineno}" if own else str(path)
     return f"{place}: {said}"
 
 

@@ -120,6 +120,8 @@ class RunDir:
             raise RunDirError(
                 f"{path} already holds a run: choose another --run-dir, or go on with --resume"
             )
+        if path.exists() and not path.is_dir():
+            raise RunDirError(f"--run-dir {path}: is a file; name a folder")
         try:
             path.mkdir(parents=True, exist_ok=True)
             (path / MISSION_FILE).write_text(compiled_mission)

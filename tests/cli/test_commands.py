@@ -210,7 +210,7 @@ def test_a_solver_that_cannot_be_used_is_refused(tmp_path: Path, command: str) -
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("up", REPAIR, "--robots", "A1,Z9"), "mission vehicle_repair has no robot Z9"),
+        (("up", REPAIR, "--robots", "A1,Z9"), "mission vehicle_repair has no robot 'Z9'"),
         (("up", REPAIR, "--robots", "A1,A1"), "a robot is named twice"),
         (("up", REPAIR, "--beat", "1"), "the detection time must be at least 3 beat periods"),
         (("up", REPAIR, "--beat", "nan"), "nan: expected a number, above 0"),

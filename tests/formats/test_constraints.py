@@ -79,7 +79,7 @@ def test_same_robot_as_is_ground_and_survives_compiling() -> None:
             "robots: [R2, R9]",
             "never_together[1]/robots[2]: no robot 'R9'; known",
         ),
-        ("robots: [R2, R1]", "robots: [R2, R2]", "'R2' stands here twice; keep one"),
+        ("robots: [R2, R1]", "robots: [R2, R2]", "'R2' is given twice; keep one"),
         ("robots: [R2, R1]", "robots: [R2]", "at least 2"),
         ("[pick, place(1)]", "[pik]", "local_tasks[1]: no local task 'pik'; did you mean 'pick'?"),
         ("[pick, place(1)]", '["pick(1,2)"]', "pick has 1 parameters, found 2"),

@@ -88,7 +88,7 @@ def test_the_good_one_is_good() -> None:
         ("- fix(1)", "- fix(1", 22, "e.g. fix_hw or fix_hw($part)"),
         ("- fix(1)", "- Sequence: []", 22, "at least 1 expected, found 0"),
         ("- fix(1)", "- Sequence: {name: x}", 22, "children, or for_each and do, are missing"),
-        ("- fix(1)", "- Sequence: {do: fix(1)}", 22, "for_each and do belong together"),
+        ("- fix(1)", "- Sequence: {do: fix(1)}", 22, "for_each is missing, e.g. {item: $items}"),
         ("- fix(1)", "- Sequence: {name: a/b, children: [fix(1)]}", 22, "characters without /"),
         (
             "- fix(1)",
@@ -119,7 +119,7 @@ def test_the_good_one_is_good() -> None:
         ("weld: 1.5", "weld: null", 9, "a number is expected, found nothing"),
         ("weld: 1.5", "'weld(1,2)': 1", 9, "'weld' takes 1 argument (part), found 2"),
         ("weld: 1.5", "weld($part): 1", 9, "e.g. do_diagnosis or do_diagnosis(3)"),
-        ("weld: 1.5", "weld(1): 1, weld( 1): 2", 9, "capability 'weld(1)' stands here twice"),
+        ("weld: 1.5", "weld(1): 1, weld( 1): 2", 9, "capability 'weld(1)' is given twice"),
         ("A1: A", "A1: B", 11, "unknown robot type 'B'; known: A"),
         ("type: A", "type: B", 12, "unknown robot type 'B'"),
         ("A1: A", "A1: 7", 11, "a robot type, or {type: ..., capabilities: {...}}"),
@@ -199,12 +199,12 @@ def test_a_duplicate_robot_id_is_named_with_both_lines() -> None:
     (problem,) = problems_of(GOOD.replace("  A1: A\n", "  A1: A\n  A2: A\n"))
     assert problem.line == 13
     assert problem.path == "robots/A2"
-    assert "'A2' stands here twice, on line 12 and on line 13" in problem.message
+    assert "'A2' is given twice, first on line 12" in problem.message
 
 
 def test_a_duplicate_section_is_named_with_both_lines() -> None:
     (problem,) = problems_of(GOOD + "robots: {}\n")
-    assert "'robots' stands here twice, on line 10 and on line 25" in problem.message
+    assert "'robots' is given twice, first on line 10" in problem.message
 
 
 def test_missing_sections_are_all_named() -> None:
@@ -235,7 +235,7 @@ def test_wrong_values_do_not_hide_a_wrong_shape() -> None:
     nested = "- Sequence: {do: {Timeout: {seconds: -1, do: fix(1)}}}"
     messages = [problem.message for problem in problems_of(GOOD.replace("- fix(1)", nested))]
     assert any("a number above 0" in message for message in messages)
-    assert any("for_each and do belong together" in message for message in messages)
+    assert any("for_each is missing" in message for message in messages)
 
 
 def test_a_mistake_in_a_subtree_used_twice_is_named_once() -> None:
@@ -260,12 +260,12 @@ def test_endless_mistakes_are_cut_off() -> None:
         ("# nothing\n", 0, "the file is empty"),
         ("- a\n", 1, "a mission is expected (mission: ..., robots: ...), found a list"),
         ("hello", 1, "found the text 'hello'"),
-        ("a: [1,\nb: 2", 2, "not valid YAML"),
-        ("a: 1\nb: @\n", 2, "not valid YAML"),
-        ("a: 1\n--- \nb: 1\n", 2, "not valid YAML: expected a single document"),
+        ("a: [1,\nb: 2", 1, "not valid YAML: the [ that opens here is not closed; add ]"),
+        ("a: 1\nb: @\n", 2, "not valid YAML: text that begins with @ needs quotes"),
+        ("a: 1\n--- \nb: 1\n", 2, "not valid YAML: a second document begins here (---)"),
         ("a: *b\n", 1, "not valid YAML: found undefined alias"),
         ("mission: &a [*a]\n", 1, "the alias *a contains itself"),
-        ("a: 1\nb: \0\n", 2, "not valid YAML"),
+        ("a: 1\nb: \0\n", 2, "not valid YAML: the control character U+0000"),
         ("a: !!python/object:x.Y {}\n", 1, "python/object:x.Y is not supported"),
         ("a: !secret 3\n", 1, "the tag !secret is not supported"),
         ("a: &x {b: 1}\nc:\n  <<: *x\n", 3, "merge keys (<<) are not supported"),

@@ -6,7 +6,7 @@ docs/ros2.md explains the keys; `mrbt new --ros2` writes one.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from string import Template
@@ -14,6 +14,7 @@ from typing import Annotated, Any, TypeAlias
 
 from pydantic import Field, JsonValue
 
+from mrbt_mesh.adapters.mission_fit import note_misfits, note_missing_robots
 from mrbt_mesh.adapters.ros2.bindings import (
     Kind,
     TaskBinding,
@@ -22,6 +23,7 @@ from mrbt_mesh.adapters.ros2.bindings import (
     lacking_parts,
 )
 from mrbt_mesh.adapters.ros2.expression import MessageExpression, MessageExpressionError
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.formats.file_model import EXPLAINED, FileModel, Name, RobotName, one_of, read_model
 from mrbt_mesh.formats.limited_file import read_limited
 from mrbt_mesh.formats.mission_file import MAX_YAML_BYTES
@@ -138,6 +140,18 @@ class BindingFile:
             text = f"robots has no {robot}{nearest(robot, self.robots)}"
             raise whole_file_error(self.file, text)
         return {ROBOT: robot, **self.robots.get(robot, {})}
+
+    def check_mission(self, mission: Mission, robots: Collection[str]) -> None:
+        """Raise MissionError if it does not fit a mission and the robots that take part."""
+        report = Report(self.file, self.report.lines)
+        tasks = {name: task.parameters for name, task in self.tasks.items()}
+        told: list[tuple[SourcePath, str]] = [(("conditions", c), c) for c in self.conditions]
+        for name, task in self.tasks.items():
+            told += [(("local_tasks", name, "sets", c), c) for c in task.sets]
+        note_misfits(report, mission, tasks, told)
+        if self.robots:
+            note_missing_robots(report, "robots", self.robots, robots)
+        report.raise_if_any()
 
     def told(self, problems: list[dict[str, Any]]) -> MissionError:
         """What the bridge has found in the file, with the lines."""

@@ -65,6 +65,7 @@ def robot_program(binding_file: str | Path, *, record_work: bool = False) -> Rob
     """
     file = load_bindings(Path(binding_file))
     program = bound_program(file, bridge_command(file), record_work)
+    program.for_mission(file.check_mission)
     program.before_start(lambda: check_bindings(file))
     return program
 

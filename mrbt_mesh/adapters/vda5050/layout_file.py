@@ -6,7 +6,7 @@ docs/vda5050.md explains the keys, examples/warehouse/agvs.yaml is one.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from string import Template
@@ -14,6 +14,7 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field, JsonValue
 
+from mrbt_mesh.adapters.mission_fit import note_misfits, note_missing_robots
 from mrbt_mesh.adapters.vda5050.dialects import DIALECTS, VehicleAddress
 from mrbt_mesh.adapters.vda5050.layout import (
     ActionTemplate,
@@ -23,11 +24,12 @@ from mrbt_mesh.adapters.vda5050.layout import (
     TaskTemplate,
 )
 from mrbt_mesh.adapters.vda5050.vehicle import Battery
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.file_model import EXPLAINED, FileModel, Name, RobotName, read_model
 from mrbt_mesh.formats.limited_file import read_limited
 from mrbt_mesh.formats.mission_file import MAX_YAML_BYTES
-from mrbt_mesh.formats.problems import Report, nearest, whole_file_error
+from mrbt_mesh.formats.problems import Report, SourcePath, nearest, whole_file_error
 from mrbt_mesh.formats.tree_model import CallText
 from mrbt_mesh.formats.yaml_source import decode, read_yaml
 
@@ -143,6 +145,18 @@ class LayoutFile:
     tasks: Mapping[str, TaskTemplate]
     battery: Battery
     errors: Mapping[str, tuple[str, ...]]
+    report: Report
+
+    def check_mission(self, mission: Mission, robots: Collection[str]) -> None:
+        """Raise MissionError if it does not fit a mission and the robots that take part."""
+        report = Report(self.file, self.report.lines)
+        tasks = {name: task.parameters for name, task in self.tasks.items()}
+        sets: list[tuple[SourcePath, str]] = [
+            (("local_tasks", name, "sets", c), c) for name, t in self.tasks.items() for c in t.sets
+        ]
+        note_misfits(report, mission, tasks, sets)
+        note_missing_robots(report, "vehicles", self.vehicles, robots)
+        report.raise_if_any()
 
 
 def load_layout(path: Path) -> LayoutFile:
@@ -162,6 +176,7 @@ def load_layout(path: Path) -> LayoutFile:
         {name: _task(task) for name, task in model.local_tasks.items()},
         Battery(model.battery.low_percent, model.battery.enough_percent),
         {kind: tuple(names) for kind, names in model.errors.items()},
+        report,
     )
 
 

@@ -62,6 +62,7 @@ def robot_program(layout_file: str | Path, *, record_work: bool = False) -> Robo
     """
     fleet = Fleet(load_layout(Path(layout_file)))
     program = RobotProgram(record_work=record_work)
+    program.for_mission(fleet.file.check_mission)
     program.before_start(require_extra)
 
     @program.background

@@ -127,7 +127,7 @@ def sim(
     from mrbt_mesh.sim.engine.setup import AgentOptions
     from mrbt_mesh.sim.run import run_scenario, simulate
 
-    files.check()
+    files.check(mission)
     tell = partial(run_and_tell, files=files, as_json=as_json)
     if schedule is not None:
         own = ("MISSION", "--schedule", "--program", *FILES, "--json")

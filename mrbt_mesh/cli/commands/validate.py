@@ -27,13 +27,22 @@ def validate(
     Example: mrbt validate examples/vehicle_repair/mission.yaml
     """
     from mrbt_mesh.analysis.cautions import cautions
-    from mrbt_mesh.cli.framework.terminal import console, labelled, print_json, write_file
+    from mrbt_mesh.cli.framework.terminal import (
+        check_outputs,
+        console,
+        labelled,
+        print_json,
+        write_file,
+    )
     from mrbt_mesh.cli.missions import chosen_robots, fitting_program
     from mrbt_mesh.errors import InputError
     from mrbt_mesh.formats.mission_file import compile_mission, load_mission, mission_warnings
     from mrbt_mesh.formats.problems import MissionError
+    from mrbt_mesh.runtime.solver_loader import solver_for
 
+    check_outputs(mission, {"--compile": compile_to})
     loaded = load_mission(mission)
+    solver_for(loaded, None)
     team = chosen_robots("--robots", robots, loaded)
     warnings = [*mission_warnings(loaded), *cautions(loaded)]
     reference = program or loaded.program

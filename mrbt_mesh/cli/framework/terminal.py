@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TextIO, cast
 
@@ -80,6 +81,17 @@ def check_folder(option: str, path: Path | None) -> None:
     if path is not None and (path.is_dir() or not path.parent.is_dir()):
         what = "is a folder; name a file" if path.is_dir() else f"there is no folder {path.parent}"
         raise InputError(f"{option} {path}: {what}")
+
+
+def check_outputs(mission: Path | None, outputs: Mapping[str, Path | None]) -> None:
+    """Raise InputError if two files to write, by their options, are one, or the mission itself."""
+    taken = {} if mission is None else {mission.resolve(): "the mission"}
+    for option, path in outputs.items():
+        if path is not None:
+            other = taken.setdefault(path.resolve(), option)
+            if other != option:
+                raise InputError(f"{option} {path}: is {other} as well; name another file")
+            check_folder(option, path)
 
 
 def check_new_folder(option: str, path: Path | None) -> None:

@@ -10,6 +10,7 @@ import psutil
 
 from mrbt_mesh.cli.framework.exits import FAILURE, fail
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.formats.problems import nearest
 from mrbt_mesh.runtime.run_dir import RunDir
 
 
@@ -21,8 +22,11 @@ def send_signal(robot: str, run_dir: Path | None, number: signal.Signals, done: 
     found = RunDir.find(run_dir)
     process = found.process(robot)
     if process is None:
-        known = ", ".join(found.robots()) or "none"
-        raise InputError(f"no process of robot {robot} runs in {found.path} (robots: {known})")
+        known = {*found.info().robots, *found.robots()}
+        if robot not in known:
+            hint = nearest(robot, known)
+            raise InputError(f"the run in {found.path} has no robot {robot!r}{hint}")
+        raise InputError(f"{robot} does not run in {found.path}; `mrbt join {robot}` starts it")
     try:
         process.send_signal(number)
     except psutil.Error as error:

@@ -36,7 +36,7 @@ def read_faults(mission: Mission, texts: Mapping[str, Sequence[str]]) -> list[Na
     Raises InputError for what is no fault of this mission's robots.
     """
     found = [
-        _fault(mission, option, part.strip())
+        _fault(mission, option, part.strip() or text)
         for option, given in texts.items()
         for text in given
         for part in _COMMA.split(text)

@@ -34,7 +34,7 @@ def read_schedule(
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {reason(error)}") from None
     except (ScenarioError, ValueError, RecursionError) as error:  # also what JSON and UTF-8 raise
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(f"{path}: no schedule as `mrbt chaos` writes them: {error}") from None
     if mission is None and not isinstance(named, str):
         raise InputError(f"{path}: names no mission; give one as the argument MISSION")
     model = load_mission(mission or path.parent / str(named))

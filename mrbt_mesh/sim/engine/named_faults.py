@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from mrbt_mesh.core.mission.mission import Mission, performance
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.problems import nearest
@@ -34,6 +34,16 @@ class NamedFault:
     said: str
 
 
+def local_task_names(mission: Mission) -> set[str]:
+    """All that the mission asks robots for: ground local tasks, the actions of their trees, and
+    the types of both.
+    """
+    grounds = {need.local_task for task in mission.global_tasks.values() for need in task.needs}
+    for tree in mission.local_trees.values():
+        grounds |= {node.subject for node in tree.actions()}
+    return grounds | {type_name(name) for name in grounds} | mission.local_tasks.keys()
+
+
 def check_robot(mission: Mission, robot: str, said: str) -> None:
     """Raise InputError for a robot that the mission does not have."""
     if robot not in mission.robots:
@@ -43,12 +53,10 @@ def check_robot(mission: Mission, robot: str, said: str) -> None:
 
 def check_local_task(mission: Mission, robot: str, local_task: str, said: str) -> None:
     """Raise InputError for a local task (a type, ground, or all) that the robot does not have."""
-    own = mission.robots[robot].capabilities
-    types = {type_name(name) for name in own}
-    if local_task == ALL or type_name(local_task) in types:
-        return
-    if performance(own, local_task) is None:
-        hint = nearest(local_task, own)
+    types = {type_name(name) for name in mission.robots[robot].capabilities}
+    known = {name for name in local_task_names(mission) if type_name(name) in types} | {ALL}
+    if local_task not in known:
+        hint = nearest(local_task, known)
         raise InputError(f"{said}: {robot} has no local task {local_task!r}{hint}")
 
 

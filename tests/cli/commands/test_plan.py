@@ -251,7 +251,7 @@ def test_plan_says_what_is_wrong_with_facts(tmp_path: Path, text: str, message: 
 def test_plan_refuses_unknown_robots_and_missing_files(tmp_path: Path) -> None:
     code, _, problems = mrbt("plan", REPAIR, "--alive", "A1,A9")
     assert code == 2
-    assert "--alive A1,A9: mission vehicle_repair has no robot A9" in problems
+    assert "--alive A1,A9: mission vehicle_repair has no robot 'A9'" in problems
     code, _, problems = mrbt("plan", REPAIR, "--facts", str(tmp_path / "none.yaml"))
     assert code == 2
     assert "there is no such file" in problems

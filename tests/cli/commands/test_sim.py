@@ -138,7 +138,7 @@ def test_files_are_written(tmp_path: Path) -> None:
         (["--loss", "nan"], "nan: expected a number"),
         (["--delay-ms", "-1"], "'--delay-ms': -1: expected a number, 0 or more"),
         (["--delay-ms", "0.0001"], "in steps of 0.001"),
-        (["--robots", "A1,Q"], "has no robot Q"),
+        (["--robots", "A1,Q"], "has no robot 'Q'"),
         (["--robots", "A1,"], "has no robot ''"),
         (["--speed", "0"], "0.01 to 1000"),
         (["--speed", "inf"], "0.01 to 1000"),

@@ -99,7 +99,7 @@ def test_show_the_trees_of_robots_as_json() -> None:
 @pytest.mark.parametrize(
     ("arguments", "problem"),
     [
-        ((REPAIR, "--robot", "Z9"), "--robot Z9: mission vehicle_repair has no robot Z9"),
+        ((REPAIR, "--robot", "Z9"), "--robot Z9: mission vehicle_repair has no robot 'Z9'"),
         ((REPAIR, "--robot", "A1", "--only", "x"), "give --robot or --only"),
         ((REPAIR, "--json", "--dot"), "give one of --svg, --dot, --mermaid and --json"),
         ((LIFT / "robot.xml", "--robot", "A1"), "--robot is for mission files"),
