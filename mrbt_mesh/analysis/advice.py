@@ -15,15 +15,16 @@ from typing import Any, TypeAlias
 from ortools.sat.python import cp_model
 
 from mrbt_mesh.analysis.model import SEED
+from mrbt_mesh.analysis.readings import serial_services
 from mrbt_mesh.analysis.requirement import ALWAYS
 from mrbt_mesh.analysis.service import (
+    ANYBODY,
     Capability,
     Fault,
     JointNeed,
     Service,
     capability_faults,
     robot_faults,
-    service,
 )
 from mrbt_mesh.analysis.tolerance import Progress, Reading, no_progress
 from mrbt_mesh.core.mission.costs import Costs
@@ -65,12 +66,9 @@ def enlarged(mission: Mission, robots: Mapping[str, int], extra: Iterable[Capabi
 
 
 def re_read(reading: Reading, mission: Mission) -> Reading:
-    """The same question about the same mission with another team."""
-    services = []
-    for each in reading.services:
-        tasks = tuple(mission.global_tasks[task] for task in each.tasks)
-        services.append(service(mission, tasks, each.name))
-    return Reading(mission, tuple(services), reading.required)
+    """The question of the serial reading about the same mission with another team."""
+    services, _, _ = serial_services(mission)
+    return Reading(mission, services, reading.required)
 
 
 def advise(
@@ -86,6 +84,9 @@ def advise(
     single = robot_faults(reading.mission) if is_strong else capability_faults(reading.mission)
     if reading.is_feasible and not reading.critical(single):
         return Additions(0, 0, True, {}, ())
+    if any(reading.services[each].is_bound for each in reading.required.services):
+        # Who may be added would have to be able to do both tasks, and be lost after neither.
+        return Additions(None, 0, False, {}, ())
     built = _Advice(reading, costs, *kinds)
     built.survive(None)
     bound = 0
@@ -128,12 +129,12 @@ class _Advice:
         self.model = cp_model.CpModel()
         used = [reading.services[each] for each in reading.required.services]
         tasks = sorted({need.local_task for each in used for need in each.needs})
-        names = sorted({type_name(task) for task in tasks})
+        names = sorted({type_name(task) for task in tasks if task != ANYBODY})
         self.robots: dict[str, Variable] = {}
         self.extra: dict[Capability, Variable] = {}
         if with_robots:
             for kind, able in sorted(self.mission.robot_types.items()):
-                if any(task in able or type_name(task) in able for task in tasks):
+                if ANYBODY in tasks or any({task, type_name(task)} & able.keys() for task in tasks):
                     self.robots[kind] = self.model.new_int_var(0, MAX_EXTRA_ROBOTS, kind)
         if with_capabilities:
             for robot in self.mission.robots.values():
@@ -251,7 +252,8 @@ class _Advice:
         """New robots that may meet a need."""
         names = (need.local_task, type_name(need.local_task))
         for kind in self.robots:
-            if not any(name in self.mission.robot_types[kind] for name in names):
+            able = {*self.mission.robot_types[kind], ANYBODY}
+            if able.isdisjoint(names):
                 continue
             yield ("type", kind), MAX_EXTRA_ROBOTS
             first = _first_of(kind)

@@ -30,6 +30,8 @@ ASSUMPTIONS = (
     "could not succeed even if every task were feasible do not count.",
     "A feasible task succeeds or fails as the mission needs it; an infeasible one blocks for "
     "ever, or fails where it says blocked: {fail_after_s}.",
+    "A task with same_robot_as is for the robots that did another one, which may be any that could "
+    "have, and may be lost in between. Conditions alone take a living robot, too.",
     "An exclusive task needs a living majority of the robots that the mission names; minor faults "
     "leave a robot alive.",
 )
@@ -44,8 +46,6 @@ _SIDE_CONSTRAINTS = (
 def assumptions(mission: Mission) -> tuple[str, ...]:
     """What the figures rest on, and what they leave out of this mission."""
     left_out = [str(constraint) for constraint in mission.constraints]
-    for task in mission.global_tasks.values():
-        left_out += [f"{n.local_task} by a robot{n.after}" for n in task.needs if n.after]
     own = sorted(
         {name for g in mission.own.guards.values() for name, _ in g if name in mission.own}
     )
@@ -220,16 +220,20 @@ def _part(say: Say, what: str) -> Callable[[int, int], None]:
 def _slacks(question: Question, indispensable: set[int]) -> tuple[TaskSlack, ...]:
     reading = question.reading
     team = FaultyTeam(reading.mission)
-    return tuple(
-        TaskSlack(
-            each.name,
-            team.slack(each),
-            tuple((need.local_task, need.count, len(need.entries)) for need in each.needs),
-            number in indispensable,
-            each.exclusive,
+    found = []
+    for task in reading.mission.global_tasks:
+        numbers = [n for n, each in enumerate(reading.services) if each.tasks == (task,)]
+        first, *bound = (reading.services[number] for number in numbers)
+        found.append(
+            TaskSlack(
+                task,
+                min(team.slack(each) for each in (first, *bound)),
+                tuple((need.local_task, need.count, len(need.entries)) for need in first.needs),
+                not indispensable.isdisjoint(numbers),
+                first.exclusive,
+            )
         )
-        for number, each in enumerate(reading.services)
-    )
+    return tuple(found)
 
 
 # -- JSON -------------------------------------------------------------------------------------

@@ -4,13 +4,14 @@ A condition that every robot has for itself, such as *holding*, is made true by 
 required by later ones: what one robot holds, no other one can place. Where that can be begun again
 by another robot, the tree asks for the condition: Sequence(Fallback(holding, pick), carry, place).
 So it is done by the robot for which it holds, and once more if that one dies. Elsewhere these are
-done by the same robot, where the tree leaves no doubt which action comes before.
+done by the same robot, where the tree leaves no doubt which action comes before; else by a robot
+for which the condition holds, which the tree then asks.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 from mrbt_mesh.analysis.effects import Declarations, guards
@@ -146,15 +147,22 @@ def _template(follows: Follows, parameters: Sequence[str]) -> str:
 
 @dataclass(frozen=True)
 class _Renewal:
-    """Rewrites a lifted tree. `at_first`: what conditions are while nobody has set them."""
+    """Rewrites a lifted tree. `at_first`: what conditions are while nobody has set them.
+
+    `asked`: conditions that are to be asked before an action, by its name.
+    """
 
     declared: Declarations
     is_of_robots: Callable[[str], bool]
     at_first: Callable[[str], bool]
     setters: Sequence[tuple[str, str]]
+    asked: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     def of(self, spec: NodeSpec) -> NodeSpec:
         """A node of which what is above keeps how it has ended, whatever conditions do then."""
+        if spec.kind is Kind.ACTION and spec.subject in self.asked:
+            conditions = [NodeSpec(Kind.CONDITION, subject=c) for c in self.asked[spec.subject]]
+            return NodeSpec(Kind.SEQUENCE, (*conditions, spec))
         if spec.kind in CONTROLS:
             if spec.memory is Memory.NONE and not spec.contains(Kind.CONDITION):
                 spec = replace(spec, memory=Memory.WHILE_RUNNING)  # of actions it is the same
@@ -194,7 +202,15 @@ class _Renewal:
         return self.declared.get(leaf.subject, _NOTHING)
 
     def _made(self, spec: NodeSpec) -> str | None:
-        """The robot's own condition that an action makes true, where it was false before."""
+        """The robot's own condition that an action makes true, where it was false before.
+
+        Of Fallback(holding, pick), too: it asks for it.
+        """
+        if spec.kind is Kind.FALLBACK:
+            asked, *others = spec.children
+            is_own = asked.kind is Kind.CONDITION and self.is_of_robots(asked.subject)
+            is_made = all(self._does(each).effects.get(asked.subject) for each in others)
+            return asked.subject if is_own and others and is_made else None
         if spec.kind is not Kind.ACTION:
             return None
         does = self._does(spec)
@@ -213,15 +229,19 @@ class _Renewal:
         does = [self._does(leaf) for child in part for leaf in _actions(child)]
         required = {pair for each in does for pair in each.requires.items() if pair[0] != own}
         changed = {(name, not value) for each in does for name, value in each.effects.items()}
-        leaves = (node.spec for child in part for node in walk(child))
+        asking = part if part[0].kind is Kind.ACTION else (*part[0].children[1:], *part[1:])
+        leaves = (node.spec for child in asking for node in walk(child))
         asks = any(leaf.kind is Kind.CONDITION for leaf in leaves)
         reads = frozenset().union(*(each.reads for each in does))
         writes = frozenset().union(*(each.writes for each in does))
         return not (asks or required & changed or reads & writes)
 
     def _together(self, part: Sequence[NodeSpec]) -> NodeSpec:
-        condition = NodeSpec(Kind.CONDITION, subject=self._made(part[0]) or "")
-        first = NodeSpec(Kind.FALLBACK, (condition, part[0]))
+        first = part[0]
+        if first.kind is Kind.ACTION:
+            condition = NodeSpec(Kind.CONDITION, subject=self._made(first) or "")
+            first = NodeSpec(Kind.FALLBACK, (condition, first))
+        first = replace(first, memory=Memory.NONE)
         return NodeSpec(Kind.SEQUENCE, (first, *part[1:]))
 
 
@@ -234,12 +254,37 @@ def renewable(
     declared: Declarations,
     is_of_robots: Callable[[str], bool],
     at_first: Callable[[str], bool],
+    asked: Iterable[Follows] = (),
 ) -> NodeSpec:
-    """The tree, with conditions asked where another robot can fetch what a dead one held."""
+    """The tree, with conditions asked where another robot can fetch what a dead one held.
+
+    `asked`: actions of which the tree does not tell whose they are; what they require is asked
+    before them, so that only robots are put on them for which it holds.
+    """
+    before: dict[str, list[str]] = {}
+    for each in asked:
+        before.setdefault(each.action, []).append(each.condition)
     setters = [
         (leaf.subject, name)
         for leaf in _actions(spec)
         for name, value in declared.get(leaf.subject, _NOTHING).effects.items()
         if value
     ]
-    return _Renewal(declared, is_of_robots, at_first, setters).of(spec)
+    return _Renewal(declared, is_of_robots, at_first, setters, before).of(spec)
+
+
+@dataclass(frozen=True)
+class Ownership:
+    """What belongs to a robot, in one team; see `follows` and `renewable`."""
+
+    declared: Declarations
+    is_of_robots: Callable[[str], bool]
+    at_first: Callable[[str], bool]
+
+    def follows(self, spec: NodeSpec) -> list[Follows]:
+        """The actions that require what another robot may have."""
+        return follows(spec, self.declared, self.is_of_robots)
+
+    def renewable(self, spec: NodeSpec, asked: Iterable[Follows] = ()) -> NodeSpec:
+        """The tree in which another robot can begin again what a dead one held."""
+        return renewable(spec, self.declared, self.is_of_robots, self.at_first, asked)

@@ -38,7 +38,7 @@ def cautions(mission: Mission) -> list[str]:
 
 
 def _stuck_fallbacks(mission: Mission) -> Iterator[str]:
-    services = {name: number for number, name in enumerate(mission.global_tasks)}
+    services = {name: [number] for number, name in enumerate(mission.global_tasks)}
     for node in mission.tree.nodes:
         if node.kind is not Kind.FALLBACK:
             continue

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from mrbt_mesh.analysis.annotations import annotated
-from mrbt_mesh.analysis.belonging import Follows, Templates, follows, renewable, templates
+from mrbt_mesh.analysis.belonging import Follows, Ownership, Templates, templates
 from mrbt_mesh.analysis.lift import Lifted, Lifter
 from mrbt_mesh.analysis.places import walk
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec
@@ -76,18 +77,41 @@ def lifted_mission(
     _check_tasks(spec, team, source)
     declared = _declarations(spec, found, team)
     work_us = {subject: team.work_us(subject) for subject in _subjects(spec, Kind.ACTION)}
-    lifter = Lifter(declared, work_us, _independent(spec, found, independent))
-    lifted = lifter.lift(spec)
-    _check_capable(
-        _subjects(spec, Kind.ACTION), follows(spec, declared, team.belongs_to_robots), team
-    )
-    again = renewable(lifted.tree, declared, team.belongs_to_robots, team.default)
-    lifted = replace(lifted, tree=again)
-    rest = follows(again, declared, team.belongs_to_robots)
+    independent_paths = _independent(spec, found, independent)
+    lifter = partial(Lifter, declared, work_us, independent_paths)
+    own = Ownership(declared, team.belongs_to_robots, team.default)
+    _check_capable(_subjects(spec, Kind.ACTION), own.follows(spec), team)
+    lifted, rest = lift_with_owners(spec, lifter, own)
     same_robots, unsaid = templates(rest, lambda name: team.parameters(name) or [])
-    notes = [Problem(team.file, 0, each.action, _any_robot(each)) for each in unsaid]
+    lifted = replace(lifted, tree=own.renewable(lifted.tree, unsaid))
+    left = own.follows(lifted.tree)
+    notes = [Problem(team.file, 0, each.action, _whose(each, left)) for each in unsaid]
+    notes += [
+        Problem(team.file, 0, each.action, _waits(each))
+        for each in rest
+        if split_call(each.action)[0] in same_robots
+    ]
     data = _mission_data(lifted, team, name, same_robots)
     return LiftedMission(data, lifted, (*found.notes, *notes))
+
+
+def lift_with_owners(
+    spec: NodeSpec, lifter: Callable[[], Lifter], own: Ownership
+) -> tuple[Lifted, list[Follows]]:
+    """Lift a tree so that few actions are left that only one robot can do, and which these are.
+
+    What belongs to a robot is kept together after lifting, or before it where that leaves fewer: it
+    may cost parallelism, but then another robot can begin it again.
+    """
+    lifted = lifter().lift(spec)
+    lifted = replace(lifted, tree=own.renewable(lifted.tree))
+    rest = own.follows(lifted.tree)
+    if rest:
+        kept = lifter().lift(own.renewable(spec))
+        kept = replace(kept, tree=own.renewable(kept.tree), serial_us=lifted.serial_us)
+        if len(own.follows(kept.tree)) < len(rest):
+            return kept, own.follows(kept.tree)
+    return lifted, rest
 
 
 def _check_capable(actions: Collection[str], found: Collection[Follows], team: TeamFile) -> None:
@@ -114,8 +138,18 @@ def _check_capable(actions: Collection[str], found: Collection[Follows], team: T
         raise MissionError(problems)
 
 
-def _any_robot(each: Follows) -> str:
-    return f"requires {each.condition} of its robot, but any robot may be asked: {each.reason}"
+def _whose(each: Follows, left: Collection[Follows]) -> str:
+    """What became of an action of which the tree does not tell which robot it is for."""
+    if any((row.action, row.condition) == (each.action, each.condition) for row in left):
+        return f"requires {each.condition} of its robot, but any robot may be asked: {each.reason}"
+    return f"goes to a robot with {each.condition}, and fails if there is none: {each.reason}"
+
+
+def _waits(each: Follows) -> str:
+    return (
+        f"is only for the robot that did {each.before}; if that one is lost in between, the "
+        "mission waits for it for ever"
+    )
 
 
 def _subjects(spec: NodeSpec, kind: Kind) -> list[str]:

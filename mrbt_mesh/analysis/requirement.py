@@ -157,11 +157,12 @@ _Merge: TypeAlias = Callable[[tuple[int, ...], State], tuple[int, ...]]
 
 def tree_requirement(
     tree: Tree,
-    services: Mapping[str, int],
+    services: Mapping[str, Sequence[int]],
     waits: Callable[[str], bool],
     deciding: Deciding = MappingProxyType({}),
 ) -> Requirement | None:
-    """What `tree` requires; `services`: global task -> number, `waits`: blocked for ever or not.
+    """What `tree` requires; `services`: global task -> the numbers of those that it takes, `waits`:
+    blocked for ever or not.
 
     None if the root cannot succeed even with every service feasible. Raises TooLargeError.
     """
@@ -173,7 +174,7 @@ def tree_requirement(
     return Requirement(states.formulas, states.formulas.any(bad)).simplified()
 
 
-def could_fail(tree: Tree, node: int, services: Mapping[str, int]) -> bool:
+def could_fail(tree: Tree, node: int, services: Mapping[str, Sequence[int]]) -> bool:
     """Whether a node could fail if every service were feasible."""
     states = _Builder(tree, services, lambda task: True, {}).of(tree.nodes[node])
     return any(ideal_f for (_, ideal_f, _, _) in states)
@@ -183,7 +184,7 @@ class _Builder:
     def __init__(
         self,
         tree: Tree,
-        services: Mapping[str, int],
+        services: Mapping[str, Sequence[int]],
         waits: Callable[[str], bool],
         deciding: Deciding,
     ) -> None:
@@ -199,7 +200,7 @@ class _Builder:
         if node.kind is Kind.CONDITION:
             return {(True, False, True, False): ALWAYS, (False, True, False, True): ALWAYS}
         if node.kind is Kind.ACTION:
-            lacking = self.formulas.atom(self.services[node.subject])
+            lacking = self.formulas.any(map(self.formulas.atom, self.services[node.subject]))
             fails = not self.waits(node.subject)
             found = {(True, True, True, True): ALWAYS, (True, True, False, fails): lacking}
             ways = self.deciding.get(node.subject, ())

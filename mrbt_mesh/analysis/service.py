@@ -24,6 +24,8 @@ from mrbt_mesh.core.planning.demands import Demand
 Capability: TypeAlias = tuple[str, str]
 # A robot (major fault) or a capability of it (minor fault).
 Fault: TypeAlias = str | Capability
+# What every living robot can do.
+ANYBODY = "a living robot"
 
 
 @dataclass(frozen=True)
@@ -40,12 +42,16 @@ class JointNeed:
 
 @dataclass(frozen=True)
 class Service:
-    """Needs that must be met at one time; `name` is for people."""
+    """Needs that must be met at one time; `name` is for people.
+
+    `is_bound`: about robots that did something before, of which no others can take the place.
+    """
 
     name: str
     tasks: tuple[str, ...]
     needs: tuple[JointNeed, ...]
     exclusive: bool
+    is_bound: bool = False
 
     @cached_property
     def touched_by(self) -> frozenset[Fault]:
@@ -88,6 +94,12 @@ def service(mission: Mission, tasks: tuple[GlobalTask, ...], name: str) -> Servi
         needs.append(JointNeed(local_task, count, entries))
     ids = tuple(task.id for task in tasks)
     return Service(name, ids, tuple(needs), any(task.exclusive for task in tasks))
+
+
+def somebody(mission: Mission) -> Service:
+    """A robot that lives: a team of nobody does nothing, not even where nothing is to be done."""
+    anyone = JointNeed(ANYBODY, 1, dict.fromkeys(sorted(mission.robots), ()))
+    return Service("anything, as there is no robot", (), (anyone,), False)
 
 
 def merged(needs: Sequence[JointNeed], is_major: bool = False) -> tuple[JointNeed, ...]:

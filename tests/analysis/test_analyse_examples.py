@@ -10,10 +10,10 @@ import pytest
 from mrbt_mesh.analysis.analyse import Analysis, analyse
 from mrbt_mesh.analysis.lemmas import Verdicts, verdicts
 from mrbt_mesh.analysis.readings import parallel_width, serial
-from mrbt_mesh.analysis.service import capability_faults, robot_faults
+from mrbt_mesh.analysis.service import FaultyTeam, capability_faults, robot_faults
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec
 from mrbt_mesh.core.mission.costs import Costs
-from mrbt_mesh.core.mission.mission import MICRO, Mission
+from mrbt_mesh.core.mission.mission import MICRO, Mission, Need, SameRobotAs
 from mrbt_mesh.formats.mission_file import load_mission
 from tests.support.build import (
     action,
@@ -235,6 +235,7 @@ def test_the_lemmas_know_nothing_of_majorities() -> None:
 # -- trees ------------------------------------------------------------------------------------
 
 A, B = action("a"), action("b")
+BOTH = sequence(A, B)
 WAITS = {"a": task("a"), "b": task("b")}
 FAILS = {name: task(name, blocked_fail_after_us=1) for name in "ab"}
 
@@ -265,8 +266,9 @@ FAILS = {name: task(name, blocked_fail_after_us=1) for name in "ab"}
 def test_what_a_tree_cannot_do_without(tree: NodeSpec, tasks: dict[str, Any], needed: str) -> None:
     mission = make_mission(tree, tasks=tasks.values())
     reading = serial(mission).reading
-    names = [reading.services[each].name for each in reading.required.indispensable]
-    assert "".join(names) == needed
+    services = [reading.services[each] for each in reading.required.indispensable]
+    assert "".join(each.name for each in services if each.tasks) == needed
+    assert not reading.survives(FaultyTeam(mission, frozenset(mission.robots)))
 
 
 def test_either_of_two_alternatives_is_enough_but_one_must_stay() -> None:
@@ -312,10 +314,43 @@ def test_a_mission_that_is_not_feasible_says_why() -> None:
     )
 
 
-def test_a_mission_that_needs_nobody_survives_everything() -> None:
+def test_a_mission_without_tasks_needs_a_robot_that_lives() -> None:
+    """A team of nobody does nothing, not even where there is nothing to do."""
     mission = make_mission(condition("c"), {"R1": {}})
     data = analyse(mission, Costs(), 60).to_json()
-    assert key_figures(data) == [True, True, 1, None, 0, None]
+    assert key_figures(data) == [True, False, 0, 1, 0, None]
+    two = make_mission(condition("c"), {"R1": {}, "R2": {}})
+    assert key_figures(analyse(two, Costs(), 60).to_json()) == [True, True, 1, 2, 0, None]
+
+
+def bring(*robots: str, tree: NodeSpec = BOTH, **options: Any) -> Mission:
+    """Robots that can do a, b or both; b is for the robot that has done a."""
+    need = Need("b", 1, 1, SameRobotAs("a", "a"))
+    second = replace(task("b", **options), needs=(need,))
+    able = {f"R{number + 1}": dict.fromkeys(names, 1) for number, names in enumerate(robots)}
+    return make_mission(tree, able, [task("a"), second])
+
+
+@pytest.mark.parametrize(
+    ("mission", "figures"),
+    [
+        # Whoever has done a may be lost before b; nobody else may do that.
+        (bring("ab", "ab", "ab"), [False, False, 0, 1, 2, 1]),
+        (bring("ab", "b"), [False, False, 1, 1, 1, 1]),
+        # R2 may be the one that does a.
+        (bring("ab", "a"), [False, False, None, 0, None, 0]),
+        # Nobody need have done a.
+        (bring("ab", tree=sequence(fallback(condition("c"), A), B)),
+         [False, False, None, 0, None, 0]),
+        # A way out.
+        (bring("ab", "ab", tree=sequence(A, fallback(B, A)), blocked_fail_after_us=1),
+         [True, True, 1, 2, 3, 2]),
+    ],
+)  # fmt: skip
+def test_a_task_for_the_robot_that_did_another_one(mission: Mission, figures: list[Any]) -> None:
+    data = analyse(mission, Costs(), 60).to_json()
+    assert key_figures(data) == figures
+    assert [each["task"] for each in data["tasks"]] == ["a", "b"]
 
 
 def test_the_width_of_the_repair_is_that_of_its_six_robots() -> None:

@@ -12,12 +12,14 @@ from unittest import mock
 
 import pytest
 
+from mrbt_mesh.analysis.bound import is_done_before
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.planning import make_plan
 from tests.support.tolerance_cases import (
     Case,
     cases,
     foreseen,
+    foreseen_of_all,
     simulated,
     survives,
     with_fixed_conditions,
@@ -55,6 +57,31 @@ def test_runs_end_as_analysis_and_the_tree_foretell(first: int) -> None:
         if found[0].are_distinct and succeeds:
             assert survives(found[0].mission, found[0].faults) is all(succeeds), found[0]
     assert len(done) == len(RESULTS), "every result comes up"
+
+
+TIMES_US = (100_000, 1_500_000, 2_500_000)
+
+
+@pytest.mark.parametrize("first", range(0, MISSIONS, BLOCK))
+def test_tasks_for_the_robots_that_did_another_one(first: int) -> None:
+    """Whichever robots those are, and whenever the faults happen."""
+    found: Counter[tuple[bool, bool]] = Counter()
+    for seed in range(first, min(MISSIONS, first + BLOCK)):
+        for case in cases(seed, is_bound=True):
+            tasks = [case.mission.global_tasks[n.subject] for n in case.mission.tree.actions()]
+            bound = [(task.id, need) for task in tasks for need in task.needs if need.same_robot_as]
+            if not bound:
+                continue
+            foretold = survives(with_fixed_conditions(case.mission), case.faults)
+            by_ticks = foreseen_of_all(case) is Status.SUCCESS
+            runs = {simulated(case, at_us, number) for at_us in TIMES_US for number in range(2)}
+            # Where the tree need not reach the first task, the second one counts as infeasible.
+            is_certain = all(is_done_before(case.mission.tree, n, task) for task, n in bound)
+            assert foretold is by_ticks if is_certain else foretold <= by_ticks, case
+            assert runs == {"success"} or not foretold, (case, runs)
+            found[foretold, runs == {"success"}] += 1
+    assert found[True, True], "some are survived"
+    assert found[False, False] > found[False, True], "most of the others are not"
 
 
 @pytest.mark.parametrize("seed", [9, 61])

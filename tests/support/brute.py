@@ -203,7 +203,7 @@ def survivor(mission: Mission) -> Callable[[frozenset[Fault]], bool]:
 
     @cache
     def survives(faults: frozenset[Fault]) -> bool:
-        if not hopeful:
+        if not hopeful or faults.issuperset(mission.robots):
             return False
         served = {task: can_serve(mission, [task], faults) for task in mission.global_tasks}
         decided = {task: can_decide(mission, task, faults) for task in mission.global_tasks}

@@ -21,7 +21,14 @@ from mrbt_mesh.analysis.service import Fault, FaultyTeam, capability_faults, rob
 from mrbt_mesh.core.agent.commands import ORDER
 from mrbt_mesh.core.bt.evaluation import PresentFacts
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec, Status, build_tree
-from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, Mission, Need
+from mrbt_mesh.core.mission.mission import (
+    MICRO,
+    FailurePolicy,
+    GlobalTask,
+    Mission,
+    Need,
+    SameRobotAs,
+)
 from mrbt_mesh.sim import Command, Kill, Lose, Schedule, simulate
 from tests.support.build import SECOND_US, make_mission
 
@@ -85,14 +92,17 @@ def drawn(mission: Mission) -> str:
 
 
 class _Drawing:
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, is_bound: bool) -> None:
         self.pick = random.Random(f"{seed}/tolerance")
+        self.bind = random.Random(f"{seed}/bound to")
         self.tasks: list[GlobalTask] = []
         self.conditions: list[str] = []
         self.local_tasks = [f"l{number}" for number in range(self.pick.randint(1, 3))]
         self.has_timeouts = self.pick.random() < 0.15
         self.are_known = self.pick.random() < 0.7
         self.are_distinct = True
+        self.is_bound = is_bound
+        self.most = (3, 2) if is_bound else (MAX_TASKS, MAX_CONDITIONS)
 
     def robots(self) -> dict[str, dict[str, float]]:
         names = [f"R{number}" for number in range(1, self.pick.randint(2, 4) + 1)]
@@ -108,7 +118,10 @@ class _Drawing:
         for local_task in chosen:
             least = pick.choice([1, 1, 1, 2])
             needs.append(Need(local_task, least, least + pick.choice([0, 0, 1])))
-        policies = list(FailurePolicy) if self.are_known else [*FailurePolicy][:2]
+        if self.is_bound and self.tasks and self.bind.random() < 0.6:
+            needs[0] = replace(needs[0], same_robot_as=self.before())
+        are_patient = self.are_known and not self.is_bound  # whether who is bound may return
+        policies = list(FailurePolicy) if are_patient else [*FailurePolicy][:2]
         failure, starts_together = pick.choice(policies), pick.random() < 0.2
         if failure is FailurePolicy.PATIENT and starts_together:
             needs = needs[:1]  # how far several get depends on who is chosen
@@ -125,12 +138,17 @@ class _Drawing:
         )
         return NodeSpec(Kind.ACTION, subject=name)
 
+    def before(self) -> SameRobotAs:
+        """A local task of a global task that stands before."""
+        task = self.bind.choice(self.tasks)
+        return SameRobotAs(task.id, self.bind.choice(task.needs).local_task)
+
     def leaf(self) -> NodeSpec:
         """At most so many different ones; then the same conditions are asked again."""
-        if len(self.conditions) < MAX_CONDITIONS and self.pick.random() < 0.3:
+        if len(self.conditions) < self.most[1] and self.pick.random() < 0.3:
             self.conditions.append(f"c{len(self.conditions)}")
             return NodeSpec(Kind.CONDITION, subject=self.conditions[-1])
-        if len(self.tasks) < MAX_TASKS or not self.conditions:
+        if len(self.tasks) < self.most[0] or not self.conditions:
             return self.task()
         self.are_distinct = False
         return NodeSpec(Kind.CONDITION, subject=self.pick.choice(self.conditions))
@@ -160,15 +178,20 @@ class _Drawing:
         return NodeSpec(kind, (child,))
 
     def faults(self, mission: Mission) -> frozenset[Fault]:
-        """Some, of both kinds; one robot always lives."""
+        """Some, of both kinds; now and then nobody lives."""
         majors = [fault for fault in robot_faults(mission) if self.pick.random() < 0.3]
         minors = [fault for fault in capability_faults(mission) if self.pick.random() < 0.2]
+        if self.bind.random() < 0.05:
+            return frozenset(robot_faults(mission))
         return frozenset([*majors[: len(mission.robots) - 1], *minors])
 
 
-def cases(seed: int) -> Iterator[Case]:
-    """Those of one mission with one set of faults: one for each choice of its conditions."""
-    drawing = _Drawing(seed)
+def cases(seed: int, is_bound: bool = False) -> Iterator[Case]:
+    """Those of one mission with one set of faults: one for each choice of its conditions.
+
+    `is_bound`: with tasks for the robots that did another one (`same_robot_as`).
+    """
+    drawing = _Drawing(seed, is_bound)
     robots = drawing.robots()
     tree = drawing.node(0)
     mission = make_mission(tree, robots, drawing.tasks, name=f"case{seed}")
@@ -178,8 +201,8 @@ def cases(seed: int) -> Iterator[Case]:
         chosen = make_mission(tree, robots, drawing.tasks, holding, mission.name)
         first = Case(seed, chosen, faults, drawing.are_known, {}, drawing.are_distinct)
         ways = [replace(first, ends=ends) for ends in _ways_to_end(chosen)]
-        good = [case for case in ways if foreseen(case) is Status.SUCCESS]
-        possible = any(foreseen(case, True) is Status.SUCCESS for case in good or ways)
+        good = [case for case in ways if foreseen_of_all(case) is Status.SUCCESS]
+        possible = any(foreseen(case, is_ideal=True) is Status.SUCCESS for case in good or ways)
         yield replace(drawing.pick.choice(good or ways), is_possible=possible)
 
 
@@ -206,12 +229,40 @@ def _under_timeouts(mission: Mission) -> set[str]:
     return found
 
 
-def foreseen(case: Case, is_ideal: bool = False) -> Status:
+Doers = Mapping[SameRobotAs, frozenset[str]]
+
+
+def foreseen_of_all(case: Case) -> Status:
+    """What is foreseen if others are bound to the robots that do a task: the worst of it.
+
+    They may be any that could before the faults: some of them may come in between.
+    """
+    befores = {
+        need.same_robot_as
+        for task in case.mission.global_tasks.values()
+        for need in task.needs
+        if need.same_robot_as
+    }
+    choices = []
+    for each in sorted(befores, key=str):
+        needs = case.mission.global_tasks[each.global_task].needs
+        count = next(need.min_robots for need in needs if need.local_task == each.local_task)
+        robots = case.mission.robots.values()
+        could = [robot.id for robot in robots if each.local_task in robot.capabilities]
+        chosen = itertools.combinations(could, min(count, len(could)))
+        choices.append([(each, frozenset(robots)) for robots in chosen])
+    found = {foreseen(case, dict(chosen)) for chosen in itertools.product(*choices)}
+    return next((status for status in found if status is not Status.SUCCESS), Status.SUCCESS)
+
+
+def foreseen(case: Case, doers: Doers | None = None, is_ideal: bool = False) -> Status:
     """The mission's status in the end, RUNNING if it stays blocked: by ticks of the tree alone.
 
-    `is_ideal`: as if there were robots for everything.
+    `doers`: who did what others are bound to. `is_ideal`: as if there were robots for everything.
     """
-    facts = _Foreseen(case, is_ideal)
+    if len(case.faults & case.mission.robots.keys()) == len(case.mission.robots) and not is_ideal:
+        return Status.RUNNING
+    facts = _Foreseen(case, doers or {}, is_ideal)
     evaluator = case.mission.evaluator
     while True:
         evaluation = evaluator.evaluate(facts)
@@ -225,6 +276,8 @@ def foreseen(case: Case, is_ideal: bool = False) -> Status:
         if news:
             activation = next(iter(news))
             facts.statuses[activation] = news[activation]
+            subject = next(r.subject for r in evaluation.requests if r.activation == activation)
+            facts.last[subject] = news[activation]
         elif expired:
             facts.expired |= expired
         else:
@@ -234,9 +287,11 @@ def foreseen(case: Case, is_ideal: bool = False) -> Status:
 class _Foreseen(PresentFacts):
     """What the tree reads: actions end as the case says, if there are robots for them."""
 
-    def __init__(self, case: Case, is_ideal: bool) -> None:
+    def __init__(self, case: Case, doers: Doers, is_ideal: bool) -> None:
         self._case = case
+        self._doers = doers
         self._is_ideal = is_ideal
+        self.last: dict[str, Status] = {}
         self.statuses: dict[str, Status] = {}
         self.attempts: dict[str, int] = {}
         self.children: dict[tuple[str, int], bool] = {}
@@ -245,7 +300,9 @@ class _Foreseen(PresentFacts):
     def end(self, subject: str) -> Status:
         """How a requested task ends; RUNNING: it does not."""
         case, task = self._case, self._case.mission.global_tasks[subject]
-        if not (self._is_ideal or _are_enough(case, task)):
+        befores = [need.same_robot_as for need in task.needs if need.same_robot_as]
+        is_done = all(self.last.get(each.global_task) is Status.SUCCESS for each in befores)
+        if not (self._is_ideal or (is_done and _are_enough(case, task, self._doers))):
             fails = task.blocked_fail_after_us is not None and _may_decide(case, task)
             return Status.FAILURE if fails else Status.RUNNING
         if case.ends[subject] == SUCCESS:
@@ -289,11 +346,16 @@ def _may_decide(case: Case, task: GlobalTask) -> bool:
     return not task.exclusive or 2 * alive > len(case.mission.robots)
 
 
-def _are_enough(case: Case, task: GlobalTask) -> bool:
+def _are_enough(case: Case, task: GlobalTask, doers: Doers) -> bool:
     """Whether there are different robots for all that it needs at one time: by trying all out."""
     if not _may_decide(case, task):
         return False
-    slots = [_able(case, need.local_task) for need in task.needs for _ in range(need.min_robots)]
+    slots = []
+    for need in task.needs:
+        able = set(_able(case, need.local_task))
+        if need.same_robot_as:
+            able &= doers[need.same_robot_as]
+        slots += [sorted(able)] * need.min_robots
 
     def seat(number: int, taken: frozenset[str]) -> bool:
         return number == len(slots) or any(
@@ -335,21 +397,29 @@ def with_fixed_conditions(mission: Mission) -> Mission:
 # -- in the simulator -------------------------------------------------------------------------
 
 
-def simulated(case: Case) -> str:
-    """The result of the run: `success`, `failure` or `blocked`."""
+def simulated(case: Case, at_us: int | None = None, performances: int = 0) -> str:
+    """The result of the run: `success`, `failure` or `blocked`.
+
+    `at_us`: the faults happen then, whatever is going on, to robots of random `performances`.
+    """
     tasks = case.mission.global_tasks.values()
     fails_at = {t.id: _decisive_need(case, t) or t.needs[0].local_task for t in tasks}
     parameters = {"ends": dict(case.ends), "fails_at": fails_at}
     mission = replace(case.mission, parameters=parameters)
     lost = {fault for fault in case.faults if not isinstance(fault, str)}
     dead = sorted(fault for fault in case.faults if isinstance(fault, str))
+    strike_us = at_us or STRIKE_US
+    strikes: list[Any] = [(strike_us, Kill(robot)) for robot in dead]
+    strikes += [(strike_us, Lose(*fault)) for fault in sorted(lost) if fault[0] not in dead]
     schedule: Schedule = [(0, Kill(robot)) for robot in dead]
-    if case.are_known:
+    if at_us is not None:
+        pick = random.Random(f"{case.seed}/{performances}")
+        robots = {name: _performing(mission, name, pick) for name in mission.robots}
+        mission, schedule = replace(mission, robots=robots), strikes
+    elif case.are_known and len(dead) < len(mission.robots):
         alive = next(robot for robot in sorted(mission.robots) if robot not in dead)
-        schedule = [(PAUSE_US, Command(alive, ORDER, "pause"))]
-        schedule += [(STRIKE_US, Kill(robot)) for robot in dead]
-        schedule += [(STRIKE_US, Lose(*fault)) for fault in sorted(lost) if fault[0] not in dead]
-        schedule += [(RESUME_US, Command(alive, ORDER, "resume"))]
+        pause, resume = Command(alive, ORDER, "pause"), Command(alive, ORDER, "resume")
+        schedule = [(PAUSE_US, pause), *strikes, (RESUME_US, resume)]
     else:
         mission = replace(mission, robots={r: _without(mission, r, lost) for r in mission.robots})
     result = simulate(
@@ -361,7 +431,15 @@ def simulated(case: Case) -> str:
         stop_when_stuck=True,
         inspect=False,
     )
+    if len(dead) == len(mission.robots) and at_us is None and not result.summary["duration_s"]:
+        return "blocked"  # it was over before anybody could be lost, and faults come first
     return result.result
+
+
+def _performing(mission: Mission, name: str, pick: random.Random) -> Any:
+    known = mission.robots[name]
+    able = {each: MICRO * pick.randint(1, 4) for each in known.capabilities}
+    return replace(known, capabilities=able)
 
 
 def _without(mission: Mission, name: str, lost: set[Any]) -> Any:
