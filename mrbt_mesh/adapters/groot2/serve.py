@@ -32,7 +32,8 @@ def listening(host: str, port: int) -> Iterator[tuple[zmq.asyncio.Socket, int]]:
     except ImportError:
         raise InputError(EXTRA) from None
     context = zmq.asyncio.Context()
-    socket = context.socket(zmq.REP)
+    # Not REP, for which a message without its envelope ends in an error of the one who answers.
+    socket = context.socket(zmq.ROUTER)
     try:
         socket.setsockopt(zmq.LINGER, 0)
         socket.setsockopt(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
@@ -48,9 +49,15 @@ def listening(host: str, port: int) -> Iterator[tuple[zmq.asyncio.Socket, int]]:
 
 
 async def answer_all(socket: zmq.asyncio.Socket, monitored: MonitoredTree) -> None:
-    """Answer one request after the other; never returns."""
+    """Answer one request after the other; never returns.
+
+    A request follows the address of its sender and an empty part; all else is dropped.
+    """
     while True:
-        request = await socket.recv_multipart()
-        await socket.send_multipart(monitored.answer(request, boottime_us()))
+        message = await socket.recv_multipart()
+        begin = message.index(b"", 1) + 1 if b"" in message[1:] else len(message)
+        if message[begin:]:
+            answer = monitored.answer(message[begin:], boottime_us())
+            await socket.send_multipart([*message[:begin], *answer])
         # Many requests at once must not keep the team's messages waiting.
         await anyio.lowlevel.checkpoint()

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import socket
+import struct
+from random import Random
 from xml.etree import ElementTree
 
 import msgpack
@@ -49,6 +53,34 @@ def test_who_sends_too_much_or_leaves_without_an_answer_disturbs_nobody() -> Non
         with pytest.raises(zmq.Again):
             big.raw(bytes(MAX_REQUEST_BYTES + 1))
         big.close()
+        with monitoring(port) as monitor:
+            assert monitor.ask("D") == [b"[]"]
+
+
+def random_part(random: Random) -> bytes:
+    kind = random.choice(b"TSBIRUDAXrtZ")
+    header = struct.pack("<BBI", 2, kind, random.getrandbits(32))
+    names = random.choice([b"start", b"MainTree;" * 500, b"\xff" * 100])
+    return random.choice([header, header, b"", names, random.randbytes(random.randrange(40))])
+
+
+def test_whatever_is_sent_ends_nothing() -> None:
+    """Random messages with and without an envelope, of any kind of socket, and random bytes."""
+    random, desk = Random(7), Desk()
+    types = (zmq.DEALER, zmq.DEALER, zmq.REQ, zmq.ROUTER, zmq.PUSH, zmq.PAIR)
+    with served(desk.monitored) as port, zmq.Context() as context:
+        where = f"tcp://127.0.0.1:{port}"
+        for number in range(200):
+            with context.socket(random.choice(types)) as rude:
+                rude.setsockopt(zmq.LINGER, 100)
+                rude.connect(where)
+                parts = [random_part(random) for _ in range(random.choice([1, 1, 2, 3, 50]))]
+                with contextlib.suppress(zmq.ZMQError):
+                    rude.send_multipart([b""] if number % 9 == 0 else parts, zmq.DONTWAIT)
+                    rude.send_multipart([b"", *parts], zmq.DONTWAIT)
+            with socket.create_connection(("127.0.0.1", port)) as raw:
+                greeting = b"\xff" + bytes(8) + b"\x7f\3\0NULL" + bytes(48)
+                raw.sendall(greeting * (number % 2) + random.randbytes(60))
         with monitoring(port) as monitor:
             assert monitor.ask("D") == [b"[]"]
 
