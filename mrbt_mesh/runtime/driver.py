@@ -45,7 +45,7 @@ from mrbt_mesh.runtime.fencing import FencingSelector, boottime_us, fenced
 from mrbt_mesh.runtime.flood_gate import FloodGate
 from mrbt_mesh.runtime.inbox import Inbox
 from mrbt_mesh.runtime.journal import Journal
-from mrbt_mesh.runtime.journal_writer import JournalWriter
+from mrbt_mesh.runtime.journal_writer import JournalNews, JournalWriter
 from mrbt_mesh.runtime.launcher_lock import LauncherWatch
 from mrbt_mesh.runtime.limited_file import DEFAULT_KEEP_BYTES, append
 from mrbt_mesh.runtime.link_watch import LinkWatch, Sighting
@@ -114,7 +114,12 @@ class Driver:
         self.on_step: Callable[[], None] = lambda: None
         self._agent = Agent(setup.mission, setup.config, boottime_us())
         self._meter = setup.meter
-        self._journal = JournalWriter(setup.journal, self._meter.sync_s if self._meter else None)
+        self._journal = JournalWriter(
+            setup.journal,
+            self._tell,
+            setup.config.journal_problem,
+            self._meter.sync_s if self._meter else None,
+        )
         self._recording = robot_recording(
             setup.record, setup.mission, setup.config, self._agent.view, self.log
         )
@@ -203,6 +208,8 @@ class Driver:
                 group.start_soon(self._watch_manifest)
                 group.start_soon(self._look_for_metrics)
                 self._is_ready = True
+                self._loop = asyncio.get_running_loop()
+                self._journal.start()
                 self.begun.set()
                 self.submit(TimerFired())
                 self._drain(inbox, gate)
@@ -214,12 +221,18 @@ class Driver:
         finally:
             if self._timer is not None:
                 self._timer.cancel()
-            self._journal.close()
+            await self._close_journal()
             if self._recording is not None:
                 self._recording.close()
             self._transport.close(CLOSE_TIMEOUT_S)
         assert self._stop is not None
         return self._stop
+
+    async def _close_journal(self) -> None:
+        with anyio.CancelScope(shield=True):
+            lost = await anyio.to_thread.run_sync(self._journal.close)
+        if lost:
+            self.log("error", "journal_not_written", entries=lost)
 
     # -- inputs ---------------------------------------------------------------------------
 
@@ -243,6 +256,12 @@ class Driver:
             self._carry_out(effect)
         self._set_timer()
         self.on_step()
+
+    def _tell(self, news: JournalNews) -> None:
+        """Called by the thread that writes the journal."""
+        # A loop that is closed: the process is about to end.
+        with contextlib.suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(self.submit, news)
 
     def _drain(self, inbox: Inbox, gate: FloodGate | None) -> None:
         if not self._is_ready:
@@ -359,8 +378,8 @@ class Driver:
         match effect:
             case Publish(kind, data, to):
                 self._transport.publish(kind, data, to)
-            case Persist(entries, synced):
-                self._journal.put(entries, synced)
+            case Persist(entries, at_once, number):
+                self._journal.put(entries, number, at_once)
             case Forget(keys):
                 self._journal.forget(keys)
             case Ask(peer, data):

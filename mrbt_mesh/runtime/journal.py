@@ -1,198 +1,319 @@
 """A robot's journal: the facts that it must not lose, in its run directory.
 
-SQLite in WAL mode: one file format that survives a crash at any byte, in the standard
-library, at about 0.1 ms for a synced commit. What the robot itself says (its claims, outcomes
-and incarnations) is synced before it is told to anybody; what others told it is written a
-little later, since they have it too.
+SQLite in WAL mode: a format that survives a crash at any byte, in the standard library. SQLite
+does not notice a bit that has changed on the disk, so each row has a digest, and `meta` has the
+digest of all rows together: what is read is what was written, or the journal is damaged.
 """
 
 from __future__ import annotations
 
+import contextlib
+import errno
+import hashlib
+import os
 import shutil
 import sqlite3
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import msgpack
 
 from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, make_entry
 
-SCHEMA_VERSION = 2
+FORMAT = 3
 SUFFIX = ".journal"
-LAZY_COMMIT_S = 0.1
+BUSY_TIMEOUT_S = 1.0
+PAGE_BYTES = 4096
 
-_TABLES = """
-CREATE TABLE IF NOT EXISTS meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
-CREATE TABLE IF NOT EXISTS entries (
-    author TEXT, name TEXT, counter INTEGER, nonce TEXT, sequence INTEGER, value BLOB,
-    PRIMARY KEY (author, name)
-) WITHOUT ROWID;
-CREATE TABLE IF NOT EXISTS proofs (
-    author TEXT, counter INTEGER, nonce TEXT, sequence INTEGER, hashes BLOB, signature BLOB,
-    PRIMARY KEY (author, counter, nonce, sequence)
-) WITHOUT ROWID;
-"""
-# Proofs of batches of which no entry stands are dropped now and then.
-_DROP_PROOFS = """
-DELETE FROM proofs WHERE (author, counter, nonce, sequence) NOT IN
+# What is to be written of an author's name: an entry, or that it is to be dropped.
+Changes: TypeAlias = Mapping[tuple[str, str], Entry | None]
+
+_TABLES = {
+    "meta": "CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID",
+    "entries": (
+        "CREATE TABLE entries (author TEXT, name TEXT, counter INTEGER, nonce TEXT, "
+        "sequence INTEGER, value BLOB, digest INTEGER, PRIMARY KEY (author, name)) WITHOUT ROWID"
+    ),
+    "proofs": (
+        "CREATE TABLE proofs (author TEXT, counter INTEGER, nonce TEXT, sequence INTEGER, "
+        "hashes BLOB, signature BLOB, digest INTEGER, "
+        "PRIMARY KEY (author, counter, nonce, sequence)) WITHOUT ROWID"
+    ),
+}
+# Proofs of batches of which no entry is left are dropped now and then.
+_UNUSED_PROOFS = """
+FROM proofs WHERE (author, counter, nonce, sequence) NOT IN
     (SELECT author, counter, nonce, sequence FROM entries)
 """
 COMMITS_PER_CLEANING = 1_000
+_DAMAGED = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_FORMAT)
+_REASONS = {
+    sqlite3.SQLITE_FULL: os.strerror(errno.ENOSPC),
+    sqlite3.SQLITE_READONLY: "it is read-only",
+    sqlite3.SQLITE_BUSY: "it is locked by another process",
+    sqlite3.SQLITE_CANTOPEN: "it cannot be opened",
+}
+# What keeps a journal from being read or written now; it may go by, and is no damage.
+JOURNAL_ERRORS = (sqlite3.Error, OSError)
+
+
+class DamagedError(Exception):
+    """The journal does not hold what was written to it, or is that of another run."""
+
+
+def reason_of(error: Exception) -> str:
+    """Why a journal cannot be read or written, for people."""
+    if isinstance(error, sqlite3.Error):
+        return _REASONS.get(_code(error), str(error))
+    return getattr(error, "strerror", None) or str(error) or type(error).__name__
+
+
+def _code(error: sqlite3.Error) -> int:
+    return getattr(error, "sqlite_errorcode", 0) & 0xFF
 
 
 class Journal:
-    """The journal of one robot in one run.
+    """The journal of one robot in one run, used by one thread at a time.
 
-    `log(level, event, **fields)` is told of everything unusual; nothing here ever stops the
-    robot. Entries that could not be written (the disk is full) are kept and tried again.
+    `log(level, event, **fields)` is told what is unusual about the file.
     """
 
     def __init__(
         self, path: Path, mission: str, run: str, robot: str, log: Callable[..., None]
     ) -> None:
-        self._path = path
-        self._meta = {
-            "schema": str(SCHEMA_VERSION),
-            "mission": mission,
-            "run": run,
-            "robot": robot,
-        }
+        self.path = path
+        self._meta = {"format": str(FORMAT), "mission": mission, "run": run, "robot": robot}
         self._log = log
-        self._pending: dict[tuple[str, str], Entry | None] = {}
-        self._failing = False
         self._commits = 0
         self._database: sqlite3.Connection | None = None
+        self._file: tuple[int, int] | None = None
+
+    @property
+    def is_open(self) -> bool:
+        return self._database is not None
+
+    def begin(self) -> tuple[tuple[Entry, ...], str]:
+        """Open the journal if possible; returns what it holds, and why it cannot be written, if so.
+
+        One that cannot be opened now is read from a copy: a disk that is full or read-only, or
+        another process's lock, does not keep it from being read.
+        """
+        try:
+            return self.open(), ""
+        except JOURNAL_ERRORS as error:
+            reason = reason_of(error)
+        try:
+            return _read_copy(self), reason
+        except (*JOURNAL_ERRORS, DamagedError):
+            return (), reason
 
     def open(self) -> tuple[Entry, ...]:
         """Open or create the journal; returns what it holds.
 
-        A damaged journal, or one of another run, is set aside, and the robot starts without.
+        Raises JOURNAL_ERRORS where that is not possible now. A journal that is damaged, or of
+        another run, is set aside, and a new one is begun.
         """
         try:
             return self._open()
-        except (sqlite3.Error, ValueError) as error:
+        except DamagedError as error:
             self._set_aside(str(error))
-        try:
-            return self._open()
-        except sqlite3.Error as error:
-            self._fail(error)
-            return ()
+        return self._open()
 
     def _open(self) -> tuple[Entry, ...]:
-        self._database = sqlite3.connect(self._path, isolation_level=None, timeout=1.0)
-        database = self._database
+        self.close()
+        size = self.path.stat().st_size if self.path.exists() else 0
+        written = _frames(self._beside("-wal"))
+        try:
+            self._database = database = sqlite3.connect(
+                self.path,
+                isolation_level=None,
+                timeout=BUSY_TIMEOUT_S,
+                check_same_thread=False,
+            )
+            database.text_factory = bytes
+            database.execute("PRAGMA synchronous=FULL")
+            tables = dict(database.execute("SELECT name, sql FROM sqlite_master"))
+            if tables:
+                entries = self._read(database, tables)
+            elif size > PAGE_BYTES:
+                raise DamagedError("damaged: it has no tables")
+            else:
+                entries = self._create(database)
+            self._check_tail(database, written)
+            found = self.path.stat()
+            self._file = found.st_dev, found.st_ino
+        except JOURNAL_ERRORS as error:
+            self.close()
+            if isinstance(error, sqlite3.Error) and _code(error) in _DAMAGED:
+                raise DamagedError(f"damaged: {error}") from None
+            raise
+        except DamagedError:
+            self.close()
+            raise
+        except UnicodeDecodeError as error:  # SQLite's message quotes what it has found
+            self.close()
+            raise DamagedError("damaged: its tables are others") from error
+        return entries
+
+    def _create(self, database: sqlite3.Connection) -> tuple[Entry, ...]:
         database.execute("PRAGMA journal_mode=WAL")
-        database.execute("PRAGMA synchronous=FULL")
-        (state,) = database.execute("PRAGMA quick_check(1)").fetchone()
-        if state != "ok":
-            raise ValueError(f"damaged: {state}")
-        database.executescript(_TABLES)
+        database.execute("BEGIN IMMEDIATE")
+        for statement in _TABLES.values():
+            database.execute(statement)
+        meta = self._meta | {"digest": "0"}
+        database.executemany("INSERT INTO meta VALUES (?, ?)", meta.items())
+        database.execute("COMMIT")
+        return ()
+
+    def _read(
+        self, database: sqlite3.Connection, tables: Mapping[bytes, bytes]
+    ) -> tuple[Entry, ...]:
+        if tables != {name.encode(): sql.encode() for name, sql in _TABLES.items()}:
+            raise DamagedError("damaged: its tables are others")
+        ((state,),) = database.execute("PRAGMA quick_check(1)").fetchall()
+        if state != b"ok":
+            raise DamagedError(f"damaged: {state.decode(errors='replace')}")
         known = dict(database.execute("SELECT key, value FROM meta"))
-        if not known:
-            database.executemany("INSERT INTO meta VALUES (?, ?)", self._meta.items())
-        elif known != self._meta:
-            other = [key for key in self._meta if known.get(key) != self._meta[key]]
-            raise ValueError(f"belongs to another {', '.join(other)}")
-        database.execute(_DROP_PROOFS)
-        shown = database.execute("SELECT * FROM proofs").fetchall()
-        proofs = {row[:4]: BatchProof(row[4], row[5]) for row in shown}
+        digest = known.pop(b"digest", None)
+        meta = {key.encode(): value.encode() for key, value in self._meta.items()}
+        other = [key.decode() for key, value in meta.items() if known.get(key) != value]
+        proofs = database.execute("SELECT * FROM proofs").fetchall()
         rows = database.execute("SELECT * FROM entries ORDER BY author, name").fetchall()
-        return tuple(_entry(row, proofs.get((row[0], *row[2:5]))) for row in rows)
+        total = 0
+        for row in (*proofs, *rows):
+            if row[-1] != _digest(row[:-1]):
+                raise DamagedError("damaged: a row is not as it was written")
+            total ^= row[-1]
+        if digest != str(total).encode():
+            raise DamagedError("damaged: rows are missing")
+        if other:
+            raise DamagedError(f"belongs to another {', '.join(other)}")
+        by_batch = {row[:4]: BatchProof(row[4], row[5]) for row in proofs}
+        try:
+            return tuple(_entry(row, by_batch.get((row[0], *row[2:5]))) for row in rows)
+        except ValueError as error:
+            raise DamagedError(f"damaged: {error}") from None
+
+    def _check_tail(self, database: sqlite3.Connection, written: int) -> None:
+        """Say if SQLite has dropped the end of the write-ahead log, as after a crash in a write."""
+        with contextlib.suppress(sqlite3.Error):  # a disk that is full
+            _, found, _ = database.execute("PRAGMA wal_checkpoint").fetchone()
+            if 0 <= found < written:
+                self._log("warning", "journal_end_dropped", pages=written - found)
 
     def _set_aside(self, reason: str) -> None:
         """Move a journal that cannot be used out of the way, for people to look at."""
-        if self._database is not None:
-            self._database.close()
-            self._database = None
         number = 1
-        while (aside := self._path.with_name(f"{self._path.name}.aside-{number}")).exists():
+        while (aside := self._beside(f".aside-{number}")).exists():
             number += 1
         for suffix in ("", "-wal", "-shm"):
-            part = self._path.with_name(self._path.name + suffix)
-            if part.exists():
-                part.rename(aside.with_name(aside.name + suffix))
+            with contextlib.suppress(FileNotFoundError):
+                self._beside(suffix).rename(aside.with_name(aside.name + suffix))
         self._log("error", "journal_set_aside", reason=reason, kept_as=str(aside))
 
-    def put(self, entries: Iterable[Entry]) -> None:
-        """Take entries in; they are on disk after the next `commit`."""
-        for entry in entries:
-            self._pending[entry.author, entry.name] = entry
+    def _beside(self, suffix: str) -> Path:
+        return self.path.with_name(self.path.name + suffix)
 
-    def forget(self, keys: Iterable[tuple[str, str]]) -> None:
-        """Drop entries, by author and name; they are gone from disk after the next `commit`."""
-        for key in keys:
-            self._pending[key] = None
-
-    @property
-    def is_clean(self) -> bool:
-        """Whether everything that was put has been written."""
-        return not self._pending
-
-    def commit(self) -> bool:
-        """Write and sync everything that was put; False if that failed, to be tried again."""
-        if not self._pending:
-            return True
-        if self._database is None:
-            return False
-        rows = [
-            (e.author, e.name, *e.version.incarnation, e.version.sequence, e.packed)
-            for e in self._pending.values()
-            if e is not None
-        ]
-        proofs = [
-            (e.author, *e.version.incarnation, e.version.sequence, p.hashes, p.signature)
-            for e in self._pending.values()
-            if e is not None and (p := e.proof) is not None
-        ]
-        gone = [key for key, entry in self._pending.items() if entry is None]
+    def has_moved(self) -> bool:
+        """Whether the file that is open is no longer the one of its name: it was deleted."""
         try:
-            self._database.execute("BEGIN IMMEDIATE")
-            self._database.executemany(
-                "INSERT OR REPLACE INTO entries VALUES (?, ?, ?, ?, ?, ?)", rows
-            )
-            self._database.executemany(
-                "INSERT OR REPLACE INTO proofs VALUES (?, ?, ?, ?, ?, ?)", proofs
-            )
-            self._commits += 1
-            if self._commits % COMMITS_PER_CLEANING == 0:
-                self._database.execute(_DROP_PROOFS)
-            self._database.executemany("DELETE FROM entries WHERE author = ? AND name = ?", gone)
-            self._database.execute("COMMIT")
-        except sqlite3.Error as error:
-            if self._database.in_transaction:
-                self._database.execute("ROLLBACK")
-            self._fail(error)
-            return False
-        self._pending.clear()
-        if self._failing:
-            self._failing = False
-            self._log("info", "journal_works_again")
-        return True
+            found = self.path.stat()
+        except OSError:
+            return True
+        return (found.st_dev, found.st_ino) != self._file
 
-    def _fail(self, error: sqlite3.Error) -> None:
-        if not self._failing:
-            self._failing = True
-            self._log(
-                "error",
-                "journal_fails",
-                error=str(error),
-                consequence="a restart of this robot relies on what the others know",
-            )
+    def write(self, changes: Changes) -> None:
+        """Write and sync, all or nothing, with the journal open.
+
+        Raises JOURNAL_ERRORS, and DamagedError if it turns out to be damaged.
+        """
+        database = self._database
+        assert database is not None
+        try:
+            database.execute("BEGIN IMMEDIATE")
+            self._write(database, changes)
+            database.execute("COMMIT")
+        except sqlite3.Error as error:
+            with contextlib.suppress(sqlite3.Error):
+                if database.in_transaction:
+                    database.execute("ROLLBACK")
+            if _code(error) in _DAMAGED:
+                self.close()
+                self._set_aside(f"damaged: {error}")
+                raise DamagedError(str(error)) from None
+            raise
+
+    def _write(self, database: sqlite3.Connection, changes: Changes) -> None:
+        gone: list[int] = []
+        rows: list[tuple[Any, ...]] = []
+        proofs: dict[tuple[Any, ...], tuple[Any, ...]] = {}
+        for key, entry in changes.items():
+            of_key = "FROM entries WHERE author = ? AND name = ?"
+            gone += _digests(database, of_key, key)
+            if entry is None:
+                database.execute(f"DELETE {of_key}", key)
+                continue
+            version = (*entry.version.incarnation, entry.version.sequence)
+            rows.append((*key, *version, entry.packed))
+            if entry.proof is not None:
+                proofs[entry.author, *version] = (entry.proof.hashes, entry.proof.signature)
+        for batch in proofs:
+            of_batch = "FROM proofs WHERE (author, counter, nonce, sequence) = (?, ?, ?, ?)"
+            gone += _digests(database, of_batch, batch)
+        made = [(*row, _digest(row)) for row in rows]
+        proved = [(*row, _digest(row)) for row in ((*k, *v) for k, v in proofs.items())]
+        database.executemany("INSERT OR REPLACE INTO entries VALUES (?, ?, ?, ?, ?, ?, ?)", made)
+        database.executemany("INSERT OR REPLACE INTO proofs VALUES (?, ?, ?, ?, ?, ?, ?)", proved)
+        self._commits += 1
+        if self._commits % COMMITS_PER_CLEANING == 1:
+            gone += _digests(database, _UNUSED_PROOFS, ())
+            database.execute(f"DELETE {_UNUSED_PROOFS}")
+        ((total,),) = database.execute("SELECT value FROM meta WHERE key = 'digest'").fetchall()
+        digest = int(total)
+        for each in (*gone, *(row[-1] for row in (*made, *proved))):
+            digest ^= each
+        database.execute("UPDATE meta SET value = ? WHERE key = 'digest'", (str(digest),))
 
     def close(self) -> None:
-        """Write what is left and close."""
-        self.commit()
-        if self._database is not None:
-            self._database.close()
-            self._database = None
+        """Close the file; it can be opened again."""
+        database, self._database = self._database, None
+        if database is not None:
+            with contextlib.suppress(sqlite3.Error):
+                database.close()
+
+
+def _digests(database: sqlite3.Connection, where: str, values: tuple[Any, ...]) -> list[int]:
+    return [digest for (digest,) in database.execute(f"SELECT digest {where}", values)]
+
+
+def _digest(columns: Iterable[Any]) -> int:
+    """Of a row, whatever is in it, in SQLite's integers."""
+    said = repr([each.encode() if isinstance(each, str) else each for each in columns])
+    return int.from_bytes(hashlib.blake2b(said.encode(), digest_size=7).digest(), "big")
+
+
+def _frames(wal: Path) -> int:
+    """How many pages of the write-ahead log are of its present use, whole or not.
+
+    Source: https://www.sqlite.org/fileformat.html#the_write_ahead_log
+    """
+    try:
+        data = wal.read_bytes()
+    except OSError:
+        return 0
+    head, frame = 32, 24 + int.from_bytes(data[8:12], "big")
+    salts = data[head + 8 : head + 16]
+    return sum(
+        data[start + 8 : start + 16] == salts for start in range(head, len(data) - 24, frame)
+    )
 
 
 def _entry(row: tuple[Any, ...], proof: BatchProof | None) -> Entry:
-    author, name, counter, nonce, sequence, value = row
-    version = Version(Incarnation(counter, nonce), sequence)
-    return make_entry(author, name, version, msgpack.unpackb(value), proof)
+    author, name, counter, nonce, sequence, value, _ = row
+    version = Version(Incarnation(counter, nonce.decode()), sequence)
+    return make_entry(author.decode(), name.decode(), version, msgpack.unpackb(value), proof)
 
 
 def journal_path(run_dir: Path, robot: str) -> Path:
@@ -200,23 +321,38 @@ def journal_path(run_dir: Path, robot: str) -> Path:
     return run_dir / f"{robot}{SUFFIX}"
 
 
+def _read_copy(journal: Journal) -> tuple[Entry, ...]:
+    """What a journal holds that is left as it is: SQLite would repair and shorten its files.
+
+    Raises JOURNAL_ERRORS, DamagedError.
+    """
+    with tempfile.TemporaryDirectory(prefix="mrbt-journal-") as folder:
+        copy = Path(folder) / journal.path.name
+        for suffix in ("", "-wal"):
+            with contextlib.suppress(FileNotFoundError):
+                shutil.copyfile(
+                    journal.path.with_name(journal.path.name + suffix), f"{copy}{suffix}"
+                )
+        meta = journal._meta
+        opened = Journal(copy, meta["mission"], meta["run"], meta["robot"], _ignore)
+        try:
+            return opened._open()
+        finally:
+            opened.close()
+
+
 def read_journals(
     run_dir: Path, robots: Iterable[str], mission: str, run: str
 ) -> dict[str, tuple[Entry, ...]]:
     """Robot -> the entries in its journal; one that is missing or unusable holds none.
 
-    From copies: opening SQLite's files would repair and shorten them, which is left to their
-    robot. It also says in its own log what is wrong with them.
+    They are read from copies: their robots say in their own logs what is wrong with them.
     """
-    found = {}
-    with tempfile.TemporaryDirectory(prefix="mrbt-journals-") as folder:
-        for robot in robots:
-            for part in run_dir.glob(f"{robot}{SUFFIX}*"):
-                if ".aside-" not in part.name and not part.name.endswith("-shm"):
-                    shutil.copy(part, folder)
-            journal = Journal(journal_path(Path(folder), robot), mission, run, robot, _ignore)
-            found[robot] = journal.open()
-            journal.close()
+    found: dict[str, tuple[Entry, ...]] = dict.fromkeys(robots, ())
+    for robot in found:
+        with contextlib.suppress(*JOURNAL_ERRORS, DamagedError):
+            path = journal_path(run_dir, robot)
+            found[robot] = _read_copy(Journal(path, mission, run, robot, _ignore))
     return found
 
 

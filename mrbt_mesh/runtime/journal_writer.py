@@ -1,16 +1,33 @@
-"""When a robot's facts go to its journal: at once, or together with others a little later."""
+"""Writes a robot's facts to its journal, in a thread: a disk may take a second for a sync, and the
+robot must beat meanwhile. All that waits is written and synced together.
+"""
 
 from __future__ import annotations
 
-import asyncio
+import errno
+import threading
 import time
-from collections.abc import Iterable
-from typing import Protocol
+from collections import deque
+from collections.abc import Callable, Iterable
+from typing import Protocol, TypeAlias
 
+from mrbt_mesh.core.agent.inputs import JournalOpened, JournalReported, JournalSynced
 from mrbt_mesh.core.facts.store import Entry
-from mrbt_mesh.runtime.journal import LAZY_COMMIT_S, Journal
+from mrbt_mesh.runtime.journal import Journal, reason_of
 
-RETRY_COMMIT_S = 1.0
+# What others have said as well may wait so long.
+LAZY_COMMIT_S = 0.1
+RETRY_S = 1.0
+# How often a journal is looked for that nothing is written to.
+LOOK_S = 1.0
+# A write that takes longer is worth saying, until so many in a row were faster.
+SLOW_S = 0.25
+FAST_WRITES = 10
+SLOW = "journal is slow"
+DELETED = "was deleted while the robot ran"
+CLOSE_TIMEOUT_S = 5.0
+
+JournalNews: TypeAlias = JournalSynced | JournalReported | JournalOpened
 
 
 class Durations(Protocol):
@@ -19,47 +36,151 @@ class Durations(Protocol):
     def observe(self, seconds: float) -> None: ...
 
 
+# Attributes: what waits, when it is due, and what the journal is known to be like.
 class JournalWriter:
-    """Writes to a journal from an event loop; without a journal it does nothing.
+    """Writes to a journal; without one it does nothing.
 
-    `synced_s` is told how long each synced write took.
+    `tell` is called in the writer's thread, with what the agent must know. `problem`: why the
+    journal could not be opened at the start, empty if it is open. `synced_s` is told how long each
+    write took.
     """
 
-    def __init__(self, journal: Journal | None, synced_s: Durations | None = None) -> None:
+    def __init__(
+        self,
+        journal: Journal | None,
+        tell: Callable[[JournalNews], None],
+        problem: str = "",
+        synced_s: Durations | None = None,
+    ) -> None:
         self._journal = journal
+        self._tell = tell
         self._synced_s = synced_s
-        self._timer: asyncio.TimerHandle | None = None
+        self._changed = threading.Condition()
+        self._pending: dict[tuple[str, str], Entry | None] = {}
+        self._number = self._told = 0
+        self._due_s: float | None = time.monotonic() if problem else None
+        self._is_failing = bool(problem)
+        self._reported = problem
+        self._took_s: deque[float] = deque(maxlen=FAST_WRITES)
+        self._is_closing = False
+        self._thread = threading.Thread(target=self._run, name="journal", daemon=True)
 
-    def put(self, entries: Iterable[Entry], synced: bool) -> None:
-        """Keep entries; `synced`: they are on disk when this returns."""
+    def start(self) -> None:
+        """Begin to write; until then what is put waits."""
         if self._journal is not None:
-            self._journal.put(entries)
-            if synced:
-                began_s = time.perf_counter()
-                self._journal.commit()
-                if self._synced_s is not None:
-                    self._synced_s.observe(time.perf_counter() - began_s)
-            else:
-                self._commit_after(LAZY_COMMIT_S)
+            self._thread.start()
+
+    def put(self, entries: Iterable[Entry], number: int, at_once: bool) -> None:
+        """Write entries, together with all that waits: at once, or a little later.
+
+        JournalSynced tells when they and all before them are on disk, unless `number` is 0.
+        """
+        self._put({(entry.author, entry.name): entry for entry in entries}, number, at_once)
 
     def forget(self, keys: Iterable[tuple[str, str]]) -> None:
         """Drop entries, by author and name."""
-        if self._journal is not None:
-            self._journal.forget(keys)
-            self._commit_after(LAZY_COMMIT_S)
+        self._put(dict.fromkeys(keys), 0, False)
 
-    def close(self) -> None:
-        """Write what is left, and close the journal."""
-        if self._timer is not None:
-            self._timer.cancel()
-        if self._journal is not None:
+    def _put(
+        self, changes: dict[tuple[str, str], Entry | None], number: int, at_once: bool
+    ) -> None:
+        if self._journal is None:
+            return
+        with self._changed:
+            self._pending |= changes
+            self._number = max(self._number, number)
+            if not self._is_failing:
+                due_s = time.monotonic() + (0 if at_once else LAZY_COMMIT_S)
+                self._due_s = due_s if self._due_s is None else min(due_s, self._due_s)
+                self._changed.notify()
+
+    def close(self) -> int:
+        """Write what waits and close the journal; returns how many entries are not on disk.
+
+        Blocks until they are, or for CLOSE_TIMEOUT_S.
+        """
+        if self._journal is None:
+            return 0
+        with self._changed:
+            self._is_closing = True
+            self._changed.notify()
+        if self._thread.is_alive():
+            self._thread.join(CLOSE_TIMEOUT_S)
+        else:
             self._journal.close()
+        return len(self._pending)
 
-    def _commit_after(self, wait_s: float) -> None:
-        if self._timer is None:
-            self._timer = asyncio.get_running_loop().call_later(wait_s, self._commit)
+    # -- in the thread ------------------------------------------------------------------------
 
-    def _commit(self) -> None:
-        self._timer = None
-        if self._journal is not None and not self._journal.commit():
-            self._commit_after(RETRY_COMMIT_S)
+    def _run(self) -> None:
+        assert self._journal is not None
+        while not self._is_closing:
+            with self._changed:
+                wait_s = LOOK_S
+                if self._due_s is not None:
+                    wait_s = min(wait_s, self._due_s - time.monotonic())
+                if wait_s > 0 and not self._is_closing:
+                    self._changed.wait(wait_s)
+                is_due = self._due_s is not None and self._due_s <= time.monotonic()
+            if is_due or (self._journal.is_open and self._journal.has_moved()):
+                self._write(self._journal)
+        if self._pending:
+            self._write(self._journal)
+        self._journal.close()
+
+    def _write(self, journal: Journal) -> None:
+        """Write what waits, and open the journal anew if need be; what fails is tried again."""
+        with self._changed:
+            changes, number = dict(self._pending), self._number
+            self._due_s = None
+        began_s = time.perf_counter()
+        try:
+            self._ensure_open(journal)
+            if changes:
+                journal.write(changes)
+                if journal.has_moved():
+                    raise FileNotFoundError(errno.ENOENT, DELETED)
+        except Exception as error:  # nothing that goes wrong here may go unsaid
+            self._failed(error)
+            return
+        took_s = time.perf_counter() - began_s
+        with self._changed:
+            for key, entry in changes.items():
+                if key in self._pending and self._pending[key] is entry:
+                    del self._pending[key]
+            self._is_failing = False
+            if self._pending and self._due_s is None:
+                self._due_s = time.monotonic()
+        self._worked(took_s, number)
+
+    def _ensure_open(self, journal: Journal) -> None:
+        if journal.is_open and journal.has_moved():
+            self._report(f"journal {DELETED}", is_failing=True)
+            journal.close()
+        if not journal.is_open:
+            # Whatever was on disk may be there no more: the agent writes all that it knows.
+            self._tell(JournalOpened(journal.open()))
+
+    def _failed(self, error: Exception) -> None:
+        with self._changed:
+            self._due_s = time.monotonic() + RETRY_S
+            self._is_failing = True
+        self._took_s.clear()
+        self._report(f"journal cannot be written: {reason_of(error)}", is_failing=True)
+
+    def _worked(self, took_s: float, number: int) -> None:
+        self._took_s.append(took_s)
+        if self._synced_s is not None:
+            self._synced_s.observe(took_s)
+        if max(self._took_s) < SLOW_S:
+            self._report("")
+        elif not self._reported.startswith(SLOW):
+            self._report(f"{SLOW}: a write took {took_s:.2f} s")
+        if number > self._told:
+            self._told = number
+            self._tell(JournalSynced(number))
+
+    def _report(self, problem: str, *, is_failing: bool = False) -> None:
+        if problem != self._reported:
+            self._reported = problem
+            self._tell(JournalReported(problem, is_failing))

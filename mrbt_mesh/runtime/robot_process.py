@@ -133,6 +133,7 @@ def robot_setup(
     if keys is None:
         logger.warning("not_secure", reason="messages are not signed")
     journal = open_journal(start.run_dir, mission, address.run, start.robot, logger)
+    restored, problem = journal.begin() if journal is not None else ((), "")
     solver = solver_for(mission, start.solver)
     meter, engine = _meter(start, mission), chosen_engine()
     if meter is not None:
@@ -155,7 +156,8 @@ def robot_setup(
         software=__version__,
         host=socket.gethostname(),
         pid=os.getpid(),
-        restored=journal.open() if journal is not None else (),
+        restored=restored,
+        journal_problem=f"journal cannot be written: {problem}" if problem else "",
         keys=keys,
         life=time.time_ns() // 1_000,
     )

@@ -40,8 +40,8 @@ def robot_text(robot: str, item: dict[str, Any], name_width: int) -> Text:
 
 
 def problems_text(item: dict[str, Any]) -> Text:
-    """What is wrong with its program, a line for each part."""
-    return Text("\n".join(f"program problem, {each}" for each in item["problems"]), "red")
+    """What is wrong with its program and its journal, a line for each part."""
+    return Text("\n".join(item["problems"]), "red")
 
 
 def bar(percent: int) -> str:

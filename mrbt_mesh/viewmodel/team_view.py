@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts.problems import problem_text
 from mrbt_mesh.core.facts.records import Phase
 from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.mission.mission import MissionEnd
@@ -116,7 +117,7 @@ class TeamState:
             "capabilities": in_units(known.member.capabilities) if known else {},
             "lost": list(known.member.lost) if known else [],
             "problems": [
-                f"{subject}: {text}"
+                problem_text(subject, text)
                 for subject, text in observer.facts.problems.get(robot, {}).items()
             ],
             "local_task": claim.local_task if claim else None,

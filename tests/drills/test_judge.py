@@ -334,14 +334,13 @@ def test_journals_are_read_from_copies(tmp_path: Path) -> None:
     journal = Journal(tmp_path / "C1.journal", "digest", "run", "C1", log)
     journal.open()
     version = Version(Incarnation(1, "n"), 1)
-    journal.put(
+    entries = [
         make_entry(robot, f"{OUTCOME}/x/move_frame", version, [success, None])
         for robot, success in (("C1", True), ("C2", False))
-    )
+    ]
     # The names of a coalition's outcomes end with the coalition.
     together = make_entry("C2", f"{OUTCOME}/y/move_frame/t1", version, [True, None])
-    journal.put([together])
-    journal.commit()
+    journal.write({(each.author, each.name): each for each in [*entries, together]})
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     assert any(name.endswith("-wal") for name in before), "not yet in the main file"
     held = read(tmp_path, ["C1", "C2"], "digest", "run")

@@ -56,8 +56,9 @@ def test_a_robot_whose_start_takes_long_starts_all_the_same(
 
 
 def pages(port: int, found: list[str]) -> None:
-    """Read the robot's metrics until it has joined."""
-    while not found or "mrbt_joined 1.0" not in found[-1]:
+    """Read the robot's metrics until it has joined, and written that down."""
+    is_written = re.compile("mrbt_joined 1.0.*mrbt_journal_sync_duration_seconds_count [1-9]", re.S)
+    while not found or not is_written.search(found[-1]):
         with contextlib.suppress(OSError):
             page = urlopen(f"http://127.0.0.1:{port}/metrics", timeout=5).read().decode()
             found.append(page)

@@ -1,87 +1,200 @@
-"""When facts reach the journal."""
+"""When facts reach the journal, and what is told of it: by a thread, whatever the disk does."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import queue
+import threading
+import time
+from collections.abc import Mapping
 from typing import Any
 
-import anyio
 import pytest
 
+from mrbt_mesh.core.agent.inputs import JournalOpened, JournalReported, JournalSynced
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
 from mrbt_mesh.runtime import journal_writer
 from mrbt_mesh.runtime.journal_writer import JournalWriter
 
-ENTRY = make_entry("A1", "claim", Version(Incarnation(1, "n"), 1), None)
+TIMEOUT_S = 60
 
 
-class Kept:
-    """A journal in memory; the first commits fail, as on a full disk."""
+def entry(number: int) -> Entry:
+    return make_entry("A1", "claim", Version(Incarnation(1, "n"), number), None)
 
-    def __init__(self, failures: int = 0) -> None:
-        self.story: list[Any] = []
-        self.committed = anyio.Event()
-        self._failures = failures
 
-    def put(self, entries: Iterable[Entry]) -> None:
-        self.story += [entry.name for entry in entries]
+class Disk:
+    """A journal in memory: it fails with each of `errors` once, and its writes wait for `free`."""
 
-    def forget(self, keys: Iterable[tuple[str, str]]) -> None:
-        self.story += [("gone", *key) for key in keys]
+    def __init__(self) -> None:
+        self.is_open = True
+        self.moved = False
+        self.entries: dict[tuple[str, str], Entry | None] = {}
+        self.writes: list[int] = []
+        self.errors: list[Exception] = []
+        self.free = threading.Event()
+        self.began: queue.Queue[int] = queue.Queue()
+        self.free.set()
 
-    def commit(self) -> bool:
-        self._failures -= 1
-        self.story.append("failed" if self._failures >= 0 else "commit")
-        if self._failures < 0:
-            self.committed.set()
-        return self._failures < 0
+    def open(self) -> tuple[Entry, ...]:
+        if self.errors:
+            raise self.errors.pop(0)
+        self.is_open, self.moved = True, False
+        return tuple(each for each in self.entries.values() if each is not None)
+
+    def has_moved(self) -> bool:
+        return self.moved
+
+    def write(self, changes: Mapping[tuple[str, str], Entry | None]) -> None:
+        self.began.put(len(changes))
+        assert self.free.wait(TIMEOUT_S)
+        if self.errors:
+            raise self.errors.pop(0)
+        self.entries |= changes
+        self.writes.append(len(changes))
 
     def close(self) -> None:
-        self.story.append("close")
+        self.is_open = False
 
 
-def writer(kept: Kept) -> JournalWriter:
-    return JournalWriter(kept)  # type: ignore[arg-type]
+class Writing:
+    """A writer at work, and its news in order."""
+
+    def __init__(self, problem: str = "") -> None:
+        self.disk = Disk()
+        self.disk.is_open = not problem
+        self._news: queue.Queue[Any] = queue.Queue()
+        self.writer = JournalWriter(self.disk, self._news.put, problem)  # type: ignore[arg-type]
+
+    def __enter__(self) -> Writing:
+        self.writer.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.disk.free.set()
+        self.writer.close()
+
+    def news(self) -> Any:
+        return self._news.get(timeout=TIMEOUT_S)
+
+    def has_no_news(self) -> bool:
+        return self._news.empty()
 
 
-async def test_what_must_not_be_lost_is_written_at_once() -> None:
-    kept = Kept()
-    writer(kept).put([ENTRY], synced=True)
-    assert kept.story == ["claim", "commit"]
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("RETRY_S", "LOOK_S", "LAZY_COMMIT_S"):
+        monkeypatch.setattr(journal_writer, name, 0.01)
 
 
-async def test_the_rest_is_written_later_and_together() -> None:
-    kept = Kept()
-    to_journal = writer(kept)
-    to_journal.put([ENTRY], synced=False)
-    to_journal.forget([("B1", "claim")])
-    to_journal.put([ENTRY], synced=False)
-    assert "commit" not in kept.story
-    await kept.committed.wait()
-    assert kept.story == ["claim", ("gone", "B1", "claim"), "claim", "commit"]
+def test_what_is_to_be_known_is_told_once_it_is_on_disk() -> None:
+    with Writing() as at:
+        at.disk.free.clear()
+        at.writer.put([entry(1)], 1, at_once=True)
+        assert at.disk.began.get(timeout=TIMEOUT_S) == 1
+        assert at.has_no_news()
+        at.disk.free.set()
+        assert at.news() == JournalSynced(1)
+        assert at.disk.entries["A1", "claim"] == entry(1)
 
 
-async def test_it_is_tried_again_until_it_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(journal_writer, "RETRY_COMMIT_S", 0.0)
-    kept = Kept(failures=3)
-    writer(kept).put([ENTRY], synced=False)
-    await kept.committed.wait()
-    assert kept.story == ["claim", "failed", "failed", "failed", "commit"]
+def test_all_that_waits_is_written_together() -> None:
+    with Writing() as at:
+        at.disk.free.clear()
+        at.writer.put([entry(1)], 1, at_once=True)
+        at.disk.began.get(timeout=TIMEOUT_S)
+        for number in range(2, 9):
+            other = make_entry(f"B{number}", "claim", Version(Incarnation(1, "n"), 1), None)
+            at.writer.put([other], number, at_once=True)
+        at.writer.forget([("A1", "claim")])
+        at.disk.free.set()
+        assert [at.news(), at.news()] == [JournalSynced(1), JournalSynced(8)]
+        assert at.disk.writes == [1, 8]
+        assert at.disk.entries["A1", "claim"] is None
 
 
-async def test_after_the_end_nothing_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(journal_writer, "LAZY_COMMIT_S", 0.0)
-    kept = Kept()
-    to_journal = writer(kept)
-    to_journal.put([ENTRY], synced=False)
-    to_journal.close()
-    for _ in range(3):
-        await anyio.lowlevel.checkpoint()
-    assert kept.story == ["claim", "close"]
+def test_what_fails_is_said_once_and_tried_again() -> None:
+    full = OSError(28, "No space left on device")
+    with Writing() as at:
+        at.disk.errors = [full, full, full]
+        at.writer.put([entry(1)], 1, at_once=True)
+        text = "journal cannot be written: No space left on device"
+        assert at.news() == JournalReported(text, is_failing=True)
+        assert at.news() == JournalReported("")
+        assert at.news() == JournalSynced(1)
+        assert at.disk.errors == []
 
 
-async def test_without_a_journal_nothing_happens() -> None:
-    nowhere = JournalWriter(None)
-    nowhere.put([ENTRY], synced=True)
+def test_what_is_put_while_a_write_fails_replaces_it() -> None:
+    with Writing() as at:
+        at.disk.free.clear()
+        at.disk.errors = [OSError(28, "No space left on device")]
+        at.writer.put([entry(1)], 1, at_once=True)
+        at.disk.began.get(timeout=TIMEOUT_S)
+        at.writer.put([entry(2)], 2, at_once=True)
+        at.disk.free.set()
+        assert isinstance(at.news(), JournalReported)
+        assert [at.news(), at.news()] == [JournalReported(""), JournalSynced(2)]
+        assert at.disk.entries["A1", "claim"] == entry(2)
+
+
+def test_whatever_goes_wrong_is_said() -> None:
+    with Writing() as at:
+        at.disk.errors = [ZeroDivisionError("surprise")]
+        at.writer.put([entry(1)], 1, at_once=True)
+        assert at.news() == JournalReported("journal cannot be written: surprise", is_failing=True)
+
+
+def test_a_journal_that_could_not_be_opened_is_opened_later() -> None:
+    at = Writing("journal cannot be written: it is locked by another process")
+    at.disk.entries = {("B1", "claim"): entry(7)}
+    at.disk.errors = [OSError(0, "it is locked by another process")] * 3
+    at.writer.put([entry(1)], 1, at_once=True)
+    with at:
+        assert at.news() == JournalOpened((entry(7),))
+        assert [at.news(), at.news()] == [JournalReported(""), JournalSynced(1)]
+
+
+def test_a_journal_that_is_deleted_is_noticed_though_nothing_is_written() -> None:
+    with Writing() as at:
+        at.disk.moved = True
+        said = JournalReported("journal was deleted while the robot ran", is_failing=True)
+        assert at.news() == said
+        assert at.news() == JournalOpened(())
+        assert at.news() == JournalReported("")
+
+
+def test_a_slow_disk_is_said_until_it_is_fast_again() -> None:
+    at = Writing()
+    took_s = [0.01, 0.5, 0.6, *[0.01] * journal_writer.FAST_WRITES]
+    for seconds in took_s:
+        at.writer._worked(seconds, 0)
+    slow = JournalReported("journal is slow: a write took 0.50 s")
+    assert [at.news(), at.news()] == [slow, JournalReported("")]
+    assert at.has_no_news()
+
+
+def test_at_the_end_what_waits_is_written() -> None:
+    with Writing() as at:
+        at.writer.put([entry(1)], 0, at_once=False)
+        assert at.writer.close() == 0
+        assert at.disk.entries["A1", "claim"] == entry(1)
+        assert not at.disk.is_open
+
+
+def test_the_end_waits_for_no_disk_that_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(journal_writer, "CLOSE_TIMEOUT_S", 0.01)
+    with Writing() as at:
+        at.disk.free.clear()
+        at.writer.put([entry(1)], 0, at_once=True)
+        at.disk.began.get(timeout=TIMEOUT_S)
+        began_s = time.monotonic()
+        assert at.writer.close() == 1
+        assert time.monotonic() - began_s < TIMEOUT_S / 2
+
+
+def test_without_a_journal_nothing_happens() -> None:
+    nowhere = JournalWriter(None, lambda news: None)
+    nowhere.start()
+    nowhere.put([entry(1)], 1, at_once=True)
     nowhere.forget([("A1", "claim")])
-    nowhere.close()
+    assert nowhere.close() == 0

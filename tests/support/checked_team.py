@@ -22,7 +22,7 @@ class Process:
     """The part of a SimProcess that checkers look at."""
 
     is_over = is_slow = False
-    runs = True
+    runs = has_read_journal = True
 
     def __init__(self, agent: Agent, clock: VirtualClock) -> None:
         self.robot = agent.view.robot

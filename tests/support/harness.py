@@ -33,6 +33,7 @@ TIMING = Timing(heartbeat_us=100 * MS, detection_us=1_000 * MS)
 AT_MOST = 50_000
 
 
+# Attributes: what there is of a process, and what a test may do to it.
 @dataclass
 class Process:
     """One robot's process. A frozen one keeps its mail for later."""
@@ -47,6 +48,10 @@ class Process:
     asked: list[fx.RequestBid] = field(default_factory=list)
     stops_at_once: bool = True
     is_sealed: bool = False
+    # While its disk syncs nothing: the number of what it is to sync last.
+    is_disk_slow: bool = False
+    is_disk_full: bool = False
+    unsynced: int = 0
 
     @property
     def robot(self) -> str:
@@ -130,6 +135,12 @@ class Team:
         self.give(process, inputs.QueryReceived(0, MessageKind.COMMAND, message))
         return message
 
+    def sync(self, process: Process) -> None:
+        """What the process has handed to its disk is there, unless the disk is slow."""
+        if process.unsynced and not process.is_disk_slow:
+            self._post(process, inputs.JournalSynced(process.unsynced))
+            process.unsynced = 0
+
     def kill_router(self, name: str) -> None:
         """Its clients lose their link to all, and everybody else loses their tokens."""
         self.dead_routers.add(name)
@@ -198,6 +209,9 @@ class Team:
                 is_linked = any(other.robot == robot for other in linked)
                 answer = None if router in self.dead_routers else is_linked
                 self._post(process, inputs.RouterAnswered(robot, incarnation, answer))
+            case fx.Persist(_, _, number) if number:
+                process.unsynced = number
+                self.sync(process)
             case fx.StartAction():
                 process.tickets.append(effect.ticket)
                 partners = f" with {', '.join(effect.partners)}" if effect.partners else ""

@@ -31,6 +31,7 @@ from mrbt_mesh.core.incremental.planning import capabilities as followed_capabil
 from mrbt_mesh.core.incremental.planning.steps import IncrementalSteps
 from mrbt_mesh.core.membership import leases
 from mrbt_mesh.core.membership.anti_entropy import AntiEntropy
+from mrbt_mesh.core.membership.durability import Durability
 from mrbt_mesh.core.membership.leases import LeaseGrantor
 from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.membership.replica import Replica
@@ -237,6 +238,13 @@ def told_before_synced() -> Iterator[None]:
 
     original = Agent.handle
     with mock.patch.object(Agent, "handle", handle):
+        yield
+
+
+@mutation
+def promises_before_synced() -> Iterator[None]:
+    """Leases are given, and exclusive tasks begun, before the disk has what they rest on."""
+    with mock.patch.object(Durability, "is_on_disk", return_value=True):
         yield
 
 

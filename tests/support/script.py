@@ -225,6 +225,18 @@ class Script:
     def do_leave(self, name: str) -> None:
         self.team.give(self.team.processes[name], inputs.LeaveRequested())
 
+    def do_disk(self, name: str, how: str) -> None:
+        """disk A slow: nothing is synced; disk A full: nor can it be; disk A works"""
+        process = self.team.processes[name]
+        was_full, process.is_disk_full = process.is_disk_full, how == "full"
+        process.is_disk_slow = how != "works"
+        if was_full != process.is_disk_full:
+            problem = "journal cannot be written: No space left on device"
+            report = inputs.JournalReported(problem if how == "full" else "", how == "full")
+            self.team.give(process, report)
+        self.team.sync(process)
+        self.team.give(process, inputs.TimerFired())
+
     def do_kill(self, name: str) -> None:
         self.team.kill(name)
 

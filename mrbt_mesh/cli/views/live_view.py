@@ -206,6 +206,8 @@ def _robots(observer: Observer, robots: list[str], more: int, width: int) -> Tab
         present = state in (State.ALIVE, State.SUSPECT)
         if member and member[0].lost:
             work.append(f" lost {', '.join(member[0].lost)}", style="red")
+        for problem in observer.facts.problems.get(robot, {}).values():
+            work.append(f" {problem}", style="red")
         bar: RenderableType = progress
         if claim is not None and beat is not None and claim.phase is Phase.RUNNING:
             bar = ProgressBar(total=100, completed=beat.progress, width=8)

@@ -9,6 +9,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from mrbt_mesh.core.facts.problems import problem_text
+
 RESULTS = {
     "success": ("✔", "bold green", "mission succeeded"),
     "failure": ("✘", "bold red", "mission failed"),
@@ -190,10 +192,11 @@ def _story(summary: Mapping[str, Any]) -> list[tuple[float, Text]]:
 
 
 def problem_line(problem: Mapping[str, Any]) -> Text:
-    """What is wrong with a robot's program."""
+    """What is or was wrong with a robot's program or journal."""
     line = Text(problem["robot"], "bold")
-    line.append(f" program problem, {problem['subject']}: ", "not bold red")
-    return line.append(problem["problem"], PLAIN)
+    line.append(f": {problem_text(problem['subject'], problem['problem'])}", "not bold red")
+    until_s = problem.get("until_s")
+    return line.append("" if until_s is None else f"; until {_seconds(until_s)}", "not bold green")
 
 
 def failure_line(end: Mapping[str, Any]) -> Text:

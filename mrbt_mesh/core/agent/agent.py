@@ -27,6 +27,9 @@ from mrbt_mesh.core.agent.inputs import (
     ConditionSet,
     Input,
     InputRefused,
+    JournalOpened,
+    JournalReported,
+    JournalSynced,
     LeaveRequested,
     MessageReceived,
     NewsReceived,
@@ -61,7 +64,7 @@ class Agent:
         self._schedule = schedule = HeartbeatSchedule(config.timing, now_us)
         duplicates = DuplicateIdCheck(config.robot, config.nonce, config.takeover, config.timing)
         tree = RobotTree({type_name(name) for name in config.capabilities})
-        leases = Leases(config.robot, context.facts, config.timing, now_us)
+        leases = Leases(config.robot, context.facts, config.timing, now_us, context.durability)
         self._planner = planner = Planner(context, tree)
         executor = Executor(context, planner, tree, leases)
         self._reports = reports = Reports(context, planner, executor, schedule)
@@ -133,26 +136,40 @@ class Agent:
                 self._context.work.stopped(ticket)
             case ProgressReported() | TreeTicked() | PositionReported():
                 self._take_for_people(event)
+            case LeaveRequested():
+                self._reports.leave(now_us)
+            case PlanMade(number, plan):
+                self._planner.made(number, plan, now_us)
+            case JournalSynced() | JournalReported() | JournalOpened():
+                self._reports.journal(event, now_us)
+            case (
+                ConditionSet()
+                | CapabilityChanged()
+                | PerformanceChanged()
+                | BidsMade()
+                | ProblemFound()
+            ):
+                self._take_from_program(event, now_us)
+            case _:
+                pass  # TimerFired: what is due is followed up
+
+    def _take_from_program(
+        self,
+        event: ConditionSet | CapabilityChanged | PerformanceChanged | BidsMade | ProblemFound,
+        now_us: int,
+    ) -> None:
+        """What the robot's program says for the team."""
+        match event:
             case ConditionSet(name, value):
                 self._reports.set_conditions({name: value}, now_us)
             case CapabilityChanged(local_task, lost):
                 self._reports.change_capability(local_task, lost, now_us)
             case PerformanceChanged(local_task, performance):
                 self._reports.change_performance(local_task, performance, now_us)
-            case BidsMade() | ProblemFound():
-                self._take_for_team(event, now_us)
-            case LeaveRequested():
-                self._reports.leave(now_us)
-            case PlanMade(number, plan):
-                self._planner.made(number, plan, now_us)
-            case _:
-                pass  # TimerFired: what is due is followed up
-
-    def _take_for_team(self, event: BidsMade | ProblemFound, now_us: int) -> None:
-        if isinstance(event, BidsMade):
-            self._reports.bids_made(event, now_us)
-        else:
-            self._reports.problem_found(event.subject, event.text, now_us)
+            case BidsMade():
+                self._reports.bids_made(event, now_us)
+            case ProblemFound(subject, text):
+                self._reports.problem_found(subject, text, now_us)
 
     def _take_for_people(self, event: ProgressReported | TreeTicked | PositionReported) -> None:
         """What heartbeats carry for those who watch; nothing follows from it."""

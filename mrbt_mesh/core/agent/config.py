@@ -19,8 +19,9 @@ class AgentConfig:
     `expected` are the robots of the team that should be heard at the start; where nobody has
     joined yet, they are waited for up to `gather_us`, at least one detection time. `takeover`
     replaces a live robot of the same id. `exit_when_done` stops the agent once the whole team
-    has the mission's result; otherwise it stays to serve latecomers. `restored` is what the
-    robot's journal kept. `plans_apart`: plans are made outside of `Agent.handle` (`meanwhile`).
+    has the mission's result; otherwise it stays to serve latecomers. `restored` is what the robot's
+    journal kept, `journal_problem` why that cannot be written, empty if it can. `plans_apart`:
+    plans are made outside of `Agent.handle` (`meanwhile`).
     With `keys` nothing is believed that no member can be shown to have said; `life` is then greater
     than that of every earlier process of this robot (see `membership.envelope`).
     """
@@ -40,6 +41,7 @@ class AgentConfig:
     host: str = ""
     pid: int = 0
     restored: tuple[Entry, ...] = ()
+    journal_problem: str = ""
     engine: Engine = FASTEST
     plans_apart: bool = False
     keys: Keys | None = None

@@ -15,6 +15,7 @@ from mrbt_mesh.core.agent.work import Work
 from mrbt_mesh.core.facts.description import Description
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.membership.durability import Durability
 from mrbt_mesh.core.membership.joining import Joining
 from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.membership.replica import Replica, Then
@@ -46,6 +47,7 @@ class Context:
             self.facts, header, config.timing, config.nonce, read_batch, config.keys
         )
         self.replica.restore(config.restored)
+        self.durability = Durability(config.journal_problem, bool(config.journal_problem))
         self.membership = Membership(self.me, config.timing)
         self.joining: Joining | None = Joining(
             config.timing, config.expected - {self.me}, now_us, gather_us=config.gather_us
@@ -53,6 +55,7 @@ class Context:
         self.description = Description(
             self.me, config.type, config.capabilities, config.software, config.host, config.pid
         )
+        self.description.may_promise = not config.journal_problem
         self.work = Work()
         self.position: Position | None = None
         self.refused: dict[str, int] = {}
@@ -84,14 +87,22 @@ class Context:
     ) -> None:
         """Write one batch of facts, at least one: to the journal, and to everybody.
 
-        `then`: what else belongs to the batch, once the values are in the facts.
+        `then`: what else belongs to the batch, once the values are in the facts. Nobody waits for
+        the disk: what others may rely on is written by `promise`.
         """
         data, entries = self.replica.write(values, now_us, then)
-        self._effects += (Persist(entries, synced=True), Publish(MessageKind.FACT, data))
+        self._effects += (Persist(entries, at_once=True), Publish(MessageKind.FACT, data))
+
+    def promise(self, values: Sequence[tuple[str, Any]], now_us: int) -> int:
+        """Write one batch of facts; returns the number by which to know when it is on disk."""
+        data, entries = self.replica.write(values, now_us)
+        number = self.durability.take_number()
+        self._effects += (Persist(entries, True, number), Publish(MessageKind.FACT, data))
+        return number
 
     def keep(self, entries: Iterable[Entry]) -> None:
         """Keep what others have written in the journal."""
-        self._effects.append(Persist(tuple(entries), synced=False))
+        self._effects.append(Persist(tuple(entries), at_once=False))
 
     def ask(self, peers: Iterable[str], now_us: int) -> None:
         """Ask these peers for the facts that this robot lacks."""

@@ -24,6 +24,7 @@ _ALWAYS = (
     inputs.ProgressReported,
     inputs.TreeTicked,
     inputs.PlanMade,
+    inputs.JournalSynced,
 )
 
 

@@ -22,10 +22,14 @@ class Publish:
 
 @dataclass(frozen=True, slots=True)
 class Persist:
-    """Keep these entries in the journal; `synced`: on disk before any later effect."""
+    """Keep these entries in the journal: `at_once`, or a little later, with others.
+
+    Unless `number` is 0 it is answered by JournalSynced, once these and all before are on disk.
+    """
 
     entries: tuple[Entry, ...]
-    synced: bool
+    at_once: bool
+    number: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,6 +36,8 @@ class Executor:
         self.tree = tree
         self.leases = leases
         self.shows_outcome = False
+        # By which to know whether the claim of a robot that is ready is on disk.
+        self._ready = 0
 
     def perform(self, now_us: int) -> None:
         """Follow the plan; cancel, claim, get ready and start what it says."""
@@ -51,11 +53,11 @@ class Executor:
         is_cleared = work.claim is not None and not is_waiting
         if is_waiting and self._may_start(now_us):
             task = self._task()
-            if task.by_coalition:
+            if task.by_coalition and self._may_promise(task):
                 if work.claim is not None and work.claim.phase is Phase.CLAIMED:
                     work.get_ready()
                     # The coalition's leader refers to this entry, also if it is this robot.
-                    context.write([*writes, self._claim_write()], now_us)
+                    self._ready = context.promise([*writes, self._claim_write()], now_us)
                     writes, changed = [], False
                 token, more = self._coalition(task, now_us)
                 writes += more
@@ -64,12 +66,15 @@ class Executor:
         wanted = self._tick(plan, assigned if is_cleared else None)
         if wanted is not None and is_waiting:
             start = self._start(plan, token)
-            # The claim is on disk before the action begins.
             context.write([*writes, self._claim_write()], now_us)
             self._announce(start)
         elif changed and work.claim != before:
             context.write([*writes, self._claim_write()], now_us)
         self._seek_lease()
+
+    def _may_promise(self, task: GlobalTask) -> bool:
+        """Whether the journal lets this robot work on the task: an exclusive one needs it."""
+        return not task.exclusive or self._context.durability.may_promise
 
     def _tick(self, plan: Plan, assigned: str | None) -> str | None:
         """Tick T_Li: first with what has ended, if anything has, then with what is assigned.
@@ -155,8 +160,13 @@ class Executor:
     def _coalition(
         self, task: GlobalTask, now_us: int
     ) -> tuple[CoalitionId | None, list[tuple[str, Any]]]:
-        """The coalition with which this robot may start now, and what to write with it."""
+        """The coalition with which this robot may start now, and what to write with it.
+
+        For an exclusive task its claim must be on disk: what may have begun is known after a crash.
+        """
         context, facts, plan = self._context, self._context.facts, self._plan
+        if task.exclusive and not context.durability.is_on_disk(self._ready):
+            return None, []
         line, claim = context.work.line, context.work.claim
         assert line is not None
         assert claim is not None
@@ -244,7 +254,7 @@ class Executor:
         """A beat asks for a lease, or answers this robot's own request."""
         writes = self.leases.receive_heartbeat(robot, beat, now_us, self.may_grant)
         if writes:
-            self._context.write(writes, now_us)
+            self.leases.grantor.written(self._context.promise(writes, now_us))
 
     def may_grant(self, activation: str, token: CoalitionId) -> bool:
         """Whether this robot's own view speaks for giving `activation` to this coalition."""

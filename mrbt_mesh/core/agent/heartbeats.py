@@ -155,7 +155,7 @@ class Heartbeats:
         # A beat renews the leases that this robot holds: it answers itself first.
         granted = executor.leases.heartbeat_sent(number, now_us, executor.may_grant)
         if granted:
-            context.write(granted, now_us)
+            executor.leases.grantor.written(context.promise(granted, now_us))
         digest, result = (plan.digest, plan.result) if plan else (bytes(8), Status.RUNNING)
         is_joined, membership = urgent.is_joined, context.membership
         hearers, section = self._plan_news.hearers(urgent.digest, urgent.is_agreed, number, now_us)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.membership.wire import MessageKind, Position
 from mrbt_mesh.core.planning.plan import Plan
 
@@ -196,6 +196,34 @@ class PlanMade:
     plan: Plan
 
 
+@dataclass(frozen=True, slots=True)
+class JournalSynced:
+    """What Persist of this number asked to keep is on disk, with all before it."""
+
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class JournalReported:
+    """What is wrong with the journal, in words; empty: nothing. `is_failing`: it cannot be written.
+
+    What could not be written is tried again.
+    """
+
+    problem: str
+    is_failing: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class JournalOpened:
+    """The journal was opened while the robot runs, and holds these entries alone.
+
+    It could not be opened before, or was deleted, or damaged.
+    """
+
+    entries: tuple[Entry, ...]
+
+
 News: TypeAlias = MessageReceived | TokenChanged | RouterAnswered | AnswerReceived | InputRefused
 
 FromOutside: TypeAlias = News | QueryReceived
@@ -224,6 +252,9 @@ Input: TypeAlias = (
     | LeaveRequested
     | TimerFired
     | PlanMade
+    | JournalSynced
+    | JournalReported
+    | JournalOpened
 )
 
 

@@ -6,12 +6,18 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from mrbt_mesh.core.agent.context import Context
-from mrbt_mesh.core.agent.effects import RequestBid
+from mrbt_mesh.core.agent.effects import Persist, RequestBid
 from mrbt_mesh.core.agent.executor import Executor
-from mrbt_mesh.core.agent.inputs import ActionFinished, BidsMade
+from mrbt_mesh.core.agent.inputs import (
+    ActionFinished,
+    BidsMade,
+    JournalOpened,
+    JournalReported,
+    JournalSynced,
+)
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.problems import as_subject
+from mrbt_mesh.core.facts.problems import JOURNAL, as_subject
 from mrbt_mesh.core.facts.records import ConditionValue, OrderKind, Outcome
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
 from mrbt_mesh.core.mission.conditions import own_name
@@ -99,6 +105,7 @@ class Reports:
         problems, self._unsaid_problems = self._unsaid_problems, {}
         for subject, text in problems.items():
             self.problem_found(subject, text, now_us)
+        self._say_of_journal(now_us)
 
     def _condition_writes(
         self, conditions: Iterable[tuple[str, bool]]
@@ -213,15 +220,16 @@ class Reports:
             context.write(writes, now_us)
 
     def _problem_writes(self, problems: Mapping[str, str]) -> list[tuple[str, Any]]:
-        """The entries that tell of problems; none for those that are known already."""
+        """The entries that tell of problems, or of their ends; nothing that is known already."""
         context = self._context
         known = context.facts.problems.get(context.me, {})
         writes: dict[str, str] = {}
         for given, text in problems.items():
             subject, line = as_subject(given), one_line(text)
             is_told = subject in known or len(known) + len(writes) < MAX_PROBLEMS
-            if is_told and known.get(subject) != line:
-                context.log("error", "program_problem", subject=subject, problem=line)
+            if is_told and known.get(subject, "") != line:
+                if line:
+                    context.log("error", "problem", subject=subject, problem=line)
                 writes[f"{records.PROBLEM}/{subject}"] = line
         return sorted(writes.items())
 
@@ -249,6 +257,41 @@ class Reports:
                 [(records.MEMBER, context.description.to_value(context.is_leaving))], now_us
             )
         return None
+
+    # -- its journal --------------------------------------------------------------------------
+
+    def journal(self, event: JournalSynced | JournalReported | JournalOpened, now_us: int) -> None:
+        """Take in how far the journal is, or what is wrong with it, and tell everybody of that."""
+        context, durability = self._context, self._context.durability
+        match event:
+            case JournalSynced(number):
+                durability.note_synced(number)
+                self._executor.leases.take_own_answers()
+            case JournalReported(problem, is_failing):
+                durability.problem, durability.is_failing = problem, is_failing
+            case JournalOpened(entries):
+                context.replica.restore(entries)
+                held = {entry.hash for entry in entries}
+                lacking = tuple(e for e in context.facts.map if e.hash not in held)
+                context.log("warning", "journal_opened_anew", entries=len(entries))
+                context.emit(Persist(lacking, True, durability.begin_anew()))
+        self._say_of_journal(now_us)
+
+    def _say_of_journal(self, now_us: int) -> None:
+        """Tell what is wrong with the journal, and whether it allows promises, if that is news."""
+        context, durability = self._context, self._context.durability
+        may_promise = durability.may_promise
+        is_news = context.description.may_promise != may_promise
+        context.description.may_promise = may_promise
+        if context.is_new:
+            return
+        writes = self._problem_writes({JOURNAL: durability.problem})
+        if is_news:
+            writes.append((records.MEMBER, context.description.to_value(context.is_leaving)))
+        if is_news and may_promise:
+            context.log("info", "journal_works_again")
+        if writes:
+            context.write(writes, now_us)
 
     def leave(self, now_us: int) -> None:
         """Hand the work over, and tell everybody at once."""

@@ -16,6 +16,8 @@ ALL = "all"
 class Description:
     """A robot's own description. `lost` are types or ground local tasks, sorted.
 
+    `may_promise` is as in `Member`.
+
     Its capabilities are at first those that it was started with, and change in value only.
     """
 
@@ -36,6 +38,7 @@ class Description:
         self._host = host
         self._pid = pid
         self.lost: tuple[str, ...] = ()
+        self.may_promise = True
 
     def lose(self, local_task: str) -> str | None:
         """A minor fault; `all` loses everything. Returns what is wrong with it, or None."""
@@ -118,4 +121,5 @@ class Description:
             self._software,
             self._host,
             self._pid,
+            self.may_promise,
         ).to_value()

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar
 
-from mrbt_mesh.core.facts.problems import ProgramProblem
+from mrbt_mesh.core.facts.problems import RobotProblem
 from mrbt_mesh.core.facts.values import (
     Record,
     check_depth,
@@ -31,7 +31,10 @@ MAX_CAPABILITIES = 1_000
 
 @dataclass(frozen=True, slots=True)
 class Member(Record):
-    """A robot's own description. `lost` are capabilities it has declared lost (minor faults)."""
+    """A robot's own description. `lost` are capabilities it has declared lost (minor faults).
+
+    `may_promise`: its journal can be written, as exclusive tasks need it.
+    """
 
     type: str
     capabilities: Mapping[str, int]
@@ -40,6 +43,7 @@ class Member(Record):
     software: str
     host: str
     pid: int
+    may_promise: bool = True
 
     def to_value(self) -> list[Any]:
         """As on the wire."""
@@ -51,11 +55,12 @@ class Member(Record):
             self.software,
             self.host,
             self.pid,
+            self.may_promise,
         ]
 
     @staticmethod
     def parse(value: Any) -> Member:
-        kind, capabilities, lost, leaving, software, host, pid = read_fields(value, 7)
+        kind, capabilities, lost, leaving, software, host, pid, may_promise = read_fields(value, 8)
         if not isinstance(capabilities, dict) or len(capabilities) > MAX_CAPABILITIES:
             raise ValueError("capabilities: a map expected")
         if not isinstance(lost, list) or len(lost) > MAX_CAPABILITIES:
@@ -69,6 +74,7 @@ class Member(Record):
             read_text(software),
             read_text(host),
             read_integer(pid),
+            read_boolean(may_promise),
         )
 
 
@@ -95,14 +101,9 @@ class Claim(Record):
     coalition: str = ""
 
     def to_value(self) -> list[Any]:
-        return [
-            self.activation,
-            self.global_task,
-            self.local_task,
-            int(self.phase),
-            self.since,
-            self.coalition,
-        ]
+        phase = int(self.phase)
+        task = [self.activation, self.global_task, self.local_task]
+        return [*task, phase, self.since, self.coalition]
 
 
 @dataclass(frozen=True, slots=True)
@@ -406,18 +407,11 @@ _PARSERS: Mapping[str, Callable[[Any], Record]] = {
     CONDITION: ConditionValue.parse,
     EXPRESSION: ExpressionRevision.parse,
     ATTEMPT: Attempt.parse,
-    VERDICT: Latch.parse,
-    EXPIRED: Latch.parse,
     CHILD_RESULT: ChildResult.parse,
     COALITION: Coalition.parse,
-    BROKEN: Latch.parse,
-    GRANT: Latch.parse,
-    DOUBT: Latch.parse,
-    CLEARED: Latch.parse,
-    DONE: Latch.parse,
     BID: Bid.parse,
-    CLOSED: Latch.parse,
-    PROBLEM: ProgramProblem.parse,
+    PROBLEM: RobotProblem.parse,
+    **dict.fromkeys((VERDICT, EXPIRED, BROKEN, GRANT, DOUBT, CLEARED, DONE, CLOSED), Latch.parse),
 }
 COALITION_KINDS = frozenset({COALITION, BROKEN, GRANT, DOUBT, CLEARED})
 EXCLUSIVE_KINDS = frozenset({GRANT, DOUBT, CLEARED, DONE})

@@ -16,7 +16,7 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.activation_facts import NO_BIDS, ActivationFacts, KnownBids, Outcomes
 from mrbt_mesh.core.facts.coalitions import Coalitions
 from mrbt_mesh.core.facts.conditions import Conditions
-from mrbt_mesh.core.facts.problems import ProgramProblem
+from mrbt_mesh.core.facts.problems import RobotProblem
 from mrbt_mesh.core.facts.records import (
     Claim,
     CoalitionId,
@@ -69,8 +69,8 @@ def changed_performances(mission: Mission, robot: str, member: Member) -> dict[s
 class TeamFacts:
     """The replicated facts of one run of one mission, indexed.
 
-    `activations`: what is said of each activation, by name. `problems`: robot -> part of its
-    program -> what is wrong with it. `changes` counts all changes of the
+    `activations`: what is said of each activation, by name. `problems`: robot -> its journal
+    or a part of its program -> what is wrong with it. `changes` counts all changes of the
     map, `outcome_changes` those of outcomes. `max_stamp`: the greatest Lamport stamp seen.
     """
 
@@ -285,8 +285,11 @@ class TeamFacts:
                 self.conditions.note(entry.parts[1], author, record)
             case MissionResult():
                 self._results[author] = record
-            case ProgramProblem(text):
-                self.problems.setdefault(author, {})[entry.parts[1]] = text
+            case RobotProblem(text):
+                known = self.problems.setdefault(author, {})
+                known.pop(entry.parts[1], None)
+                if text:
+                    known[entry.parts[1]] = text
             case Order():
                 self._orders[author] = record
                 self._see_stamp(record.stamp)

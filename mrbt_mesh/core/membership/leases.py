@@ -9,7 +9,8 @@ number of the heartbeat that it answers.
   so two coalitions never hold it together.
 - A lease runs out `lease_us` after the last request for it arrived, on the grantor's clock. The
   holder counts a shorter time (`hold_us`), and from when it *sent* that request, so it stops first.
-- The first grant is a fact (`grant`), on disk before the answer goes out. Renewals are not written.
+- The first grant is a fact (`grant`), on disk before the answer goes out; a robot whose journal
+  cannot be written grants nothing new. Renewals are not written.
 - A grantor whose lease ran out before all outcomes were known says that the work may be half done
   (`doubt`).
 
@@ -27,6 +28,7 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import majority
 from mrbt_mesh.core.facts.records import CoalitionId
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.membership.durability import Durability
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Heartbeat, LeaseGrant
 from mrbt_mesh.core.mission.mission import InDoubtPolicy
@@ -97,22 +99,26 @@ class _Lease:
 
     `answers`: member -> number of its newest heartbeat that renewed it. `is_own`: this robot has
     granted it; otherwise it is only known from others, and this robot says when it would have run
-    out.
+    out. `number`: by which to know whether the grant is on disk; None until it is written.
     """
 
     coalition: CoalitionId
     expires_us: int
     is_own: bool
     answers: dict[str, int] = field(default_factory=dict)
+    number: int | None = None
 
 
 class LeaseGrantor:
     """The leases that this robot has granted to coalitions, its own among them."""
 
-    def __init__(self, me: str, facts: TeamFacts, timing: Timing, now_us: int) -> None:
+    def __init__(
+        self, me: str, facts: TeamFacts, timing: Timing, now_us: int, durability: Durability
+    ) -> None:
         self._me = me
         self._facts = facts
         self._timing = timing
+        self._durability = durability
         # By activation.
         self._leases: dict[str, _Lease] = {}
         # A robot that has just started may have granted something in an earlier life.
@@ -132,7 +138,8 @@ class LeaseGrantor:
     ) -> Writes:
         """Grant a lease or renew it, as heartbeat `number` of a member requests.
 
-        What is returned must be on disk before the answer goes out.
+        What is returned is written as a promise, and `written` with its number: no answer goes out
+        before it is on disk.
         """
         activation = request[0]
         try:
@@ -147,11 +154,19 @@ class LeaseGrantor:
             return []
         if self._me not in self._facts.grantors or now_us < self._silent_until_us:
             return []
+        if not self._durability.may_promise:
+            return []
         if not may_grant(activation, coalition) or not self._is_free(activation, coalition):
             return []
         expires_us = now_us + self._timing.lease_us
         self._leases[activation] = _Lease(coalition, expires_us, True, {member: number})
         return [(f"{records.GRANT}/{activation}/{coalition}", True)]
+
+    def written(self, number: int) -> None:
+        """The grants that were returned last have been written, under this number."""
+        for lease in self._leases.values():
+            if lease.is_own and lease.number is None:
+                lease.number = number
 
     def _renew(self, lease: _Lease, member: str, number: int, now_us: int) -> None:
         """One that has run out is not renewed: this robot has said, or says now, that it did."""
@@ -176,11 +191,10 @@ class LeaseGrantor:
 
     def grants(self) -> tuple[LeaseGrant, ...]:
         """The answers that this robot's next heartbeat carries."""
-        if not self._leases:
-            return ()
         return tuple(
             LeaseGrant(str(lease.coalition), member, lease.answers[member])
             for _, lease in sorted(self._leases.items())
+            if lease.number is not None and self._durability.is_on_disk(lease.number)
             for member in sorted(lease.answers)
         )
 
@@ -214,7 +228,7 @@ class LeaseGrantor:
                 if found.is_open(coalition) and self._me not in found.doubts.get(coalition, ()):
                     is_own = self._me in found.grants[coalition]
                     expires_us = now_us + self._timing.lease_us
-                    self._leases[activation] = _Lease(coalition, expires_us, is_own)
+                    self._leases[activation] = _Lease(coalition, expires_us, is_own, number=0)
                     break
 
     def next_expiry_us(self) -> int | None:
@@ -225,11 +239,13 @@ class LeaseGrantor:
 class Leases:
     """Both roles of one robot, and the heartbeats that they use."""
 
-    def __init__(self, me: str, facts: TeamFacts, timing: Timing, now_us: int) -> None:
+    def __init__(
+        self, me: str, facts: TeamFacts, timing: Timing, now_us: int, durability: Durability
+    ) -> None:
         self._me = me
         self._facts = facts
         self.holder = LeaseHolder(facts, timing)
-        self.grantor = LeaseGrantor(me, facts, timing, now_us)
+        self.grantor = LeaseGrantor(me, facts, timing, now_us, durability)
 
     def heartbeat_sent(self, number: int, now_us: int, may_grant: MayGrant) -> Writes:
         """This robot's heartbeat goes out: it is a request, and this robot answers itself first."""
@@ -238,8 +254,12 @@ class Leases:
         if holder.requested is None:
             return []
         writes = grantor.answer_request(self._me, number, holder.requested, now_us, may_grant)
-        self._confirm(self._me, grantor.grants())
+        self.take_own_answers()
         return writes
+
+    def take_own_answers(self) -> None:
+        """What this robot has granted to itself counts as soon as it is on disk."""
+        self._confirm(self._me, self.grantor.grants())
 
     def receive_heartbeat(
         self, robot: str, heartbeat: Heartbeat, now_us: int, may_grant: MayGrant

@@ -37,6 +37,15 @@ class MinorFault:
     until_us: int | None = None
 
 
+@dataclass(slots=True)
+class ProblemEpisode:
+    """A time during which something was wrong with a robot's journal, or a part of its program."""
+
+    problem: str
+    from_us: int
+    to_us: int | None = None
+
+
 @dataclass(frozen=True, slots=True)
 class FailedEnd:
     """A robot has failed at a local task; `reason`: what its program said of why, or empty.

@@ -7,7 +7,7 @@ from typing import Any
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.problems import ProgramProblem
+from mrbt_mesh.core.facts.problems import RobotProblem, problem_text
 from mrbt_mesh.core.facts.records import Bid, Claim, ConditionValue, Member, NoClaim, Outcome, Phase
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import changed_performances
@@ -19,6 +19,7 @@ from mrbt_mesh.core.observer.episodes import (
     FailedEnd,
     MajorFault,
     MinorFault,
+    ProblemEpisode,
 )
 from mrbt_mesh.core.observer.mission_rounds import MissionRounds
 from mrbt_mesh.core.observer.task_log import TaskLog
@@ -53,8 +54,8 @@ class RunRecord:
         self.timeline: list[tuple[int, str]] = []
         self.claims: list[tuple[int, str, Claim]] = []
         self.conditions: list[tuple[int, str, bool]] = []
-        # (robot, part of its program) -> since when, what is wrong with it.
-        self.problems: dict[tuple[str, str], tuple[int, str]] = {}
+        # By robot, and its journal or a part of its program.
+        self.problems: dict[tuple[str, str], ProblemEpisode] = {}
         self.biddings: dict[tuple[str, str], BiddingRecord] = {}
         self.joined_us: dict[str, int] = {}
         self._claims: dict[str, tuple[Claim, Incarnation]] = {}
@@ -217,14 +218,19 @@ class RunRecord:
             case Bid(number):
                 _, activation, local_task = entry.parts
                 self._bid(robot, activation, local_task, number, now_us)
-            case ProgramProblem(text):
+            case RobotProblem(text):
                 self._problem(robot, entry.parts[1], text, now_us)
             case records.Order() as order:
                 self._say_heard(now_us, f"operator: {order.kind}")
 
     def _problem(self, robot: str, subject: str, text: str, now_us: int) -> None:
-        self.problems[robot, subject] = (now_us, text)
-        self._say_heard(now_us, f"{robot}: program problem, {subject}: {text}")
+        before = self.problems.get((robot, subject))
+        if text:
+            self.problems[robot, subject] = ProblemEpisode(text, now_us)
+            self._say_heard(now_us, f"{robot}: {problem_text(subject, text)}")
+        elif before is not None and before.to_us is None:
+            before.to_us = now_us
+            self._say_heard(now_us, f"{robot}: {subject} works again")
 
     def plan(self, plan: Plan, now_us: int, settled: bool = True) -> None:
         """A new plan: how far global tasks are, and what is blocked.

@@ -48,20 +48,9 @@ def run_summary(record: RunRecord, result: str, now_us: int) -> dict[str, Any]:
             for name, task in record.task_log.tasks.items()
         },
         "faults": sorted(faults, key=lambda fault: (fault["at_s"] or 0, fault["robot"])),
-        "blocked": [
-            {
-                "request": episode.request,
-                "reason": episode.reason,
-                "from": record.seconds(episode.from_us),
-                "to": record.seconds(episode.to_us),
-            }
-            for episode in record.blocked
-        ],
+        "blocked": _blocked(record),
         "failures": [_failure(record, end) for end in record.failures],
-        "problems": [
-            {"robot": robot, "subject": subject, "at_s": record.seconds(at_us), "problem": text}
-            for (robot, subject), (at_us, text) in record.problems.items()
-        ],
+        "problems": _problems(record),
         "bids": [
             {
                 "global_task": bidding.global_task,
@@ -84,6 +73,31 @@ def run_summary(record: RunRecord, result: str, now_us: int) -> dict[str, Any]:
             for fault in record.major
         ],
     }
+
+
+def _blocked(record: RunRecord) -> list[dict[str, Any]]:
+    return [
+        {
+            "request": episode.request,
+            "reason": episode.reason,
+            "from": record.seconds(episode.from_us),
+            "to": record.seconds(episode.to_us),
+        }
+        for episode in record.blocked
+    ]
+
+
+def _problems(record: RunRecord) -> list[dict[str, Any]]:
+    return [
+        {
+            "robot": robot,
+            "subject": subject,
+            "at_s": record.seconds(episode.from_us),
+            "until_s": record.seconds(episode.to_us),
+            "problem": episode.problem,
+        }
+        for (robot, subject), episode in record.problems.items()
+    ]
 
 
 def _failure(record: RunRecord, end: FailedEnd) -> dict[str, Any]:

@@ -44,6 +44,7 @@ class Demand:
 
 
 Group: TypeAlias = tuple[Demand, ...]
+JOURNALS = " whose journals can be written"
 
 
 def demands_of(
@@ -179,7 +180,10 @@ def _coalition_demands(
     capabilities: Capabilities,
     allowed: Sequence[tuple[str, ...] | None],
 ) -> tuple[Demand, ...]:
-    """Who has started goes on, and nobody joins; without a coalition the bounds are nu and mu."""
+    """Who has started goes on, and nobody joins; without a coalition the bounds are nu and mu.
+
+    An exclusive task is begun by robots alone whose journals can be written.
+    """
     team, found = capabilities.team, facts.coalitions(request.activation)
     token = coalition_at_work(facts, task, request.activation, incarnations(team))
     at_work = _at_work(facts, request, found, token, team) if token is not None else {}
@@ -194,11 +198,15 @@ def _coalition_demands(
         }
         lower, upper = need.min_robots, need.max_robots
         pinned: tuple[str, ...] = ()
+        after = need.after + asked
+        if token is None and task.exclusive:
+            found_able = len(candidates)
+            candidates = {r: v for r, v in candidates.items() if team[r].member.may_promise}
+            after += JOURNALS if len(candidates) < found_able else ""
         if token is not None:
             pinned = tuple(r for r in candidates if at_work.get(r) == need.local_task)
             lower = upper = len(pinned)
         bounds = need.min_robots, lower, upper
-        after = need.after + asked
         demand = Demand(request, need.local_task, *bounds, pinned, candidates, after)
         result.append(demand)
     return tuple(result)
@@ -244,10 +252,10 @@ def obstacle(
         if any(demand.pinned for demand in group):
             return ""
         return f"{token.leader} is out of reach and may still be at it"
-    present = sum(robot in facts.grantors for robot in team)
-    needed = majority(facts.grantors)
+    grantors = [worker.member.may_promise for r, worker in team.items() if r in facts.grantors]
+    needed, present = majority(facts.grantors), sum(grantors)
     if present < needed:
-        return (
-            f"exclusive: needs grants from {needed} of {len(facts.grantors)} robots, {present} here"
-        )
+        which = JOURNALS if present < len(grantors) else ""
+        text = f"needs grants from {needed} of {len(facts.grantors)} robots{which}"
+        return f"exclusive: {text}, {present} here"
     return ""

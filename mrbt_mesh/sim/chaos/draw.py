@@ -50,6 +50,7 @@ class ChaosKnobs:
     kills: float = 2.0
     team_crashes: float = 0.3
     lost_disks: float = 0.2
+    bad_disks: float = 1.0
     freezes: float = 0.7
     suspends: float = 0.5
     slow: float = 0.7
@@ -161,6 +162,7 @@ class _Chaos:
             for _ in range(self._count(mean)):
                 make()
         self._change_performances()
+        self._spoil_disks()
         lost = {robot for robot in sorted(self.dead) if self.pick.random() >= knobs.revived}
         heal = faults.Heal(tuple(r for r in self.robots if r not in lost), self.broken)
         # Whatever has not ended by then ends with the healing.
@@ -178,6 +180,22 @@ class _Chaos:
             stays=bool(knobs.stays),
             plan_delay_us=_plan_delay_us(self.seed),
         )
+
+    def _spoil_disks(self) -> None:
+        """Drawn apart, too: disks that are slow, full, or locked when a process starts."""
+        pick = random.Random(f"{self.seed}/disks")
+        if pick.random() < 0.5 or not self.knobs.bad_disks:
+            return
+        for _ in range(pick.randint(1, 4)):
+            robots = self.robots if pick.random() < 0.25 else [pick.choice(self.robots)]
+            start_us = pick.randrange(self.knobs.chaos_us)
+            end_us = start_us + pick.randint(10 * MS, self.knobs.longest_us)
+            sync_us = pick.choice([0, 5 * MS, 50 * MS, 300 * MS, SECOND_US])
+            fails, is_locked = pick.choice([(False, False), (True, False), (True, True)])
+            for robot in robots:
+                self.steps.append((start_us, faults.Disk(robot, sync_us, fails, is_locked)))
+                if pick.random() < 0.75:  # else until the healing
+                    self.steps.append((end_us, faults.Disk(robot)))
 
     # -- times and victims --------------------------------------------------------------------
 

@@ -150,6 +150,11 @@ def _healed_at(scenario: Scenario, heal_us: int) -> Scenario:
 def _simpler(fault: faults.Fault) -> Iterable[faults.Fault]:
     """Plainer faults of the same kind, the plainest first."""
     match fault:
+        case faults.Disk(robot, sync_us, True, is_locked):
+            yield faults.Disk(robot)
+            yield from (faults.Disk(robot, sync_us), faults.Disk(robot, 0, True, False))
+            if is_locked and sync_us:
+                yield faults.Disk(robot, 0, True, True)
         case faults.Garbage(robot, count) if count > 1:
             yield from (faults.Garbage(robot, n) for n in (1, count // 2))
         case faults.Replay(robot, source, until_us, count) if count > 1:

@@ -89,7 +89,7 @@ class Checkers:
         if effects:
             self.i5.handled(process, effects)
             self.i6.handled(process, event, effects)
-            self.i9.handled(process, effects)
+            self.i9.handled(process, event, effects)
         self.i3.check(process, agent)
         self.renewals.check(process, agent)
 

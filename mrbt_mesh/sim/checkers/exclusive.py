@@ -10,12 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from mrbt_mesh.core.agent.effects import Effect, Persist, StartAction
+from mrbt_mesh.core.agent.effects import Effect, StartAction
 from mrbt_mesh.core.agent.inputs import ActionFinished, ActionStopped, Input
 from mrbt_mesh.core.agent.view import AgentView
-from mrbt_mesh.core.facts.records import GRANT
+from mrbt_mesh.core.facts.records import GRANT, Claim
 from mrbt_mesh.core.mission.mission import GlobalTask, InDoubtPolicy
 from mrbt_mesh.sim.checkers.findings import RunFindings
+from mrbt_mesh.sim.engine.journal import Changes
 from mrbt_mesh.sim.engine.process import SimProcess
 
 
@@ -55,6 +56,8 @@ class Exclusive:
         self._tasks = {task.id: task for task in tasks if task.exclusive}
         self._coalitions: dict[tuple[str, str], dict[str, _Coalition]] = {}
         self._givers: dict[tuple[str, str], set[str]] = {}
+        # Robot -> the activation that it has claimed, by its disk.
+        self._claimed: dict[str, str] = {}
 
     def handling(self, process: SimProcess, agent: AgentView, event: Input) -> None:
         """Before a step: an action may be about to end."""
@@ -70,12 +73,17 @@ class Exclusive:
         for effect in effects:
             if isinstance(effect, StartAction) and effect.global_task in self._tasks:
                 self._start(process, effect)
-            elif isinstance(effect, Persist) and effect.synced:
-                for entry in effect.entries:
-                    kind, *scope = entry.parts
-                    if kind == GRANT:
-                        activation, token = scope
-                        self._givers.setdefault((activation, token), set()).add(process.robot)
+
+    def synced(self, process: SimProcess, changes: Changes) -> None:
+        """A process has put this on its disk."""
+        for entry in changes.values():
+            if entry is not None and entry.author == process.robot:
+                kind, *scope = entry.parts
+                if kind == GRANT:
+                    activation, token = scope
+                    self._givers.setdefault((activation, token), set()).add(process.robot)
+                elif isinstance(entry.record, Claim):
+                    self._claimed[process.robot] = entry.record.activation
 
     def _start(self, process: SimProcess, start: StartAction) -> None:
         findings, task = self._findings, self._tasks[start.global_task]
@@ -85,6 +93,9 @@ class Exclusive:
         if 2 * len(givers) <= len(findings.world.mission.robots):
             who = ", ".join(sorted(givers)) or "nobody"
             text = f"{process.robot} begins {start.activation}, which only {who} granted"
+            findings.say("I5", text)
+        if self._claimed.get(process.robot) != start.activation:
+            text = f"{process.robot} begins {start.activation}, and its claim is not on disk"
             findings.say("I5", text)
         for token, other in known.items():
             if token == start.coalition:

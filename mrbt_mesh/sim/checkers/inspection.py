@@ -12,6 +12,7 @@ from mrbt_mesh.sim.checkers.findings import View
 from mrbt_mesh.sim.engine.effect_log import EffectLog
 from mrbt_mesh.sim.engine.faults import Block, Fault, Unblock, fault_text
 from mrbt_mesh.sim.engine.inspection import Inspection
+from mrbt_mesh.sim.engine.journal import Changes
 from mrbt_mesh.sim.engine.process import SimProcess
 
 
@@ -50,6 +51,10 @@ class FullInspection(Inspection):
 
     def booted(self, process: SimProcess) -> None:
         self._checkers.booted(process)
+
+    def synced(self, process: SimProcess, changes: Changes) -> None:
+        self._checkers.i5.synced(process, changes)
+        self._checkers.i9.synced(process, changes)
 
     def handling(self, process: SimProcess, event: Input) -> None:
         self._checkers.handling(process, event)

@@ -5,22 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from mrbt_mesh.core.agent.effects import Effect, Forget, Persist, Publish, StartAction
+from mrbt_mesh.core.agent.inputs import Input, JournalOpened
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.facts.records import OUTCOME
 from mrbt_mesh.core.facts.store import Entry, Version
 from mrbt_mesh.core.membership.wire import MessageKind, decode, parse_entries
 from mrbt_mesh.sim.checkers.facts import is_obsolete, stands
 from mrbt_mesh.sim.checkers.findings import RunFindings
+from mrbt_mesh.sim.engine.journal import Changes
 from mrbt_mesh.sim.engine.process import SimProcess
 
 
 class Resumption:
-    """Keeps its own account of what each robot has synced, over all its lives.
+    """Keeps its own account of what each robot has on disk, over all its lives.
 
     What a robot writes goes before what it wrote earlier, also in earlier lives; nothing is told
-    before it is synced; what was synced is known after a restart, unless it was forgotten because
-    nothing can reach it; no version is ever used for two contents; and no robot starts a local
-    task again of which it has journaled an outcome.
+    before the journal has it to write; what is on disk is known after a restart, unless it was
+    forgotten because nothing can reach it, or as soon as the disk can be read; no version is ever
+    used for two contents; and no robot starts a local task again whose outcome it has on disk, and
+    has read.
     """
 
     def __init__(self, findings: RunFindings) -> None:
@@ -33,7 +36,20 @@ class Resumption:
         self._synced.pop(robot, None)
 
     def booted(self, process: SimProcess, agent: AgentView) -> None:
-        """A process has read its journal."""
+        """A process has begun, and has read its journal if it could."""
+        if process.has_read_journal:
+            self._check_restored(process, agent)
+
+    def synced(self, process: SimProcess, changes: Changes) -> None:
+        """A process has put this on its disk."""
+        synced = self._synced.setdefault(process.robot, {})
+        for key, entry in changes.items():
+            if entry is None:
+                synced.pop(key, None)
+            else:
+                synced[key] = entry
+
+    def _check_restored(self, process: SimProcess, agent: AgentView) -> None:
         for entry in self._synced.get(process.robot, {}).values():
             self._findings.checks["I9"] += 1
             if not stands(agent, entry):
@@ -42,20 +58,24 @@ class Resumption:
                 )
                 self._findings.say("I9", text)
 
-    def handled(self, process: SimProcess, effects: Iterable[Effect]) -> None:
-        written: dict[str, Entry] = {}
+    def handled(self, process: SimProcess, event: Input, effects: Iterable[Effect]) -> None:
+        if isinstance(event, JournalOpened):
+            assert process.agent is not None
+            self._check_restored(process, process.agent.view)
+        written: dict[tuple[str, str], Entry] = {}
         for effect in effects:
-            if isinstance(effect, Persist) and effect.synced:
+            if isinstance(effect, Persist) and effect.at_once:
                 for entry in effect.entries:
-                    self._write(process.robot, entry)
-                    written[entry.name] = entry
+                    self._write(entry)
+                    written[entry.author, entry.name] = entry
             elif isinstance(effect, Forget):
                 self._forget(process, effect.keys)
             elif isinstance(effect, Publish) and effect.kind is MessageKind.FACT:
                 self._check_told(process, effect.data)
             elif isinstance(effect, StartAction):
                 name = f"{OUTCOME}/{effect.activation}/{effect.local_task}"
-                if (process.robot, name) in self._synced.get(process.robot, {}):
+                is_known = (process.robot, name) in self._synced.get(process.robot, {})
+                if is_known and process.has_read_journal:
                     text = f"{process.robot} starts {name} again, of which it has the outcome"
                     self._findings.say("I9", text)
         for entry in written.values():
@@ -75,7 +95,7 @@ class Resumption:
         assert process.agent is not None
         synced = self._synced.get(process.robot, {})
         for key in keys:
-            entry = synced.pop(key, None)
+            entry = synced.get(key)
             if entry is not None and not is_obsolete(process.agent.view, entry):
                 text = f"{process.robot} forgets {entry.name}, which can still be reached"
                 self._findings.say("I9", text)
@@ -88,9 +108,9 @@ class Resumption:
                 text = f"{process.robot} tells {entry.name} {entry.version} before it is synced"
                 self._findings.say("I9", text)
 
-    def _write(self, robot: str, entry: Entry) -> None:
-        known = self._versions.setdefault((robot, entry.name, entry.version), entry.packed)
+    def _write(self, entry: Entry) -> None:
+        version = (entry.author, entry.name, entry.version)
+        known = self._versions.setdefault(version, entry.packed)
         if known != entry.packed:
-            text = f"{robot} uses version {entry.version} of {entry.name} for two contents"
+            text = f"{entry.author} uses version {entry.version} of {entry.name} for two contents"
             self._findings.say("I9", text)
-        self._synced.setdefault(robot, {})[entry.author, entry.name] = entry

@@ -210,7 +210,7 @@ class Progress:
         for effect in effects:
             if isinstance(effect, Stop) and effect.reason.startswith("mission "):
                 self._may_stop(process)
-            written = effect.entries if isinstance(effect, Persist) and effect.synced else ()
+            written = effect.entries if isinstance(effect, Persist) and effect.at_once else ()
             for entry in written:
                 if self._is_progress(entry):
                     self._progress_us = self._findings.world.clock.now_us

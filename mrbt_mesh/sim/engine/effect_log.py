@@ -34,9 +34,11 @@ def effect_json(effect: Effect) -> str:
     match effect:
         case Publish(kind, data):
             return f'{{"publish":"{kind}","data":"{_digest(data)}"}}'
-        case Persist(entries, synced):
+        case Persist(entries, at_once, number):
             names = [[entry.author, entry.name, str(entry.version)] for entry in entries]
-            return json.dumps({"persist": names, "synced": synced}, separators=(",", ":"))
+            return json.dumps(
+                {"persist": names, "at_once": at_once, "number": number}, separators=(",", ":")
+            )
         case Ask(peer, data):
             return f'{{"ask":"{peer}","data":"{_digest(data)}"}}'
         case Reply(query, pages):

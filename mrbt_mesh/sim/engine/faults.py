@@ -47,6 +47,20 @@ class Restart:
 
 
 @dataclass(frozen=True, slots=True)
+class Disk:
+    """From now on the robot's disk takes `sync_us` for a sync.
+
+    `fails`: nothing can be written, as when it is full; `is_locked`: the journal cannot be read
+    either, which a process that starts then has to go without. With the defaults it works again.
+    """
+
+    robot: str
+    sync_us: int = 0
+    fails: bool = False
+    is_locked: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class Freeze:
     """SIGSTOP: nothing of the process runs, its messages wait, its token stays."""
 
@@ -167,7 +181,7 @@ class Replay:
 
 @dataclass(frozen=True, slots=True)
 class Heal:
-    """All faults end: links, frozen and slow robots, clock rates, lost capabilities, a pause.
+    """All faults end: links, disks, frozen and slow robots, clocks, lost capabilities, a pause.
 
     `robots` that do not run are started again, with what their journals kept. `broken` are links
     that from now on stay so.
@@ -220,6 +234,7 @@ Fault: TypeAlias = (
     Kill
     | KillAfter
     | Restart
+    | Disk
     | Freeze
     | Suspend
     | Thaw

@@ -125,16 +125,24 @@ class Injector:
                     else self._bus.routers.begin
                 )
                 act(fault.router)
-            case faults.ClockRate(robot, rate_ppm):
-                robots.local_clock(robot).set_rate(rate_ppm)
-            case faults.ClockJump(robot, ahead_us):
-                robots.local_clock(robot).jump(ahead_us)
+            case faults.Disk() | faults.ClockRate() | faults.ClockJump():
+                self._change_computer(fault)
             case _:
                 process = robots.processes.get(fault.robot)
                 if isinstance(fault, _OF_THE_ROBOT) and robots.is_coming(fault.robot):
                     clock.at(clock.now_us + BOOT_US, partial(self._carry_out, fault))
                 elif process is not None and not process.is_over:
                     self._suffer(process, fault)
+
+    def _change_computer(self, fault: faults.Disk | faults.ClockRate | faults.ClockJump) -> None:
+        """Faults of what outlives a robot's processes."""
+        match fault:
+            case faults.Disk(robot, sync_us, fails, is_locked):
+                self._robots.change_disk(robot, sync_us, fails, is_locked)
+            case faults.ClockRate(robot, rate_ppm):
+                self._robots.local_clock(robot).set_rate(rate_ppm)
+            case faults.ClockJump(robot, ahead_us):
+                self._robots.local_clock(robot).jump(ahead_us)
 
     def _end(self, fault: faults.Kill | faults.KillAfter | faults.Restart) -> None:
         """Faults of a robot whether it has a process yet or not."""
@@ -198,7 +206,8 @@ class Injector:
         self._bus.network.settle()
         for router in self._bus.routers.names:
             self._bus.routers.begin(router)
-        for _, process in sorted(processes.items()):
+        for robot, process in sorted(processes.items()):
+            self._robots.change_disk(robot, 0, False, False)
             process.local.set_rate(0)
             process.local.resume()
             if not process.is_over:

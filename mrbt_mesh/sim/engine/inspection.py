@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from mrbt_mesh.core.agent.effects import Effect
 from mrbt_mesh.core.agent.inputs import Input
 from mrbt_mesh.sim.engine.faults import Fault
+from mrbt_mesh.sim.engine.journal import Changes
 from mrbt_mesh.sim.engine.process import SimProcess
 
 
@@ -48,6 +49,9 @@ class Inspection:
 
     def booted(self, process: SimProcess) -> None:
         """A process has read its journal and has an agent."""
+
+    def synced(self, process: SimProcess, changes: Changes) -> None:
+        """A process has put this on its disk."""
 
     def handling(self, process: SimProcess, event: Input) -> None:
         """Before a step of an agent."""

@@ -27,8 +27,9 @@ from mrbt_mesh.core.agent.inputs import ActionFinished, Input, PlanMade, TimerFi
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
+from mrbt_mesh.runtime.journal_writer import JournalNews
 from mrbt_mesh.sim.engine.clock import MICRO, Gate, LocalClock, VirtualClock
-from mrbt_mesh.sim.engine.journal import SimJournal, SimJournalWriter
+from mrbt_mesh.sim.engine.journal import Changes, SimJournal, SimJournalWriter
 from mrbt_mesh.sim.engine.pace import Pace
 
 TIMER_FIRED = TimerFired()
@@ -41,6 +42,7 @@ class ProcessListener(Protocol):
     def watches_steps(self) -> bool: ...
 
     def booted(self, process: SimProcess) -> None: ...
+    def synced(self, process: SimProcess, changes: Changes) -> None: ...
     def handling(self, process: SimProcess, event: Input) -> None: ...
     def handled(self, process: SimProcess, event: Input, effects: Sequence[Effect]) -> None: ...
     def logged(self, robot: str, effect: Effect) -> None: ...
@@ -107,7 +109,9 @@ class SimProcess:
         self._make_agent = make_agent
         self._program: Program | None = None
         self._pace = Pace(environment.clock, Gate(local), self._handle)
-        self._journal = SimJournalWriter(journal, environment.clock, self._pace)
+        self._journal = SimJournalWriter(
+            journal, environment.clock, self._pace, self._tell, self._synced
+        )
         self._ran_us = 0
         self._timer_us: int | None = None
         self._recorder: RobotRecorder | None = None
@@ -127,6 +131,11 @@ class SimProcess:
         return self._pace.is_slow
 
     @property
+    def has_read_journal(self) -> bool:
+        """Whether it knows what its journal held when it began."""
+        return self._journal.is_read
+
+    @property
     def runs(self) -> bool:
         """Whether it is booted, alive and not frozen, though maybe slow."""
         return self.agent is not None and not self._pace.is_over and not self._pace.is_frozen
@@ -144,6 +153,7 @@ class SimProcess:
         self._ran_us = self.local.boottime_us
         self.agent = self._make_agent(self._ran_us)
         self._recorder = self._environment.recorder_of(self)
+        self._journal.start()
         program.begin()
         self._environment.inspection.booted(self)
         self.deliver(TIMER_FIRED)
@@ -184,8 +194,8 @@ class SimProcess:
         match effect:
             case Publish():
                 self._environment.published(self, effect)
-            case Persist(entries, synced):
-                self._journal.put(entries, synced)
+            case Persist(entries, at_once, number):
+                self._journal.put(entries, number, at_once)
             case Forget(keys):
                 self._journal.forget(keys)
             case Ask():
@@ -203,7 +213,7 @@ class SimProcess:
                 self._environment.declared(self, incarnation)
             case Stop():
                 self.stop = effect
-                self._journal.commit()
+                self._journal.end()
                 self._end()
                 self._environment.stopped(self)
             case Log():
@@ -234,12 +244,18 @@ class SimProcess:
         if self.runs:
             self.deliver(TIMER_FIRED)
 
+    def _tell(self, news: JournalNews) -> None:
+        """In an event of its own: the journal's thread does not wait for the agent."""
+        self._environment.clock.at(self._environment.clock.now_us, partial(self.deliver, news))
+
+    def _synced(self, changes: Changes) -> None:
+        self._environment.inspection.synced(self, changes)
+
     # -- faults -------------------------------------------------------------------------------
 
     def kill(self) -> None:
         """SIGKILL."""
         self.killed = True
-        self._journal.crash()
         self._end()
 
     def freeze(self) -> None:

@@ -11,7 +11,7 @@ from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.runtime.actions import RobotIdentity
 from mrbt_mesh.sim.engine.clock import LocalClock
-from mrbt_mesh.sim.engine.journal import SimJournal
+from mrbt_mesh.sim.engine.journal import FULL, SimJournal
 from mrbt_mesh.sim.engine.message_bus import MessageBus
 from mrbt_mesh.sim.engine.process import Environment, SimProcess
 from mrbt_mesh.sim.engine.setup import Setup
@@ -53,8 +53,7 @@ class Robots:
         if setup.begin is not None:
             for robot in setup.robots:
                 journal = self._journals[robot] = SimJournal()
-                journal.put(setup.begin.facts)
-                journal.commit()
+                journal.write({(e.author, e.name): e for e in setup.begin.facts})
 
     @property
     def processes(self) -> dict[str, SimProcess]:
@@ -94,10 +93,10 @@ class Robots:
     def launch(self, robot: str, keeps_journal: bool) -> None:
         """Start a process of this robot, with what its journal kept or without."""
         self._lives += 1
-        journal = self._journals.get(robot) if keeps_journal else None
-        if journal is None:
-            journal = self._journals[robot] = SimJournal()
+        if robot not in self._journals or not keeps_journal:
+            self._journals[robot] = SimJournal()
             self._environment.without_journal(robot)
+        journal = self._journals[robot]
         setup = self._setup
         description = setup.mission.robots[robot]
         pid = FIRST_PID + self._lives
@@ -115,6 +114,11 @@ class Robots:
         self._start_program(process, identity)
         self._environment.launched(process)
 
+    def change_disk(self, robot: str, sync_us: int, fails: bool, is_locked: bool) -> None:
+        """What the disk of a robot is like from now on, for this process and those after it."""
+        journal = self._journals.setdefault(robot, SimJournal())
+        journal.sync_us, journal.fails, journal.is_locked = sync_us, fails, is_locked
+
     def _config(self, identity: RobotIdentity, journal: SimJournal) -> AgentConfig:
         setup, robot, options = self._setup, identity.robot, self._setup.agents
         return AgentConfig(
@@ -128,7 +132,8 @@ class Robots:
             expected=frozenset(setup.robots),
             exit_when_done=options.exit_when_done,
             software="simulator",
-            restored=journal.read(),
+            restored=() if journal.is_locked else journal.read(),
+            journal_problem=FULL if journal.is_locked or journal.fails else "",
             host="simulator",
             pid=identity.pid,
             engine=options.engine,

@@ -76,7 +76,7 @@ export class RobotsView {
       card.done.style.transform = `scaleX(${progress / 100})`;
     }
     this._drawCan(card, robot);
-    setText(card.problems, (robot.problems ?? []).map((text) => `⚠ program problem, ${text}`).join("\n"));
+    setText(card.problems, (robot.problems ?? []).map((text) => `⚠ ${text}`).join("\n"));
     this._drawTrees(card, robot.statuses);
     if (this._control) this._drawButtons(card, name, robot);
   }

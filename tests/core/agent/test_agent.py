@@ -302,7 +302,7 @@ def test_a_life_that_begins_by_self_fencing_is_on_disk_before_anybody_hears_of_i
     before = agent.view.incarnation
     effects = agent.handle(inputs.TimerFired(), 60_000 * MS)
     assert agent.view.incarnation > before
-    synced = [effect for effect in effects if isinstance(effect, fx.Persist) and effect.synced]
+    synced = [effect for effect in effects if isinstance(effect, fx.Persist) and effect.at_once]
     assert any(e.version.incarnation == agent.view.incarnation for p in synced for e in p.entries)
     told = next(
         effect

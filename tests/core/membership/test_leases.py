@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from mrbt_mesh.core.facts.records import CoalitionId
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.membership.durability import Durability
 from mrbt_mesh.core.membership.leases import Leases
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Heartbeat, LeaseGrant, SelfReport
@@ -43,6 +44,8 @@ class Robot:
     grants: Leases = field(init=False)
     number: int = 0
     sequence: int = 0
+    disk: Durability = field(default_factory=Durability)
+    is_disk_slow: bool = False
 
     def __post_init__(self) -> None:
         self.facts = TeamFacts(self.mission, RUN)
@@ -51,7 +54,7 @@ class Robot:
 
     def start(self, now_us: int) -> None:
         """A new process, with the facts of the journal."""
-        self.grants = Leases(self.id, self.facts, TIMING, self.clock(now_us))
+        self.grants = Leases(self.id, self.facts, TIMING, self.clock(now_us), self.disk)
 
     def clock(self, now_us: int) -> int:
         return self.offset_us + now_us * self.rate_percent // 100
@@ -62,9 +65,20 @@ class Robot:
             version = Version(Incarnation(1, "n"), self.sequence)
             self.facts.map.merge([make_entry(self.id, name, version, value)])
 
+    def promise(self, values: Sequence[tuple[str, Any]]) -> None:
+        if values:
+            self.write(values)
+            self.grants.grantor.written(self.disk.take_number())
+            if not self.is_disk_slow:
+                self.sync()
+
+    def sync(self) -> None:
+        self.disk.note_synced(self.disk.take_number())
+        self.grants.take_own_answers()
+
     def beat(self, now_us: int) -> Heartbeat:
         self.number += 1
-        self.write(self.grants.heartbeat_sent(self.number, self.clock(now_us), lambda *_: True))
+        self.promise(self.grants.heartbeat_sent(self.number, self.clock(now_us), lambda *_: True))
         return Heartbeat(
             SelfReport(Incarnation(1, "n"), self.number, b"", True, 0),
             False, b"", (0, 0, 0, 0), 0, (), {},
@@ -72,7 +86,8 @@ class Robot:
         )  # fmt: skip
 
     def hear(self, other: str, beat: Heartbeat, now_us: int) -> None:
-        self.write(self.grants.receive_heartbeat(other, beat, self.clock(now_us), lambda *_: True))
+        granted = self.grants.receive_heartbeat(other, beat, self.clock(now_us), lambda *_: True)
+        self.promise(granted)
 
     def pass_to(self, now_us: int) -> None:
         self.write(self.grants.grantor.expire(self.clock(now_us)))
@@ -100,6 +115,35 @@ def test_a_majority_of_the_missions_robots_is_needed() -> None:
     assert not a.holds(10)
     exchange(a, robots["C"], 20)
     assert a.holds(20)
+
+
+def test_a_grant_counts_once_it_is_on_disk() -> None:
+    robots = team(3)
+    a, b = robots["A"], robots["B"]
+    a.is_disk_slow = b.is_disk_slow = True
+    a.grants.holder.request(NAME, TOKENS["A"])
+    exchange(a, b, 10)
+    assert not a.holds(10)
+    b.sync()
+    exchange(a, b, 20)
+    assert not a.holds(20)  # a majority with itself, and its own is not on disk
+    a.sync()
+    assert a.holds(20)
+    assert not a.holds(20 + TIMING.hold_us)
+
+
+def test_whose_journal_fails_grants_nothing_new_and_keeps_what_it_gave() -> None:
+    robots = team(3)
+    a, b, c = robots["A"], robots["B"], robots["C"]
+    b.disk.is_failing = True
+    a.grants.holder.request(NAME, TOKENS["A"])
+    exchange(a, b, 10)
+    assert not a.holds(10)
+    exchange(a, c, 20)
+    assert a.holds(20)
+    c.disk.is_failing = True
+    exchange(a, c, TIMING.hold_us)
+    assert a.holds(TIMING.hold_us + 1)
 
 
 def test_the_holder_counts_from_when_it_asked_and_for_less_than_the_lease() -> None:

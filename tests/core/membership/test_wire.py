@@ -67,7 +67,7 @@ beats = st.builds(
     st.lists(st.integers(0, 3), max_size=20).map(bytes),
 )
 GOOD_VALUES: list[tuple[str, Any]] = [
-    ("member", ["A", {"drill": 5, "fix(2)": 7}, ["drill"], False, "1.0", "host", 77]),
+    ("member", ["A", {"drill": 5, "fix(2)": 7}, ["drill"], False, "1.0", "host", 77, True]),
     ("claim", None),
     ("claim", [SCOPE, "a", "drill", 1, 3, ""]),
     ("order", ["pause", 4]),
@@ -237,12 +237,13 @@ def test_outcome_data_may_not_be_nested_too_deeply_to_be_shown_or_sent_on() -> N
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("member", ["A", {"drill": 0}, [], False, "", "", 1]),
-        ("member", ["A", {"drill": True}, [], False, "", "", 1]),
-        ("member", ["A", {1: 1}, [], False, "", "", 1]),
-        ("member", ["A", {"drill": 1}, ["x" * (MAX_TEXT + 1)], False, "", "", 1]),
-        ("member", ["A", {"drill": 1}, [], 0, "", "", 1]),
-        ("member", ["A", {}, [], False, "", "", -1]),
+        ("member", ["A", {"drill": 0}, [], False, "", "", 1, True]),
+        ("member", ["A", {"drill": True}, [], False, "", "", 1, True]),
+        ("member", ["A", {1: 1}, [], False, "", "", 1, True]),
+        ("member", ["A", {"drill": 1}, ["x" * (MAX_TEXT + 1)], False, "", "", 1, True]),
+        ("member", ["A", {"drill": 1}, [], 0, "", "", 1, True]),
+        ("member", ["A", {}, [], False, "", "", -1, True]),
+        ("member", ["A", {}, [], False, "", "", 1, 1]),
         ("claim", [SCOPE, "a", "drill", 4, 1, ""]),
         ("claim", [SCOPE, "a", "drill", 1, 1]),
         ("claim", [SCOPE, "a", "drill", 1, -1, ""]),

@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.core.agent.effects import Persist, StartAction
+from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.inputs import ActionFinished, ActionStopped, Input
 from mrbt_mesh.core.agent.work import Ticket
-from mrbt_mesh.core.facts.records import GRANT
-from mrbt_mesh.core.facts.store import Version, make_entry
+from mrbt_mesh.core.facts.records import CLAIM, GRANT, Claim, Phase
+from mrbt_mesh.core.facts.store import Entry, Version, make_entry
 from mrbt_mesh.core.mission.mission import InDoubtPolicy
 from mrbt_mesh.sim import simulate
 from mrbt_mesh.sim.checkers.checkers import Checkers
@@ -33,12 +33,19 @@ class Dosing:
         self.team.checkers = Checkers(self.team)  # type: ignore[arg-type]
         self.processes: dict[str, Any] = {p.robot: p for p in self.team.processes}
 
-    def begin(self, robot: str, token: str, givers: int = 4) -> list[str]:
+    def sync(self, process: Any, entry: Entry) -> None:
+        self.team.checkers.i5.synced(process, {(entry.author, entry.name): entry})
+
+    def begin(self, robot: str, token: str, givers: int = 4, is_claimed: bool = True) -> list[str]:
         process = self.processes[robot]
         for giver in list(self.processes.values())[:givers]:
             version = Version(giver.agent.view.incarnation, 1)
             grant = make_entry(giver.robot, f"{GRANT}/a:1/{token}", version, True)
-            self.team.checkers.i5.handled(giver, [Persist((grant,), synced=True)])
+            self.sync(giver, grant)
+        if is_claimed:
+            claim = Claim("a:1", "dose(a)", "dose(a)", Phase.READY, 1)
+            version = Version(process.agent.view.incarnation, 1)
+            self.sync(process, make_entry(robot, CLAIM, version, claim.to_value()))
         start = StartAction(
             7, "a:1", "dose(a)", "dose(a)", (), 1, process.agent.view.incarnation, token
         )
@@ -87,6 +94,11 @@ def test_i5_a_majority_has_to_grant_it(run: Run) -> None:
     (text,) = Dosing(run).begin("D1", "t1", givers=half)
     assert text.startswith("only ")
     assert text.count(",") == half - 1
+
+
+def test_i5_the_claim_is_on_disk(run: Run) -> None:
+    (text,) = Dosing(run).begin("D1", "t1", is_claimed=False)
+    assert "D1 begins a:1, and its claim is not on disk" in text
 
 
 def test_i5_whoever_is_gone_or_frozen_does_nothing(run: Run) -> None:

@@ -207,7 +207,7 @@ def test_i6_a_mission_that_may_go_on_for_ever_has_to_go_on(team: Team, goes_on: 
         if goes_on:
             name = entry.name.replace("::0", f"::{team.clock.now_us}")
             again = make_entry(entry.author, name, entry.version, [True, None])
-            done: Any = Persist((again,), synced=True)
+            done: Any = Persist((again,), at_once=True)
             checker.handled(process, TimerFired(), [done])  # type: ignore[arg-type]
         checker.sample()
     assert checker.is_settled
@@ -228,7 +228,7 @@ def test_i6_coalitions_that_form_and_break_are_no_progress(team: Team) -> None:
         names = {f"outcome/{scope}/move_frame/{token}": [True, None]}
         names |= {f"{BROKEN}/{scope}/{token}": True}
         entries = tuple(make_entry("C2", n, version, value) for n, value in names.items())
-        done: Any = Persist(entries, synced=True)
+        done: Any = Persist(entries, at_once=True)
         checker.handled(process, TimerFired(), [done])  # type: ignore[arg-type]
         checker.sample()
     assert "remove_cover::0 could be served" in team.checkers.violations[0]

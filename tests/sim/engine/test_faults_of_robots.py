@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from mrbt_mesh.core.agent.inputs import JournalOpened, JournalReported, JournalSynced
 from mrbt_mesh.core.facts.records import OUTCOME
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.drills.physical import of, spans
@@ -27,8 +28,10 @@ from mrbt_mesh.sim import (
     Thaw,
     partition,
 )
-from mrbt_mesh.sim.engine.journal import SimJournal
+from mrbt_mesh.sim.engine.clock import Gate, LocalClock, VirtualClock
+from mrbt_mesh.sim.engine.journal import FULL, SimJournal, SimJournalWriter
 from mrbt_mesh.sim.engine.network import LinkKnobs
+from mrbt_mesh.sim.engine.pace import Pace
 from tests.support.effort import seeds
 from tests.support.runs import Run, undisturbed
 
@@ -42,16 +45,73 @@ def entry(name: str, sequence: int) -> Any:
     )
 
 
+class Writing:
+    """A process' journal on its disk, and the news of it with the times in ms."""
+
+    def __init__(self, journal: SimJournal | None = None) -> None:
+        self.journal = journal or SimJournal()
+        self.clock = VirtualClock()
+        self.pace = Pace(self.clock, Gate(LocalClock(self.clock)), lambda event: None)
+        self.news: list[tuple[int, Any]] = []
+        self.writer = SimJournalWriter(
+            self.journal, self.clock, self.pace, self.tell, lambda changes: None
+        )
+
+    def tell(self, news: Any) -> None:
+        self.news.append((self.clock.now_us // 1_000, news))
+
+    def pass_ms(self, ms: int) -> None:
+        until_us = self.clock.now_us + ms * 1_000
+        while self.clock.now_us < until_us:
+            self.clock.advance((until_us - self.clock.now_us) / 1e6)
+
+
 def test_a_crash_loses_what_was_not_written() -> None:
+    at = Writing()
+    at.writer.put([entry("a", 1)], 1, at_once=True)
+    at.pass_ms(1)
+    at.journal.sync_us = 300_000
+    at.writer.put([entry("a", 2), entry("b", 3)], 2, at_once=True)
+    at.pass_ms(200)
+    at.pace.end()
+    at.pass_ms(1_000)
+    assert at.journal.read() == (entry("a", 1),)
+    assert at.news == [(0, JournalSynced(1))]
+
+
+def test_a_slow_disk_syncs_together_what_waits() -> None:
+    at = Writing()
+    at.journal.sync_us = 300_000
+    for number in (1, 2, 3):
+        at.writer.put([entry("a", number)], number, at_once=True)
+        at.pass_ms(1)
+    at.pass_ms(700)
+    assert at.news == [(300, JournalSynced(1)), (600, JournalSynced(3))]
+
+
+def test_a_disk_that_fails_is_tried_again() -> None:
+    at = Writing()
+    at.journal.fails = True
+    at.writer.put([entry("a", 1)], 1, at_once=True)
+    at.pass_ms(2_500)
+    at.journal.fails = False
+    at.pass_ms(1_000)
+    reported = [JournalReported(FULL, is_failing=True), JournalReported(""), JournalSynced(1)]
+    assert at.news == list(zip([0, 3_000, 3_000], reported, strict=True))
+
+
+def test_a_journal_that_was_locked_is_read_later() -> None:
     journal = SimJournal()
-    journal.put([entry("a", 1)])
-    journal.commit()
-    journal.put([entry("a", 2), entry("b", 3)])
-    assert not journal.is_clean
-    journal.crash()
-    assert journal.read() == (entry("a", 1),)
-    assert journal.written("A1", f"{OUTCOME}/x/b") is None
-    assert journal.is_clean
+    journal.write({("A1", "x"): entry("a", 1)})
+    journal.is_locked = True
+    at = Writing(journal)
+    at.writer.start()
+    assert not at.writer.is_read
+    at.pass_ms(2_500)
+    journal.is_locked = False
+    at.pass_ms(1_000)
+    assert at.writer.is_read
+    assert [news for _, news in at.news] == [JournalOpened((entry("a", 1),)), JournalReported("")]
 
 
 def outcomes_in_the_journal(run: Run, killed_us: int) -> int:
