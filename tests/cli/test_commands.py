@@ -168,7 +168,7 @@ def test_what_plans_nothing_loads_no_solver(tmp_path: Path, command: list[str]) 
 def test_the_status_of_a_run_that_is_over_needs_no_network_and_no_solver(tmp_path: Path) -> None:
     run_dir = a_run(tmp_path / "run", 0)
     (run_dir / "summary.json").write_text('{"result": "success", "robots": {}}')
-    code, packages = loaded(tmp_path, "status", "--run-dir", str(run_dir))
+    code, packages = loaded(tmp_path, "status", "--json", "--run-dir", str(run_dir))
     assert (code, packages & (LARGE | {"rich"})) == (0, set())
 
 

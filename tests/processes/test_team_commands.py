@@ -97,6 +97,9 @@ def test_a_detached_team_that_is_killed_has_a_status(team: Team) -> None:
     assert (summary["result"], summary["ended_because"]) == ("blocked", "no robot is left")
     assert summary["duration_s"] < 100
     assert {row["robots"][0] for row in summary["global_tasks"].values()} == {"R1", "R2"}
+    assert {row["state"] for row in summary["robots"].values()} == {"dead"}
+    watched = team.command("watch", "--json")
+    assert (watched.returncode, json.loads(watched.stdout)) == (3, summary)
 
 
 def test_a_detached_team_that_cannot_start_is_said_and_leaves_no_robot(team: Team) -> None:

@@ -26,6 +26,8 @@ def watch(
 ) -> None:
     """Watch a team that runs already, or is yet to come; ending the view leaves it alone.
 
+    Of a run that is over it prints the summary.
+
     Exit status: as of `mrbt up`.
 
     Example: mrbt up MISSION --detach; mrbt watch
@@ -34,8 +36,9 @@ def watch(
 
     import anyio
 
-    from mrbt_mesh.cli.framework.exits import end_process
+    from mrbt_mesh.cli.framework.exits import EXIT_OF_RESULT, end_process
     from mrbt_mesh.cli.team import watching
+    from mrbt_mesh.cli.team.finished import summary_of_finished, tell_summary
     from mrbt_mesh.cli.team.sharing import sharing
     from mrbt_mesh.runtime.recording import RecordTo
     from mrbt_mesh.runtime.team import Team
@@ -43,8 +46,12 @@ def watch(
     export.check()
     if record is None:
         given.refuse(["--record-beats"], "of a recording: give --record as well")
+    found = team.run_directory(given)
+    summary = summary_of_finished(found) if found is not None else None
+    if summary is not None:
+        tell_summary(summary, show.as_json)
+        raise SystemExit(EXIT_OF_RESULT[summary["result"]])
     address = team.find(given)
-    found = address.run_dir
     processes = Team(found, found.info(), address.mission) if found is not None else None
     to = RecordTo(record, "", record_beats) if record is not None else None
     if processes is None:

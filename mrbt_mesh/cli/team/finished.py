@@ -8,8 +8,6 @@ from typing import Any
 
 import click
 
-from mrbt_mesh.cli.framework.terminal import console
-from mrbt_mesh.cli.views.summary_view import render_summary
 from mrbt_mesh.runtime.run_dir import RunDir
 
 
@@ -22,10 +20,10 @@ def summary_of_finished(run_dir: RunDir) -> dict[str, Any] | None:
     from mrbt_mesh.runtime.launcher_lock import is_launched
 
     robots = run_dir.robots()
-    if not robots or is_launched(run_dir) or any(run_dir.process(robot) for robot in robots):
+    if is_launched(run_dir) or any(run_dir.process(robot) for robot in robots):
         return None
     summary = run_dir.summary()
-    if summary is None:
+    if summary is None and robots:
         summary = _summary(run_dir)
         run_dir.write_summary(summary)
     return summary
@@ -54,14 +52,28 @@ def _summary(run_dir: RunDir) -> dict[str, Any]:
     summary = run_summary(observer.record, result, ended_us)
     if observer.record.result is None:
         summary["ended_because"] = "no robot is left"
+        for row in summary["robots"].values():
+            # One that left by itself has said so.
+            row["state"] = row["state"] if row["state"] == "left" else "dead"
     return summary | {"run_dir": str(run_dir.path)}
+
+
+def tell_summary(summary: dict[str, Any], as_json: bool) -> None:
+    """Print it as `up` does at the end of a run."""
+    from mrbt_mesh.cli.framework.terminal import console, print_json
+    from mrbt_mesh.cli.views.summary_view import render_summary
+
+    if as_json:
+        print_json(summary)
+    else:
+        console.print(render_summary(summary))
 
 
 def tell_finished(summary: dict[str, Any], as_json: bool) -> None:
     """Print it; as JSON with the keys of a running team's status."""
     if not as_json:
         click.echo(f"the run is over: {summary['result']}")
-        console.print(render_summary(summary))
+        tell_summary(summary, as_json=False)
         return
     robots = {
         robot: {**row, "pid": None, "local_task": None} for robot, row in summary["robots"].items()

@@ -14,12 +14,12 @@ from rich.live import Live
 
 from mrbt_mesh.cli.exporting import LookOn
 from mrbt_mesh.cli.framework.exits import BAD_INPUT, EXIT_OF_RESULT
-from mrbt_mesh.cli.framework.terminal import console, errors, print_json
+from mrbt_mesh.cli.framework.terminal import console, errors
+from mrbt_mesh.cli.team.finished import tell_summary
 from mrbt_mesh.cli.team.sharing import Share, shares_nothing
 from mrbt_mesh.cli.team.show_options import ShowOptions
 from mrbt_mesh.cli.views.live_view import LiveNotes, LiveView
 from mrbt_mesh.cli.views.overload_view import overload_line
-from mrbt_mesh.cli.views.summary_view import render_summary
 from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.runtime.capacity import Overload
 from mrbt_mesh.runtime.fencing import boottime_us
@@ -206,10 +206,7 @@ def _report(
             team.run_dir.write_summary(summary)
         except RunDirError as error:
             errors.print(str(error), soft_wrap=True, markup=False)
-    if show.as_json:
-        print_json(summary)
-    else:
-        console.print(render_summary(summary))
+    tell_summary(summary, show.as_json)
     print_refusals(refused)
     return EXIT_OF_RESULT[result]
 
