@@ -16,8 +16,10 @@ from itertools import product
 
 from mrbt_mesh.analysis.places import child_path, root_path
 from mrbt_mesh.analysis.requirement import TooLargeError, could_fail
+from mrbt_mesh.core.bt.evaluation import OwnFacts
 from mrbt_mesh.core.bt.evaluator import Evaluator
-from mrbt_mesh.core.bt.tree import Kind, Node
+from mrbt_mesh.core.bt.guards import Expression, GuardWithActions
+from mrbt_mesh.core.bt.tree import Kind, Node, Status
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import type_name
 
@@ -110,22 +112,32 @@ def _turned_by(
     guards: Evaluator, name: str, against: bool, effects: Mapping[str, bool]
 ) -> list[str]:
     """The effects that can turn a guard to the value that keeps the action from being reached."""
-    expression = guards.expressions.get(name)
-    if expression is None:
+    guard = guards.expressions.get(name) or guards.with_actions.get(name)
+    if guard is None:
         return [_effect(name, against)] if effects.get(name) is against else []
-    read = [condition for condition in expression.conditions if condition in effects]
+    read = [condition for condition in guard.conditions if condition in effects]
     if not read:
         return []
-    if len(expression.conditions) <= MAX_CONDITIONS:
-        for values in product((False, True), repeat=len(expression.conditions)):
-            before = dict(zip(expression.conditions, values, strict=True))
+    if len(guard.conditions) <= MAX_CONDITIONS:
+        for values in product((False, True), repeat=len(guard.conditions)):
+            before = dict(zip(guard.conditions, values, strict=True))
             after = {**before, **{condition: effects[condition] for condition in read}}
-            held = guards.holds(expression, _holding(before))
-            if held is not against and guards.holds(expression, _holding(after)) is against:
+            stands = _stands(guards, guard, before)
+            if stands is not against and _stands(guards, guard, after) is against:
                 break
         else:
             return []
     return [_effect(condition, effects[condition]) for condition in read]
+
+
+def _stands(
+    guards: Evaluator, guard: Expression | GuardWithActions, values: Mapping[str, bool]
+) -> bool:
+    """The value of a guard when conditions have these values and all actions have succeeded."""
+    if isinstance(guard, Expression):
+        return guards.holds(guard, _holding(values))
+    done = dict.fromkeys((node.subject for node in guards.tree.actions()), Status.SUCCESS)
+    return guards.status_at(guard.node, OwnFacts(_holding(values), done)) is not guard.wanted
 
 
 def _effect(condition: str, value: bool) -> str:

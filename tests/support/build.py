@@ -271,7 +271,7 @@ class World:
     def tick(self) -> Evaluation:
         """Evaluate, and record what has become true, as every agent does."""
         while True:
-            while turned := self.facts.conditions.unnoted():
+            while turned := self.facts.turned_guards():
                 self.write("R1", *((f"{records.EXPRESSION}/{n}", v.to_value()) for n, v in turned))
             evaluation = self.evaluator.evaluate(self.facts)
             if not self._latch(evaluation):

@@ -261,7 +261,7 @@ class Planner:
 
     def _note_guards(self, now_us: int) -> None:
         """Write down which guards of several conditions have turned, before anything is planned."""
-        while turned := self._context.facts.conditions.unnoted():
+        while turned := self._context.facts.turned_guards():
             rows = [(f"{records.EXPRESSION}/{name}", each.to_value()) for name, each in turned]
             self._context.write(rows, now_us)
 

@@ -98,12 +98,17 @@ class ActivationNames(Guards):
             attempts = [0 if nodes[loop].kind is Kind.RETRY else number for loop, number in outer]
         return self.activation(node, attempts, facts)
 
-    def current_activation(self, node: int, facts: EvaluationFacts) -> Activation:
-        """The activation under the attempt numbers that are facts now, reached or not."""
+    def current_attempts(self, node: int, facts: EvaluationFacts) -> list[int]:
+        """The attempt numbers of the loops around a node that are facts now."""
         attempts: list[int] = []
         for loop in self.enclosing_loops[node]:
             recorded = facts.attempts_used(str(self.activation(loop, attempts, facts)))
             attempts.append(self.current_attempt(loop, recorded))
+        return attempts
+
+    def current_activation(self, node: int, facts: EvaluationFacts) -> Activation:
+        """The activation under the attempt numbers that are facts now, reached or not."""
+        attempts = self.current_attempts(node, facts)
         if self.has_memory[node]:
             return self.memory_activation(node, attempts, facts)
         return self.activation(node, attempts, facts)

@@ -118,6 +118,26 @@ class OverlaidFacts:
         return self.beneath.child_result(activation, position)
 
 
+@dataclass
+class OtherConditions(OverlaidFacts):
+    """Facts with other values of some conditions, and other counts of some guards' turns: as they
+    were before, or as one robot reads its own.
+    """
+
+    values: Mapping[str, bool]
+    counts: Mapping[tuple[str, bool], int]
+
+    def condition(self, name: str) -> bool:
+        """Whether the condition holds."""
+        value = self.values.get(name)
+        return super().condition(name) if value is None else value
+
+    def turns(self, name: str, value: bool) -> int:
+        """How often it has turned to `value`."""
+        count = self.counts.get((name, value))
+        return super().turns(name, value) if count is None else count
+
+
 @dataclass(frozen=True, slots=True)
 class Request:
     """A running action leaf: what it asks for, under which activation."""

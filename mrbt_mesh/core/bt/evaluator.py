@@ -32,7 +32,7 @@ from mrbt_mesh.core.bt.evaluation import (
     Request,
     RunningTimeout,
 )
-from mrbt_mesh.core.bt.guards import Expression
+from mrbt_mesh.core.bt.guards import Expression, GuardWithActions
 from mrbt_mesh.core.bt.tree import Kind, Memory, Node, Status, Tree, build_tree
 
 # A status, and whether an outcome of an action had part in it: only those use up attempts.
@@ -57,6 +57,19 @@ class Evaluator(ActivationNames):
         if evaluator is None:
             evaluator = self._evaluators[expression.id] = Evaluator(build_tree(expression.spec))
         return evaluator.evaluate(OwnFacts(holding)).status is Status.SUCCESS
+
+    def status_at(self, node: int, facts: EvaluationFacts) -> Status:
+        """The status of one node, whether a tick of the tree reaches it or not."""
+        tick = _Tick(self, facts)
+        tick.attempts = self.current_attempts(node, facts)
+        return tick.tick(node)[0]
+
+    def has_turned(
+        self, guard: GuardWithActions, before: EvaluationFacts, now: EvaluationFacts
+    ) -> bool:
+        """Whether a guard has lost the status that it must have; only conditions may differ."""
+        lacks_it = self.status_at(guard.node, now) is not guard.wanted
+        return lacks_it and self.status_at(guard.node, before) is guard.wanted
 
     def find_obsolete(
         self, known: Iterable[Activation], facts: EvaluationFacts

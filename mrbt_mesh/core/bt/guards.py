@@ -9,6 +9,10 @@ An *expression* is a subtree without actions, or the first children of a control
 A single condition needs no more than its name: its revisions say how often it has turned. Of
 several conditions that decide together this cannot be told from theirs, since they may change at
 once; so it is a fact of its own (`facts.conditions`).
+
+Where actions stand before conditions in a guard, what these decide depends on how the actions have
+ended. Such a guard turns when conditions take away the status that it must have, with the same
+outcomes (`Evaluator.has_turned`). That is a fact as well.
 """
 
 from __future__ import annotations
@@ -24,6 +28,7 @@ from mrbt_mesh.core.bt.tree import Kind, Memory, Node, NodeSpec, Status, Tree
 Guard: TypeAlias = tuple[str, bool]
 
 _FORCES = frozenset({Kind.FORCE_SUCCESS, Kind.FORCE_FAILURE})
+_IN_ORDER = frozenset({Kind.SEQUENCE, Kind.FALLBACK})
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,11 +44,27 @@ class Expression:
     conditions: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class GuardWithActions:
+    """Conditions and actions that decide together: the subtree at `node` must return `wanted`.
+
+    `id`: `#7:success` or `#7:failure`. As a guard it has the value True when the status is another
+    one. `conditions`: the names that it reads, sorted.
+    """
+
+    id: str
+    node: int
+    wanted: Status
+    conditions: tuple[str, ...]
+
+
 class Guards:
     """The guards of one tree's nodes; what it keeps follows from the tree alone."""
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
+        self._expressions: dict[str, Expression] = {}
+        self._with_actions: dict[str, GuardWithActions] = {}
 
     @cached_property
     def has_action(self) -> list[bool]:
@@ -84,14 +105,20 @@ class Guards:
     @cached_property
     def expressions(self) -> dict[str, Expression]:
         """The expressions among all guards, by id; conditions alone are none."""
-        for node in self.tree.nodes:
-            for position in range(1, len(node.children)):
-                self.read_before(node, position)
+        self._read_all()
         return self._expressions
 
     @cached_property
-    def _expressions(self) -> dict[str, Expression]:
-        return {}
+    def with_actions(self) -> dict[str, GuardWithActions]:
+        """The guards with actions, by id; those inside others come first."""
+        self._read_all()
+        found = self._with_actions.values()
+        return {each.id: each for each in sorted(found, key=lambda each: (-each.node, each.id))}
+
+    def _read_all(self) -> None:
+        for node in self.tree.nodes:
+            for position in range(1, len(node.children)):
+                self.read_before(node, position)
 
     def read_before(self, node: Node, position: int) -> tuple[Guard, ...]:
         """The guards that the left sibling of a child reads, with the values against the child.
@@ -113,35 +140,32 @@ class Guards:
                 wanted = Status.SUCCESS if position == 1 else Status.FAILURE
             case _:
                 return ()
-        return tuple(dict.fromkeys(self._read(left, wanted, is_needed=True)))
+        return tuple(dict.fromkeys(self._read(left, wanted)))
 
-    def _read(self, index: int, wanted: Status, is_needed: bool) -> Iterator[Guard]:
-        """The guards that every evaluation reads at or below a node.
+    def _read(self, index: int, wanted: Status) -> Iterator[Guard]:
+        """The guards that are read at or below a node.
 
-        `wanted` is the status that the node must have for its right siblings to be reached;
-        `is_needed`: without it they cannot be reached at all. What is read below an IfThenElse or
-        a node with memory depends on more than the present conditions.
+        `wanted` is the status that the node must have for its right siblings to be reached. A node
+        with memory does not look at its conditions again.
         """
         node = self.tree.nodes[index]
-        if self.has_memory[index] or not self.has_condition[index] or node.kind in _FORCES:
+        if self.has_memory[index] or not self.has_condition[index]:
             return
         if not self.has_action[index]:
-            yield from self._of_conditions(index, wanted, is_needed)
+            yield from self._of_conditions(index, wanted, is_needed=True)
             return
-        match node.kind:
-            case Kind.IF_THEN_ELSE:
-                return
-            case Kind.INVERTER:
-                wanted = _opposite(wanted)
+        if node.kind is Kind.INVERTER:
+            wanted = _opposite(wanted)
+        count = self._leading_conditions(node)
         if needs_all(node, wanted):
             for child in node.children:
-                yield from self._read(child, wanted, is_needed)
-        elif node.kind in (Kind.SEQUENCE, Kind.FALLBACK):
-            count = self._leading_conditions(node)
-            if count > 1:
-                yield self._expression(node, count), wanted is not Status.SUCCESS
-            else:
-                yield from self._read(node.children[0], wanted, is_needed=False)
+                yield from self._read(child, wanted)
+        elif count == 0:
+            yield self._guard_with_actions(node, wanted), True
+        elif count > 1:
+            yield self._expression(node, count), wanted is not Status.SUCCESS
+        else:
+            yield from self._of_conditions(node.children[0], wanted, is_needed=False)
 
     def _of_conditions(self, index: int, wanted: Status, is_needed: bool) -> Iterator[Guard]:
         """The guards of a subtree without actions.
@@ -163,9 +187,22 @@ class Guards:
             yield self._expression(node, 0), wanted is not Status.SUCCESS
 
     def _leading_conditions(self, node: Node) -> int:
-        """How many of the first children have no actions."""
-        flags = [self.has_action[child] for child in node.children]
-        return flags.index(True)
+        """How many of the first children have no actions, where all conditions are in these.
+
+        0 where conditions stand elsewhere, or where another rule than that of a Sequence or
+        Fallback decides.
+        """
+        count = [self.has_action[child] for child in node.children].index(True)
+        rest = node.children[count:]
+        if node.kind not in _IN_ORDER or any(self.has_condition[child] for child in rest):
+            return 0
+        return count
+
+    def _guard_with_actions(self, node: Node, wanted: Status) -> str:
+        name = f"#{node.index}:{wanted.name.lower()}"
+        conditions = tuple(sorted(conditions_in(self.tree.spec(node.index))))
+        self._with_actions[name] = GuardWithActions(name, node.index, wanted, conditions)
+        return name
 
     def _expression(self, node: Node, count: int) -> str:
         """The id of the subtree at a node, or of its first children."""
@@ -192,7 +229,7 @@ def needs_all(node: Node, wanted: Status) -> bool:
             return node.limit == len(node.children)
         case Kind.PARALLEL:
             return node.limit == 1 and node.failures in (0, len(node.children))
-        case Kind.IF_THEN_ELSE:
+        case Kind.IF_THEN_ELSE | Kind.FORCE_SUCCESS | Kind.FORCE_FAILURE:
             return False
     return True
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from mrbt_mesh.core.bt.evaluation import Evaluation
+from mrbt_mesh.core.bt.evaluation import Evaluation, OtherConditions
 from mrbt_mesh.core.bt.evaluator import Evaluator
-from mrbt_mesh.core.bt.guards import Expression
+from mrbt_mesh.core.bt.guards import Expression, Guard
 from mrbt_mesh.core.bt.outcome_tick import OutcomeTick
 from mrbt_mesh.core.bt.tree import Status, Tree
 
@@ -62,6 +62,9 @@ class LocalRun:
             for name in expression.conditions:
                 self._readers.setdefault(name, []).append(expression)
         self._touched: dict[str, Expression] = {}
+        # Before what has changed since the last tick.
+        self._values_before: dict[str, bool] = {}
+        self._counts_before: dict[Guard, int] = {}
         self._held = {each.id: self._holds(each) for each in self._evaluator.expressions.values()}
 
     # -- what happens -------------------------------------------------------------------------
@@ -86,6 +89,7 @@ class LocalRun:
 
     def turned(self, name: str) -> None:
         """A condition of the robot has changed."""
+        self._values_before.setdefault(name, not self._conditions.value(name))
         self._count(name, self._conditions.value(name))
         for expression in self._readers.get(name, ()):
             self._touched[expression.id] = expression
@@ -102,6 +106,12 @@ class LocalRun:
                 self._held[expression.id] = holds
                 self._count(expression.id, holds)
         self._touched.clear()
+        before = OtherConditions(self, self._values_before, self._counts_before)
+        for guard in self._evaluator.with_actions.values() if self._values_before else ():
+            if self._evaluator.has_turned(guard, before, self):
+                self._count(guard.id, True)
+        self._values_before.clear()
+        self._counts_before.clear()
         while True:
             found = self._evaluator.evaluate(self)
             if not self._remember(found):
@@ -119,7 +129,9 @@ class LocalRun:
         return is_new
 
     def _count(self, guard: str, value: bool) -> None:
-        self._turns[guard, value] = self._turns.get((guard, value), 0) + 1
+        count = self._turns.get((guard, value), 0)
+        self._counts_before.setdefault((guard, value), count)
+        self._turns[guard, value] = count + 1
 
     def _holds(self, expression: Expression) -> bool:
         holding = set(filter(self._conditions.value, expression.conditions))

@@ -13,9 +13,11 @@ was read before may write the next one, so nobody takes late news for a change.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Mapping, Sequence
 
-from mrbt_mesh.core.bt.guards import Expression
+from mrbt_mesh.core.bt.evaluation import EvaluationFacts, OtherConditions
+from mrbt_mesh.core.bt.guards import Expression, Guard
 from mrbt_mesh.core.facts.records import ConditionValue, ExpressionRevision
 from mrbt_mesh.core.mission.conditions import own_name, split_owner
 from mrbt_mesh.core.mission.mission import Mission
@@ -38,9 +40,14 @@ class Conditions:
                 self._readers.setdefault(name, []).append(expression)
         # Of which something was said since they were looked at last.
         self._touched: dict[str, Expression] = {}
+        self._with_actions = mission.evaluator.with_actions
+        # Before what has changed since guards with actions were looked at last.
+        self._values_before: dict[str, bool] = {}
+        self._counts_before: dict[Guard, int] = {}
 
     def set(self, name: str, author: str, value: ConditionValue) -> None:
         """What an author says from now on. Conditions are never dropped."""
+        self._remember(name)
         values = self._by_author.setdefault(name, {})
         values[author] = value
         _, _, winner = max((each.revision, each.stamp, by) for by, each in values.items())
@@ -88,7 +95,12 @@ class Conditions:
         return self.turns_at(name, value, revision) if revision else 0
 
     def turns_at(self, name: str, value: bool, revision: int) -> int:
-        """The same at any revision: a boolean alternates, from its default on."""
+        """The same at any revision: a boolean alternates, from its default on.
+
+        Of a guard with actions only the turns against what it guards are counted.
+        """
+        if name in self._with_actions:
+            return revision if value else 0
         return revision // 2 if value == self._default(name) else (revision + 1) // 2
 
     def names(self) -> list[str]:
@@ -110,10 +122,12 @@ class Conditions:
     # -- expressions --------------------------------------------------------------------------
 
     def note(self, name: str, author: str, noted: ExpressionRevision) -> None:
-        """What an author has seen of an expression."""
+        """What an author has seen of an expression, or of a guard with actions."""
+        self._remember(name)
         self._noted.setdefault(name, {})[author] = noted
-        self._touched[name] = self._mission.own.expressions[name]
-        self._touch_readers(name)
+        if name not in self._with_actions:
+            self._touched[name] = self._mission.own.expressions[name]
+            self._touch_readers(name)
 
     def _touch_readers(self, name: str) -> None:
         for expression in self._readers.get(name, ()):
@@ -142,6 +156,39 @@ class Conditions:
             else:
                 del self._touched[name]
         return found
+
+    # -- guards with actions ------------------------------------------------------------------
+
+    def _remember(self, name: str) -> None:
+        """Before something is said of a condition or guard: how it was."""
+        if not self._with_actions:
+            return
+        for each in {name, split_owner(name)[0]}:
+            for value in (True, False):
+                self._counts_before.setdefault((each, value), self.turns(each, value))
+            if not each.startswith("#"):
+                self._values_before.setdefault(each, self.value(each))
+
+    def turned_with_actions(self, facts: EvaluationFacts) -> list[tuple[str, ExpressionRevision]]:
+        """A guard with actions from which conditions have taken its status: to be noted.
+
+        One at a time, since what was done behind it is to be done again before others are looked
+        at. One that has lost it stands against what it guards, so to note too much repeats nothing
+        that goes on.
+        """
+        before = OtherConditions(facts, self._values_before, self._counts_before)
+        for guard in self._with_actions.values() if self._values_before else ():
+            if self._values_before.keys().isdisjoint(guard.conditions):
+                continue
+            noted = self.noted(guard.id)
+            read = tuple(map(self.revision, guard.conditions))
+            if noted.read == read or any(map(operator.lt, read, noted.read)):
+                continue  # others have seen it, or have seen more
+            if self._mission.evaluator.has_turned(guard, before, facts):
+                return [(guard.id, ExpressionRevision(noted.revision + 1, read))]
+        self._values_before.clear()
+        self._counts_before.clear()
+        return []
 
 
 def expression_value(mission: Mission, expression: Expression, revisions: Sequence[int]) -> bool:

@@ -105,6 +105,10 @@ class TeamFacts:
         """How often the condition, or expression, has turned to `value`."""
         return self.conditions.turns(name, value)
 
+    def turned_guards(self) -> list[tuple[str, ExpressionRevision]]:
+        """The guards of several nodes that have turned, as far as is known here: to be noted."""
+        return self.conditions.unnoted() or self.conditions.turned_with_actions(self)
+
     def task_status(self, subject: str, activation: str) -> Status:
         """The status of a global task; RUNNING until its activation has a result."""
         said = self.activations.get(activation)

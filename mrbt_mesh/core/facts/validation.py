@@ -59,12 +59,15 @@ def _refuse_condition(entry: Entry, name: str, mission: Mission) -> str | None:
 def _refuse_expression(entry: Entry, name: str, mission: Mission) -> str | None:
     """What it says follows from the revisions that were read, and takes at least as many."""
     expression = mission.own.expressions.get(name)
-    if expression is None:
+    guard = expression or mission.evaluator.with_actions.get(name)
+    if guard is None:
         return f"{name!r:.80} is no guard of several conditions in this mission's tree"
     record = entry.record
     assert isinstance(record, ExpressionRevision)
-    if len(record.read) != len(expression.conditions) or sum(record.read) < record.revision:
+    if len(record.read) != len(guard.conditions) or sum(record.read) < record.revision:
         return f"expression {name!r}: revision {record.revision} does not follow from {record.read}"
+    if expression is None:
+        return None  # what it says depends on outcomes as well
     at_first = expression_value(mission, expression, (0,) * len(record.read))
     now = expression_value(mission, expression, record.read)
     if now != at_first ^ bool(record.revision % 2):

@@ -128,12 +128,19 @@ class PerRobotConditions:
         leaves = {name: any_of(name, self.robots) for name in self.leaves}
         return self._names.expressions | leaves
 
+    def read_by(self, guard: str) -> tuple[str, ...]:
+        """The conditions that a guard of several nodes reads, as the tree names them."""
+        known = self._names.with_actions.get(guard)
+        if known is not None:
+            return known.conditions
+        return (guard,) if guard in self else self.expressions[guard].conditions
+
     @cached_property
     def guards(self) -> dict[int, tuple[Guard, ...]]:
         """By action node: its guards that a robot reads its own way; nodes without are left out."""
         own = {
             name
-            for name, each in self.expressions.items()
+            for name, each in (self.expressions | self._names.with_actions).items()
             if name in self or any(condition in self for condition in each.conditions)
         }
         if not own:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from mrbt_mesh.core.bt.evaluation import Request
+from mrbt_mesh.core.bt.evaluation import OtherConditions, Request
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 
 
@@ -38,6 +38,10 @@ def _finds(facts: TeamFacts, value: Callable[[str], bool], name: str) -> bool:
     """Whether a condition or expression holds, with these values of conditions."""
     if name in facts.mission.own:
         return value(name)
+    guard = facts.mission.evaluator.with_actions.get(name)
+    if guard is not None:
+        read = OtherConditions(facts, {each: value(each) for each in guard.conditions}, {})
+        return facts.mission.evaluator.status_at(guard.node, read) is not guard.wanted
     expression = facts.mission.own.expressions[name]
     holding = set(filter(value, expression.conditions))
     return facts.mission.evaluator.holds(expression, holding)
@@ -48,6 +52,5 @@ def asks_for(facts: TeamFacts, request: Request) -> str:
     mission = facts.mission
     own: set[str] = set()
     for name, _ in mission.own.guards.get(request.node, ()):
-        read = (name,) if name in mission.own else mission.own.expressions[name].conditions
-        own.update(condition for condition in read if condition in mission.own)
+        own.update(each for each in mission.own.read_by(name) if each in mission.own)
     return f" with {', '.join(sorted(own))}" if own else ""

@@ -45,8 +45,7 @@ def make_plan(
     outside = {r: _why_outside(facts, r, alive[r]) for r in sorted(alive) if r not in team}
     ended = facts.result(alive)
     if reason := _nothing_to_do(order, ended):
-        idle = dict.fromkeys(team, reason) | outside
-        return Plan(evaluation, order, {}, idle, (), ended=ended)
+        return Plan(evaluation, order, {}, dict.fromkeys(team, reason) | outside, (), ended=ended)
 
     # What that asks of the team.
     requests = evaluation.requests

@@ -111,8 +111,9 @@ def _notes(facts: TeamFacts) -> Iterator[tuple[str, int]]:
     """The conditions that robots have read for what they say of several, and their revisions."""
     for entry in facts.map:
         if isinstance(entry.record, ExpressionRevision):
-            expression = facts.mission.own.expressions[entry.parts[1]]
-            yield from zip(expression.conditions, entry.record.read, strict=True)
+            own, name = facts.mission.own, entry.parts[1]
+            guard = own.expressions.get(name) or facts.mission.evaluator.with_actions[name]
+            yield from zip(guard.conditions, entry.record.read, strict=True)
 
 
 def _changed(facts: TeamFacts) -> set[str]:

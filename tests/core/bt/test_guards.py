@@ -16,6 +16,7 @@ from tests.support.btcpp.stories import (
     Grower,
     Story,
     has_place_for_until_success,
+    labelled,
     our_run,
     reference_run,
 )
@@ -30,6 +31,7 @@ from tests.support.build import (
     sequence,
 )
 from tests.support.mutations import MUTATIONS
+from tests.support.reticked import first_difference, random_tree
 
 A, B, CLOSE, USE = map(action, ("a", "b", "close", "use"))
 C1, C2 = condition("c1"), condition("c2")
@@ -111,10 +113,12 @@ def test_conditions_that_change_in_one_step_turn_a_guard_once_or_not_at_all() ->
         (sequence(parallel(1, C1, C2), A), "a", (("#1", False),)),
         (sequence(NodeSpec(Kind.FORCE_SUCCESS, (C1,)), A), "a", ()),
         (sequence(fallback(C1, C2, A), B), "b", (("#1:2", False),)),
-        (sequence(fallback(C1, A, C2), B), "b", (("c1", False),)),
+        (sequence(fallback(C1, A, C2), B), "b", (("#1:success", True),)),
+        (sequence(fallback(sequence(A, C1), CLOSE), B), "b", (("#1:success", True),)),
+        (sequence(fallback(sequence(A, C1), CLOSE), B), "close", (("#2:failure", True),)),
         (THE_LID, "use", (("#2", False),)),
         (THE_LID, "close", (("#2", True),)),
-        (sequence(parallel(1, C1, A), B), "b", ()),
+        (sequence(parallel(1, C1, A), B), "b", (("#1:success", True),)),
     ],
 )
 def test_guards(spec: NodeSpec, subject: str, expected: tuple[tuple[str, bool], ...]) -> None:
@@ -123,7 +127,7 @@ def test_guards(spec: NodeSpec, subject: str, expected: tuple[tuple[str, bool], 
     found = Guards(tree)
     assert found.guards_of[node] == expected
     named = {name for guards in found.guards_of for name, _ in guards if name.startswith("#")}
-    assert set(found.expressions) == named
+    assert found.expressions.keys() | found.with_actions.keys() == named
 
 
 def test_an_expression_names_what_it_reads() -> None:
@@ -226,6 +230,45 @@ def test_nobody_can_say_what_does_not_follow(
 def test_malformed_ones_are_refused(value: object) -> None:
     with pytest.raises(ValueError, match="expected"):
         make_entry("R1", f"{EXPRESSION}/#1", VERSION, value)
+
+
+# -- against a tree that is ticked again and again ---------------------------------------------
+
+
+def test_what_is_behind_an_action_is_renewed_where_the_tree_has_stopped_asking_for_it() -> None:
+    """While `use` works the lid closes by itself, then opens: it is closed anew, and used anew."""
+    world = World(sequence(fallback(sequence(A, LID), CLOSE), USE))
+    world.succeed("a")
+    close = world.activation("close")
+    world.succeed("close")
+    use = world.activation("use")
+    world.set("lid", True)
+    world.tick()
+    assert world.activation("use") == use, "the tree has asked for it throughout"
+    world.set("lid", False)
+    assert world.asked() == ["close"]
+    assert world.activation("close") != close
+    world.succeed("close")
+    assert world.activation("use") != use
+
+
+def test_where_the_action_has_failed_what_is_behind_it_decides_nothing() -> None:
+    world = World(sequence(fallback(sequence(A, LID), CLOSE), USE))
+    world.fail("a")
+    world.succeed("close")
+    use = world.activation("use")
+    for value in (True, False):
+        world.set("lid", value)
+        assert world.asked() == ["use"]
+        assert world.activation("use") == use
+
+
+@pytest.mark.parametrize("first", range(0, 1_200, 300))
+def test_random_trees_do_what_a_tree_does_that_is_ticked_again_and_again(first: int) -> None:
+    for seed in range(first, first + 300):
+        source = random.Random(seed)
+        tree = random_tree(source)
+        assert not first_difference(tree, source), labelled(tree)
 
 
 # -- deliberate bugs --------------------------------------------------------------------------
