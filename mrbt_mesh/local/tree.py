@@ -53,7 +53,7 @@ class BehaviorTree:
     """One tree that can be run, any number of times, one after the other.
 
     `leaves` may be shared by trees; without it the tree has its own. `exact` switches
-    BehaviorTree.CPP's own oddities on (docs/robot_trees.md). `given`: what leaves get besides
+    BehaviorTree.CPP's own oddities on (docs/btcpp.md). `given`: what leaves get besides
     ports, by its type. The blackboard stays from run to run.
     """
 

@@ -17,6 +17,7 @@ from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.runtime.capacity import allow_open_files
 from mrbt_mesh.runtime.journal import read_journals
 from mrbt_mesh.runtime.launcher import (
     PORT,
@@ -196,10 +197,12 @@ class Team:
         return await anyio.to_thread.run_sync(self._forks.start, arguments)
 
     async def start_all(self) -> None:
-        """Start the robots with which the run begins; raises RunDirError.
+        """Start the robots with which the run begins; raises RunDirError, and InputError before
+        any is started where the system allows too few open files.
 
         They are forked from one process, unless they have places of their own.
         """
+        allow_open_files(len(self.info.robots))
         self._started_ns = time.time_ns()
         if not CAN_FORK or self.info.places or len(self.info.robots) == 1:
             for robot in self.info.robots:

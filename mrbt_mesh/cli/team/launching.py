@@ -21,7 +21,7 @@ from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
 from mrbt_mesh.recording.folder import observer_file
-from mrbt_mesh.runtime.capacity import Machine, allow_open_files, overload
+from mrbt_mesh.runtime.capacity import Machine, overload
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
 from mrbt_mesh.runtime.recording import RecordTo
 from mrbt_mesh.runtime.run_dir import RunDir, RunInfo, state_dir
@@ -75,7 +75,6 @@ def run_team(
 
     `page`: watch them in a browser too. Output that cannot be written ends no robot.
     """
-    allow_open_files(len(run_dir.info().robots))
     lose_output_rather_than_end()
     end_process(anyio.run(_run, run_dir, mission, show, page))
 
