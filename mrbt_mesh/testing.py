@@ -21,6 +21,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, Literal, Protocol, TypeAlias
 
+from mrbt_mesh.core.facts.description import ALL
 from mrbt_mesh.core.mission.mission import MICRO, Mission, micro_performance
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.errors import InputError
@@ -44,7 +45,6 @@ from mrbt_mesh.sim import (
     simulate,
 )
 from mrbt_mesh.sim.engine.named_faults import (
-    ALL,
     NamedFault,
     check_faults,
     check_local_task,

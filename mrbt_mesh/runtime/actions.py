@@ -53,6 +53,7 @@ class RobotIdentity:
     type: str
     pid: int
     speed: float
+    capabilities: tuple[str, ...] = ()
     is_virtual: bool = False
 
 
@@ -291,4 +292,5 @@ class ActionRunner:
             parameters=self._mission.parameters,
             port=port,
             is_virtual=self._identity.is_virtual,
+            capabilities=self._identity.capabilities,
         )

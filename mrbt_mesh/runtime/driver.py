@@ -198,7 +198,8 @@ class Driver:
             async with anyio.create_task_group() as group:
                 self._group = group
                 setup, config = self._setup, self._config
-                identity = RobotIdentity(config.robot, config.type, os.getpid(), setup.speed)
+                own = tuple(sorted(config.capabilities))
+                identity = RobotIdentity(config.robot, config.type, os.getpid(), setup.speed, own)
                 self._runner = ActionRunner(group, setup.program, setup.mission, identity, self)
                 self._runner.start_background()
                 group.start_soon(self._watch_links)

@@ -29,6 +29,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Concatenate, Protocol, TypeAlias, TypeVar, overload
 
+from mrbt_mesh.core.facts.description import ALL
+from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.formats.problems import nearest
 from mrbt_mesh.runtime.program_function import (
     ProgramError,
     ProgramFunction,
@@ -71,6 +74,7 @@ class TaskContext:
     `performance` is this robot's p(i, l) when the task began, `work` the local task's nominal
     work; a simulated robot needs work / (performance * speed) seconds. `partners` are the other
     robots that the plan has on the same local task. `parameters` are the mission file's parameters.
+    `capabilities`: the local tasks (types or ground) that the mission gives this robot.
     `is_virtual`: a simulation in virtual time, where all robots share one process and event loop.
     """
 
@@ -89,6 +93,12 @@ class TaskContext:
     parameters: Mapping[str, Any]
     port: TaskPort
     is_virtual: bool = False
+    capabilities: tuple[str, ...] = ()
+
+    def can(self, local_task: str) -> bool:
+        """Whether the mission gives this robot a local task (a type or ground), lost or not."""
+        kind = type_name(local_task)
+        return any(type_name(name) == kind for name in self.capabilities)
 
     def set_condition(self, name: str, value: bool, *, at_once: bool = False) -> None:
         """Set a declared condition, ground, e.g. `broken(2)`.
@@ -130,20 +140,34 @@ class TaskContext:
         self.port.report_position(x, y, heading)
 
     def lose_capability(self, local_task: str) -> None:
-        """Declare a minor fault: this robot can no longer do `local_task` (a type or ground)."""
+        """Declare a minor fault: this robot can no longer do `local_task` (a type or ground).
+
+        `all` is everything. Raises ValueError for what the mission does not give this robot.
+        """
+        self._check_own(local_task, ALL)
         self.port.lose_capability(local_task)
 
     def restore_capability(self, local_task: str) -> None:
-        """Declare that this robot can do `local_task` again."""
+        """Declare that this robot can do `local_task`, or `all`, again. Raises ValueError."""
+        self._check_own(local_task, ALL)
         self.port.restore_capability(local_task)
 
     def report_performance(self, local_task: str, performance: float) -> None:
         """Tell how well this robot does `local_task` (a type or ground) from now on.
 
         It replaces the mission file's performance in the plans to come; 0 is a minor fault. Raises
-        ValueError for anything but a number from 0 to 1e6.
+        ValueError for anything but a number from 0 to 1e6, and for what the mission does not give
+        this robot.
         """
+        self._check_own(local_task)
         self.port.report_performance(local_task, performance)
+
+    def _check_own(self, local_task: str, *more: str) -> None:
+        if isinstance(local_task, str) and (local_task in more or self.can(local_task)):
+            return
+        known = {*self.capabilities, *map(type_name, self.capabilities), *more}
+        hint = nearest(str(local_task), known)
+        raise ValueError(f"{self.robot} has no local task {local_task!r:.80}{hint}")
 
     def record_event(self, event: Mapping[str, Any]) -> None:
         """Append one line to the run's events.jsonl. Only robots write there, never the mesh."""

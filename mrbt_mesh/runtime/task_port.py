@@ -165,14 +165,14 @@ class AgentPort:
         self._submit(PositionReported(milli_position(x, y, heading)))
 
     def lose_capability(self, local_task: str) -> None:
-        self._submit(CapabilityChanged(_name(local_task), lost=True))
+        self._submit(CapabilityChanged(local_task, lost=True))
 
     def restore_capability(self, local_task: str) -> None:
-        self._submit(CapabilityChanged(_name(local_task), lost=False))
+        self._submit(CapabilityChanged(local_task, lost=False))
 
     def report_performance(self, local_task: str, performance: float) -> None:
         micro = micro_performance(performance)
-        self._submit(PerformanceChanged(_name(local_task), micro))
+        self._submit(PerformanceChanged(local_task, micro))
 
     def record_event(self, event: Mapping[str, Any]) -> None:
         try:
@@ -191,9 +191,3 @@ class AgentPort:
                 "anyio.from_thread.run_sync or loop.call_soon_threadsafe"
             )
         self._host.submit(event)
-
-
-def _name(local_task: Any) -> str:
-    if not isinstance(local_task, str):
-        raise ValueError(f"a local task is named by a text, not {shown(local_task)}")
-    return local_task

@@ -172,7 +172,7 @@ async def test_a_cancelled_diagnosis_says_nothing_of_the_part() -> None:
 
 
 async def test_the_template_robot_does_and_records_its_tasks(tmp_path: Path) -> None:
-    program = load_program(str(write_files(tmp_path, template_files())[1]))
+    program = load_program(str(write_files(tmp_path, template_files("team"))[1]))
     port = FakePort()
     task = context(port, "look_at", "green", parameters={"heavy_boxes": ["green"]})
     await run(program, task)
@@ -185,7 +185,7 @@ async def test_the_template_robot_does_and_records_its_tasks(tmp_path: Path) -> 
 
 
 async def test_the_template_robot_records_a_cancellation(tmp_path: Path) -> None:
-    program = load_program(str(write_files(tmp_path, template_files())[1]))
+    program = load_program(str(write_files(tmp_path, template_files("team"))[1]))
     port = FakePort()
     task = context(port, "carry", "red", work=1e9, performance=1.0)
     assert await cancelled_while_working(program, task)

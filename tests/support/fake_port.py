@@ -78,6 +78,7 @@ def context(port: FakePort, local_task: str, *arguments: str, **changes: Any) ->
         "speed": 1.0,
         "parameters": {},
         "port": port,
+        "capabilities": (local_task,),
     }
     return TaskContext(**{**given, **changes})
 

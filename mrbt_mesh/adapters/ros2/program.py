@@ -83,7 +83,7 @@ def bound_program(file: BindingFile, command: list[str], record_work: bool = Fal
     @program.background
     async def connect(task: TaskContext) -> None:
         # A robot without its bridge has to say what it cannot do before it fails.
-        for name in file.tasks:
+        for name in filter(task.can, file.tasks):
             task.lose_capability(name)
         await member(task).run(task)
 
@@ -346,14 +346,18 @@ class ConnectedRobot:
     def _server(self, name: str, is_up: bool, why: str) -> None:
         """Tell the team what this robot cannot do any more, and what it can do again."""
         assert self._background is not None
+        # A file may serve robots of several types.
+        is_own = self._background.can(name)
         if is_up:
             self._up.add(name)
             self._log.info("server_found", local_task=name)
-            self._background.restore_capability(name)
+            if is_own:
+                self._background.restore_capability(name)
         else:
             self._up.discard(name)
             self._log.warning("server_lost", local_task=name, reason=why)
-            self._background.lose_capability(name)
+            if is_own:
+                self._background.lose_capability(name)
         for run in self._runs.values():
             run.news()
 

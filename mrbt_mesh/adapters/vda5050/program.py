@@ -331,7 +331,8 @@ class ConnectedVehicle:
         """The local tasks that the vehicle's errors prevent, by the layout file."""
         state = self.vehicle.state
         kinds = {error.type for error in state.errors} if state is not None else set()
-        return frozenset(name for kind in kinds for name in self._file.errors.get(kind, ()))
+        named = (name for kind in kinds for name in self._file.errors.get(kind, ()))
+        return frozenset(filter(self._background.can, named) if self._background else ())
 
 
 def _named(body: Message) -> dict[str, Any]:

@@ -100,7 +100,8 @@ class Robots:
         setup = self._setup
         description = setup.mission.robots[robot]
         pid = FIRST_PID + self._lives
-        identity = RobotIdentity(robot, description.type, pid, setup.speed, is_virtual=True)
+        own = tuple(sorted(description.capabilities))
+        identity = RobotIdentity(robot, description.type, pid, setup.speed, own, is_virtual=True)
         config = self._config(identity, journal)
 
         def make_agent(now_us: int) -> Agent:

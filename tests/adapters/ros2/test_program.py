@@ -66,10 +66,17 @@ class Told:
         return lambda *arguments: self.said.append((name, *arguments))
 
 
+OWN = ("go", "look", "plain", "wave")
+
+
 def context(port: Any) -> TaskContext:
     nothing: tuple[str, ...] = ()
     return TaskContext(
-        *("A1", "Rover", "1.a", 1, "", "", "", nothing, nothing, 1.0, 1.0, 1.0), {}, port
+        *("A1", "Rover", "1.a", 1, "", "", "", nothing, nothing, 1.0, 1.0, 1.0),
+        {},
+        port,
+        False,
+        OWN,
     )
 
 

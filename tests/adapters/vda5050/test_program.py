@@ -31,10 +31,16 @@ class Told:
         return lambda *arguments: self.said.append((name, *arguments))
 
 
+OWN = ("count", "deliver")
+
+
 def context(port: Any) -> TaskContext:
     nothing: tuple[str, ...] = ()
     return TaskContext(
-        *("F1", "Fork", "1.a", 1, "", "", "", nothing, nothing, 1.0, 1.0, 1.0), {}, port
+        *("F1", "Fork", "1.a", 1, "", "", "", nothing, nothing, 1.0, 1.0, 1.0),
+        {},
+        port,
+        capabilities=OWN,
     )
 
 
