@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-long test-plain test-slow test-docker test-interop test-conformance test-ros2 test-vda5050 test-world test-with-others tolerance lint check-lock lock drills soak \
-	test-browser screenshots bench-page clean bench bench-scale bench-security bench-failover bench-resume \
+	test-browser screenshots bench-page clean bench bench-scale bench-security bench-tokens bench-failover bench-resume \
 	bench-membership bench-estimate bench-robustness bench-metrics bench-recording verify-recordings walk paper
 
 help:
@@ -33,6 +33,7 @@ help:
 	@echo "make bench-failover  time from a kill or a freeze until the replacement has started"
 	@echo "make bench-scale     teams of 6 to 64 processes and 8 to 1,000 simulated robots: docs/scale.md"
 	@echo "make bench-security  what signing costs, and takeovers in a flood of 20,000 messages a second"
+	@echo "make bench-tokens    what a stranger's liveliness tokens cost a team"
 	@echo "make bench-resume    50 rounds of killing the whole team and resuming it"
 	@echo "make bench-membership false deaths, detection and agreement on bad networks"
 	@echo "make bench-estimate  how many runs mrbt estimate makes in a minute"
@@ -172,6 +173,9 @@ bench-scale: $(READY)
 
 bench-security: $(READY)
 	$(BIN)/python -m benchmarks.security
+
+bench-tokens: $(READY)
+	$(BIN)/python -m benchmarks.tokens
 
 bench-resume: $(READY)
 	$(BIN)/python -m benchmarks.resume

@@ -54,6 +54,7 @@ from mrbt_mesh.runtime.program import RobotProgram, TaskContext
 from mrbt_mesh.runtime.recording import RecordTo, robot_recording
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.session_config import TransportConfig, TransportError
+from mrbt_mesh.runtime.token_holders import life_of
 from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
 
 if TYPE_CHECKING:
@@ -183,16 +184,12 @@ class Driver:
 
     async def _live(self, launcher: LauncherWatch | None) -> Stop:
         self._stopped = anyio.Event()
+        config, transport = self._setup.config, self._setup.transport
         inbox = Inbox(asyncio.get_running_loop(), lambda: self._drain(inbox, gate))
-        config = self._setup.config
-        gate: FloodGate | None = None
-        if config.keys is not None:
-            is_shared = bool(self._setup.transport.routers)
-            gate = FloodGate(
-                config.keys, config.run, inbox.put, config.life, is_link_shared=is_shared
-            )
-        deliver = gate.deliver if gate is not None else inbox.put
-        self._transport = ZenohTransport(self._setup.transport, deliver)
+        is_shared = bool(transport.routers)
+        gate = FloodGate(config.keys, config.run, inbox.put, config.life, is_link_shared=is_shared)
+        lives = life_of(lambda: self._agent.view.peers, config.keys)
+        self._transport = ZenohTransport(transport, gate.deliver, lives)
         await anyio.to_thread.run_sync(self._transport.open)
         try:
             async with anyio.create_task_group() as group:
@@ -264,7 +261,7 @@ class Driver:
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self.submit, news)
 
-    def _drain(self, inbox: Inbox, gate: FloodGate | None) -> None:
+    def _drain(self, inbox: Inbox, gate: FloodGate) -> None:
         if not self._is_ready:
             return  # what has come stays there until it can be taken
         if inbox.dropped:
@@ -272,8 +269,7 @@ class Driver:
             if self._meter is not None:
                 self._meter.dropped += inbox.dropped
             inbox.dropped = 0
-        refused = gate.take_refused() if gate is not None else ()
-        for event in together((*inbox.take(), *refused)):
+        for event in together((*inbox.take(), *gate.take_refused())):
             self.submit(event)
 
     def _set_timer(self) -> None:
@@ -344,6 +340,7 @@ class Driver:
             await anyio.sleep(lease_us / LOOKS_PER_LEASE / MICRO)
             now_us = boottime_us()
             self._transport.follow_router()
+            await anyio.to_thread.run_sync(self._transport.follow_tokens, abandon_on_cancel=True)
             linked = self._transport.linked()
             links = {
                 robot: Sighting(

@@ -13,17 +13,17 @@ from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any
 
-from mrbt_mesh.core.agent.inputs import Input
+from mrbt_mesh.core.agent.inputs import AnswerReceived, Input, MessageReceived, QueryReceived
 
-MAX_WAITING = 10_000
+MAX_WAITING, MAX_WAITING_BYTES = 10_000, 16 << 20
 
 
 class Inbox:
     """Inputs from other threads, in order of arrival.
 
     A newer input under the same `key` replaces the one that waits (a beat outdates the beat
-    before it). Beyond `MAX_WAITING` the oldest is dropped and counted; facts lost that way
-    are repaired by the digests in the beats.
+    before it). Beyond `MAX_WAITING` inputs or `MAX_WAITING_BYTES` the oldest are dropped and
+    counted; facts lost that way are repaired by the digests in the beats.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, wake: Callable[[], None]) -> None:
@@ -31,6 +31,7 @@ class Inbox:
         self._wake = wake
         self._lock = threading.Lock()
         self._waiting: OrderedDict[Any, Input] = OrderedDict()
+        self._bytes = 0
         self._number = 0
         self._pending = False
         self.dropped = 0
@@ -43,10 +44,10 @@ class Inbox:
         with self._lock:
             self._number += 1
             slot: Any = self._number if key is None else key
-            self._waiting.pop(slot, None)
+            self._bytes += _size(event) - _size(self._waiting.pop(slot, None))
             self._waiting[slot] = event
-            if len(self._waiting) > MAX_WAITING:
-                self._waiting.popitem(last=False)
+            while len(self._waiting) > MAX_WAITING or self._bytes > MAX_WAITING_BYTES:
+                self._bytes -= _size(self._waiting.popitem(last=False)[1])
                 self.dropped += 1
             if self._pending:
                 return True
@@ -62,4 +63,13 @@ class Inbox:
             self._pending = False
             events = list(self._waiting.values())
             self._waiting.clear()
+            self._bytes = 0
         return events
+
+
+def _size(event: Input | None) -> int:
+    """The bytes of a message."""
+    match event:
+        case MessageReceived(_, _, data) | QueryReceived(_, _, data) | AnswerReceived(_, data):
+            return len(data or b"")
+    return 0

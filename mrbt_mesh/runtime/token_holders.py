@@ -1,19 +1,56 @@
 """Who holds the liveliness token of a robot's life: the robot itself, and perhaps somebody else.
 
-Anybody may show a token in a robot's name and take it down again. Zenoh tells of each session's
-token apart, and nobody can take down another one's. So a token is gone once nobody holds it any
-more; a stranger can keep one up, and no more than that. A robot that has found another router, or
-opened its session anew, shows a new token before the old one ends.
+Anybody on the network may show a token in a robot's name and take it down again, as often as he
+likes; nobody can take down another session's. So a token is gone once nobody holds it any more: a
+stranger can keep one up, and no more than that. A robot that has found another router, or opened
+its session anew, shows a new token before the old one ends.
+
+Tokens are hints, so a bounded amount of work and memory is spent on them: on those of robots that
+may be there, a few lives of each, and of each robot so many changes a second. Once something of a
+robot was passed over, it is not known any more who holds its token, and the end of its token is not
+told, until there was less for a while and all tokens have been listed again (`must_list_again`).
+Heartbeats decide meanwhile.
 """
 
 from __future__ import annotations
 
+import enum
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.keys import Keys, Role
+from mrbt_mesh.core.membership.peer import Peer
+from mrbt_mesh.runtime.budget import Budget
+from mrbt_mesh.runtime.fencing import boottime_us
 
-# Beyond so many, what further sessions hold is not looked at.
-MAX_HOLDERS, MAX_LIVES = 8, 10_000
+# Of one robot: changes at once after a pause, and in each second; lives, and sessions of each.
+CHANGES_AT_ONCE, CHANGES_PER_S = 20, 5
+MAX_LIVES, MAX_HOLDERS = 8, 8
+MAX_ROBOTS = 1_000
+# The name under which those who only watch show their tokens.
+OBSERVER = "observer"
+# How long nothing was passed over before all tokens are listed again.
+QUIET_US = 30_000_000
+# The life of a robot that has not been heard yet: older than any.
+UNHEARD = Incarnation(0, "")
+
+# The life in which a robot is known; None: there is no robot of that name.
+LifeOf = Callable[[str], Incarnation | None]
+
+
+def life_of(peers: Callable[[], Mapping[str, Peer]], keys: Keys | None) -> LifeOf:
+    """The lives of these peers; others may be there if they have keys, or if nobody has any."""
+
+    def find(robot: str) -> Incarnation | None:
+        peer = peers().get(robot)
+        if peer is not None:
+            return peer.incarnation
+        is_robot = robot != OBSERVER if keys is None else keys.role_of(robot) is Role.ROBOT
+        return UNHEARD if is_robot else None
+
+    return find
 
 
 class Holder(NamedTuple):
@@ -23,57 +60,123 @@ class Holder(NamedTuple):
     router: str
 
 
+class Change(enum.Enum):
+    """What a change means: the token of the robot's present life is held (perhaps by one more), or
+    is gone; nothing; or it was passed over, because there is too much or nobody of that name.
+    """
+
+    HELD = enum.auto()
+    GONE = enum.auto()
+    NOTHING = enum.auto()
+    PASSED_OVER = enum.auto()
+
+
+@dataclass(slots=True)
+class _Life:
+    """Who holds its token, in order of appearance, and who did so last."""
+
+    holders: dict[Holder, None] = field(default_factory=dict)
+    last_session: str = ""
+
+
+@dataclass(slots=True)
+class _Robot:
+    """`is_doubtful`: something was passed over, so its holders are not known any more."""
+
+    budget: Budget
+    lives: dict[Incarnation, _Life] = field(default_factory=dict)
+    is_doubtful: bool = False
+
+
 class TokenHolders:
-    """Who holds the token of each life of each robot, as far as is heard. Not thread-safe."""
+    """Who holds the token of each life of each robot, as far as is heard. Not thread-safe.
 
-    def __init__(self) -> None:
-        # In order of appearance.
-        self._holders: dict[tuple[str, Incarnation], dict[Holder, None]] = {}
-        self._last_session: dict[tuple[str, Incarnation], str] = {}
+    `clock` is in us.
+    """
 
-    def change(
-        self, robot: str, incarnation: Incarnation, holder: Holder, held: bool
-    ) -> bool | None:
-        """One session holds the token or does so no more.
+    def __init__(self, life_of: LifeOf, clock: Callable[[], int] = boottime_us) -> None:
+        self._life_of = life_of
+        self._clock = clock
+        self._robots: dict[str, _Robot] = {}
+        self._others = _budget(clock())
+        self._passed_over_us: int | None = None
 
-        Returns True if that is new, False if the token is gone; None: neither.
-        """
-        life = robot, incarnation
-        holders = self._holders.get(life, {})
-        if held:
-            is_full = len(holders) >= MAX_HOLDERS if holders else len(self._holders) >= MAX_LIVES
-            if holder in holders or is_full:
-                return None
-            self._holders.setdefault(life, {})[holder] = None
-            self._note_last(life, holder)
-            return True
-        if holder not in holders:
-            return None
-        del holders[holder]
-        if holders:
-            return None
-        del self._holders[life]
-        self._note_last(life, holder)
-        return False
+    def change(self, robot: str, incarnation: Incarnation, holder: Holder, held: bool) -> Change:
+        """One session holds the token or does so no more."""
+        now_us, present = self._clock(), self._life_of(robot)
+        known = self._robots.get(robot)
+        if known is None:
+            if present is None or len(self._robots) >= MAX_ROBOTS:
+                return self._pass_over_other(robot, now_us)
+            known = self._robots[robot] = _Robot(_budget(now_us))
+        life = known.lives.get(incarnation)
+        if life is not None and not held and holder in life.holders:
+            del life.holders[holder]
+            life.last_session = holder.session
+            is_gone = not life.holders and incarnation == present and not known.is_doubtful
+            return Change.GONE if is_gone else Change.NOTHING
+        is_old = present is not None and incarnation < present
+        if known.budget.takes(now_us):
+            if is_old or not held or (life is not None and holder in life.holders):
+                return Change.NOTHING
+            life = _place(known.lives, incarnation, present)
+            if life is not None:
+                is_first = not life.holders
+                life.holders[holder], life.last_session = None, holder.session
+                is_news = incarnation == present and (is_first or bool(holder.router))
+                return Change.HELD if is_news else Change.NOTHING
+        if held and not is_old:
+            known.is_doubtful, self._passed_over_us = True, now_us
+        return Change.PASSED_OVER
 
-    def _note_last(self, life: tuple[str, Incarnation], holder: Holder) -> None:
-        self._last_session[life] = holder.session
-        if len(self._last_session) > MAX_LIVES:
-            del self._last_session[next(iter(self._last_session))]
+    def _pass_over_other(self, name: str, now_us: int) -> Change:
+        """Somebody watches; or a robot is new, whose key is not known here yet; or a stranger."""
+        if name != OBSERVER:
+            self._passed_over_us = now_us
+        return Change.NOTHING if self._others.takes(now_us) else Change.PASSED_OVER
+
+    def knows(self, robot: str) -> bool:
+        """Whether there may be a robot of that name, and it has shown a token."""
+        return robot in self._robots
+
+    def must_list_again(self) -> bool:
+        """Whether something was passed over, but nothing for a while: `clear`, and begin anew."""
+        at_us = self._passed_over_us
+        return at_us is not None and self._clock() - at_us >= QUIET_US
 
     def last_session(self, robot: str, incarnation: Incarnation) -> str:
         """The session that showed the token of this life last, or held it to the end; or empty."""
-        return self._last_session.get((robot, incarnation), "")
+        known = self._robots.get(robot)
+        life = known.lives.get(incarnation) if known is not None else None
+        return life.last_session if life is not None else ""
 
     def robots_of(self, sessions: set[str]) -> frozenset[str]:
         """The robots whose token one of these sessions holds."""
         return frozenset(
             robot
-            for (robot, _), holders in self._holders.items()
-            if any(holder.session in sessions for holder in holders)
+            for robot, known in self._robots.items()
+            for life in known.lives.values()
+            if any(holder.session in sessions for holder in life.holders)
         )
 
     def clear(self) -> None:
-        """The session that heard all this is no more."""
-        self._holders.clear()
-        self._last_session.clear()
+        """All tokens are about to be told anew."""
+        self._robots.clear()
+        self._passed_over_us = None
+
+
+def _budget(now_us: int) -> Budget:
+    return Budget(CHANGES_AT_ONCE, CHANGES_PER_S, now_us)
+
+
+def _place(
+    lives: dict[Incarnation, _Life], incarnation: Incarnation, present: Incarnation | None
+) -> _Life | None:
+    """Where to note one more holder of a token; None: there are too many."""
+    life = lives.get(incarnation)
+    if life is None:
+        for each in [i for i, life in lives.items() if not life.holders and i != present]:
+            del lives[each]
+        if len(lives) < MAX_LIVES:
+            life = lives[incarnation] = _Life()
+    return life if life is not None and len(life.holders) < MAX_HOLDERS else None

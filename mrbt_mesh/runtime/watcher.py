@@ -17,6 +17,7 @@ from mrbt_mesh.core.agent.effects import AskRouter
 from mrbt_mesh.core.agent.inputs import (
     AnswerReceived,
     Input,
+    InputRefused,
     MessageReceived,
     RouterAnswered,
     TokenChanged,
@@ -30,7 +31,7 @@ from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.recording.observer_recorder import ObserverRecorder
 from mrbt_mesh.runtime.engine_choice import chosen_engine
 from mrbt_mesh.runtime.fencing import boottime_us
-from mrbt_mesh.runtime.flood_gate import Deliver, FloodGate
+from mrbt_mesh.runtime.flood_gate import FloodGate
 from mrbt_mesh.runtime.inbox import Inbox
 from mrbt_mesh.runtime.recording import (
     ObserverRecording,
@@ -39,6 +40,7 @@ from mrbt_mesh.runtime.recording import (
     observer_recording,
 )
 from mrbt_mesh.runtime.team_address import TeamAddress
+from mrbt_mesh.runtime.token_holders import life_of
 from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
 
 if TYPE_CHECKING:
@@ -76,13 +78,13 @@ class Watcher:
 
     async def open(self) -> None:
         """Open the session; raises TransportError."""
-        inbox = Inbox(asyncio.get_running_loop(), lambda: self._drain(inbox))
-        deliver: Deliver = inbox.put
-        if self._guard is not None:
-            is_shared = bool(self.address.transport.routers)
-            keys, run = self._guard.keys, self.address.run
-            deliver = FloodGate(keys, run, inbox.put, is_link_shared=is_shared).deliver
-        self._transport = ZenohTransport(self.address.transport, deliver)
+        inbox = Inbox(asyncio.get_running_loop(), lambda: self._drain(inbox, gate))
+        keys = self._guard.keys if self._guard is not None else None
+        transport = self.address.transport
+        is_shared = bool(transport.routers)
+        gate = FloodGate(keys, self.address.run, inbox.put, is_link_shared=is_shared)
+        lives = life_of(lambda: self.observer.membership.peers, keys)
+        self._transport = ZenohTransport(transport, gate.deliver, lives)
         await anyio.to_thread.run_sync(self._transport.open)
         self._transport.declare_token(Incarnation(0, secrets.token_hex(4)))
 
@@ -155,8 +157,8 @@ class Watcher:
             while not self.observer.caught_up:
                 await self.wait_for_change(self.timing.heartbeat_us / SECOND_US)
 
-    def _drain(self, inbox: Inbox) -> None:
-        for event in inbox.take():
+    def _drain(self, inbox: Inbox, gate: FloodGate) -> None:
+        for event in (*inbox.take(), *gate.take_refused()):
             self._take(event, boottime_us())
         self.changed.set()
 
@@ -168,6 +170,8 @@ class Watcher:
             case TokenChanged(robot, incarnation, held, router):
                 if observer.token(robot, incarnation, held, router):
                     self._transport.ask_router(AskRouter(robot, incarnation, router))
+            case InputRefused(source, reason):
+                observer.refused[source] = reason
             case RouterAnswered(robot, incarnation, is_linked):
                 observer.router_answered(robot, incarnation, is_linked)
             case AnswerReceived(peer, data) if data is not None:

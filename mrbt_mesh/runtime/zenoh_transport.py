@@ -47,7 +47,7 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES, MAX_NONCE, MessageKind
 from mrbt_mesh.core.mission.names import is_robot_id
 from mrbt_mesh.runtime.fencing import boottime_us
-from mrbt_mesh.runtime.flood_gate import NO_SOURCE, Deliver
+from mrbt_mesh.runtime.flood_gate import AN_ANSWER, NO_SOURCE, NOBODY, Deliver
 from mrbt_mesh.runtime.router_asks import RouterAsks
 from mrbt_mesh.runtime.session_config import (
     TransportConfig,
@@ -55,7 +55,7 @@ from mrbt_mesh.runtime.session_config import (
     open_session,
     session_config,
 )
-from mrbt_mesh.runtime.token_holders import Holder, TokenHolders
+from mrbt_mesh.runtime.token_holders import OBSERVER, Change, Holder, LifeOf, TokenHolders
 
 REOPEN_CLOSE_TIMEOUT_S = 1.0
 # So long a robot waits for the first router to answer, and whoever only watches.
@@ -63,18 +63,24 @@ ROUTER_WAIT_S, OBSERVER_WAIT_S, ROUTER_RETRY_S = 30.0, 3.0, 0.25
 # So long a router may take to say which links it has, in so many bytes.
 ROUTER_ANSWER_S = 0.5
 MAX_ROUTER_ANSWER_BYTES = 1 << 20
-OBSERVER, NO_ROUTER = "observer", "direct"
-# Whose message it is that comes under no robot's name; what is said of one that is not read.
-NOBODY, TOO_LARGE = "a stranger", f"more than {MAX_MESSAGE_BYTES} bytes"
+NO_ROUTER = "direct"
+# Why something is not looked at.
+TOO_LARGE = f"more than {MAX_MESSAGE_BYTES} bytes"
+# A question names at most 1,000 robots, with a digest each.
+MAX_QUERIES, MAX_QUERY_BYTES = 1_000, 128 << 10
+QUERY_TOO_LARGE = f"more than {MAX_QUERY_BYTES} bytes"
+TOO_MANY_TOKENS = "too many liveliness tokens to check"
 
 
+# Attributes: the session, what it has declared, and what waits for answers over it.
 class ZenohTransport:
     """One session: publishes, asks and answers, and turns what arrives into agent inputs.
 
     `deliver(input, key)` is called on Zenoh's threads; see `Inbox.put` and `FloodGate.deliver`.
+    So is `life_of`.
     """
 
-    def __init__(self, config: TransportConfig, deliver: Deliver) -> None:
+    def __init__(self, config: TransportConfig, deliver: Deliver, life_of: LifeOf) -> None:
         self._config = config
         self._deliver = deliver
         self._prefix = f"mrbt/{config.team}"
@@ -87,7 +93,8 @@ class ZenohTransport:
         self._lock = threading.Lock()
         self._asks = RouterAsks(self.ask_routers)
         self._heard_us: dict[str, int] = {}
-        self._holders = TokenHolders()
+        self._holders = TokenHolders(life_of)
+        self._token_subscriber: zenoh.Subscriber[Any] | None = None
 
     # -- life of the session --------------------------------------------------------------
 
@@ -101,11 +108,7 @@ class ZenohTransport:
             session.declare_subscriber(
                 f"{self._prefix}/{key}", self._callback(self._on_sample, kind)
             )
-        with self._lock:
-            self._holders.clear()
-        session.liveliness().declare_subscriber(
-            f"{self._prefix}/alive/**", self._callback(self._on_token, None), history=True
-        )
+        self._list_tokens(session)
         robot = self._config.robot
         if robot:
             for kind in (MessageKind.PULL, MessageKind.COMMAND):
@@ -115,6 +118,27 @@ class ZenohTransport:
         self._session = session
         if self._incarnation is not None:
             self.declare_token(self._incarnation)
+
+    def _list_tokens(self, session: zenoh.Session) -> None:
+        """Have all tokens told that there are, and from then on their changes."""
+        with self._lock:
+            self._holders.clear()
+        listed = threading.Event()
+        subscriber = session.liveliness().declare_subscriber(
+            f"{self._prefix}/alive/**", self._callback(self._on_token, listed), history=True
+        )
+        listed.set()
+        self._token_subscriber = subscriber
+
+    def follow_tokens(self) -> None:
+        """List all tokens again if some were passed over (`TokenHolders`); call it in a thread."""
+        session, before = self._session, self._token_subscriber
+        with self._lock:
+            is_due = self._holders.must_list_again()
+        if is_due and session is not None and before is not None:
+            with contextlib.suppress(zenoh.ZError):
+                before.undeclare()
+                self._list_tokens(session)
 
     def _open_peer(self) -> zenoh.Session:
         return open_session(session_config(self._config), self._config.listen)
@@ -219,8 +243,12 @@ class ZenohTransport:
         answered = threading.Event()
 
         def on_reply(reply: zenoh.Reply) -> None:
-            if reply.ok is not None:
-                answered.set()
+            if reply.ok is None:
+                return
+            answered.set()
+            if len(reply.ok.payload) > MAX_MESSAGE_BYTES:
+                self._deliver(InputRefused(AN_ANSWER, TOO_LARGE, 1), None)
+            else:
                 give(AnswerReceived(peer, reply.ok.payload.to_bytes()), None)
 
         def on_end() -> None:
@@ -267,7 +295,7 @@ class ZenohTransport:
             for ask in asked:
                 session_id = self._holders.last_session(ask.robot, ask.incarnation)
                 is_linked = any(session_id in sessions for sessions in links.values())
-                known = is_linked or ask.router in links
+                known = is_linked or (ask.router in links and session_id != "")
                 yield ask.robot, ask.incarnation, is_linked if known else None
 
         try:
@@ -338,35 +366,53 @@ class ZenohTransport:
             if self._deliver(event, key) and is_beat:
                 self._heard_us[source] = boottime_us()
 
-    def _on_token(self, sample: zenoh.Sample, _: None) -> None:
-        parts = str(sample.key_expr).removeprefix(f"{self._prefix}/alive/").split("/")
-        if len(parts) != 5 or not is_robot_id(parts[0]) or parts[0] == self._config.robot:
-            return
-        robot, counter, nonce, zid, named = parts
-        if not counter.isdecimal() or len(counter) > 15 or len(nonce) > MAX_NONCE:
-            return
-        incarnation, router = Incarnation(int(counter), nonce), "" if named == NO_ROUTER else named
-        holder = Holder(zid, router)
-        with self._lock:
+    def _on_token(self, sample: zenoh.Sample, listed: threading.Event) -> None:
+        """Until all are `listed`, it is no link's thread that brings this."""
+        token = _parse_token(str(sample.key_expr).removeprefix(f"{self._prefix}/alive/"))
+        source, change = NOBODY, Change.PASSED_OVER
+        if token is not None:
+            robot, incarnation, holder = token
             held = sample.kind == zenoh.SampleKind.PUT
-            news = self._holders.change(robot, incarnation, holder, held)
-        if news is not None:
-            self._deliver(TokenChanged(robot, incarnation, news, router), None)
+            with self._lock:
+                change = self._holders.change(robot, incarnation, holder, held)
+                source = f"{robot}'s token" if self._holders.knows(robot) else NOBODY
+        if change is Change.PASSED_OVER:
+            if listed.is_set():
+                self._deliver(InputRefused(source, TOO_MANY_TOKENS, 1), None)
+        elif change is not Change.NOTHING and token is not None:
+            event = TokenChanged(robot, incarnation, change is Change.HELD, holder.router)
+            # What comes after it says more of that life.
+            self._deliver(event, f"token/{robot}/{incarnation}")
 
     def _on_query(self, query: zenoh.Query, kind: MessageKind) -> None:
-        payload = query.payload
-        if payload is not None and len(payload) > MAX_MESSAGE_BYTES:
-            self._deliver(InputRefused(NO_SOURCE, TOO_LARGE, 1), None)
+        payload, attachment = query.payload, query.attachment
+        # It is kept until it is answered.
+        if sum(len(part) for part in (payload, attachment) if part is not None) > MAX_QUERY_BYTES:
+            self._deliver(InputRefused(NO_SOURCE, QUERY_TOO_LARGE, 1), None)
             return
         with self._lock:
             self._query_number += 1
             number = self._query_number
             self._queries[number] = query
             # Queries that the agent never came to are given up, oldest first.
-            while len(self._queries) > 1_000:
+            while len(self._queries) > MAX_QUERIES:
                 del self._queries[min(self._queries)]
         data = payload.to_bytes() if payload is not None else b""
-        self._deliver(QueryReceived(number, kind, data), None)
+        if not self._deliver(QueryReceived(number, kind, data), None):
+            with self._lock:
+                self._queries.pop(number, None)
+
+
+def _parse_token(name: str) -> tuple[str, Incarnation, Holder] | None:
+    """What the key of a token says behind the team; None: it is no robot's."""
+    parts = name.split("/")
+    if len(parts) != 5 or not is_robot_id(parts[0]):
+        return None
+    robot, counter, nonce, session, router = parts
+    if not counter.isdecimal() or len(counter) > 15 or len(nonce) > MAX_NONCE:
+        return None
+    holder = Holder(session, "" if router == NO_ROUTER else router)
+    return robot, Incarnation(int(counter), nonce), holder
 
 
 def _router_of(session: zenoh.Session) -> str:

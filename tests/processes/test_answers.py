@@ -17,12 +17,12 @@ from mrbt_mesh.core.agent.inputs import QueryReceived
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.runtime.zenoh_transport import TransportConfig, ZenohTransport
 here = sys.argv[1]
-asker = ZenohTransport(TransportConfig("team", "B1", listen=(here,)), lambda *_: False)
+asker = ZenohTransport(TransportConfig("team", "B1", listen=(here,)), lambda *_: False, dict().get)
 asker.open()
 def deliver(event, _):
     if isinstance(event, QueryReceived):
         robot.reply(event.query, (b"robot",))
-robot = ZenohTransport(TransportConfig("team", "A1", connect=(here,)), deliver)
+robot = ZenohTransport(TransportConfig("team", "A1", connect=(here,)), deliver, dict().get)
 robot.open()
 def answers_with(wanted):
     while True:

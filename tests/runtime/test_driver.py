@@ -26,7 +26,7 @@ EXPLORE = mission_file("explore")
 class SlowTransport:
     """Takes longer to open than the detection time, as on a machine that is very busy."""
 
-    def __init__(self, config: Any, deliver: Any) -> None:
+    def __init__(self, config: Any, deliver: Any, life_of: Any) -> None:
         self.is_open = False
         self.told: list[str] = []
 

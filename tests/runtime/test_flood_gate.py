@@ -5,22 +5,33 @@ from __future__ import annotations
 import threading
 
 from mrbt_mesh.core.agent.inputs import (
+    AnswerReceived,
     Input,
     InputRefused,
     MessageReceived,
     QueryReceived,
-    TokenChanged,
 )
-from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.envelope import MAX_TAGS, Guard
 from mrbt_mesh.core.membership.wire import MessageKind
-from mrbt_mesh.runtime.flood_gate import CHECKS_AT_ONCE, CHECKS_PER_S, HOLD_S, MAX_HELD, FloodGate
+from mrbt_mesh.runtime.flood_gate import (
+    AN_ANSWER,
+    BYTES_AT_ONCE,
+    CHECKS_AT_ONCE,
+    CHECKS_PER_S,
+    HOLD_S,
+    MAX_HELD,
+    MAX_REFUSED,
+    NO_SOURCE,
+    NOBODY,
+    TOO_MUCH,
+    FloodGate,
+)
 from tests.support.keys import keys_of
 
 KEYS = keys_of("A", "B")
 LARGE = keys_of("A", "B", *(f"R{number}" for number in range(MAX_TAGS)))
 BEAT = MessageKind.HEARTBEAT
-TOO_MUCH, LIFE = "too much to check", 7
+LIFE = 7
 
 
 class Desk:
@@ -85,7 +96,7 @@ def test_what_is_not_checked_yet_takes_no_message_s_place() -> None:
 
 def test_each_source_has_a_budget_that_fills_up_again() -> None:
     desk = Desk()
-    for source in ("A", "Z"):
+    for source in ("A", "op"):
         for _ in range(CHECKS_AT_ONCE + 10):
             desk.hear(source, b"noise")
     assert len(desk.got) == 2 * CHECKS_AT_ONCE
@@ -94,7 +105,7 @@ def test_each_source_has_a_budget_that_fills_up_again() -> None:
         desk.hear("A", b"noise")
     assert len(desk.got) == 2 * CHECKS_AT_ONCE + CHECKS_PER_S
     refused = {each.source: each.count for each in desk.gate.take_refused()}
-    assert refused == {"A": 10 + CHECKS_AT_ONCE - CHECKS_PER_S, "Z": 10}
+    assert refused == {"A": 10 + CHECKS_AT_ONCE - CHECKS_PER_S, "op": 10}
 
 
 def test_questions_and_orders_of_members_pass_in_the_midst_of_a_flood_of_others() -> None:
@@ -155,15 +166,55 @@ def test_some_threads_never_wait() -> None:
     assert gate.take_refused() == [InputRefused("A", TOO_MUCH, MAX_HELD + 1)]
 
 
-def test_tokens_and_what_is_refused_unread_have_budgets_of_their_own() -> None:
+def test_names_that_no_member_has_share_one_budget() -> None:
     desk = Desk()
-    for number in range(CHECKS_AT_ONCE + 3):
-        desk.gate.deliver(TokenChanged("A", Incarnation(number, "n"), True), None)
-        desk.gate.deliver(InputRefused("A", "more than 1 bytes", 1), None)
-    desk.gate.deliver(TokenChanged("B", Incarnation(1, "n"), True), None)
-    assert len(desk.got) == 2 * CHECKS_AT_ONCE + 1
-    refused = {each.source: each.count for each in desk.gate.take_refused()}
-    assert refused == {"A": 3, "A's token": 3}
+    for number in range(CHECKS_AT_ONCE + 10):
+        desk.hear(f"Z{number}", b"noise")
+    assert len(desk.got) == CHECKS_AT_ONCE
+    assert desk.gate.take_refused() == [InputRefused(NOBODY, TOO_MUCH, 10)]
+
+
+def test_all_that_nobody_is_shown_to_have_sealed_shares_so_many_bytes() -> None:
+    desk, sender = Desk(), Guard(KEYS["A"], "run", 1)
+    large = bytes(BYTES_AT_ONCE // 2)
+    for source in ("A", "op", "Z"):
+        desk.hear(source, large)
+    desk.gate.deliver(AnswerReceived("A", large), None)
+    assert desk.gate.deliver(QueryReceived(1, MessageKind.PULL, large), None) is False
+    desk.hear("A", sender.seal(large[: 1 << 20]))
+    answer = AnswerReceived("A", sender.seal(b"x", ("B",)))
+    desk.gate.deliver(answer, None)
+    desk.gate.deliver(AnswerReceived("A", None), None)
+    assert [slot for _, slot in desk.got[:3]] == [None, None, "beat/A"]
+    assert [event for event, _ in desk.got[3:]] == [answer, AnswerReceived("A", None)]
+    assert {each.source for each in desk.gate.take_refused()} == {NOBODY, AN_ANSWER, NO_SOURCE}
+
+
+def test_what_is_refused_unread_is_counted_and_slows_its_link_down() -> None:
+    desk = Desk()
+    for number in range(2 * MAX_REFUSED):
+        desk.gate.deliver(InputRefused(f"A{number}", "more than 1 bytes", 1), None)
+    assert desk.got == []
+    assert desk.held_s == [HOLD_S] * 2 * MAX_REFUSED
+    refused = desk.gate.take_refused()
+    assert refused[0] == InputRefused("A0", "more than 1 bytes", 1)
+    assert refused[-1] == InputRefused(NOBODY, "more than 1 bytes", MAX_REFUSED)
+
+
+def test_in_a_team_without_keys_everything_may_be_authentic() -> None:
+    got: list[Input] = []
+
+    def deliver(event: Input, _: str | None) -> bool:
+        got.append(event)
+        return True
+
+    gate = FloodGate(None, "run", deliver)
+    events: list[Input] = [
+        MessageReceived(BEAT, "A", b"x"),
+        QueryReceived(1, MessageKind.COMMAND, b"x"),
+    ]
+    assert [gate.deliver(event, None) for event in events] == [True, True]
+    assert got == events
 
 
 def test_behind_a_router_nothing_waits_since_all_share_its_link() -> None:

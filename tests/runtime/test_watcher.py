@@ -21,6 +21,7 @@ from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime import watcher as watcher_module
 from mrbt_mesh.runtime.key_folder import KeyFolder
 from mrbt_mesh.runtime.team_address import TeamAddress, on_network
+from mrbt_mesh.runtime.token_holders import LifeOf
 from mrbt_mesh.runtime.watcher import MANIFEST_US, Watcher
 from tests.support.paths import mission_file
 
@@ -33,7 +34,7 @@ class Wire:
 
     answers: tuple[bytes, ...] = ()
 
-    def __init__(self, _: Any, deliver: Deliver) -> None:
+    def __init__(self, _: Any, deliver: Deliver, __: LifeOf) -> None:
         self.deliver = deliver
 
     def open(self) -> None:

@@ -12,6 +12,7 @@ import zenoh
 
 from mrbt_mesh.core.agent.effects import AskRouter
 from mrbt_mesh.core.agent.inputs import (
+    AnswerReceived,
     Input,
     InputRefused,
     MessageReceived,
@@ -22,7 +23,17 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES, MessageKind
 from mrbt_mesh.runtime import zenoh_transport
 from mrbt_mesh.runtime.session_config import TransportConfig
-from mrbt_mesh.runtime.zenoh_transport import ZenohTransport, linked_sessions
+from mrbt_mesh.runtime.token_holders import CHANGES_AT_ONCE, MAX_LIVES
+from mrbt_mesh.runtime.zenoh_transport import (
+    MAX_QUERY_BYTES,
+    TOO_MANY_TOKENS,
+    ZenohTransport,
+    linked_sessions,
+)
+
+LIFE = Incarnation(3, "n")
+LIVES = {"A1": LIFE, "C1": LIFE}
+PUT, DELETE = zenoh.SampleKind.PUT, zenoh.SampleKind.DELETE
 
 
 class LingeringSession:
@@ -45,7 +56,7 @@ def test_whoever_closes_does_not_wait_for_a_session_that_lingers(
 ) -> None:
     session = LingeringSession()
     monkeypatch.setattr(zenoh_transport.zenoh, "open", lambda _: session)
-    transport = ZenohTransport(TransportConfig("team", "A1"), lambda *_: None)
+    transport = ZenohTransport(TransportConfig("team", "A1"), lambda *_: True, LIVES.get)
     transport.open()
     transport.close(0.01)
     while session.closing is None:
@@ -53,10 +64,6 @@ def test_whoever_closes_does_not_wait_for_a_session_that_lingers(
     assert session.closing.daemon, "a process may end without it"
     session.may_close.set()
     session.closing.join()
-
-
-LIFE = Incarnation(3, "n")
-PUT, DELETE = zenoh.SampleKind.PUT, zenoh.SampleKind.DELETE
 
 
 class Heard:
@@ -67,15 +74,20 @@ class Heard:
         self.transport = ZenohTransport(
             TransportConfig("team", "B1", routers=("tcp/127.0.0.1:1",)),
             self.deliver,
+            LIVES.get,
         )
+        self.slots: list[str | None] = []
+        self.listed = threading.Event()
+        self.listed.set()
 
-    def deliver(self, event: Input, _: str | None) -> bool:
+    def deliver(self, event: Input, slot: str | None) -> bool:
         self.inputs.append(event)
+        self.slots.append(slot)
         return True
 
     def token(self, kind: zenoh.SampleKind, rest: str) -> None:
         sample = SimpleNamespace(key_expr=f"mrbt/team/alive/{rest}", kind=kind)
-        self.transport._on_token(sample, None)  # type: ignore[arg-type]
+        self.transport._on_token(sample, self.listed)  # type: ignore[arg-type]
 
 
 def test_a_token_names_the_router_of_its_robot() -> None:
@@ -88,6 +100,7 @@ def test_a_token_names_the_router_of_its_robot() -> None:
         TokenChanged("A1", LIFE, False, "r1"),
         TokenChanged("C1", LIFE, True, ""),
     ]
+    assert heard.slots[0] == heard.slots[1] != heard.slots[2], "the last state replaces others"
 
 
 def test_the_end_of_a_token_that_another_one_has_replaced_means_nothing() -> None:
@@ -104,12 +117,29 @@ def test_the_end_of_a_token_that_another_one_has_replaced_means_nothing() -> Non
 
 
 @pytest.mark.parametrize(
-    "rest", ["A1/3/n/aa", "A1/3/n/aa/r1/x", "a b/3/n/aa/r1", "A1/x/n/aa/r1", "B1/3/n/aa/r1"]
+    "rest", ["A1/3/n/aa", "A1/3/n/aa/r1/x", "a b/3/n/aa/r1", "A1/x/n/aa/r1", "**"]
 )
-def test_other_tokens_are_passed_over(rest: str) -> None:
+def test_tokens_of_nobody_are_refused(rest: str) -> None:
     heard = Heard()
     heard.token(PUT, rest)
-    assert heard.inputs == []
+    assert heard.inputs == [InputRefused("a stranger", TOO_MANY_TOKENS, 1)]
+
+
+def test_a_token_in_this_robot_s_own_name_is_no_news() -> None:
+    heard = Heard()
+    heard.token(PUT, "B1/3/n/aa/direct")
+    heard.token(DELETE, "B1/3/n/aa/direct")
+    assert all(isinstance(event, InputRefused) for event in heard.inputs)
+
+
+def test_a_flood_is_counted_by_the_robot_in_whose_name_it_comes() -> None:
+    heard = Heard()
+    for number in range(CHANGES_AT_ONCE + 2):
+        heard.token(PUT, f"A1/{number + 4}/n/aa/direct")
+    heard.listed.clear()
+    heard.token(PUT, "A1/99/n/aa/direct")  # listed once more: it was counted before
+    assert set(heard.inputs) == {InputRefused("A1's token", TOO_MANY_TOKENS, 1)}
+    assert len(heard.inputs) == CHANGES_AT_ONCE + 2 - MAX_LIVES
 
 
 def answer(router: str, *sessions: str) -> bytes:
@@ -172,7 +202,7 @@ def heard(key: str, data: bytes, is_believed: bool = True) -> tuple[ZenohTranspo
         return is_believed
 
     payload = type("Payload", (bytes,), {"to_bytes": lambda self: bytes(self)})(data)
-    transport = ZenohTransport(TransportConfig("team", "A1"), deliver)
+    transport = ZenohTransport(TransportConfig("team", "A1"), deliver, LIVES.get)
     sample: Any = SimpleNamespace(key_expr=key, payload=payload)
     transport._on_sample(sample, MessageKind.HEARTBEAT)
     (event,) = got
@@ -192,3 +222,45 @@ def test_what_is_too_large_or_comes_under_no_robots_name_is_refused_unread() -> 
     transport, event = heard("mrbt/team/beat/not%a%robot", b"x")
     assert event == InputRefused("a stranger", "published under no robot's name", 1)
     assert transport.heard_us("not%a%robot") is None
+
+
+class Question:
+    """A query of a stranger, and what is known of it when it is let go."""
+
+    def __init__(self, size: int, attached: int | None = None) -> None:
+        self.payload = zenoh.ZBytes(bytes(size))
+        self.attachment = None if attached is None else zenoh.ZBytes(bytes(attached))
+
+
+@pytest.mark.parametrize(
+    ("size", "attached", "is_passed_on", "kept"),
+    [
+        (10, None, True, 1),
+        (10, None, False, 0),
+        (MAX_QUERY_BYTES + 1, None, True, 0),
+        (10, MAX_QUERY_BYTES, True, 0),
+    ],
+)
+def test_no_question_is_kept_that_is_large_or_is_not_passed_on(
+    size: int, attached: int | None, is_passed_on: bool, kept: int
+) -> None:
+    transport = ZenohTransport(TransportConfig("team", "A1"), lambda *_: is_passed_on, LIVES.get)
+    question: Any = Question(size, attached)
+    transport._on_query(question, MessageKind.PULL)
+    assert len(transport._queries) == kept
+
+
+def test_an_answer_that_is_too_large_is_refused_unread(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Session:
+        def get(self, _: str, handler: tuple[Any, Any], **__: Any) -> None:
+            for size in (MAX_MESSAGE_BYTES + 1, 10):
+                payload = zenoh.ZBytes(bytes(size))
+                handler[0](SimpleNamespace(ok=SimpleNamespace(payload=payload)))
+            handler[1]()
+
+    monkeypatch.setattr(zenoh_transport, "Callback", lambda *handler, **_: handler)
+    heard = Heard()
+    heard.transport._session = Session()  # type: ignore[assignment]
+    heard.transport.ask("A1", MessageKind.PULL, b"x", 1)
+    refused = InputRefused("an answer", f"more than {MAX_MESSAGE_BYTES} bytes", 1)
+    assert heard.inputs == [refused, AnswerReceived("A1", bytes(10))]

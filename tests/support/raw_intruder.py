@@ -143,7 +143,7 @@ class Intruder:
         for _, envelope in self._latest():
             counter, nonce = _body(envelope)[:NUMBER]
             key = f"{self._prefix}/alive/{envelope.sender}/{counter}/{nonce}"
-            for name in (key, f"{key}/{self._session.zid()}"):
+            for name in (key, f"{key}/{self._session.zid()}/direct"):
                 self._session.liveliness().declare_token(name).undeclare()
                 self._session.delete(name, allowed_destination=zenoh.Locality.REMOTE)
 

@@ -35,6 +35,8 @@ WINDOW = 256
 # backwards at every start.
 MAX_LIVES = 32
 _MAX_NAME = 64
+# More than `MAX_TAGS` tags with names as long as they may be.
+_MAX_PROOF_BYTES = 16 << 10
 # How every envelope begins: a list of eight, and the first of them.
 _START = b"\x98" + msgpack.packb(SEALED)
 
@@ -76,7 +78,9 @@ class Envelope(NamedTuple):
     def content(self) -> bytes:
         """A digest of all that the proof is for."""
         head = msgpack.packb([SEALED, self.run, self.sender, self.life, self.number, self.to])
-        return hashlib.blake2b(head + self.data, digest_size=32).digest()
+        digest = hashlib.blake2b(head, digest_size=32)
+        digest.update(self.data)
+        return digest.digest()
 
 
 def has_tag(keys: Keys, envelope: Envelope, life: int | None = None) -> bool:
@@ -95,20 +99,22 @@ def parse_envelope(data: bytes) -> Envelope:
         raise ForgedError(f"more than {MAX_MESSAGE_BYTES} bytes")
     if not data.startswith(_START):
         raise ForgedError("not signed")
+    # Nothing that could become much larger than it is here: no lists, and only a short map.
+    unpacker = msgpack.Unpacker(
+        max_buffer_size=MAX_MESSAGE_BYTES,
+        max_str_len=_MAX_NAME,
+        max_bin_len=MAX_MESSAGE_BYTES,
+        max_array_len=0,
+        max_map_len=0,
+        max_ext_len=0,
+    )
+    unpacker.feed(memoryview(data)[len(_START) :])
     try:
-        message = msgpack.unpackb(
-            data,
-            max_str_len=_MAX_NAME,
-            max_bin_len=MAX_MESSAGE_BYTES,
-            max_array_len=8,
-            max_map_len=2 * MAX_TAGS,
-            max_ext_len=0,
-        )
+        run, sender, life, number, to, inner = [unpacker.unpack() for _ in range(6)]
+        rest = data[len(_START) + unpacker.tell() :][: _MAX_PROOF_BYTES + 1]
+        proof = msgpack.unpackb(rest, max_array_len=0, max_map_len=2 * MAX_TAGS, max_ext_len=0)
     except (ValueError, TypeError, msgpack.UnpackException, RecursionError):
         raise ForgedError("not signed") from None
-    if not isinstance(message, list) or len(message) != 8 or message[0] != SEALED:
-        raise ForgedError("not signed")
-    _, run, sender, life, number, to, inner, proof = message
     are_texts = isinstance(run, str) and isinstance(sender, str) and isinstance(to, str)
     are_counts = type(life) is int and type(number) is int and life >= 0 and number > 0
     if not are_texts or not are_counts or not isinstance(inner, bytes):

@@ -23,11 +23,11 @@ from mrbt_mesh.core.facts.store import (
     Version,
     make_entry,
 )
+from mrbt_mesh.core.membership.unpacking import unpacked
 from mrbt_mesh.core.mission.names import is_robot_id
 
 SCHEMA = 9
 MAX_MESSAGE_BYTES = 4 << 20
-MAX_ITEMS = 100_000
 MAX_NONCE = 32
 MAX_TREE_NODES = 4_096  # of a larger tree of a local task no statuses are told
 DIGEST_BYTES = 8
@@ -167,14 +167,7 @@ def decode(data: bytes, mine: Header, kind: MessageKind) -> tuple[str, Any]:
     if len(data) > MAX_MESSAGE_BYTES:
         raise WireError(f"message of {len(data)} bytes, at most {MAX_MESSAGE_BYTES} are read")
     try:
-        message = msgpack.unpackb(
-            data,
-            max_str_len=MAX_VALUE_BYTES,
-            max_bin_len=MAX_VALUE_BYTES,
-            max_array_len=MAX_ITEMS,
-            max_map_len=MAX_ITEMS,
-            max_ext_len=0,
-        )
+        message = unpacked(data, MAX_VALUE_BYTES)
     except (ValueError, TypeError, msgpack.UnpackException, RecursionError) as error:
         raise WireError(f"not msgpack: {error}") from error
     if not isinstance(message, list) or not message or message[0] != SCHEMA:
