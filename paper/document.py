@@ -8,6 +8,7 @@ from pathlib import Path
 from mrbt_mesh.core.mission.mission import Mission
 from paper.account import SEED, Account, AccountError, tell
 from paper.caption import all_of, caption, seconds
+from paper.differences import differences
 from paper.picture import draw
 from paper.situations import SITUATIONS, Situation, find
 from paper.standing import damages
@@ -42,7 +43,7 @@ def files(seed: int = SEED) -> dict[Path, str]:
         _execution(account, shown),
         _standing_by(seed),
         _tolerance(account.mission),
-        _differences(),
+        differences(),
     )
     found[DOCUMENT] = "\n".join(line for section in sections for line in section)
     return found
@@ -205,19 +206,4 @@ def _tolerance(mission: Mission) -> list[str]:
             f"{frame.needed} robots, and only {all_of(list(frame.capable))} can do it. To lose "
             "either, or this capability of either, is fatal."
         ),
-    ]
-
-
-def _differences() -> list[str]:
-    return [
-        "## Where it differs from the paper",
-        "",
-        "- The paper's table of bounds has a row for (Place Screws, Remove Cover) with ν = 1 and",
-        "  μ = 2. Removing the cover is no local task, so the row has no counterpart here.",
-        "- The paper's situation V has hardware put into parts 2 and 4, situation VI has wires put",
-        "  into parts 1 and 2. Here it is parts 2 and 4 throughout.",
-        "- Its normal operating condition counts as a global task; here it is a condition.",
-        "- Both robots that move the cover start at the same time (`simultaneous`), which ν = 2",
-        "  alone does not ask for.",
-        "",
     ]
