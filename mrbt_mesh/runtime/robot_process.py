@@ -163,7 +163,9 @@ def robot_setup(
     )
     record = None
     if start.record is not None:
-        record = RecordTo(start.record, start.solver or "", start.record_beats, start.speed)
+        record = RecordTo(
+            start.record, start.solver or "", start.record_beats, start.speed, start.keep_bytes
+        )
     return RobotSetup(
         mission,
         config,
