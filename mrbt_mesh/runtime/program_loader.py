@@ -92,8 +92,8 @@ def check_program(
         for leaf in trees[name]:
             calls.setdefault(leaf, f" (in the tree of {name})")
     found = [_task_problem(program, mission, ground, calls[ground]) for ground in sorted(calls)]
-    bids = {need.local_task for need in needs if need.by_bid} & grounds
-    found += [_bid_problem(program, mission, ground) for ground in sorted(bids)]
+    by_bid = {need.local_task for need in needs if need.by_bid}
+    found += [_bid_problem(program, mission, each, each in by_bid) for each in sorted(grounds)]
     # One for each function, however many calls it does not fit.
     problems = set({place: problem for place, problem in reversed(found) if problem}.values())
     for name in sorted(declared & programs.keys()):
@@ -120,11 +120,12 @@ def _task_problem(program: RobotProgram, mission: Mission, ground: str, of: str)
     return _call_problem(function, mission, ground)
 
 
-def _bid_problem(program: RobotProgram, mission: Mission, ground: str) -> _Problem:
+def _bid_problem(program: RobotProgram, mission: Mission, ground: str, is_needed: bool) -> _Problem:
     name = type_name(ground)
     function = program.find_bid(name)
     if function is None:
-        return f"bid {name}", f'no bid for the local task {name}; add @robot.bid("{name}")'
+        text = f'no bid for the local task {name}; add @robot.bid("{name}")'
+        return (f"bid {name}", text) if is_needed else ("", "")
     return _call_problem(function, mission, ground)
 
 
