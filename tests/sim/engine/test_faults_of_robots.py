@@ -270,5 +270,5 @@ def test_healing_ends_every_fault(run: Run) -> None:
 
 def test_a_capability_lost_from_the_beginning_is_lost(run: Run) -> None:
     result = run("vehicle_repair", 3, schedule=[(0, Lose("C1", "move_frame"))], expect="blocked")
-    assert result.summary["robots"]["C1"]["lost"] == ["move_frame"]
+    assert result.summary["robots"]["C1"]["lost"] == {"move_frame": "injected"}
     assert result.summary["blocked"][0]["reason"] == "blocked: move_frame needs 2, 1 alive"
