@@ -5,7 +5,8 @@ Used by the real runtime and, on a virtual clock, by the simulator.
 
 from __future__ import annotations
 
-from collections.abc import Awaitable
+import asyncio
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from numbers import Real
@@ -33,16 +34,16 @@ from mrbt_mesh.core.mission.mission import (
     MICRO,
     Mission,
 )
-from mrbt_mesh.core.mission.names import ALL, split_call, type_name
-from mrbt_mesh.runtime.backgrounds import BackgroundRunner
+from mrbt_mesh.core.mission.names import split_call, type_name
 from mrbt_mesh.runtime.local_trees import LeafEnd, LocalTreeRunner
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext, TaskFunction
-from mrbt_mesh.runtime.program_function import BackgroundFunction
 from mrbt_mesh.runtime.task_call import perform
 from mrbt_mesh.runtime.task_port import AgentPort, Host
 from mrbt_mesh.runtime.user_code import UserCall, UserCodeError, shown
 
 _T = TypeVar("_T")
+# After so long, code that was cancelled and still runs is named.
+CANCEL_LIMIT_S = 5.0
 # No mission waits longer for a bid.
 BID_LIMIT_S = MAX_BID_WITHIN_US / MICRO
 
@@ -89,7 +90,8 @@ class ActionRunner:
         self._identity = identity
         self._host = host
         self._scopes: dict[int, anyio.CancelScope] = {}
-        self._calls: set[UserCall] = set()
+        # With the ticket of the action for which they run; None: for none.
+        self._calls: dict[UserCall, int | None] = {}
         self._bids: list[BidMade] = []
         self._own = OwnConditions(mission.local_condition_default)
         # How many of the program's sensors run.
@@ -104,14 +106,16 @@ class ActionRunner:
             case CancelAction(ticket):
                 if ticket in self._scopes:
                     self._scopes[ticket].cancel()
+                    loop = asyncio.get_running_loop()
+                    loop.call_later(CANCEL_LIMIT_S, self._look_whether_stopped, ticket)
             case RequestBid():
                 self._group.start_soon(self._bid, effect)
 
     def start_background(self) -> None:
         """Start the program's sensors."""
-        for number, background in enumerate(self._program.backgrounds):
+        for function in self._program.backgrounds:
             self.backgrounds += 1
-            self._group.start_soon(self._background, background, f"background {number}")
+            self._group.start_soon(self._background, function)
 
     async def _run(self, effect: StartAction, scope: anyio.CancelScope) -> None:
         port = AgentPort(self._host, self._mission, effect.ticket, self._own)
@@ -169,27 +173,29 @@ class ActionRunner:
         if function is None:
             error = reason = f"the robot's program has no local task {name!r}"
         else:
-            call = UserCall(effect.local_task, function, partial(function, context, *arguments))
+            what = f"local task {effect.local_task}"
+            call = self._user_call(what, function, context, *arguments)
+            work = perform(call, context, self._program.record_work)
             try:
-                success = await self._watched(
-                    call, perform(call, context, self._program.record_work)
-                )
+                success = await self._watched(call, work, effect.ticket)
             except UserCodeError as failure:
                 error, reason = failure.details, failure.reason
         conditions = tuple(sorted(port.conditions.items()))
         return ActionFinished(effect.ticket, success, conditions, error, reason)
 
-    async def _watched(self, call: UserCall, run: Awaitable[_T]) -> _T:
+    def _user_call(self, name: str, function: Callable[..., Any], *arguments: Any) -> UserCall:
+        return UserCall(name, function, partial(function, *arguments), self._tell_problem)
+
+    async def _watched(self, call: UserCall, run: Awaitable[_T], ticket: int | None = None) -> _T:
         """Run a call; what it raises while it is cancelled goes to the log."""
-        self._calls.add(call)
+        self._calls[call] = ticket
         try:
             return await run
         except anyio.get_cancelled_exc_class():
-            if (late := call.late_failure) is not None:
-                self._tell_problem("when cancelled", call.name, late)
+            call.tell_late_failure()
             raise
         finally:
-            self._calls.discard(call)
+            del self._calls[call]
 
     def _function(self, ground: str, name: str, port: AgentPort) -> TaskFunction | None:
         """The program's function for a local task; of one that is a tree in a file, its run."""
@@ -249,9 +255,7 @@ class ActionRunner:
             effect.incarnation,
         )
         context = self._context(start, name, arguments, port)
-        call = UserCall(
-            f"bid for {effect.local_task}", function, partial(function, context, *arguments)
-        )
+        call = self._user_call(f"bid for {effect.local_task}", function, context, *arguments)
         return await self._watched(call, call.run())
 
     def free_context(self) -> TaskContext:
@@ -260,25 +264,32 @@ class ActionRunner:
         effect = StartAction(0, "", "", "", (), MICRO, Incarnation(0, ""))
         return self._context(effect, "", (), port)
 
-    async def _background(self, background: BackgroundFunction, source: str) -> None:
-        name, function = background.name, background.function
-
-        async def run() -> None:
-            call = UserCall(name, function, partial(function, self.free_context()))
-            await self._watched(call, call.run())
-
-        # A program may serve robots of several types.
-        can = self.free_context().can
-        costs = tuple(each for each in background.costs if each == ALL or can(each))
+    async def _background(self, function: Callable[[TaskContext], Any]) -> None:
+        name = getattr(function, "__name__", repr(function))
+        call = self._user_call(f"background function {name}", function, self.free_context())
         try:
-            await BackgroundRunner(name, source, costs, run, self._host).run()
+            await self._watched(call, call.run())
+        except UserCodeError as failure:
+            self._tell_problem("ended", call, failure)
         finally:
             self.backgrounds -= 1
 
-    def _tell_problem(self, part: str, name: str, failure: UserCodeError) -> None:
+    def _tell_problem(self, what: str, call: UserCall, failure: UserCodeError) -> None:
         """Tell the team, and the log with the traceback."""
-        self._host.log("error", "program_failed", part=f"{part} {name}", error=failure.details)
-        self._host.submit(ProblemFound(f"{part} {type_name(name)}", failure.reason))
+        self._host.log("error", "program_failed", what=what, code=call.name, error=failure.details)
+        self._host.submit(ProblemFound(type_name(call.name), f"{what}: {failure.reason}"))
+
+    def _look_whether_stopped(self, ticket: int) -> None:
+        """Tell of code that goes on long after it was cancelled."""
+        for call, of in self._calls.items():
+            if of == ticket:
+                text = f"still runs {CANCEL_LIMIT_S:g} s after it was cancelled ({call.place()})"
+                self._tell_problem("cancelled", call, UserCodeError(text))
+
+    def abandon(self) -> None:
+        """End all code of the program that shields itself from its cancellation."""
+        for call in list(self._calls):
+            call.abandon()
 
     def _context(
         self, effect: StartAction, name: str, arguments: tuple[str, ...], port: AgentPort

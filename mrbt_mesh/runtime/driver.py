@@ -41,6 +41,7 @@ from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
+from mrbt_mesh.runtime.blocked_loop import loop_watchdog
 from mrbt_mesh.runtime.fencing import FencingSelector, boottime_us, fenced
 from mrbt_mesh.runtime.flood_gate import FloodGate
 from mrbt_mesh.runtime.inbox import Inbox
@@ -52,6 +53,7 @@ from mrbt_mesh.runtime.link_watch import LinkWatch, Sighting
 from mrbt_mesh.runtime.log import robot_logger
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext
 from mrbt_mesh.runtime.recording import RecordTo, robot_recording
+from mrbt_mesh.runtime.robot_loop import RobotLoop
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.session_config import TransportConfig, TransportError
 from mrbt_mesh.runtime.token_holders import life_of
@@ -153,8 +155,8 @@ class Driver:
         """
         selector = FencingSelector(self._config.timing.fence_us)
         selector.on_gap = lambda: self.submit(TimerFired())
-        options = {"loop_factory": lambda: asyncio.SelectorEventLoop(selector)}
-        return anyio.run(self._main, launcher, backend_options=options)
+        options = {"loop_factory": lambda: RobotLoop(selector)}
+        return anyio.run(self._main, launcher, selector, backend_options=options)
 
     async def run_as_guest(self) -> Stop:
         """Run in the running event loop of another program, until the agent stops or is cancelled.
@@ -163,12 +165,12 @@ class Driver:
         robot cannot fence itself off.
         """
         loop, limit_us = asyncio.get_running_loop(), self._config.timing.fence_us
-        with fenced(loop, limit_us, lambda: self.submit(TimerFired())):
-            return await self._live(None)
+        with fenced(loop, limit_us, lambda: self.submit(TimerFired())) as selector:
+            return await self._live(None, selector)
 
-    async def _main(self, launcher: LauncherWatch | None) -> Stop:
+    async def _main(self, launcher: LauncherWatch | None, selector: FencingSelector) -> Stop:
         with self._serving_metrics():
-            return await self._live(launcher)
+            return await self._live(launcher, selector)
 
     def _serving_metrics(self) -> contextlib.AbstractContextManager[object]:
         address = self._setup.metrics
@@ -182,7 +184,7 @@ class Driver:
             address, metrics_app(partial(read_in_loop, asyncio.get_running_loop(), read))
         )
 
-    async def _live(self, launcher: LauncherWatch | None) -> Stop:
+    async def _live(self, launcher: LauncherWatch | None, selector: FencingSelector) -> Stop:
         self._stopped = anyio.Event()
         config, transport = self._setup.config, self._setup.transport
         inbox = Inbox(asyncio.get_running_loop(), lambda: self._drain(inbox, gate))
@@ -214,8 +216,10 @@ class Driver:
                 if launcher is not None:
                     loop = asyncio.get_running_loop()
                     launcher.call_when_gone(lambda: self._lose_launcher(loop))
-                await self._stopped.wait()
+                with loop_watchdog(self, config, setup.run_dir, selector.step):
+                    await self._stopped.wait()
                 group.cancel_scope.cancel()
+                asyncio.get_running_loop().call_later(LEAVE_TIMEOUT_S, self._runner.abandon)
         finally:
             if self._timer is not None:
                 self._timer.cancel()
@@ -223,6 +227,8 @@ class Driver:
             if self._recording is not None:
                 self._recording.close()
             self._transport.close(CLOSE_TIMEOUT_S)
+        if self._stop is None:
+            self._carry_out(Stop(1, "its program cancelled the robot's own tasks"))
         assert self._stop is not None
         return self._stop
 

@@ -40,9 +40,18 @@ class FencingSelector(selectors.BaseSelector):
         self._limit_us = limit_us
         self._seen_us = boottime_us()
         self.on_gap: Callable[[], None] = lambda: None
+        self._turns = 0
+        self._waits = False
+
+    def step(self) -> int | None:
+        """The number of the loop's turn, None while it waits. May be asked from another thread."""
+        return None if self._waits else self._turns
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        self._waits = True
         ready = self.inner.select(timeout)
+        self._turns += 1
+        self._waits = False
         now_us = boottime_us()
         gap_us, self._seen_us = now_us - self._seen_us, now_us
         if gap_us > self._limit_us:
@@ -68,7 +77,7 @@ class FencingSelector(selectors.BaseSelector):
 @contextmanager
 def fenced(
     loop: asyncio.AbstractEventLoop, limit_us: int, on_gap: Callable[[], None]
-) -> Iterator[None]:
+) -> Iterator[FencingSelector]:
     """Have `on_gap` called in a running loop as `FencingSelector` does; several may do so at once.
 
     Raises InputError for a loop without a selector: nothing would notice there in time.
@@ -84,7 +93,7 @@ def fenced(
     mine.on_gap = on_gap
     loop._selector = mine  # type: ignore[attr-defined]
     try:
-        yield
+        yield mine
     finally:
         _take_out(loop, mine)
 

@@ -14,9 +14,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from mrbt_mesh.runtime.settings import DEFAULT_KEEP_MIB, MIB
-
-DEFAULT_KEEP_BYTES = DEFAULT_KEEP_MIB * MIB
+MIB = 1 << 20
+DEFAULT_KEEP_BYTES = 64 * MIB
 LINE_END = b"\n"
 
 

@@ -6,8 +6,8 @@ launcher.lock       locked by the process that launched the robots, as long as i
 keys/               the keys of all members (see `key_folder`)
 <robot>.process     pid and start time of the robot's process, written by itself; its
                     modification time is the last sign of life
-<robot>.log         its log, JSON lines; <robot>.out: what it printed. What is too long becomes
-                    <robot>.log.1, and so on
+<robot>.blocked     what blocks its event loop, while it does
+<robot>.log         its log, JSON lines; <robot>.out: what it printed
 fork_server.out     what was printed by the process that forks the robots: nothing, unless it fails
 events.jsonl        the physical truth, written by the robots
 recordings/         what each robot knew and did (see `recording.folder`)
@@ -30,7 +30,6 @@ from typing import Any
 import psutil
 
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.runtime.settings import DEFAULT_KEEP_MIB
 
 RUN_FILE, MISSION_FILE, SUMMARY_FILE = "run.json", "mission.json", "summary.json"
 TARGETS_FILE = "metrics-targets.json"
@@ -60,8 +59,7 @@ class RunInfo:
     None for the mission's. `insecure`: its members have no keys. With `routers` its robots are
     clients of these, and have no endpoints of their own. `metrics_ports`: where robots serve
     metrics, on loopback; empty: nowhere. `record`: its robots record what they know and do, with
-    `record_beats` also every heartbeat. `keep_mib`: the size at which files of robots begin anew or
-    end (`limited_file`).
+    `record_beats` also every heartbeat.
     """
 
     mission_path: str
@@ -83,7 +81,6 @@ class RunInfo:
     routers: tuple[str, ...] = ()
     record: bool = False
     record_beats: bool = False
-    keep_mib: int = DEFAULT_KEEP_MIB
     metrics_ports: Mapping[str, int] = field(default_factory=dict)
 
 
@@ -220,6 +217,22 @@ class RunDir:
         """Called about once a second by a robot whose event loop turns, for health checks."""
         with contextlib.suppress(OSError):
             os.utime(self.path / f"{robot}.process")
+
+    def write_blocked(self, robot: str, text: str) -> None:
+        """What blocks the robot's event loop now; empty: nothing does."""
+        path = self.path / f"{robot}.blocked"
+        with contextlib.suppress(OSError):
+            if text:
+                write_atomically(path, text)
+            else:
+                path.unlink(missing_ok=True)
+
+    def blocked(self, robot: str) -> str:
+        """What blocks the robot's event loop now, empty if nothing is known to do so."""
+        with contextlib.suppress(OSError):
+            if self.process(robot) is not None:
+                return (self.path / f"{robot}.blocked").read_text()
+        return ""
 
     def alive_mark_ns(self, robot: str) -> int:
         """When the robot began, or was marked alive last, in Unix time; 0 if it has not begun."""

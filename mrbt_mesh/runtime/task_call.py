@@ -9,7 +9,7 @@ from typing import Any
 from mrbt_mesh.core.mission.conditions import truth_of
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.runtime.program import TaskContext
-from mrbt_mesh.runtime.user_code import UserCall, UserCodeError, wrong_result
+from mrbt_mesh.runtime.user_code import UserCall, UserCodeError, failure_of, wrong_result
 
 EXPECTED = (
     "return None or True for success, False for failure, "
@@ -32,6 +32,9 @@ async def perform(call: UserCall, task: TaskContext, is_recorded: bool) -> bool:
     except UserCodeError:
         outcome = "failure"
         raise
+    except Exception as error:  # of a result that cannot even be looked at
+        outcome = "failure"
+        raise failure_of(error, call.function) from None
     finally:
         if is_recorded:
             _record(task, "end" if outcome else "cancel", outcome)

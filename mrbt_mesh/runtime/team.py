@@ -17,7 +17,9 @@ from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.runtime.blocked_loop import SUBJECT
 from mrbt_mesh.runtime.capacity import allow_open_files
+from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.journal import read_journals
 from mrbt_mesh.runtime.launcher import (
     PORT,
@@ -35,14 +37,7 @@ from mrbt_mesh.runtime.launcher import (
 from mrbt_mesh.runtime.robot_forks import CAN_FORK, ForkedRobot, RobotForks
 from mrbt_mesh.runtime.run_dir import Place, RunDir, RunInfo
 from mrbt_mesh.runtime.session_config import TransportConfig
-from mrbt_mesh.runtime.settings import (
-    DEFAULT_KEEP_MIB,
-    ENCRYPTED,
-    WARNING,
-    WIRED,
-    WIRELESS,
-    default_protocol,
-)
+from mrbt_mesh.runtime.settings import ENCRYPTED, WARNING, WIRED, WIRELESS, default_protocol
 from mrbt_mesh.runtime.solver_loader import may_need_arrays
 from mrbt_mesh.runtime.team_address import AddressError, TeamAddress, timing_of
 from mrbt_mesh.runtime.watcher import Watcher
@@ -72,7 +67,6 @@ def new_run(
     routers: Sequence[str] = (),
     record: bool = False,
     record_beats: bool = False,
-    keep_mib: int = DEFAULT_KEEP_MIB,
     metrics_port: int | None = None,
 ) -> RunInfo:
     """A run of its own: fresh ids and free endpoints.
@@ -80,7 +74,7 @@ def new_run(
     `metrics_port`: where the first robot serves metrics, the others on the ports that follow.
     `places`: where each robot runs that takes part or may join later; default: on loopback.
     `routers`: endpoints of those that all its robots are clients of. `record`,
-    `record_beats`, `keep_mib`: as in RunInfo. Raises AddressError for what does not fit together,
+    `record_beats`: as in RunInfo. Raises AddressError for what does not fit together,
     TransportError for routers that its robots cannot be clients of.
     """
     if transport == WIRELESS and insecure:
@@ -113,7 +107,6 @@ def new_run(
         routers=tuple(routers),
         record=record,
         record_beats=record_beats,
-        keep_mib=keep_mib,
         metrics_ports=_metrics_ports(robots, metrics_port),
     )
     timing_of(beat_s, detection_s, mission)
@@ -325,7 +318,10 @@ class Team:
         return found
 
     async def note_exits(self, watcher: Watcher) -> None:
-        """Tell the record exactly when processes end, whoever started them; never returns."""
+        """Tell the record exactly when processes end, whoever started them, and what blocks them.
+
+        Never returns.
+        """
         watched: set[int] = set()
 
         async def note(robot: str, pid: int) -> None:
@@ -339,6 +335,9 @@ class Team:
                     if process.pid not in watched:
                         watched.add(process.pid)
                         group.start_soon(note, robot, process.pid)
+                    if blocked := self.run_dir.blocked(robot):
+                        watcher.observer.record.problem(robot, SUBJECT, blocked, boottime_us())
+                        watcher.changed.set()
                 await anyio.sleep(self.info.beat_s)
 
     async def end(self) -> None:

@@ -16,10 +16,11 @@ import sysconfig
 import threading
 import traceback
 from collections.abc import Awaitable, Callable, Coroutine, Generator, Iterator
+from contextvars import ContextVar
 from functools import partial
 from pathlib import Path
 from types import CodeType, FrameType, TracebackType
-from typing import Any, NoReturn
+from typing import Any, ClassVar, NoReturn, TypeVar
 
 import anyio
 
@@ -32,8 +33,14 @@ MAX_NAMED = 3
 # A function that swallows this many cancellations in a row will not stop by itself.
 MAX_SWALLOWED = 1_000
 
-_OURS = (Path(__file__).parent, Path(__file__).parent.parent / "local")
+_PACKAGE = Path(__file__).parent.parent
 _LIBRARIES = tuple(Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib"))
+
+
+_T = TypeVar("_T")
+
+# The call in whose code, or in a task started by it, the event loop is now.
+running_call: ContextVar[UserCall | None] = ContextVar("running_call", default=None)
 
 
 class UserCodeError(Exception):
@@ -48,12 +55,29 @@ class UserCodeError(Exception):
 
 
 class UserCall:
-    """One call of `function`, made by `call`. `name` is what it does: a local task, a bid."""
+    """One call of `function`, made by `call`. `name` is what it does: a local task, a bid.
 
-    def __init__(self, name: str, function: Callable[..., Any], call: Callable[[], Any]) -> None:
+    `tell` hears of failures beside its result: what failed, the call, how. `stepping` is the call
+    whose code runs now, in the `steps`-th step of any. `blocked`: where it kept the simulator
+    waiting in real time, which has made it fail.
+    """
+
+    stepping: ClassVar[UserCall | None] = None
+    steps: ClassVar[int] = 0
+
+    def __init__(
+        self,
+        name: str,
+        function: Callable[..., Any],
+        call: Callable[[], Any],
+        tell: Callable[[str, UserCall, UserCodeError], None] = lambda *_: None,
+    ) -> None:
         self.name = name
         self.function = function
+        self.blocked = ""
         self._call = call
+        self._tell = tell
+        self._task: asyncio.Task[Any] | None = None
         self._driven: _Driven | None = None
         self._result: Any = None
         self._error: BaseException | None = None
@@ -85,12 +109,20 @@ class UserCall:
         """Whether a cancellation has reached the function."""
         return self._driven is not None and self._driven.cancellations > 0
 
-    @property
-    def late_failure(self) -> UserCodeError | None:
-        """What it raised in place of the cancellation."""
-        if self._error is None or isinstance(self._error, asyncio.CancelledError):
-            return None
-        return self._failure(self._error)
+    def tell_late_failure(self) -> None:
+        """Tell what it raised in place of the cancellation, if anything."""
+        if self._error is not None and not isinstance(self._error, asyncio.CancelledError):
+            self._tell("when cancelled", self, self._failure(self._error))
+
+    def stray_failure(self, failure: UserCodeError) -> None:
+        """Tell of a task that the function has started and nobody awaits."""
+        self._tell("a task started by", self, failure)
+
+    def abandon(self) -> None:
+        """End it, whatever it shields itself from."""
+        if self._driven is not None and self._task is not None:
+            self._driven.is_abandoned = True
+            self._task.cancel()
 
     def place(self) -> str:
         """Where the function waits now: `robot.py:12`."""
@@ -101,16 +133,29 @@ class UserCall:
         return failure_of(error, self.function)
 
     async def _carry_out(self) -> None:
+        self._task = asyncio.current_task()
+        running_call.set(self)
         try:
-            self._result = self._call()
+            self._result = self.step(self._call)
             if inspect.isawaitable(self._result):
-                self._driven, self._result = _Driven(self._result), None
+                self._driven, self._result = _Driven(self, self._result), None
                 self._result = await self._driven
         except BaseException as error:
             if is_interrupt(error):
                 raise
             self._error = error
         self._has_ended = True
+
+    def step(self, run: Callable[[], _T]) -> _T:
+        """Run one step of its code. Raises what that raises, and UserCodeError if it blocked."""
+        UserCall.stepping = self
+        UserCall.steps += 1
+        try:
+            return run()
+        finally:
+            UserCall.stepping = None
+            if self.blocked:
+                raise UserCodeError(self.blocked)
 
 
 class _Driven:
@@ -119,8 +164,10 @@ class _Driven:
     What goes on after MAX_SWALLOWED cancellations is ended.
     """
 
-    def __init__(self, awaitable: Awaitable[Any]) -> None:
+    def __init__(self, owner: UserCall, awaitable: Awaitable[Any]) -> None:
         self.cancellations = 0
+        self.is_abandoned = False
+        self._owner = owner
         self._coroutine: Coroutine[Any, Any, Any] = (
             awaitable if inspect.iscoroutine(awaitable) else _awaited(awaitable)
         )
@@ -138,7 +185,7 @@ class _Driven:
         step = partial(self._coroutine.send, None)
         while True:
             try:
-                awaited = step()
+                awaited = self._owner.step(step)
             except StopIteration as end:
                 return end.value
             try:
@@ -146,7 +193,7 @@ class _Driven:
                 step = partial(self._coroutine.send, None)
             except asyncio.CancelledError as cancellation:
                 self.cancellations += 1
-                if self.cancellations > MAX_SWALLOWED:
+                if self.is_abandoned or self.cancellations > MAX_SWALLOWED:
                     del step
                     self._end()
                 step = partial(self._coroutine.throw, cancellation)
@@ -162,9 +209,12 @@ class _Driven:
         self._coroutine = _awaited(None)
         self._coroutine.close()
         file, line = place[-1] if place else ("?", 0)
+        where = f"({Path(file).name}:{line})"
+        if self.is_abandoned:
+            raise UserCodeError(f"still ran when the robot ended {where}") from None
         raise UserCodeError(
-            f"goes on after {MAX_SWALLOWED} cancellations ({Path(file).name}:{line}) and was "
-            "ended: raise the cancellation again where it is caught"
+            f"goes on after {MAX_SWALLOWED} cancellations {where} and was ended: raise the "
+            "cancellation again where it is caught"
         ) from None
 
 
@@ -267,15 +317,27 @@ def place_of(function: Callable[..., Any], frames: list[tuple[str, int]]) -> str
     others = [place for place in frames if not _is_ours(Path(place[0]))]
     own = [place for place in others if folder is not None and Path(place[0]).parent == folder]
     outside = [place for place in others if not _is_library(Path(place[0]))]
-    for found in (own, outside, others):
-        if found:
-            file, line = found[-1]
-            return f"{Path(file).name}:{line}"
-    return "?" if code is None else f"{Path(code.co_filename).name}:{code.co_firstlineno}"
+    if own or outside:
+        file, line = (own or outside)[-1]
+    elif code is not None:
+        file, line = code.co_filename, code.co_firstlineno
+    else:
+        file, line = others[-1] if others else ("?", 0)
+    return f"{Path(file).name}:{line}"
+
+
+def users_frames(frames: list[tuple[str, int]]) -> list[tuple[str, int]]:
+    """Those that are neither Python's nor this package's."""
+    return [
+        (file, line)
+        for file, line in frames
+        if not _is_library(Path(file)) and not _is_ours(Path(file))
+    ]
 
 
 def _is_ours(file: Path) -> bool:
-    return any(file.is_relative_to(each) for each in _OURS)
+    """Of this package, but for the adapters, which are robots' programs."""
+    return file.is_relative_to(_PACKAGE) and not file.is_relative_to(_PACKAGE / "adapters")
 
 
 def _is_library(file: Path) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +18,8 @@ from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.runtime.engine_choice import chosen_engine
 from mrbt_mesh.runtime.program import RobotProgram
+from mrbt_mesh.runtime.robot_loop import LoopWatchdog
+from mrbt_mesh.runtime.user_code import UserCall, place_of
 from mrbt_mesh.sim.checkers.comparison import PlanComparison
 from mrbt_mesh.sim.checkers.inspection import FullInspection
 from mrbt_mesh.sim.engine.clock import VirtualLoop
@@ -30,6 +33,8 @@ from mrbt_mesh.sim.engine.sharing import shared_engine
 from mrbt_mesh.sim.engine.world import LookOn, World
 
 DEFAULT_TIMEOUT_US = 600_000_000
+# A step of a program's code that takes longer, in real time, fails.
+BLOCK_LIMIT_S = 1.0
 
 
 class SimulationError(RuntimeError):
@@ -184,7 +189,8 @@ def _with_engine(setup: Setup, engine: Engine) -> Setup:
 def _run(world: World) -> None:
     options = {"loop_factory": lambda: VirtualLoop(world.clock)}
     try:
-        anyio.run(world.main, backend_options=options)
+        with LoopWatchdog(BLOCK_LIMIT_S, _step, _blocked):
+            anyio.run(world.main, backend_options=options)
     except Exception as error:
         at_s = world.clock.now_us / 1e6
         text = f"seed {world.setup.seed}, at {at_s:.6f} s: {type(error).__name__}: {error}"
@@ -192,6 +198,22 @@ def _run(world: World) -> None:
     finally:
         if world.recordings is not None:
             world.recordings.close()
+
+
+def _step() -> int | None:
+    """The step of a program's code that runs now."""
+    return UserCall.steps if UserCall.stepping is not None else None
+
+
+def _blocked(frames: list[tuple[str, int]]) -> None:
+    """A program has blocked for too long: said at once, and its work fails when it goes on."""
+    call = UserCall.stepping
+    if call is not None:
+        call.blocked = (
+            f"blocked for {BLOCK_LIMIT_S:g} s of real time at {place_of(call.function, frames)}: "
+            "await, or run it with anyio.to_thread.run_sync"
+        )
+        logging.getLogger("mrbt_mesh").warning("%s %s", call.name, call.blocked)
 
 
 def _result(world: World) -> SimulationResult:

@@ -115,11 +115,11 @@ class TeamState:
             "host": known.member.host if known else None,
             "pid": known.member.pid if known else None,
             "capabilities": in_units(known.member.capabilities) if known else {},
-            "lost": dict(known.member.lost) if known else {},
-            "pending": dict(known.member.pending) if known else {},
+            "lost": list(known.member.lost) if known else [],
             "problems": [
-                problem_text(subject, text)
-                for subject, text in observer.facts.problems.get(robot, {}).items()
+                problem_text(subject, each.problem)
+                for (of, subject), each in observer.record.problems.items()
+                if of == robot and each.to_us is None
             ],
             "local_task": claim.local_task if claim else None,
             "global_task": claim.global_task if claim else None,

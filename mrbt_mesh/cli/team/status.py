@@ -18,6 +18,7 @@ from mrbt_mesh.core.facts.team_facts import changed_performances
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import MICRO, Mission
+from mrbt_mesh.runtime.blocked_loop import SUBJECT
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.runtime.watcher import Watcher
@@ -121,11 +122,19 @@ def _robot(watcher: Watcher, robot: str) -> dict[str, Any]:
         "local_task": claim.local_task if claim else None,
         "global_task": claim.global_task if claim else None,
         "phase": claim.phase.name.lower() if claim else None,
-        "lost": dict(member[0].lost) if member else {},
-        "pending": dict(member[0].pending) if member else {},
-        "problems": dict(observer.facts.problems.get(robot, {})),
+        "lost": list(member[0].lost) if member else [],
+        "problems": _problems(watcher, robot),
         "performances": _performances(observer.mission, robot, member[0]) if member else {},
     }
+
+
+def _problems(watcher: Watcher, robot: str) -> dict[str, str]:
+    """What is wrong with the robot's program, by part; also what blocks it here, now."""
+    problems = dict(watcher.observer.facts.problems.get(robot, {}))
+    run_dir = watcher.address.run_dir
+    if run_dir is not None and (blocked := run_dir.blocked(robot)):
+        problems[SUBJECT] = blocked
+    return problems
 
 
 def _performances(mission: Mission, robot: str, member: Member) -> dict[str, float]:

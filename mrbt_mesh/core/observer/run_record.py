@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from mrbt_mesh.core.bt.activation import parse_activation
@@ -12,7 +11,6 @@ from mrbt_mesh.core.facts.problems import RobotProblem, problem_text
 from mrbt_mesh.core.facts.records import Bid, Claim, ConditionValue, Member, NoClaim, Outcome, Phase
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import changed_performances
-from mrbt_mesh.core.facts.values import texts_by_reason
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.observer.episodes import (
@@ -22,7 +20,6 @@ from mrbt_mesh.core.observer.episodes import (
     MajorFault,
     MinorFault,
     ProblemEpisode,
-    lost_text,
 )
 from mrbt_mesh.core.observer.mission_rounds import MissionRounds
 from mrbt_mesh.core.observer.task_log import TaskLog
@@ -192,10 +189,9 @@ class RunRecord:
         match entry.record:
             case Member() as member:
                 known = self.robots.setdefault(robot, {})
-                self._lost(robot, known.get("lost", {}), member.lost, now_us)
+                self._lost(robot, tuple(known.get("lost", ())), member.lost, now_us)
                 self._performs(robot, member, now_us)
                 known.update(type=member.type, lost=member.lost, pid=member.pid, host=member.host)
-                known["pending"] = member.pending
                 known["described_by"] = entry.version.incarnation
                 if member.is_leaving and known.get("state") is not State.DEAD:
                     known["state"] = State.LEFT
@@ -223,12 +219,15 @@ class RunRecord:
                 _, activation, local_task = entry.parts
                 self._bid(robot, activation, local_task, number, now_us)
             case RobotProblem(text):
-                self._problem(robot, entry.parts[1], text, now_us)
+                self.problem(robot, entry.parts[1], text, now_us)
             case records.Order() as order:
                 self._say_heard(now_us, f"operator: {order.kind}")
 
-    def _problem(self, robot: str, subject: str, text: str, now_us: int) -> None:
+    def problem(self, robot: str, subject: str, text: str, now_us: int) -> None:
+        """Something is wrong with a robot's journal, or a part of its program; empty: no more."""
         before = self.problems.get((robot, subject))
+        if text and before is not None and before.to_us is None and before.problem == text:
+            return
         if text:
             self.problems[robot, subject] = ProblemEpisode(text, now_us)
             self._say_heard(now_us, f"{robot}: {problem_text(subject, text)}")
@@ -298,21 +297,16 @@ class RunRecord:
         return fault
 
     def _lost(
-        self, robot: str, before: Mapping[str, str], after: Mapping[str, str], now_us: int
+        self, robot: str, before: tuple[str, ...], after: tuple[str, ...], now_us: int
     ) -> None:
         for fault in self.minor:
-            if fault.robot != robot or fault.until_us is not None:
-                continue
-            if not any(name in after for name in fault.local_tasks):
+            lost = set(fault.local_tasks) & set(after)
+            if fault.robot == robot and fault.until_us is None and not lost:
                 fault.until_us = now_us
-                self._say_heard(now_us, f"{robot} has {', '.join(fault.local_tasks)} again")
-        for reason, names in texts_by_reason(after).items():
-            fresh = tuple(name for name in names if name not in before)
-            if fresh:
-                self.minor.append(MinorFault(robot, fresh, reason, now_us))
-            changed = [name for name in names if before.get(name) != reason]
-            if changed:
-                self._say_heard(now_us, f"{robot} {lost_text(changed, reason)}")
+        fresh = tuple(name for name in after if name not in before)
+        if fresh:
+            self.minor.append(MinorFault(robot, fresh, now_us))
+            self._say_heard(now_us, f"{robot} lost {', '.join(fresh)}")
 
     def _performs(self, robot: str, member: Member, now_us: int) -> None:
         """Note what the robot does better or worse than the mission says."""

@@ -17,6 +17,8 @@ from collections.abc import Callable
 from contextvars import Context
 from typing import TypeVarTuple
 
+from mrbt_mesh.runtime.robot_loop import RobotLoop
+
 MICRO = 1_000_000
 
 
@@ -195,7 +197,7 @@ class _VirtualSelector(selectors.SelectSelector):
         return []
 
 
-class VirtualLoop(asyncio.SelectorEventLoop):
+class VirtualLoop(RobotLoop):
     """An asyncio event loop in virtual time.
 
     `time()` is the virtual clock in seconds, for a robot's code the monotonic clock of that robot.

@@ -94,7 +94,6 @@ class Lose:
 
     robot: str
     local_task: str
-    reason: str = "injected"
 
 
 @dataclass(frozen=True, slots=True)

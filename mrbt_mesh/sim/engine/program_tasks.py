@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextvars
 from functools import partial
 from typing import Protocol
@@ -16,6 +17,9 @@ from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.task_port import Host
 from mrbt_mesh.sim.engine.clock import Gate, VirtualClock, current_gate
 from mrbt_mesh.sim.engine.process import Program
+
+# So long code of a program may go on after its process has ended.
+END_LIMIT_S = 3.0
 
 
 class Bootable(Host, Protocol):
@@ -58,6 +62,10 @@ class ProgramTasks:
         """Cancel all of it."""
         self._scope.cancel()
 
+    def abandon(self) -> None:
+        """End what goes on although it is cancelled."""
+        self._runner.abandon()
+
 
 async def run_program(
     process: Bootable,
@@ -71,4 +79,9 @@ async def run_program(
     async with anyio.create_task_group() as group:
         tasks = ProgramTasks(group, program, mission, identity, process)
         clock.at(clock.now_us, partial(process.boot, tasks))
-        await anyio.sleep_forever()
+        try:
+            await anyio.sleep_forever()
+        finally:
+            # Apart from the robot's clock, which may stand still.
+            loop = asyncio.get_running_loop()
+            contextvars.Context().run(loop.call_later, END_LIMIT_S, tasks.abandon)

@@ -1,0 +1,153 @@
+"""An event loop that the code of a robot's program does not end, and a thread that sees it stand.
+
+Code that blocks keeps the whole event loop of a robot from running. The thread names the place
+while it does: the loop itself can say so only afterwards, and by then the team has taken the robot
+for dead.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import sys
+import threading
+import weakref
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from mrbt_mesh.runtime.user_code import (
+    UserCall,
+    failure_of,
+    frames_of,
+    is_interrupt,
+    place_of,
+    running_call,
+    users_frames,
+)
+
+# So many looks of the watchdog find the same step before it is said to block.
+LOOKS = 5
+# A task that has failed has been asked for its exception by then, or nobody will ask.
+UNSEEN_S = 1.0
+
+_logger = logging.getLogger("mrbt_mesh")
+
+
+class RobotLoop(asyncio.SelectorEventLoop):
+    """asyncio's selector loop, with two differences.
+
+    What ends a loop from inside (`sys.exit` in a task of asyncio's, `stop`) does not end this one.
+    A task that a program starts by itself belongs to the call of the program that started it, which
+    is told how it failed.
+    """
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._owners: weakref.WeakKeyDictionary[asyncio.Task[Any], UserCall] = (
+            weakref.WeakKeyDictionary()
+        )
+        self.set_exception_handler(_tell_owner)
+
+    def run_forever(self) -> None:
+        while True:
+            try:
+                super().run_forever()
+            except (SystemExit, KeyboardInterrupt) as error:
+                if is_interrupt(error):
+                    raise
+                _logger.error("the program tried to end the process", exc_info=error)
+            else:
+                return
+
+    def stop(self) -> None:
+        if asyncio.current_task(self) is not None:
+            raise RuntimeError("a robot's program cannot stop the event loop of the robot")
+        super().stop()
+
+    def create_task(self, coro: Any, **options: Any) -> asyncio.Task[Any]:
+        task: asyncio.Task[Any] = super().create_task(coro, **options)
+        call = running_call.get()
+        if call is not None:
+            self._owners[task] = call
+            task.add_done_callback(self._ended)
+        return task
+
+    def _ended(self, task: asyncio.Task[Any]) -> None:
+        if not task.cancelled() and _is_unseen(task):
+            self.call_later(UNSEEN_S, self._look, task)
+
+    def _look(self, task: asyncio.Task[Any]) -> None:
+        """Tell of a task whose failure nobody has asked for; asyncio waits until it is deleted."""
+        call = self.owner_of(task)
+        if call is not None and _is_unseen(task) and (error := task.exception()) is not None:
+            call.stray_failure(failure_of(error, call.function))
+
+    def owner_of(self, task: Any) -> UserCall | None:
+        """The call of the program that has started a task."""
+        return self._owners.get(task) if isinstance(task, asyncio.Task) else None
+
+
+def _is_unseen(task: asyncio.Task[Any]) -> bool:
+    # asyncio has no public way to it; the attribute is as old as its tasks.
+    return bool(getattr(task, "_log_traceback", False))
+
+
+def _tell_owner(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """asyncio's exception handler: a task has failed that nobody awaits, a callback has raised."""
+    assert isinstance(loop, RobotLoop)
+    task, error = context.get("future") or context.get("task"), context.get("exception")
+    scheduled = getattr(context.get("handle"), "_context", None)
+    call = loop.owner_of(task) or (scheduled.get(running_call) if scheduled else None)
+    if call is None or error is None:
+        loop.default_exception_handler(context)
+    else:
+        call.stray_failure(failure_of(error, call.function))
+
+
+class LoopWatchdog:
+    """A thread that names code which blocks, once for each time.
+
+    `step` is what the watched thread does: the same number while it is in the same step, None while
+    it waits. `tell` is called in the watchdog's thread after `limit_s` in one step, with the frames
+    of the watched thread, the outermost first.
+    """
+
+    def __init__(
+        self,
+        limit_s: float,
+        step: Callable[[], int | None],
+        tell: Callable[[list[tuple[str, int]]], None],
+    ) -> None:
+        self._limit_s = limit_s
+        self._step = step
+        self._tell = tell
+        self._watched = threading.get_ident()
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="mrbt watchdog", daemon=True)
+
+    def __enter__(self) -> LoopWatchdog:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def _watch(self) -> None:
+        """Looks are counted, not seconds: a machine that stands still as a whole blocks nobody."""
+        seen, looks = self._step(), 0
+        while not self._over.wait(self._limit_s / LOOKS):
+            now = self._step()
+            looks = looks + 1 if now is not None and now == seen else 0
+            seen = now
+            if looks == LOOKS:
+                self._tell(frames_of(sys._current_frames().get(self._watched)))
+
+
+def blocking_place(call: UserCall | None, frames: list[tuple[str, int]]) -> str | None:
+    """What blocks, and where: `local task mow(1) at robot.py:12`; None: nothing of a program."""
+    if call is not None:
+        return f"{call.name} at {place_of(call.function, frames)}"
+    own = users_frames(frames)
+    return f"{Path(own[-1][0]).name}:{own[-1][1]}" if own else None

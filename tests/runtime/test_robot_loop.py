@@ -1,0 +1,119 @@
+"""An event loop that a program does not end, and what names code that blocks it."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import anyio
+import pytest
+
+from mrbt_mesh.runtime.robot_loop import LoopWatchdog, RobotLoop, blocking_place
+from mrbt_mesh.runtime.user_code import UserCall, frames_of
+
+
+def in_robot_loop(main: Callable[[], Any]) -> Any:
+    return anyio.run(main, backend_options={"loop_factory": RobotLoop})
+
+
+async def exits(delay_s: float = 0.0) -> None:
+    await asyncio.sleep(delay_s)
+    raise SystemExit(3)
+
+
+def test_a_task_that_exits_does_not_end_the_loop() -> None:
+    async def main() -> str:
+        task = asyncio.ensure_future(exits())
+        await asyncio.wait((task,))
+        return repr(task.exception())
+
+    assert in_robot_loop(main) == "SystemExit(3)"
+
+
+def test_a_program_cannot_stop_the_loop() -> None:
+    async def main() -> str:
+        with pytest.raises(RuntimeError, match="cannot stop the event loop"):
+            asyncio.get_running_loop().stop()
+        return "goes on"
+
+    assert in_robot_loop(main) == "goes on"
+
+
+def test_ctrl_c_ends_it_as_any_other() -> None:
+    async def main() -> None:
+        import signal
+
+        signal.raise_signal(signal.SIGINT)
+        await anyio.sleep_forever()
+
+    with pytest.raises(KeyboardInterrupt):
+        in_robot_loop(main)
+
+
+def test_what_nobody_awaits_is_told_to_the_call_that_began_it() -> None:
+    told: list[str] = []
+    heard = anyio.Event
+
+    async def main() -> None:
+        done = heard()
+        kept = []
+
+        async def work() -> None:
+            kept.append(asyncio.ensure_future(exits()))
+
+        def tell(what: str, call: UserCall, failure: Exception) -> None:
+            told.append(f"{what} {call.name}: {failure}")
+            done.set()
+
+        await UserCall("local task mow", work, work, tell).run()
+        await done.wait()
+
+    in_robot_loop(main)
+    (text,) = told
+    assert text.startswith("a task started by local task mow: SystemExit: 3 (test_robot_loop.py:")
+
+
+def test_the_watchdog_names_a_step_that_does_not_end_once() -> None:
+    told: list[list[tuple[str, int]]] = []
+    named = threading.Event()
+
+    def tell(frames: list[tuple[str, int]]) -> None:
+        told.append(frames)
+        named.set()
+
+    with LoopWatchdog(0.02, lambda: 7, tell):
+        assert named.wait(30)
+        time.sleep(0.05)  # it looks again
+    assert len(told) == 1
+    names = [file.rpartition("/")[2] for file, _ in told[0]]
+    assert "test_robot_loop.py" in names
+
+
+def test_the_watchdog_leaves_alone_what_goes_on_or_waits() -> None:
+    asked = iter(range(10**9))
+    looked = threading.Event()
+
+    def goes_on() -> int | None:
+        number = next(asked)
+        if number > 30:
+            looked.set()
+        return number if number % 3 else None
+
+    with LoopWatchdog(0.005, goes_on, lambda _: pytest.fail("it goes on")):
+        assert looked.wait(30)
+
+
+def test_what_blocks_is_a_call_or_code_of_the_program_or_nothing_of_it() -> None:
+    def work() -> list[tuple[str, int]]:
+        import sys
+
+        return frames_of(sys._getframe())
+
+    here = work()
+    call = UserCall("bid for carry(1)", work, work)
+    assert (blocking_place(call, here) or "").startswith("bid for carry(1) at test_robot_loop.py:")
+    assert (blocking_place(None, here) or "").startswith("test_robot_loop.py:")
+    assert blocking_place(None, [(asyncio.__file__, 1), (anyio.__file__, 2)]) is None
