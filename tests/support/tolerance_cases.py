@@ -133,7 +133,7 @@ class _Drawing:
                 SECOND_US if pick.random() < 0.3 else None,
                 simultaneous=starts_together,
                 # A robot that dies in the middle would leave it in doubt.
-                exclusive=not self.are_known and pick.random() < 0.1,
+                exclusive=not self.are_known and pick.random() < 0.1 and not self.is_bound,
             )
         )
         return NodeSpec(Kind.ACTION, subject=name)
