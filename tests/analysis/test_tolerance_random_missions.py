@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
+from dataclasses import replace
 from unittest import mock
 
 import pytest
@@ -59,6 +60,15 @@ def test_runs_end_as_analysis_and_the_tree_foretell(first: int) -> None:
     assert len(done) == len(RESULTS), "every result comes up"
 
 
+def unbound(case: Case) -> Case:
+    """The same without `same_robot_as`."""
+    tasks = {
+        name: replace(task, needs=tuple(replace(n, same_robot_as=None) for n in task.needs))
+        for name, task in case.mission.global_tasks.items()
+    }
+    return replace(case, mission=replace(case.mission, global_tasks=tasks))
+
+
 TIMES_US = (100_000, 1_500_000, 2_500_000)
 
 
@@ -74,12 +84,17 @@ def test_tasks_for_the_robots_that_did_another_one(first: int) -> None:
                 continue
             foretold = survives(with_fixed_conditions(case.mission), case.faults)
             by_ticks = foreseen_of_all(case) is Status.SUCCESS
-            runs = {simulated(case, at_us, number) for at_us in TIMES_US for number in range(2)}
+            ways = [(at_us, number) for at_us in TIMES_US for number in range(2)]
+            runs = {way: simulated(case, *way) for way in ways}
+            # Later faults may block what earlier ones let fail, also where nobody is bound.
+            bad = {way for way, result in runs.items() if result != "success"}
+            if foretold:
+                bad = {way for way in bad if simulated(unbound(case), *way) == "success"}
             # Where the tree need not reach the first task, the second one counts as infeasible.
             is_certain = all(is_done_before(case.mission.tree, n, task) for task, n in bound)
             assert foretold is by_ticks if is_certain else foretold <= by_ticks, case
-            assert runs == {"success"} or not foretold, (case, runs)
-            found[foretold, runs == {"success"}] += 1
+            assert not (foretold and bad), (case, runs)
+            found[foretold, not bad] += 1
     assert found[True, True], "some are survived"
     assert found[False, False] > found[False, True], "most of the others are not"
 
