@@ -130,7 +130,7 @@ class Team:
         )
         self.facts = TeamFacts(mission, "r1")
         for robot in robots:
-            member = Member("T", {"work": 1_000_000}, (), False, "", "", 0)
+            member = Member("T", {"work": 1_000_000}, {}, False, "", "", 0)
             self.write(robot, "member", member.to_value())
 
     def write(self, author: str, name: str, value: Any) -> None:

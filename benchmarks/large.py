@@ -81,7 +81,7 @@ class LargeTeam:
         self._plan = FASTEST.plan_making(mission, self.evaluator, default_solver)
         self._sequence = 0
         for robot in mission.robots.values():
-            member = Member("T", robot.capabilities, (), False, "", "", 0)
+            member = Member("T", robot.capabilities, {}, False, "", "", 0)
             self.write(robot.id, (records.MEMBER, member.to_value()))
 
     def write(self, robot: str, *values: tuple[str, Any]) -> None:

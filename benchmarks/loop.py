@@ -78,7 +78,7 @@ class Others:
 
     def member(self, robot: str) -> inputs.MessageReceived:
         """A robot says who it is, and that it has nothing to do."""
-        member = Member("T", self.mission.robots[robot].capabilities, (), False, "", "", 0)
+        member = Member("T", self.mission.robots[robot].capabilities, {}, False, "", "", 0)
         return self.facts(robot, (records.MEMBER, member.to_value()), (records.CLAIM, None))
 
     def beat(self, robot: str, leaving: bool = False) -> inputs.MessageReceived:

@@ -21,9 +21,8 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, Literal, Protocol, TypeAlias
 
-from mrbt_mesh.core.facts.description import ALL
 from mrbt_mesh.core.mission.mission import MICRO, Mission, micro_performance
-from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.core.mission.names import ALL, type_name
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.expand import call_text
 from mrbt_mesh.formats.mission_file import load_mission
@@ -135,7 +134,8 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class ObservedFault:
-    """A fault as the team has seen it: `major`, a robot is gone; `minor`, it lost `local_tasks`.
+    """A fault as the team has seen it: `major`, a robot is gone; `minor`, it lost `local_tasks`
+    for `reason`.
 
     `until_s` is None if it has not ended.
     """
@@ -144,6 +144,7 @@ class ObservedFault:
     at_s: float
     robot: str
     local_tasks: tuple[str, ...] = ()
+    reason: str = ""
     until_s: float | None = None
 
 

@@ -39,6 +39,16 @@ SpeedOption = Annotated[
 # -- what is recorded -----------------------------------------------------------------------
 
 RecordBeatsOption = Annotated[bool, option("Record every heartbeat as well.")]
+KeepOption = Annotated[
+    int,
+    option(
+        "Size at which a robot's log, output and events begin anew, each with the one before "
+        "kept, and at which its recording ends.",
+        "MIB",
+        least=1,
+        most=1_000_000,
+    ),
+]
 
 # -- in virtual time ------------------------------------------------------------------------
 

@@ -73,7 +73,7 @@ class _Builder:
         self._crews: dict[str, list[CoalitionMember]] = {}
         self._report = Report("", {})
         for robot in mission.robots.values():
-            member = Member(robot.type, robot.capabilities, (), False, "", "", 0)
+            member = Member(robot.type, robot.capabilities, {}, False, "", "", 0)
             self._write_member(robot.id, member, ())
 
     def read(self, path: Path) -> None:
@@ -221,7 +221,7 @@ class _Builder:
             if self._is_robot((*path, robot), robot):
                 lost = [str(name) for _, name in self._list((*path, robot), names)]
                 before = self.facts.members[robot].member
-                self._write_member(robot, before, [*before.lost, *lost])
+                self._write_member(robot, before, lost)
 
     def _performances(self, path: SourcePath, value: Any) -> None:
         for robot, rows in self._mapping(path, value):
@@ -265,7 +265,8 @@ class _Builder:
         self._write(robot, f"{name}/{token}" if token else name, [success, None])
 
     def _write_member(self, robot: str, member: Member, lost: Iterable[str]) -> None:
-        described = replace(member, lost=tuple(sorted(set(lost))))
+        found = dict.fromkeys(lost, "given in the facts file")
+        described = replace(member, lost={**member.lost, **found})
         self._write(robot, records.MEMBER, described.to_value())
 
     def _write(self, robot: str, name: str, value: Any) -> None:

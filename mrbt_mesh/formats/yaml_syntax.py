@@ -104,5 +104,7 @@ def _colon(problem: str, context: str, at: tuple[int, int], lines: Sequence[str]
         return before, "a space is missing after the colon"
     if lines[at[0] - 1].count(": ") > 1:
         return at[0], "there is a second colon in this line; text with ': ' in it needs quotes"
+    if before and re.match(r"\s*\w+ ", lines[before - 1]) and ":" not in lines[before - 1]:
+        return before, "a colon is missing after the key, e.g. mission: explore"
     text = f"this line is indented as a part of line {before}, which already has a value"
     return at[0], f"{text}; correct the indentation"

@@ -6,6 +6,7 @@ What was written survives the end of its process, also by SIGKILL.
 from __future__ import annotations
 
 import contextlib
+import errno
 import struct
 from collections.abc import Mapping
 from pathlib import Path
@@ -25,13 +26,21 @@ _HEADER_BYTES = _MESSAGE.size - struct.calcsize("<BQ")
 class RecordingWriter:
     """One recording, in a new file: beside another one where that is there already.
 
-    Raises OSError where the file cannot be written.
+    Raises OSError where the file cannot be written, or has come to `limit_bytes`; None: no limit.
     """
 
-    def __init__(self, path: Path, metadata: RunMetadata, *, beats: bool = False) -> None:
+    def __init__(
+        self,
+        path: Path,
+        metadata: RunMetadata,
+        limit_bytes: int | None = None,
+        *,
+        beats: bool = False,
+    ) -> None:
         # It is loaded by those who record alone: it needs some megabytes.
         from mcap.writer import IndexType, Writer
 
+        self._limit_bytes = limit_bytes
         self._encoder = MessageEncoder(metadata)
         self._file = open_new(path)
         self._writer = Writer(
@@ -68,6 +77,8 @@ class RecordingWriter:
     def flush(self) -> None:
         """Hand over what was written: the end of this process does not touch it any more."""
         self._file.flush()
+        if self._limit_bytes is not None and self._file.tell() > self._limit_bytes:
+            raise OSError(errno.EFBIG, f"it has come to {self._limit_bytes >> 20} MiB (--keep)")
 
     def abandon(self) -> None:
         """Close the file as it is: it could not be written."""

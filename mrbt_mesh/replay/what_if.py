@@ -113,7 +113,7 @@ def _described(
         known = facts.members.get(robot)
         if known is None:
             continue
-        for name in known.member.lost:
-            yield 0, Lose(robot, name)
+        for name, reason in known.member.lost.items():
+            yield 0, Lose(robot, name, reason)
         for name, value in changed_performances(mission, robot, known.member).items():
             yield 0, ChangePerformance(robot, name, value)

@@ -34,9 +34,11 @@ from mrbt_mesh.core.mission.mission import (
     MICRO,
     Mission,
 )
-from mrbt_mesh.core.mission.names import split_call, type_name
+from mrbt_mesh.core.mission.names import ALL, split_call, type_name
+from mrbt_mesh.runtime.backgrounds import BackgroundRunner
 from mrbt_mesh.runtime.local_trees import LeafEnd, LocalTreeRunner
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext, TaskFunction
+from mrbt_mesh.runtime.program_function import BackgroundFunction
 from mrbt_mesh.runtime.task_call import perform
 from mrbt_mesh.runtime.task_port import AgentPort, Host
 from mrbt_mesh.runtime.user_code import UserCall, UserCodeError, shown
@@ -113,9 +115,9 @@ class ActionRunner:
 
     def start_background(self) -> None:
         """Start the program's sensors."""
-        for function in self._program.backgrounds:
+        for number, background in enumerate(self._program.backgrounds):
             self.backgrounds += 1
-            self._group.start_soon(self._background, function)
+            self._group.start_soon(self._background, background, f"background {number}")
 
     async def _run(self, effect: StartAction, scope: anyio.CancelScope) -> None:
         port = AgentPort(self._host, self._mission, effect.ticket, self._own)
@@ -264,13 +266,18 @@ class ActionRunner:
         effect = StartAction(0, "", "", "", (), MICRO, Incarnation(0, ""))
         return self._context(effect, "", (), port)
 
-    async def _background(self, function: Callable[[TaskContext], Any]) -> None:
-        name = getattr(function, "__name__", repr(function))
-        call = self._user_call(f"background function {name}", function, self.free_context())
-        try:
+    async def _background(self, background: BackgroundFunction, source: str) -> None:
+        name, function = background.name, background.function
+
+        async def run() -> None:
+            call = self._user_call(f"background function {name}", function, self.free_context())
             await self._watched(call, call.run())
-        except UserCodeError as failure:
-            self._tell_problem("ended", call, failure)
+
+        # A program may serve robots of several types.
+        can = self.free_context().can
+        costs = tuple(each for each in background.costs if each == ALL or can(each))
+        try:
+            await BackgroundRunner(name, source, costs, run, self._host).run()
         finally:
             self.backgrounds -= 1
 

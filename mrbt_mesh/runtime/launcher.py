@@ -27,6 +27,7 @@ from mrbt_mesh.runtime.run_dir import RunDir, RunDirError, RunInfo
 from mrbt_mesh.runtime.session_config import TransportConfig
 from mrbt_mesh.runtime.settings import (
     DEFAULT_GATHER_S,
+    DEFAULT_KEEP_MIB,
     ENCRYPTED,
     PROTOCOLS,
     START_S_PER_ROBOT,
@@ -142,6 +143,8 @@ def agent_arguments(
         command += ["--solver", info.solver]
     if info.record:
         command += ["--record", str(robot_file(run_dir.path, robot))]
+    if info.keep_mib != DEFAULT_KEEP_MIB:
+        command += ["--keep", str(info.keep_mib)]
     if info.record_beats:
         command.append("--record-beats")
     if robot in info.metrics_ports:

@@ -14,8 +14,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-MIB = 1 << 20
-DEFAULT_KEEP_BYTES = 64 * MIB
+from mrbt_mesh.runtime.settings import DEFAULT_KEEP_MIB, MIB
+
+DEFAULT_KEEP_BYTES = DEFAULT_KEEP_MIB * MIB
 LINE_END = b"\n"
 
 

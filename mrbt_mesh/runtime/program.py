@@ -23,16 +23,16 @@ runtime cancels it through an anyio cancel scope when the plan no longer wants i
 from __future__ import annotations
 
 import copy
-from collections.abc import Awaitable, Callable, Collection, Mapping
+from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Concatenate, Protocol, TypeAlias, TypeVar, overload
 
-from mrbt_mesh.core.facts.description import ALL
-from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.core.mission.names import ALL, type_name
 from mrbt_mesh.formats.problems import nearest
 from mrbt_mesh.runtime.program_function import (
+    BackgroundFunction,
     ProgramError,
     ProgramFunction,
     any_function,
@@ -59,7 +59,8 @@ class TaskPort(Protocol):
     def read_local_condition(self, name: str) -> bool: ...
     def report_progress(self, fraction: float) -> None: ...
     def report_position(self, x: float, y: float, heading: float | None) -> None: ...
-    def lose_capability(self, local_task: str) -> None: ...
+    def lose_capability(self, local_task: str, reason: str) -> None: ...
+    def defer_capability(self, local_task: str, reason: str) -> None: ...
     def restore_capability(self, local_task: str) -> None: ...
     def report_performance(self, local_task: str, performance: float) -> None: ...
     def record_event(self, event: Mapping[str, Any]) -> None: ...
@@ -139,16 +140,33 @@ class TaskContext:
         """
         self.port.report_position(x, y, heading)
 
-    def lose_capability(self, local_task: str) -> None:
-        """Declare a minor fault: this robot can no longer do `local_task` (a type or ground).
+    def lose_capability(self, local_task: str, reason: str = "") -> None:
+        """Declare a minor fault: this robot can no longer do `local_task` (a type or ground), or
+        `all`.
 
-        `all` is everything. Raises ValueError for what the mission does not give this robot.
+        The plan gives the work to other robots. If this robot is working on it, that is cancelled
+        and has no outcome, neither success nor failure. `reason` is one line of at most 200
+        characters, which everybody sees. Repeating it with the same reason changes nothing.
+        Raises ValueError for what the mission does not give this robot.
         """
         self._check_own(local_task, ALL)
-        self.port.lose_capability(local_task)
+        self.port.lose_capability(local_task, reason)
+
+    def defer_capability(self, local_task: str, reason: str) -> None:
+        """Declare that this robot cannot do `local_task` yet, e.g. since a driver is starting.
+
+        The plan does as for a lost capability, but it is shown as not there yet and is no fault.
+        Raises ValueError as `lose_capability` does.
+        """
+        self._check_own(local_task, ALL)
+        self.port.defer_capability(local_task, reason)
 
     def restore_capability(self, local_task: str) -> None:
-        """Declare that this robot can do `local_task`, or `all`, again. Raises ValueError."""
+        """Declare that this robot can do `local_task` again, or now.
+
+        It takes back what the robot's program has declared, not what an operator has, nor what a
+        background function that has failed costs. Raises ValueError as `lose_capability` does.
+        """
         self._check_own(local_task, ALL)
         self.port.restore_capability(local_task)
 
@@ -218,7 +236,7 @@ class RobotProgram:
 
     def __init__(self, *, record_work: bool = False) -> None:
         self.record_work = record_work
-        self.backgrounds: list[Background] = []
+        self.backgrounds: list[BackgroundFunction] = []
         self._checks: list[Callable[[], None]] = []
         self._mission_checks: list[MissionCheck] = []
         self._tasks: dict[str, ProgramFunction] = {}
@@ -320,15 +338,32 @@ class RobotProgram:
 
         return register
 
-    def background(self, function: _Background) -> _Background:
+    @overload
+    def background(self, function: _Background) -> _Background: ...
+    @overload
+    def background(
+        self, *, costs: str | Iterable[str] = ...
+    ) -> Callable[[_Background], _Background]: ...
+
+    def background(self, function: Any = None, *, costs: str | Iterable[str] = ALL) -> Any:
         """Register an async function that runs as long as the robot does: a sensor, a watchdog.
 
+            @robot.background(costs=["go_to"])
+            async def lidar(task: TaskContext) -> None: ...
+
         It takes the context alone, which belongs to no activation: its `set_condition` always
-        takes effect at once. Raises ProgramError for any other function.
+        takes effect at once. If it raises, the robot loses the local tasks in `costs` (types or
+        ground), by default "all", and with "none" nothing; everybody sees why. It is started again
+        after 1 s, then after 2 s, 4 s, at most 60 s, and the robot has its capabilities again
+        when it has run for as long as it waited before. One that returns has ended, which is no
+        fault. Raises ProgramError for any other function, and for other `costs`.
         """
-        background_function(function)
-        self.backgrounds.append(function)
-        return function
+
+        def register(target: Any) -> Any:
+            self.backgrounds.append(background_function(target, costs))
+            return target
+
+        return register if function is None else register(function)
 
     def for_mission(self, check: MissionCheck) -> None:
         """Have `check(mission, robots)` called before this program is used for a mission.

@@ -6,11 +6,12 @@ import inspect
 import os.path
 import types
 import typing
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from mrbt_mesh.core.mission.names import ALL
 from mrbt_mesh.errors import InputError, TaskFailedError
 
 _POSITIONAL = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
@@ -119,14 +120,30 @@ def any_function(what: str, target: Any) -> ProgramFunction:
     return ProgramFunction(what, target, target, parameters, rest)
 
 
-def background_function(target: Any) -> ProgramFunction:
-    """An async function of the context alone. Raises ProgramError."""
+@dataclass(frozen=True)
+class BackgroundFunction:
+    """A function of the context alone, and the capabilities that the robot loses if it fails."""
+
+    function: Callable[[Any], Any]
+    costs: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        return str(getattr(self.function, "__name__", repr(self.function)))
+
+
+def background_function(target: Any, costs: str | Iterable[str]) -> BackgroundFunction:
+    """An async function of the context alone, and what it costs. Raises ProgramError."""
     name = getattr(target, "__name__", repr(target))
     found = async_function(f"background function {name!r}", target)
     if found.count_problem(0):
         text = f"write `async def {name}(task: TaskContext)`"
         raise ProgramError(f"{found.what}: it is called with the task alone; {text}")
-    return found
+    named: Any = {ALL: [ALL], "none": []}.get(costs) if isinstance(costs, str) else costs
+    if not isinstance(named, Iterable) or not all(isinstance(each, str) for each in named):
+        text = 'costs is "all", "none", or a list of local tasks, as ["go_to"]'
+        raise ProgramError(f"{found.what}: {text}, not {costs!r:.60}")
+    return BackgroundFunction(target, tuple(named))
 
 
 def checked_name(decorator: str, name: Any) -> str:

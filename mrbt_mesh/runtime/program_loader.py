@@ -9,18 +9,18 @@ import os
 import re
 import sys
 import traceback
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from contextlib import redirect_stdout
 from pathlib import Path
 from types import ModuleType
 from typing import TypeAlias
 
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.mission.names import split_call, type_name
+from mrbt_mesh.core.mission.names import ALL, split_call, type_name
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.formats.problems import MissionError
+from mrbt_mesh.formats.problems import MissionError, nearest
 from mrbt_mesh.runtime.program import RobotProgram
-from mrbt_mesh.runtime.program_function import ProgramError, ProgramFunction
+from mrbt_mesh.runtime.program_function import BackgroundFunction, ProgramError, ProgramFunction
 
 DEFAULT_NAME = "robot"
 _REFERENCE = re.compile(r"(.+\.py)(?::([A-Za-z_][A-Za-z0-9_]*))?", re.DOTALL)
@@ -92,16 +92,20 @@ def check_program(
         for leaf in trees[name]:
             calls.setdefault(leaf, f" (in the tree of {name})")
     found = [_task_problem(program, mission, ground, calls[ground]) for ground in sorted(calls)]
-    bids = {need.local_task for need in needs if need.by_bid} & grounds
-    found += [_bid_problem(program, mission, ground) for ground in sorted(bids)]
+    by_bid = {need.local_task for need in needs if need.by_bid}
+    found += [_bid_problem(program, mission, each, each in by_bid) for each in sorted(grounds)]
+    known = claimed | mission.local_tasks.keys()
+    found += [_costs_problem(each, known) for each in program.backgrounds]
     # One for each function, however many calls it does not fit.
     problems = set({place: problem for place, problem in reversed(found) if problem}.values())
     for name in sorted(declared & programs.keys()):
         from mrbt_mesh.runtime.team_leaves import team_leaves
         from mrbt_mesh.runtime.tree_programs import lacking_leaves
 
-        known = team_leaves(program.leaves, mission.conditions)
-        problems |= {f"tree of {name} ({each})" for each in lacking_leaves(programs[name], known)}
+        leaves_known = team_leaves(program.leaves, mission.conditions)
+        problems |= {
+            f"tree of {name} ({each})" for each in lacking_leaves(programs[name], leaves_known)
+        }
     return sorted(problems)
 
 
@@ -120,12 +124,22 @@ def _task_problem(program: RobotProgram, mission: Mission, ground: str, of: str)
     return _call_problem(function, mission, ground)
 
 
-def _bid_problem(program: RobotProgram, mission: Mission, ground: str) -> _Problem:
+def _bid_problem(program: RobotProgram, mission: Mission, ground: str, is_needed: bool) -> _Problem:
     name = type_name(ground)
     function = program.find_bid(name)
     if function is None:
-        return f"bid {name}", f'no bid for the local task {name}; add @robot.bid("{name}")'
+        text = f'no bid for the local task {name}; add @robot.bid("{name}")'
+        return (f"bid {name}", text) if is_needed else ("", "")
     return _call_problem(function, mission, ground)
+
+
+def _costs_problem(background: BackgroundFunction, known: Collection[str]) -> _Problem:
+    for name in background.costs:
+        if name != ALL and type_name(name) not in known:
+            hint = nearest(type_name(name), known)
+            what = f"background function {background.name!r}: costs names {name!r}"
+            return what, f"{what}, which is no local task of the mission{hint}"
+    return "", ""
 
 
 def _call_problem(function: ProgramFunction, mission: Mission, ground: str) -> _Problem:

@@ -1,4 +1,4 @@
-"""Recordings of real processes. They never stop who records: a disk that is full ends them."""
+"""Recordings of real processes. A full disk, or their limit, ends them, and nothing else."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from mrbt_mesh.recording.observer_recorder import ObserverRecorder
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.recording.writer import RecordingWriter
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.limited_file import DEFAULT_KEEP_BYTES
 from mrbt_mesh.version import __version__
 
 
@@ -29,13 +30,14 @@ from mrbt_mesh.version import __version__
 class RecordTo:
     """What is to be recorded where: `solver` is the robot's own choice, `beats` every heartbeat.
 
-    `speed`: so many times faster simulated robots work.
+    `speed`: so many times faster simulated robots work. `limit_bytes`: the recording ends there.
     """
 
     path: Path
     solver: str = ""
     beats: bool = False
     speed: float = 1.0
+    limit_bytes: int = DEFAULT_KEEP_BYTES
 
 
 class RobotRecording:
@@ -111,7 +113,7 @@ def robot_recording(
     has_keys = config.keys is not None
     metadata = replace(metadata, solver=to.solver, has_keys=has_keys, speed=to.speed)
     try:
-        writer = RecordingWriter(to.path, metadata, beats=to.beats)
+        writer = RecordingWriter(to.path, metadata, to.limit_bytes, beats=to.beats)
         recorder = RobotRecorder(writer, view, boottime_us(), beats=to.beats)
     except OSError as error:
         raise InputError(_cannot(to.path, error)) from None
@@ -130,7 +132,7 @@ def observer_recording(
         return None
     metadata = replace(observer_metadata(observer, run, has_keys), speed=to.speed)
     try:
-        writer = RecordingWriter(to.path, metadata, beats=to.beats)
+        writer = RecordingWriter(to.path, metadata, to.limit_bytes, beats=to.beats)
     except OSError as error:
         raise InputError(_cannot(to.path, error)) from None
     return ObserverRecording(ObserverRecorder(writer, observer, beats=to.beats), say)

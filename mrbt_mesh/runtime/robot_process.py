@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from mrbt_mesh.core.agent.config import AgentConfig
+from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import is_robot_id
@@ -47,6 +48,8 @@ if TYPE_CHECKING:
 # From so many on, planning may take longer than the event loop may stand still.
 LARGE_ROBOTS = 100
 LARGE_NODES = 2_000
+
+NO_JOURNAL = "this robot keeps no journal, which exclusive tasks need: give it a run directory"
 
 # Where the team of a mission is, as this robot sees it; raises InputError.
 Locate = Callable[[Mission], TeamAddress]
@@ -133,7 +136,7 @@ def robot_setup(
     if keys is None:
         logger.warning("not_secure", reason="messages are not signed")
     journal = open_journal(start.run_dir, mission, address.run, start.robot, logger)
-    restored, problem = journal.begin() if journal is not None else ((), "")
+    restored, problem = _begin(journal, mission)
     solver = solver_for(mission, start.solver)
     meter, engine = _meter(start, mission), chosen_engine()
     if meter is not None:
@@ -157,13 +160,10 @@ def robot_setup(
         host=socket.gethostname(),
         pid=os.getpid(),
         restored=restored,
-        journal_problem=f"journal cannot be written: {problem}" if problem else "",
+        journal_problem=problem,
         keys=keys,
         life=time.time_ns() // 1_000,
     )
-    record = None
-    if start.record is not None:
-        record = RecordTo(start.record, start.solver or "", start.record_beats, start.speed)
     return RobotSetup(
         mission,
         config,
@@ -175,11 +175,28 @@ def robot_setup(
         manifest,
         meter,
         start.metrics,
-        record,
+        _record_to(start),
         guest_log,
         is_guest=guest_log is not None,
         keep_bytes=start.keep_bytes,
     )
+
+
+def _record_to(start: RobotStart) -> RecordTo | None:
+    if start.record is None:
+        return None
+    beats, limit_bytes = start.record_beats, start.keep_bytes
+    return RecordTo(start.record, start.solver or "", beats, start.speed, limit_bytes)
+
+
+def _begin(journal: Journal | None, mission: Mission) -> tuple[tuple[Entry, ...], str]:
+    """What the journal holds, and what keeps it from being written: empty if nothing does."""
+    if journal is not None:
+        entries, reason = journal.begin()
+        return entries, f"journal cannot be written: {reason}" if reason else ""
+    if any(task.exclusive for task in mission.global_tasks.values()):
+        return (), NO_JOURNAL
+    return (), ""
 
 
 def _meter(start: RobotStart, mission: Mission) -> Meter | None:

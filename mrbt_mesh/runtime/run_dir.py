@@ -7,7 +7,8 @@ keys/               the keys of all members (see `key_folder`)
 <robot>.process     pid and start time of the robot's process, written by itself; its
                     modification time is the last sign of life
 <robot>.blocked     what blocks its event loop, while it does
-<robot>.log         its log, JSON lines; <robot>.out: what it printed
+<robot>.log         its log, JSON lines; <robot>.out: what it printed. What is too long becomes
+                    <robot>.log.1, and so on
 fork_server.out     what was printed by the process that forks the robots: nothing, unless it fails
 events.jsonl        the physical truth, written by the robots
 recordings/         what each robot knew and did (see `recording.folder`)
@@ -30,6 +31,7 @@ from typing import Any
 import psutil
 
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.settings import DEFAULT_KEEP_MIB
 
 RUN_FILE, MISSION_FILE, SUMMARY_FILE = "run.json", "mission.json", "summary.json"
 TARGETS_FILE = "metrics-targets.json"
@@ -59,7 +61,8 @@ class RunInfo:
     None for the mission's. `insecure`: its members have no keys. With `routers` its robots are
     clients of these, and have no endpoints of their own. `metrics_ports`: where robots serve
     metrics, on loopback; empty: nowhere. `record`: its robots record what they know and do, with
-    `record_beats` also every heartbeat.
+    `record_beats` also every heartbeat. `keep_mib`: the size at which files of robots begin anew or
+    end (`limited_file`).
     """
 
     mission_path: str
@@ -81,6 +84,7 @@ class RunInfo:
     routers: tuple[str, ...] = ()
     record: bool = False
     record_beats: bool = False
+    keep_mib: int = DEFAULT_KEEP_MIB
     metrics_ports: Mapping[str, int] = field(default_factory=dict)
 
 

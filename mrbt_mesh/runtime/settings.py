@@ -7,6 +7,8 @@ DEFAULT_BEAT_S, DEFAULT_DETECTION_S = 0.2, 1.0
 DEFAULT_GATHER_S = 10.0
 # Of the robots of a large team each takes so long to start, on a machine that has them all.
 START_S_PER_ROBOT = 0.5
+# The size at which files of a robot begin anew, or end (`limited_file`, `recording`).
+MIB, DEFAULT_KEEP_MIB = 1 << 20, 256
 # Environment variables that stand for the options of the same names.
 MISSION_VARIABLE, TEAM_VARIABLE, RUN_VARIABLE = "MRBT_MISSION", "MRBT_TEAM", "MRBT_RUN"
 ROUTER_VARIABLE = "MRBT_ROUTER"

@@ -164,8 +164,13 @@ class AgentPort:
     def report_position(self, x: float, y: float, heading: float | None) -> None:
         self._submit(PositionReported(milli_position(x, y, heading)))
 
-    def lose_capability(self, local_task: str) -> None:
-        self._submit(CapabilityChanged(local_task, lost=True))
+    def lose_capability(self, local_task: str, reason: str) -> None:
+        why = _reason(reason) or "no reason given"
+        self._submit(CapabilityChanged(local_task, True, why))
+
+    def defer_capability(self, local_task: str, reason: str) -> None:
+        why = _reason(reason)
+        self._submit(CapabilityChanged(local_task, True, why, is_pending=True))
 
     def restore_capability(self, local_task: str) -> None:
         self._submit(CapabilityChanged(local_task, lost=False))
@@ -191,3 +196,9 @@ class AgentPort:
                 "anyio.from_thread.run_sync or loop.call_soon_threadsafe"
             )
         self._host.submit(event)
+
+
+def _reason(reason: Any) -> str:
+    if not isinstance(reason, str):
+        raise ValueError(f"a reason is a text, not {shown(reason)}")
+    return reason

@@ -37,7 +37,14 @@ from mrbt_mesh.runtime.launcher import (
 from mrbt_mesh.runtime.robot_forks import CAN_FORK, ForkedRobot, RobotForks
 from mrbt_mesh.runtime.run_dir import Place, RunDir, RunInfo
 from mrbt_mesh.runtime.session_config import TransportConfig
-from mrbt_mesh.runtime.settings import ENCRYPTED, WARNING, WIRED, WIRELESS, default_protocol
+from mrbt_mesh.runtime.settings import (
+    DEFAULT_KEEP_MIB,
+    ENCRYPTED,
+    WARNING,
+    WIRED,
+    WIRELESS,
+    default_protocol,
+)
 from mrbt_mesh.runtime.solver_loader import may_need_arrays
 from mrbt_mesh.runtime.team_address import AddressError, TeamAddress, timing_of
 from mrbt_mesh.runtime.watcher import Watcher
@@ -67,6 +74,7 @@ def new_run(
     routers: Sequence[str] = (),
     record: bool = False,
     record_beats: bool = False,
+    keep_mib: int = DEFAULT_KEEP_MIB,
     metrics_port: int | None = None,
 ) -> RunInfo:
     """A run of its own: fresh ids and free endpoints.
@@ -74,7 +82,7 @@ def new_run(
     `metrics_port`: where the first robot serves metrics, the others on the ports that follow.
     `places`: where each robot runs that takes part or may join later; default: on loopback.
     `routers`: endpoints of those that all its robots are clients of. `record`,
-    `record_beats`: as in RunInfo. Raises AddressError for what does not fit together,
+    `record_beats`, `keep_mib`: as in RunInfo. Raises AddressError for what does not fit together,
     TransportError for routers that its robots cannot be clients of.
     """
     if transport == WIRELESS and insecure:
@@ -107,6 +115,7 @@ def new_run(
         routers=tuple(routers),
         record=record,
         record_beats=record_beats,
+        keep_mib=keep_mib,
         metrics_ports=_metrics_ports(robots, metrics_port),
     )
     timing_of(beat_s, detection_s, mission)

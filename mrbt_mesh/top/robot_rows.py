@@ -7,6 +7,7 @@ from typing import Any
 from rich.text import Text
 
 from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts.values import texts_by_reason
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.top.marks import MARKS, STATE_MARKS
 
@@ -28,10 +29,12 @@ def robot_text(robot: str, item: dict[str, Any], name_width: int) -> Text:
         elif not runs:
             text.append(f" ({item['phase']})", "dim")
         text.append(" ")
-    for name in item["lost"]:
+    for reason, names in texts_by_reason(item["lost"]).items():
         text.append("✘", "red")
-        text.append(name, "red strike")
-        text.append(" ")
+        text.append(", ".join(names), "red strike")
+        text.append(f": {reason} " if reason else " ", "red")
+    for reason, names in texts_by_reason(item["pending"]).items():
+        text.append(f"{', '.join(names)} not yet: {reason} ", "yellow")
     if item["differs_since_s"] is not None:
         text.append(f"other plan since {item['differs_since_s']:.1f} s ", "yellow")
     if item["local_task"] is None:
@@ -53,13 +56,14 @@ def bar(percent: int) -> str:
 def capabilities_text(item: dict[str, Any]) -> Text:
     """Everything that it can do with how well; what is lost is struck out, behind a cross."""
     text = Text().append("can ", "dim")
-    lost = set(item["lost"])
+    lost = item["lost"]
     for number, (name, value) in enumerate(item["capabilities"].items()):
         text.append(", " if number else "", "dim")
         if name in lost or type_name(name) in lost:
             text.append("✘", "red")
             text.append(name, "red strike")
-            text.append(" (lost)", "red")
+            reason = lost.get(name) or lost.get(type_name(name))
+            text.append(f" (lost: {reason})" if reason else " (lost)", "red")
         else:
             text.append(f"{name} ({value:g})")
     return text

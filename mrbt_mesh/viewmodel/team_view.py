@@ -115,7 +115,8 @@ class TeamState:
             "host": known.member.host if known else None,
             "pid": known.member.pid if known else None,
             "capabilities": in_units(known.member.capabilities) if known else {},
-            "lost": list(known.member.lost) if known else [],
+            "lost": dict(known.member.lost) if known else {},
+            "pending": dict(known.member.pending) if known else {},
             "problems": [
                 problem_text(subject, each.problem)
                 for (of, subject), each in observer.record.problems.items()

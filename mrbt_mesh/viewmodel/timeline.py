@@ -87,6 +87,7 @@ class TimelineView:
         return {
             "robot": fault.robot,
             "local_tasks": list(fault.local_tasks),
+            "reason": fault.reason,
             "at_s": self._record.seconds(fault.at_us),
             "until_s": self._record.seconds(fault.until_us),
         }

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from mrbt_mesh.core.bt.activation import parse_activation
-from mrbt_mesh.core.facts.records import Claim
+from mrbt_mesh.core.facts.records import Claim, Member
 from mrbt_mesh.core.facts.team_facts import capability
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import MICRO, Need, performance
@@ -86,7 +86,7 @@ def _candidate(
     if state is State.LEFT:
         return Candidate(robot, units, False, "has left")
     if capability(member, local_task) is None:
-        return Candidate(robot, units, False, "has lost this capability")
+        return Candidate(robot, units, False, _lost(member, local_task))
     line = plan.lines.get(robot) if plan is not None else None
     if line is not None and (line.activation, line.local_task) == (activation, local_task):
         how = "goes on with it" if line.pinned else "is chosen: the best assignment of all robots"
@@ -102,6 +102,18 @@ def _candidate(
         return Candidate(robot, None, False, bid_problem)
     idle = plan.idle.get(robot, "is joining") if plan is not None else "is joining"
     return Candidate(robot, units, False, f"is free: {idle}" if plan is not None else idle)
+
+
+def _lost(member: Member, local_task: str) -> str:
+    """Why a member cannot use a capability now."""
+    for found, text in (
+        (member.lost, "has lost this capability"),
+        (member.pending, "cannot use this capability yet"),
+    ):
+        for name in (local_task, type_name(local_task)):
+            if name in found:
+                return f"{text}: {found[name]}" if found[name] else text
+    return "has lost this capability"
 
 
 def _failures(observer: Observer, task: str) -> str:

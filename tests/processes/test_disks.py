@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.disks import fill, small_disk
-from tests.support.paths import mission_file
+from tests.support.paths import ROOT, mission_file
 from tests.support.team import TEST_TIMEOUT_S, Team
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
@@ -107,4 +107,21 @@ def test_a_journal_that_is_deleted_is_written_anew(team: Team) -> None:
     team.release()
     code, _ = team.end()
     assert code == 0, team.logs()
+    assert set(doses_begun(team).values()) == {1}
+
+
+@pytest.mark.parametrize("sync_s", ["0.3", pytest.param("1.0", marks=pytest.mark.slow)])
+def test_a_slow_disk_costs_exclusive_tasks_its_syncs_and_nobody_is_missed(
+    team: Team, sync_s: str
+) -> None:
+    """Every write to every journal takes so long."""
+    slow = str(ROOT / "tests" / "support" / "slow_disk")
+    team.environment |= {"PYTHONPATH": slow, "MRBT_TEST_SYNC_S": sync_s}
+    team.up(DISPENSE, speed=2)
+    code, summary = team.end()
+    assert (code, summary["result"]) == (0, "success"), team.logs()
+    assert summary["faults"] == []
+    events = {line["event"] for robot in team.robots() for line in team.log(robot)}
+    assert not events & {"fenced", "catches_up", "robot_suspect"}
+    assert any("journal is slow" in each["problem"] for each in summary["problems"])
     assert set(doses_begun(team).values()) == {1}

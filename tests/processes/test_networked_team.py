@@ -54,7 +54,7 @@ def test_a_team_found_by_multicast_is_watched_asked_and_told(team: Team) -> None
     assert {row["state"] for row in found["robots"].values()} == {"alive"}
     assert found["run_dir"] is None
     assert "R2 has lost explore" in team.mrbt("fault", "R2", "--lose", "explore", *where)
-    assert status(team, *where)["robots"]["R2"]["lost"] == ["explore"]
+    assert status(team, *where)["robots"]["R2"]["lost"] == {"explore": "operator"}
     team.mrbt("restore", "R2", *where)
     team.mrbt("resume", *where)
     team.release()

@@ -144,8 +144,8 @@ def test_minor_fault_and_restore(team: Team) -> None:
     told = team.mrbt("fault", "B1", "--lose", "do_diagnosis")
     assert "B1 has lost do_diagnosis" in told
     team.wait_for_event("do_diagnosis", "cancel", robot="B1")
-    assert team.status()["robots"]["B1"]["lost"] == ["do_diagnosis"]
-    team.wait_for_line("B1 lost do_diagnosis")
+    assert team.status()["robots"]["B1"]["lost"] == {"do_diagnosis": "operator"}
+    team.wait_for_line("B1 lost do_diagnosis: operator")
     assert "B1 has lost nothing" in team.mrbt("restore", "B1")
     wrong = team.command("fault", "B1", "--lose", "move_frame")
     assert wrong.returncode == 1

@@ -210,7 +210,7 @@ def test_after_a_long_outage_of_the_broker_orders_are_taken_back_and_given_anew(
     plant.kill_broker()
     team.wait_until(
         lambda: all(
-            any(line.get("reason") == "no connection to the broker" for line in team.log(robot))
+            any("no connection to the broker" in str(line.get("lost")) for line in team.log(robot))
             for robot in VEHICLES
         ),
         "all robots have told that they can do nothing",

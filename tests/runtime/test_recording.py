@@ -10,9 +10,10 @@ import pytest
 
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.config import AgentConfig
-from mrbt_mesh.core.agent.inputs import TimerFired
+from mrbt_mesh.core.agent.inputs import PositionReported, TimerFired
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.membership.wire import Position
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.reader import read_recording
@@ -105,3 +106,22 @@ def test_heartbeats_are_recorded_on_request(tmp_path: Path) -> None:
     beats = [each.data for each in read_recording(to.path).records if each.topic == "/beats"]
     assert len(beats) >= 3
     assert all(each["source"] == "R1" and each["sent"] for each in beats)
+
+
+def test_a_recording_that_is_long_enough_ends_and_says_so(tmp_path: Path) -> None:
+    told: list[Any] = []
+    agent = Agent(MISSION, CONFIG, 0)
+    to = RecordTo(tmp_path / "a.mcap", limit_bytes=1 << 20)
+    recording = robot_recording(
+        to, MISSION, CONFIG, agent.view, lambda *_, **more: told.append(more)
+    )
+    assert recording is not None
+    now_us = 0
+    while not told:
+        now_us += 100_000
+        event = PositionReported(Position(now_us, 0, None))
+        recording.step(event, agent.handle(event, now_us), now_us)
+    recording.close()
+    assert told == [{"reason": "it has come to 1 MiB (--keep)"}]
+    assert 1 << 20 < to.path.stat().st_size < 2 << 20
+    assert read_recording(to.path).damage == ()

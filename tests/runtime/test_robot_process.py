@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 from functools import partial
@@ -14,6 +15,7 @@ import pytest
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.runtime import run_dir as run_dir_module
 from mrbt_mesh.runtime.robot_process import RobotStart, claim_run_dir, make_driver, robot_of
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.team_address import AddressError, on_network
@@ -54,6 +56,28 @@ def test_an_address_that_cannot_be_is_explained(options: dict[str, Any], message
 def test_a_newcomer_of_a_known_type_gets_its_capabilities() -> None:
     mission = load_mission(EXPLORE)
     assert robot_of(mission, "R9", "explorer") == ("explorer", mission.robots["R1"].capabilities)
+
+
+def test_a_robot_without_a_journal_says_that_exclusive_tasks_need_one(tmp_path: Path) -> None:
+    def problem(mission: Path, robot: str, run_dir: Path | None) -> str:
+        start = RobotStart(mission, robot, run_dir=run_dir)
+        locate = partial(on_network, robot=robot)
+        return make_driver(start, locate)._config.journal_problem
+
+    dispense = mission_file("dispense")
+    assert problem(dispense, "D1", None).startswith("this robot keeps no journal")
+    assert problem(dispense, "D1", tmp_path) == ""
+    assert problem(EXPLORE, "R1", None) == ""
+
+
+def test_a_disk_that_is_full_does_not_keep_a_robot_from_starting(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, text: str) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(run_dir_module, "write_atomically", full)
+    assert claim_run_dir(tmp_path, "R1", takeover=False) == "No space left on device"
 
 
 def test_a_run_directory_has_one_process_per_robot(tmp_path: Path) -> None:

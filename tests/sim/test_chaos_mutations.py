@@ -25,6 +25,7 @@ CAUGHT = {
     "any_optimum": ("I7", (40, 31)),
     "bids_not_awaited": ("I7", (0, 19)),
     "told_before_synced": ("I9", (0, 1)),
+    "promises_before_synced": ("I5", (45, 69)),
     "prunes_what_is_current": ("I3", (3, 2)),
     "exclusive_without_majority": ("I5", (41, 33)),
     "grants_not_synced": ("I9", (50, 57)),

@@ -177,7 +177,7 @@ class World:
     ) -> None:
         """A robot's description of itself, under a new incarnation where `life` is new."""
         self.alive[robot] = Incarnation(life, "n")
-        member = Member("T", capabilities, lost, False, "", "", 0)
+        member = Member("T", capabilities, dict.fromkeys(lost, ""), False, "", "", 0)
         self.write(robot, (records.MEMBER, member.to_value()))
 
     def lose(self, robot: str, *local_tasks: str) -> None:

@@ -28,7 +28,7 @@ def facts() -> TeamFacts:
     return World(make_mission(tree, {}, tasks)).facts
 
 
-WORKER = Worker("", Member("T", {}, (), False, "", "", 0), Incarnation(1, "n"))
+WORKER = Worker("", Member("T", {}, {}, False, "", "", 0), Incarnation(1, "n"))
 
 
 @dataclass

@@ -39,7 +39,10 @@ class FakePort:
     def report_progress(self, fraction: float) -> None:
         self.progress.append(fraction)
 
-    def lose_capability(self, local_task: str) -> None:
+    def lose_capability(self, local_task: str, reason: str) -> None:
+        raise AssertionError(local_task)
+
+    def defer_capability(self, local_task: str, reason: str) -> None:
         raise AssertionError(local_task)
 
     def restore_capability(self, local_task: str) -> None:

@@ -325,8 +325,9 @@ def entry_text(name: str, value: object) -> str:
             return f"bid {'none' if bid is None else f'{bid / 1e6:g}'} for {parts[1]}"
         case "claim", None:
             return "no claim"
-        case "member", [_, _, lost, leaving, *_]:
-            text = f" lost={','.join(lost)}" if lost else ""
+        case "member", [_, _, reasons, leaving, *_]:
+            lost = [f"{','.join(names)} ({reason})" for reason, names in reasons.items()]
+            text = f" lost={'; '.join(lost)}" if lost else ""
             return f"member{text}{' leaving' if leaving else ''}"
         case "order", [order, _]:
             return f"order {order}"

@@ -98,7 +98,7 @@ class _Drawing:
         self.tasks: list[GlobalTask] = []
         self.conditions: list[str] = []
         self.local_tasks = [f"l{number}" for number in range(self.pick.randint(1, 3))]
-        self.has_timeouts = self.pick.random() < 0.15
+        self.has_timeouts = self.pick.random() < 0.15 and not is_bound
         self.are_known = self.pick.random() < 0.7
         self.are_distinct = True
         self.is_bound = is_bound

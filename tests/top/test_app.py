@@ -164,7 +164,7 @@ async def test_why_is_told_of_robots_and_tasks() -> None:
 async def test_capabilities_of_the_robot_that_is_selected() -> None:
     async with opened(size=LARGE) as (app, pilot):
         await pilot.press("tab", "down", "down")
-        assert "can ✘do_diagnosis (lost), " in line_of(app, "(lost)")
+        assert "can ✘do_diagnosis (lost: injected), " in line_of(app, "(lost: ")
 
 
 async def test_search_unfolds_and_goes_on() -> None:

@@ -33,15 +33,24 @@ def test_state_task_and_progress() -> None:
     beats = shown.observer.membership.peers["B2"].heartbeat
     assert beats is not None
     assert f"B2 ● alive   do_diagnosis(5) {bar(beats.progress)} {beats.progress}%" in rows["B2"]
-    assert rows["B1"].startswith("B1 ● alive   ✘do_diagnosis free: no request")
+    assert rows["B1"].startswith("B1 ● alive   ✘do_diagnosis: injected free: no")
 
 
 def test_what_is_lost_is_struck_out_and_said() -> None:
     text = capabilities_text(shown_at(13.0).robots["B1"])
-    assert "✘do_diagnosis (lost)" in text.plain
+    assert "✘do_diagnosis (lost: injected)" in text.plain
     (struck,) = (span for span in text.spans if "strike" in str(span.style))
     assert text.plain[struck.start : struck.end] == "do_diagnosis"
     assert "replace_hw (" in text.plain
+
+
+def test_what_is_not_there_yet() -> None:
+    item = shown_at(13.0).robots["B2"] | {
+        "lost": {"go(1)": "no map"},
+        "pending": {"fly": "no server yet", "look": "no server yet"},
+    }
+    text = robot_text("B2", item, 2).plain
+    assert "✘go(1): no map fly, look not yet: no server yet" in text
 
 
 def test_the_trees_of_a_robot() -> None:

@@ -69,7 +69,7 @@ def test_lost_capabilities_are_a_reason() -> None:
     assert observer.plan is not None
     activation = observer.plan.evaluation.requests[0].activation
     found = {each.robot: each.reason for each in candidates(observer, activation, "weld")}
-    assert found["B"] == "has lost this capability"
+    assert found["B"] == "has lost this capability: operator"
 
 
 def test_the_reasons_of_failures_are_told() -> None:

@@ -31,6 +31,9 @@ from mrbt_mesh.formats.problems import MissionError, Report, SourcePath, nearest
 from mrbt_mesh.formats.tree_model import CallText
 from mrbt_mesh.formats.yaml_source import decode, read_yaml
 
+# So long, if the file says nothing else, a server is not there yet: DDS and Nav2 take a while.
+START_UP_S = 20.0
+
 # In place of the file's Python, so that one file serves robots and a test.
 PYTHON_VARIABLE = "MRBT_ROS2_PYTHON"
 # Where the packages of a ROS installation are for.
@@ -109,6 +112,7 @@ class BindingFileModel(FileModel):
 
     bridge: BridgeModel = BridgeModel()
     detection_s: Annotated[float, Field(ge=0.2, le=60)] = 1.0
+    start_up_s: Annotated[float, Field(ge=0, le=3_600)] = START_UP_S
     robots: dict[RobotName, dict[Name, str]] = {}
     values: dict[Name, dict[str, JsonValue]] = {}
     local_tasks: Annotated[dict[Name, Ros2TaskModel], Field(min_length=1)]
@@ -117,6 +121,7 @@ class BindingFileModel(FileModel):
     position: PositionModel | None = None
 
 
+# Attributes: the sections of the file.
 @dataclass(frozen=True)
 class BindingFile:
     """A binding file that has been read. `robots`: per robot, what `$name` stands for."""
@@ -127,6 +132,7 @@ class BindingFile:
     setup: str | None
     domain: int | None
     detection_s: float
+    start_up_s: float
     robots: Mapping[str, Mapping[str, str]]
     values: Mapping[str, Mapping[str, Any]]
     tasks: Mapping[str, TaskBinding]
@@ -216,6 +222,7 @@ class _Reader:
             None if model.bridge.setup is None else self.located(model.bridge.setup),
             model.bridge.domain,
             model.detection_s,
+            model.start_up_s,
             model.robots,
             model.values,
             {name: task for name, task in tasks.items() if task is not None},

@@ -33,6 +33,7 @@ from mrbt_mesh.adapters.ros2.bridge_process import (
     check_bindings,
 )
 from mrbt_mesh.adapters.ros2.expression import MessageExpressionError
+from mrbt_mesh.adapters.ros2.servers import Servers
 from mrbt_mesh.errors import TaskFailedError
 from mrbt_mesh.runtime.log import robot_logger
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext
@@ -80,11 +81,8 @@ def bound_program(file: BindingFile, command: list[str], record_work: bool = Fal
             robots[task.robot] = ConnectedRobot(file, task.robot, command)
         return robots[task.robot]
 
-    @program.background
+    @program.background(costs=list(file.tasks))
     async def connect(task: TaskContext) -> None:
-        # A robot without its bridge has to say what it cannot do before it fails.
-        for name in filter(task.can, file.tasks):
-            task.lose_capability(name)
         await member(task).run(task)
 
     for name in file.tasks:
@@ -151,7 +149,8 @@ class ConnectedRobot:
         self._runs: dict[int, _Run] = {}
         self._count = 0
         self._was_ready = False
-        self._up: set[str] = set()
+        self._servers = Servers(file, robot, self._values)
+        self._bridge_failure = ""
         # Goals that have not ended: if the bridge dies, the next one has them cancelled.
         self._at_servers: dict[int, tuple[str, bytes]] = {}
         self._told: dict[str, Any] = {}
@@ -224,7 +223,7 @@ class ConnectedRobot:
             return
         self._pipe.say({"op": "cancel", "run": run.number})
         with anyio.move_on_after(STOP_S):
-            while run.end is None and run.name in self._up:
+            while run.end is None and self._servers.is_there(run.name):
                 await run.changed.wait()
 
     def _judge(self, run: _Run, wanted: FilledBinding) -> None:
@@ -259,6 +258,12 @@ class ConnectedRobot:
     async def run(self, task: TaskContext) -> None:
         """Keep a bridge as long as the robot lives."""
         self._background = task
+        self._servers.begin(task)
+        async with anyio.create_task_group() as group:
+            group.start_soon(self._servers.end_start_up)
+            await self._keep_bridge()
+
+    async def _keep_bridge(self) -> None:
         node = "mrbt_" + re.sub(r"\W", "_", self._robot)
         bind = bind_message(self._file, self._robot, node)
         pause_s = RESTART_S
@@ -270,6 +275,7 @@ class ConnectedRobot:
                     self._bridge_gone()
             except OSError as error:
                 self._log.error("bridge_not_started", error=str(error))
+                self._servers.all_lost(f"the bridge to ROS cannot be started: {error}")
             self._log.warning("bridge_ended")
             pause_s = RESTART_S if self._was_ready else min(2 * pause_s, MAX_RESTART_S)
             await anyio.sleep(pause_s)
@@ -306,8 +312,10 @@ class ConnectedRobot:
     def _bridge_gone(self) -> None:
         """Nothing can be done any more, and what is at servers is out of reach."""
         self._pipe = None
-        for name in sorted(self._up):
-            self._server(name, False, "the bridge to ROS has ended")
+        why = f": {self._bridge_failure}" if self._bridge_failure else ""
+        self._bridge_failure = ""
+        self._servers.all_lost(f"the bridge to ROS has ended{why}")
+        self._wake()
 
     def _ready(self, pipe: BridgePipe) -> None:
         self._log.info("bridge_ready")
@@ -316,6 +324,8 @@ class ConnectedRobot:
             pipe.say({"op": "forget", "task": name, "goal_ids": [goal_id]})
         self._at_servers.clear()
         self._pipe = pipe
+        for name in self._file.tasks:
+            self._servers.lost(name, "has not been found")
         for run in self._runs.values():
             if not run.is_sent:
                 self._send(run)
@@ -329,7 +339,11 @@ class ConnectedRobot:
             case "ready":
                 self._ready(pipe)
             case "server":
-                self._server(message["task"], message["is_up"], message["why"])
+                if message["is_up"]:
+                    self._servers.found(message["task"])
+                else:
+                    self._servers.lost(message["task"], message["why"])
+                self._wake()
             case "feedback":
                 self._feedback(message["run"], message["fields"])
             case "ended":
@@ -337,27 +351,14 @@ class ConnectedRobot:
             case "heard":
                 self._heard(message["topic"], message["fields"])
             case "failed":
+                self._bridge_failure = message["text"]
                 self._log.error("bridge_failed", error=message["text"])
             case "checked":
                 self._log.error("bindings_refused", error=str(self._file.told(message["problems"])))
 
     # -- what follows --------------------------------------------------------------------------
 
-    def _server(self, name: str, is_up: bool, why: str) -> None:
-        """Tell the team what this robot cannot do any more, and what it can do again."""
-        assert self._background is not None
-        # A file may serve robots of several types.
-        is_own = self._background.can(name)
-        if is_up:
-            self._up.add(name)
-            self._log.info("server_found", local_task=name)
-            if is_own:
-                self._background.restore_capability(name)
-        else:
-            self._up.discard(name)
-            self._log.warning("server_lost", local_task=name, reason=why)
-            if is_own:
-                self._background.lose_capability(name)
+    def _wake(self) -> None:
         for run in self._runs.values():
             run.news()
 

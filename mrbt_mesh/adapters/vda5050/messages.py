@@ -65,7 +65,8 @@ class VehiclePlace:
 class VehicleState:
     """A vehicle's state. `charge_percent` is None where it was not said.
 
-    `nodes_left` and `edges_left` count what is left of its order; `actions` map ids to statuses.
+    `nodes_left` and `edges_left` count what is left of its order; `actions` map ids to statuses,
+    `results` to what the vehicle says of the result, where it says anything.
     """
 
     order_id: str
@@ -74,6 +75,7 @@ class VehicleState:
     nodes_left: int
     edges_left: int
     actions: Mapping[str, str]
+    results: Mapping[str, str]
     instant_actions: Mapping[str, str]
     errors: tuple[VehicleError, ...]
     mode: str
@@ -136,6 +138,7 @@ def read_state(message: Mapping[str, Any]) -> VehicleState:
         nodes_left=len(_list(message, "nodeStates")),
         edges_left=len(_list(message, "edgeStates")),
         actions=_statuses(_list(message, "actionStates")),
+        results=_results(_list(message, "actionStates")),
         instant_actions=_statuses(instant),
         errors=tuple(_error(each) for each in _listed(message, "errors")),
         mode=_text(message, "operatingMode"),
@@ -165,6 +168,12 @@ def _statuses(states: list[Any]) -> dict[str, str]:
             raise MessageError("an action state is not an object")
         found[_text(each, "actionId")] = _text(each, "actionStatus")
     return found
+
+
+def _results(states: list[Any]) -> dict[str, str]:
+    """Of each action that has one, the description of its result; 3.0 calls it actionResult."""
+    found = ((s["actionId"], s.get("resultDescription", s.get("actionResult"))) for s in states)
+    return {action: text for action, text in found if isinstance(text, str) and text}
 
 
 def _error(said: Any) -> VehicleError:

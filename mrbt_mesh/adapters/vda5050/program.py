@@ -36,7 +36,15 @@ from mrbt_mesh.adapters.vda5050.messages import (
     read_place,
     read_state,
 )
-from mrbt_mesh.adapters.vda5050.vehicle import OURS, Effect, Ended, OrderProgress, Send, Vehicle
+from mrbt_mesh.adapters.vda5050.vehicle import (
+    NO_BROKER,
+    OURS,
+    Effect,
+    Ended,
+    OrderProgress,
+    Send,
+    Vehicle,
+)
 from mrbt_mesh.errors import InputError, TaskFailedError
 from mrbt_mesh.runtime.log import robot_logger
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext
@@ -51,6 +59,8 @@ RECONNECT_S = 0.5
 STOP_S = 5.0
 # How long a bid waits for what the vehicle says first.
 FIRST_STATE_S = 5.0
+# How long a vehicle that has not been heard yet is not there yet; then that is a fault.
+START_UP_S = 20.0
 ALL = "all"
 
 
@@ -67,8 +77,6 @@ def robot_program(layout_file: str | Path, *, record_work: bool = False) -> Robo
 
     @program.background
     async def connect(task: TaskContext) -> None:
-        # A robot without a vehicle has to say that it can do nothing before it fails.
-        task.lose_capability(ALL)
         await fleet.member(task).run(task)
 
     for name, template in fleet.file.tasks.items():
@@ -141,7 +149,10 @@ class ConnectedVehicle:
         self._outbox: list[Send] = []
         self._news = anyio.Event()
         self._header_ids: dict[str, int] = {}
-        self._lost: frozenset[str] = frozenset((ALL,))
+        self._is_starting = True
+        self._broker_error = ""
+        # Local task -> why it is lost, and whether it is only not there yet; as the team knows it.
+        self._told: dict[str, tuple[str, bool]] = {}
         self._refused: set[str] = set()
 
     # -- what the robot's runtime asks for ------------------------------------------------------
@@ -180,8 +191,11 @@ class ConnectedVehicle:
     async def run(self, task: TaskContext) -> None:
         """Keep the connection to the broker as long as the robot lives."""
         self._background = task
+        # A robot without a vehicle has to say that it can do nothing before it fails.
+        self._tell_faults()
         async with anyio.create_task_group() as group:
             group.start_soon(self._tick)
+            group.start_soon(self._end_start_up)
             while True:
                 await self._connect()
                 self._apply(self.vehicle.unlinked)
@@ -209,11 +223,13 @@ class ConnectedVehicle:
             ) as client:
                 for name in (CONNECTION, STATE, VISUALIZATION):
                     await client.subscribe(address.topic(name), qos=1)
+                self._broker_error = ""
                 self._log.info("broker_connected", broker=f"{broker.host}:{broker.port}")
                 self._outbox.clear()
                 self._apply(self.vehicle.linked)
                 await self._exchange(client)
         except (aiomqtt.MqttError, OSError) as error:
+            self._broker_error = f" {broker.host}:{broker.port}: {error}"
             self._log.warning("broker_unreachable", error=str(error))
 
     async def _exchange(self, client: aiomqtt.Client) -> None:
@@ -296,6 +312,10 @@ class ConnectedVehicle:
             self._apply(self.vehicle.tick)
             await anyio.sleep(TICK_S)
 
+    async def _end_start_up(self) -> None:
+        await anyio.sleep(START_UP_S)
+        self._is_starting = False
+
     def _apply(self, step: Callable[[float], list[Effect]]) -> None:
         """Let the vehicle take one step, and carry out what follows."""
         for effect in step(time.monotonic()):
@@ -316,23 +336,31 @@ class ConnectedVehicle:
         """Tell the team what this robot cannot do any more, and what it can do again."""
         if self._background is None:
             return
+        self._is_starting &= not self.vehicle.is_reachable
         fault = self.vehicle.fault(time.monotonic())
-        lost = frozenset((ALL,)) if fault else self._prevented()
-        if lost == self._lost:
+        if fault == NO_BROKER:
+            fault += self._broker_error
+        found = {ALL: (fault, self._is_starting)} if fault else self._prevented()
+        if found == self._told:
             return
-        self._log.warning("capabilities", lost=sorted(lost), reason=fault)
-        for name in sorted(self._lost - lost) if not fault else ():
+        before, self._told = self._told, found
+        self._log.warning("capabilities", lost={name: why for name, (why, _) in found.items()})
+        ended = [] if fault else sorted(before.keys() - found.keys())
+        for name in ended:
             self._background.restore_capability(name)
-        for name in sorted(lost - self._lost):
-            self._background.lose_capability(name)
-        self._lost = lost
+        for name, (why, is_pending) in sorted(found.items()):
+            if ALL in ended or before.get(name) != (why, is_pending):
+                tell = self._background
+                (tell.defer_capability if is_pending else tell.lose_capability)(name, why)
 
-    def _prevented(self) -> frozenset[str]:
+    def _prevented(self) -> dict[str, tuple[str, bool]]:
         """The local tasks that the vehicle's errors prevent, by the layout file."""
-        state = self.vehicle.state
-        kinds = {error.type for error in state.errors} if state is not None else set()
-        named = (name for kind in kinds for name in self._file.errors.get(kind, ()))
-        return frozenset(filter(self._background.can, named) if self._background else ())
+        errors = self.vehicle.state.errors if self.vehicle.state is not None else ()
+        found = (
+            (name, error) for error in errors for name in self._file.errors.get(error.type, ())
+        )
+        can = self._background.can if self._background is not None else bool
+        return {n: (f"the vehicle has an error: {error}", False) for n, error in found if can(n)}
 
 
 def _named(body: Message) -> dict[str, Any]:

@@ -50,6 +50,7 @@ OBEY_S = 10.0
 SILENT_S = 45.0
 # The broker may be away for so long: orders go on meanwhile.
 BROKER_S = 3.0
+NO_BROKER = "no connection to the broker"
 
 
 @dataclass(frozen=True)
@@ -186,7 +187,7 @@ class Vehicle:
     def fault(self, now_s: float) -> str:
         """Why this vehicle can do nothing for the team now; empty if it can."""
         if self._unlinked_s is not None:
-            return "" if now_s - self._unlinked_s < BROKER_S else "no connection to the broker"
+            return "" if now_s - self._unlinked_s < BROKER_S else NO_BROKER
         if self._link is not Link.ONLINE:
             # Just linked again: what the broker retained has not come yet.
             if self._link is Link.UNKNOWN and self._job is not None and self._is_news_due(now_s):
@@ -214,7 +215,8 @@ class Vehicle:
         if state.emergency_stop not in ("", "NONE"):
             return f"the vehicle's emergency stop is active ({state.emergency_stop})"
         if self._is_low:
-            return f"the vehicle's battery is low ({state.charge_percent:g} %)"
+            low, enough = self._battery.low_percent, self._battery.enough_percent
+            return f"the vehicle's battery is low: below {low:g} %, until it has {enough:g} %"
         place = state.place
         if place is not None and not place.is_localized:
             return "the vehicle does not know where it is"
@@ -334,8 +336,10 @@ class Vehicle:
 
     def _why(self, state: VehicleState, order: VehicleOrder, action_id: str) -> str:
         actions = {a.action_id: a for node in order.nodes for a in node.actions}
-        told = [str(e) for e in state.errors if e.is_of("actionId", action_id)]
-        because = f": {told[0]}" if told else ""
+        result = state.results.get(action_id)
+        told = [result] if result else []
+        told += [str(e) for e in state.errors if e.is_of("actionId", action_id)][:1]
+        because = f": {'; '.join(told)}" if told else ""
         return f"the vehicle's action {actions[action_id].type} failed{because}"
 
     def _refusal(self, state: VehicleState, order: VehicleOrder) -> str:

@@ -7,11 +7,17 @@ from pathlib import Path
 from typing import Annotated
 
 from mrbt_mesh.cli.framework.declare import Given, option
-from mrbt_mesh.cli.options import ProgramOption, RecordBeatsOption, SolverOption, SpeedOption
+from mrbt_mesh.cli.options import (
+    KeepOption,
+    ProgramOption,
+    RecordBeatsOption,
+    SolverOption,
+    SpeedOption,
+)
 from mrbt_mesh.cli.team.metrics_options import MetricsOptions
 from mrbt_mesh.cli.team.network_options import TeamNetworkOptions, warn_insecure
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S, MISSION_VARIABLE
+from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S, DEFAULT_KEEP_MIB, MIB, MISSION_VARIABLE
 
 
 # Attributes: one option each.
@@ -36,6 +42,7 @@ class RobotOptions:
         Path | None, option("Record what it knows and does; docs/recording.md.", "FILE.mcap")
     ] = None
     record_beats: RecordBeatsOption = False
+    keep: KeepOption = DEFAULT_KEEP_MIB
     takeover: Annotated[bool, option("Replace a live robot of the same id.")] = False
     exit_when_done: Annotated[bool, option("Stop once the team has the result.")] = False
     while_locked: Annotated[
@@ -112,6 +119,7 @@ def agent(
         while_locked=robot.while_locked,
         record=robot.record,
         record_beats=robot.record_beats,
+        keep_bytes=robot.keep * MIB,
         expect=tuple(start.expect.split(",")) if start.expect is not None else None,
         gather_s=start.gather,
         metrics=metrics.address(given),

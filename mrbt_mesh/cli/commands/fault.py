@@ -24,8 +24,8 @@ def fault(
 ) -> None:
     """Make a robot lose a capability, or do something better or worse.
 
-    To lose one is a minor fault, as is a performance of 0; plans follow at once, but for work that
-    is on its way.
+    To lose one is a minor fault, as is a performance of 0: if the robot is working on it, that is
+    cancelled, and the plan gives it to another. Any other performance counts for what comes next.
 
     Example: mrbt fault A1 --lose replace_hw
 

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 from mrbt_mesh.cli.framework.declare import Given, option
 from mrbt_mesh.cli.options import (
+    KeepOption,
     MissionArgument,
     ProgramOption,
     RecordBeatsOption,
@@ -17,7 +18,7 @@ from mrbt_mesh.cli.options import (
 )
 from mrbt_mesh.cli.team.page_options import PANEL, WebOptions
 from mrbt_mesh.cli.team.show_options import ShowOptions
-from mrbt_mesh.runtime.settings import DEFAULT_BEAT_S, DEFAULT_DETECTION_S
+from mrbt_mesh.runtime.settings import DEFAULT_BEAT_S, DEFAULT_DETECTION_S, DEFAULT_KEEP_MIB
 
 
 # Attributes: an option each.
@@ -44,6 +45,7 @@ class LaunchOptions:
     ] = None
     no_record: Annotated[bool, option("Write no recordings; docs/recording.md.")] = False
     record_beats: RecordBeatsOption = False
+    keep: KeepOption = DEFAULT_KEEP_MIB
     insecure: Annotated[
         bool, option("Without keys: whoever reaches a robot's port may say anything.")
     ] = False
@@ -121,6 +123,7 @@ def up(
         routers=endpoints_of(launch.router),
         record=not launch.no_record,
         record_beats=launch.record_beats,
+        keep_mib=launch.keep,
         metrics_port=launch.metrics_port,
     )
     if launch.insecure:

@@ -25,7 +25,7 @@ from mrbt_mesh.runtime.capacity import Machine, overload
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
 from mrbt_mesh.runtime.recording import RecordTo
 from mrbt_mesh.runtime.run_dir import RunDir, RunInfo, state_dir
-from mrbt_mesh.runtime.settings import START_S_PER_ROBOT
+from mrbt_mesh.runtime.settings import MIB, START_S_PER_ROBOT
 from mrbt_mesh.runtime.team import Team, address_of
 
 if TYPE_CHECKING:
@@ -131,7 +131,8 @@ async def _run(
     with launched_from_here(run_dir):
         try:
             await team.start_all()
-            record = RecordTo(observer_file(run_dir.path), "", info.record_beats, info.speed)
+            path, limit_bytes = observer_file(run_dir.path), info.keep_mib * MIB
+            record = RecordTo(path, "", info.record_beats, info.speed, limit_bytes)
             to = record if info.record else None
             return await watch(address_of(run_dir), team, show, too_many, record=to, page=page)
         finally:

@@ -122,7 +122,8 @@ def _robot(watcher: Watcher, robot: str) -> dict[str, Any]:
         "local_task": claim.local_task if claim else None,
         "global_task": claim.global_task if claim else None,
         "phase": claim.phase.name.lower() if claim else None,
-        "lost": list(member[0].lost) if member else [],
+        "lost": dict(member[0].lost) if member else {},
+        "pending": dict(member[0].pending) if member else {},
         "problems": _problems(watcher, robot),
         "performances": _performances(observer.mission, robot, member[0]) if member else {},
     }

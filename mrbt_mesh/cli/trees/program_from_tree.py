@@ -15,6 +15,9 @@ from mrbt_mesh.formats.btcpp.values import INTEGERS, ValueTypeError, read_text
 from mrbt_mesh.local.builder import NODE_TYPES
 
 _VALUES = {"int": "1", "float": "1.0", "bool": "True", "str": '"..."', "object": '"..."'}
+# Names that the program uses itself.
+_RESERVED = {"robot", "anyio", "warnings", "warn_not_filled_in", "robot_pose", "robot_speed"}
+_RESERVED |= {"RobotProgram", "InOut", "NodeStatus", "Out", "TreeNode", *_VALUES}
 # Outputs by which Nav2's nodes say that nothing went wrong.
 _NO_ERROR = {"error_code_id": "0", "error_msg": '""'}
 _NUMBER = "1"
@@ -104,6 +107,19 @@ class _Needs:
     enums: list[str] = field(default_factory=list)
     sources: list[str] = field(default_factory=list)
     kinds: dict[str, str] = field(default_factory=dict)
+    taken: set[str] = field(default_factory=lambda: set(_RESERVED))
+
+    def called(self, name: str, prefix: str) -> str:
+        """A name in the program for this one: an identifier that is not taken yet."""
+        chosen = re.sub(r"\W+", "_", name)
+        if keyword.iskeyword(chosen) or not chosen.isidentifier() or chosen in _RESERVED:
+            chosen = f"{prefix}_{chosen}"
+        first, number = chosen, 1
+        while chosen in self.taken:
+            number += 1
+            chosen = f"{first}_{number}"
+        self.taken.add(chosen)
+        return chosen
 
 
 def _python_type(cpp: str) -> str:
@@ -199,15 +215,14 @@ def _class(name: str, uses: list[ExpandedNode], library: Library, needs: _Needs)
             write = f'self.output("{port}", {_value(port, kind)})\n'
             given = f'        if "{port}" in self.ports:\n            ' if may_miss else " " * 8
             writes += given + write
-    called = re.sub(r"\W+", "_", name)
-    called = called if called.isidentifier() and not keyword.iskeyword(called) else f"Node_{called}"
+    called = needs.called(name, "Node")
     template = _CONTROL if uses[0].category is Category.CONTROL else _DECORATOR
     return template.format(name=name, called=called, ports=told, writes=writes)
 
 
 def _entry(name: str, kind: str, needs: _Needs) -> str:
     value = _value(name, kind, needs.in_scripts.get(name))
-    called = f"{name.lower()}_" if keyword.iskeyword(name.lower()) else name.lower()
+    called = needs.called(name.lower(), "entry")
     return (
         f'@robot.entry("{name}")\ndef {called}() -> {kind}:\n'
         f"    return {value}  # asked before each tick; nothing in the tree writes it\n"
@@ -217,9 +232,8 @@ def _entry(name: str, kind: str, needs: _Needs) -> str:
 def _function(name: str, uses: list[ExpandedNode], library: Library, needs: _Needs) -> str:
     is_at_once = name in needs.at_once
     ports = _ports(uses, library.model(name), needs)
-    called = re.sub(r"\W+", "_", _WORDS.sub("_", name)).lower()
-    called = f"do_{called}" if keyword.iskeyword(called) or not called.isidentifier() else called
-    is_plain = all(port.isidentifier() and not keyword.iskeyword(port) for port in ports)
+    called = needs.called(_WORDS.sub("_", name).lower(), "do")
+    is_plain = all(p.isidentifier() and not keyword.iskeyword(p) and p != "anyio" for p in ports)
     parameters = [_parameter(port, *ports[port]) for port in ports]
     if not is_plain:
         parameters = ["**ports: object"]
@@ -288,7 +302,7 @@ def _ports(
         ]
         missing = not all(given) and port.default is None
         direction, texts = port.direction, [use.ports.get(port.name, "") for use in uses]
-        if direction is Direction.INOUT and any(t and pointer(t, port.name) is None for t in texts):
+        if is_written and any(t and pointer(t, port.name) is None for t in texts):
             # A node that is given a constant there has nothing to write to.
             direction = Direction.INPUT
         kind = _python_type(port.type) or _guessed(port.name, uses, needs)

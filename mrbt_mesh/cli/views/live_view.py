@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 from rich.tree import Tree as RichTree
 
+from mrbt_mesh.cli.views.summary_view import capability_changes
 from mrbt_mesh.cli.views.tree_view import render_tree
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Phase
@@ -204,8 +205,11 @@ def _robots(observer: Observer, robots: list[str], more: int, width: int) -> Tab
             running = claim.phase is Phase.RUNNING
             work = Text(claim.local_task, style="" if running else "dim")
         present = state in (State.ALIVE, State.SUSPECT)
-        if member and member[0].lost:
-            work.append(f" lost {', '.join(member[0].lost)}", style="red")
+        if member is not None:
+            found = member.member
+            row = {"lost": found.lost, "pending": found.pending}
+            for line in capability_changes(row).split():
+                work.append(" ").append_text(line)
         for problem in observer.facts.problems.get(robot, {}).values():
             work.append(f" {problem}", style="red")
         bar: RenderableType = progress

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from html import escape
 
+from mrbt_mesh.core.observer.episodes import lost_text
 from mrbt_mesh.replay.report.model import ReportedFault, ReportedWork, RunReport
 
 LEFT, WIDTH, LANE, BAR, TOP = 74, 1000, 30, 20, 26
@@ -115,7 +116,7 @@ class _Gantt:
 
     def _lost(self, fault: ReportedFault) -> str:
         x, y = self._x(fault.at_s), self._y(fault.robot)
-        told = f"{fault.robot} lost {', '.join(fault.lost)} at {fault.at_s:.3f} s"
+        told = f"{fault.robot} {lost_text(fault.lost, fault.reason)}, at {fault.at_s:.3f} s"
         d = f"M{x} {y + 1}l5 9h-10z"
         return f'<g><title>{escape(told)}</title><path class="minor" d="{d}"/></g>'
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from mrbt_mesh.core.observer.episodes import lost_text
 from mrbt_mesh.replay.report.model import ReportedPlan, RunReport, Wait, WaitKind, spread
 
 # Waits are told that take at least so long, so many of each kind; `--json` has all.
@@ -85,7 +86,7 @@ def fault_table(run: RunReport) -> Table:
     rows = []
     for fault in run.faults:
         until = "" if fault.until_s is None else f"; back at {seconds(fault.until_s)}"
-        what = f"lost {', '.join(fault.lost)}" if fault.lost else "died"
+        what = lost_text(fault.lost, fault.reason) if fault.lost else "died"
         rows.append(
             (
                 seconds(fault.at_s),

@@ -80,7 +80,7 @@ def _standing(data: Mapping[str, Any]) -> str:
 
 
 def _robots(robots: Mapping[str, Any]) -> Table:
-    headings = ("robot", "type", "host", "pid", "state", "works on", "lost, or now at")
+    headings = ("robot", "type", "host", "pid", "state", "works on", "lost or changed")
     table = Table(*headings, box=None, header_style="dim")
     for robot, row in robots.items():
         table.add_row(

@@ -10,6 +10,8 @@ from rich.table import Table
 from rich.text import Text
 
 from mrbt_mesh.core.facts.problems import problem_text
+from mrbt_mesh.core.facts.values import texts_by_reason
+from mrbt_mesh.core.observer.episodes import lost_text
 
 RESULTS = {
     "success": ("✔", "bold green", "mission succeeded"),
@@ -75,7 +77,7 @@ def _standing_by(rounds: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _robots(summary: Mapping[str, Any]) -> Table:
-    table = _table("robot", "type", "state", "lost, or now at", "took part in")
+    table = _table("robot", "type", "state", "lost or changed", "took part in")
     for robot, known in summary.get("robots", {}).items():
         state = known.get("state") or "?"
         tasks = [
@@ -94,14 +96,19 @@ def _robots(summary: Mapping[str, Any]) -> Table:
 
 
 def capability_changes(known: Mapping[str, Any]) -> Text:
-    """What a robot has lost, and what it does better or worse than the mission says."""
-    lost = known.get("lost", ())
-    text = Text(", ".join(lost), "red")
-    for name, value in known.get("performances", {}).items():
-        if name not in lost:
-            text.append(", " if text else "", "not red")
-            text.append(f"{name} {value:g}", "not red yellow")
-    return text
+    """What a robot has lost or cannot use yet, and why; what it does better or worse than the
+    mission says.
+    """
+    lost, lines = known.get("lost", {}), []
+    for reason, names in texts_by_reason(lost).items():
+        lines.append(Text(lost_text(names, reason), "red"))
+    for reason, names in texts_by_reason(known.get("pending", {})).items():
+        lines.append(Text(f"{', '.join(names)} not yet: {reason}", "yellow"))
+    performances = known.get("performances", {}).items()
+    changed = [f"{name} {value:g}" for name, value in performances if name not in lost]
+    if changed:
+        lines.append(Text(", ".join(changed), "yellow"))
+    return Text("\n").join(lines)
 
 
 def _rounds(rounds: Sequence[Mapping[str, Any]]) -> Table:
@@ -165,7 +172,8 @@ def _story(summary: Mapping[str, Any]) -> list[tuple[float, Text]]:
     for fault in summary.get("faults", ()):
         line, until_s = Text(fault["robot"], "bold"), fault.get("until_s")
         if fault.get("kind") == "minor":
-            line.append(f" lost {', '.join(fault.get('local_tasks', ()))}", "not bold yellow")
+            what = lost_text(fault["local_tasks"], fault["reason"])
+            line.append(f" {what}", "not bold yellow")
             end = "had it again"
         else:
             line.append(" died", "not bold red")

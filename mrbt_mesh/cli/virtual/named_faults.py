@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 
-from mrbt_mesh.core.facts.description import ALL
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, Mission, micro_performance
+from mrbt_mesh.core.mission.names import ALL
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.sim.engine import faults
 from mrbt_mesh.sim.engine.named_faults import (

@@ -48,6 +48,7 @@ from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.robot_tree import RobotTree
+from mrbt_mesh.core.facts.description import PROGRAM
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
 from mrbt_mesh.core.membership.leases import Leases
@@ -162,10 +163,10 @@ class Agent:
         match event:
             case ConditionSet(name, value):
                 self._reports.set_conditions({name: value}, now_us)
-            case CapabilityChanged(local_task, lost):
-                self._reports.change_capability(local_task, lost, now_us)
+            case CapabilityChanged():
+                self._reports.change_capability(event, now_us)
             case PerformanceChanged(local_task, performance):
-                self._reports.change_performance(local_task, performance, now_us)
+                self._reports.change_performance(local_task, performance, PROGRAM, now_us)
             case BidsMade():
                 self._reports.bids_made(event, now_us)
             case ProblemFound(subject, text):

@@ -7,10 +7,12 @@ import json
 from typing import Any
 
 from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.inputs import CapabilityChanged
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.description import OPERATOR
 from mrbt_mesh.core.facts.records import CoalitionId, OrderKind
 from mrbt_mesh.core.mission.mission import micro_performance
 
@@ -59,8 +61,8 @@ class Commands:
         me = self._context.me
         match command:
             case "fault" | "restore":
-                lost = command == FAULT
-                problem = self._reports.change_capability(argument, lost, now_us)
+                change = CapabilityChanged(argument, command == FAULT, OPERATOR, OPERATOR)
+                problem = self._reports.change_capability(change, now_us)
                 if problem is not None:
                     return False, problem
                 names = ", ".join(self._context.description.lost) or "nothing"
@@ -90,7 +92,7 @@ class Commands:
             value = micro_performance(float(text))
         except ValueError:
             return False, f"{argument!r}: LOCAL_TASK=PERFORMANCE expected, e.g. replace_hw=0.5"
-        problem = self._reports.change_performance(local_task, value, now_us)
+        problem = self._reports.change_performance(local_task, value, OPERATOR, now_us)
         if problem is not None:
             return False, problem
         me, lost = self._context.me, not value

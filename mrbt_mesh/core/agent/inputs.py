@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from mrbt_mesh.core.facts.description import PROGRAM
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.membership.wire import MessageKind, Position
 from mrbt_mesh.core.planning.plan import Plan
@@ -128,10 +129,17 @@ class ConditionSet:
 
 @dataclass(frozen=True, slots=True)
 class CapabilityChanged:
-    """A minor fault (`lost`) or its end; `local_task` is a type, a ground name, or `all`."""
+    """A minor fault (`lost`) or its end; `local_task` is a type, a ground name, or `all`.
+
+    `reason`: one line of text. `source`: who says so (`Description`). `is_pending`: it is no fault,
+    it cannot be used yet.
+    """
 
     local_task: str
     lost: bool
+    reason: str = ""
+    source: str = PROGRAM
+    is_pending: bool = False
 
 
 @dataclass(frozen=True, slots=True)

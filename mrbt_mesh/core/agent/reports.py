@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from mrbt_mesh.core.agent.context import Context
@@ -11,6 +11,7 @@ from mrbt_mesh.core.agent.executor import Executor
 from mrbt_mesh.core.agent.inputs import (
     ActionFinished,
     BidsMade,
+    CapabilityChanged,
     JournalOpened,
     JournalReported,
     JournalSynced,
@@ -235,27 +236,35 @@ class Reports:
 
     # -- itself -------------------------------------------------------------------------------
 
-    def change_capability(self, local_task: str, lost: bool, now_us: int) -> str | None:
+    def change_capability(self, change: CapabilityChanged, now_us: int) -> str | None:
         """Declare a minor fault or its end; returns what is wrong with it, or None."""
-        description = self._context.description
-        change = description.lose if lost else description.restore
-        return self._described(change(local_task), now_us)
+        description, name, source = self._context.description, change.local_task, change.source
+        if not change.lost:
+            return self._change(lambda: description.restore(name, source), now_us)
+        reason, is_pending = change.reason, change.is_pending
+        return self._change(lambda: description.lose(name, reason, source, is_pending), now_us)
 
-    def change_performance(self, local_task: str, value: int, now_us: int) -> str | None:
+    def change_performance(
+        self, local_task: str, value: int, source: str, now_us: int
+    ) -> str | None:
         """Tell how well this robot does something now; returns what is wrong with it, or None."""
-        return self._described(self._context.description.perform(local_task, value), now_us)
+        description = self._context.description
+        return self._change(lambda: description.perform(local_task, value, source), now_us)
 
-    def _described(self, problem: str | None, now_us: int) -> str | None:
-        """Tell everybody, unless there was a problem with what has been said."""
+    def _change(self, change: Callable[[], str | None], now_us: int) -> str | None:
+        """Change the description, and tell the team if that makes a difference."""
         context, description = self._context, self._context.description
+        before = description.changes()
+        problem = change()
         if problem is not None:
             context.log("error", "capability_unknown", reason=problem)
             return problem
-        context.log("warning", "capabilities_changed", **description.changes())
+        after = description.changes()
+        if after == before:
+            return None
+        context.log("warning", "capabilities_changed", **after)
         if context.has_place:
-            context.write(
-                [(records.MEMBER, context.description.to_value(context.is_leaving))], now_us
-            )
+            context.write([(records.MEMBER, description.to_value(context.is_leaving))], now_us)
         return None
 
     # -- its journal --------------------------------------------------------------------------

@@ -59,8 +59,8 @@ class AgentView:
         return self._context.is_leaving
 
     @property
-    def lost(self) -> tuple[str, ...]:
-        """The capabilities that it has lost."""
+    def lost(self) -> Mapping[str, str]:
+        """The capabilities that it has lost, and why."""
         return self._context.description.lost
 
     @property

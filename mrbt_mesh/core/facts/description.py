@@ -3,22 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from mrbt_mesh.core.facts.records import MAX_CAPABILITIES, Member
 from mrbt_mesh.core.facts.values import MAX_TEXT
+from mrbt_mesh.core.mission.failure_reasons import one_line
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, performance
-from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.core.mission.names import ALL, type_name
 
-ALL = "all"
+# Who says that a capability is lost. What one has said another one does not take back, except that
+# the operator takes back everything.
+PROGRAM, OPERATOR = "program", "operator"
+
+
+@dataclass(frozen=True, slots=True)
+class _Loss:
+    reason: str
+    is_pending: bool
 
 
 class Description:
-    """A robot's own description. `lost` are types or ground local tasks, sorted.
+    """A robot's own description.
 
+    `lost`: types or ground local tasks, sorted -> why they are lost; `pending`: the same for those
+    that cannot be used yet. Its capabilities are at first those that it was started with, and
+    change in value only.
     `may_promise` is as in `Member`.
-
-    Its capabilities are at first those that it was started with, and change in value only.
     """
 
     def __init__(
@@ -37,32 +48,61 @@ class Description:
         self._software = software
         self._host = host
         self._pid = pid
-        self.lost: tuple[str, ...] = ()
         self.may_promise = True
+        # By local task and by who says so.
+        self._losses: dict[tuple[str, str], _Loss] = {}
 
-    def lose(self, local_task: str) -> str | None:
-        """A minor fault; `all` loses everything. Returns what is wrong with it, or None."""
+    @property
+    def lost(self) -> Mapping[str, str]:
+        return self._reasons(is_pending=False)
+
+    @property
+    def pending(self) -> Mapping[str, str]:
+        lost = self.lost
+        found = self._reasons(is_pending=True)
+        return {name: reason for name, reason in found.items() if name not in lost}
+
+    def _reasons(self, is_pending: bool) -> dict[str, str]:
+        """Of what is lost, or pending, all reasons in one line."""
+        found: dict[str, list[str]] = {}
+        for (name, _), loss in sorted(self._losses.items()):
+            if loss.is_pending is is_pending:
+                found.setdefault(name, []).append(loss.reason)
+        return {name: one_line("; ".join(filter(None, all_))) for name, all_ in found.items()}
+
+    def lose(
+        self, local_task: str, reason: str = "", source: str = OPERATOR, is_pending: bool = False
+    ) -> str | None:
+        """A minor fault, or what cannot be used yet; `all` loses everything.
+
+        Returns what is wrong with it, or None.
+        """
         problem = self._problem(local_task)
         if problem is None:
-            names = self._capabilities if local_task == ALL else (local_task,)
-            lost = {*self.lost, *names}
-            if len(lost) > MAX_CAPABILITIES or len(local_task) > MAX_TEXT:
+            names = set(self._capabilities) if local_task == ALL else {local_task}
+            known = {name for name, _ in self._losses}
+            if len(known | names) > MAX_CAPABILITIES or len(local_task) > MAX_TEXT:
                 return f"{self._robot} cannot lose more than {MAX_CAPABILITIES} local tasks"
-            self.lost = tuple(sorted(lost))
+            loss = _Loss(one_line(reason), is_pending)
+            self._losses |= {(name, source): loss for name in sorted(names)}
         return problem
 
-    def restore(self, local_task: str) -> str | None:
-        """The end of a minor fault; a type restores its ground local tasks too."""
+    def restore(self, local_task: str, source: str = OPERATOR) -> str | None:
+        """The end of what `source` has said; of the operator, of what anybody has said.
+
+        A type restores its ground local tasks too.
+        """
         problem = self._problem(local_task)
         if problem is None:
-            self.lost = tuple(
-                name
-                for name in self.lost
-                if local_task not in (ALL, name) and type_name(name) != local_task
-            )
+            self._losses = {
+                (name, said_by): loss
+                for (name, said_by), loss in self._losses.items()
+                if source not in (OPERATOR, said_by)
+                or (local_task not in (ALL, name) and type_name(name) != local_task)
+            }
         return problem
 
-    def perform(self, local_task: str, value: int) -> str | None:
+    def perform(self, local_task: str, value: int, source: str = OPERATOR) -> str | None:
         """From now on `value` is the performance, in micro-units; 0: the capability is lost.
 
         A type stands for all its ground local tasks. What was lost under this name is had again.
@@ -72,7 +112,7 @@ class Description:
             most = MAX_PERFORMANCE // MICRO
             return f"a performance is a number from 0 to {most}, not {value / MICRO:g}"
         if value == 0:
-            return self.lose(local_task)
+            return self.lose(local_task, "its performance is 0", source)
         # What was told of single ground local tasks ends with what is told of their type.
         kept = {
             name: known
@@ -88,7 +128,7 @@ class Description:
         if len(kept) >= MAX_CAPABILITIES or len(local_task) > MAX_TEXT:
             return f"{self._robot} cannot tell more than {MAX_CAPABILITIES} performances"
         self._capabilities = kept | dict.fromkeys(named or [local_task], value)
-        self.restore(local_task)
+        self.restore(local_task, source)
         return None
 
     def performance(self, local_task: str) -> int | None:
@@ -96,10 +136,11 @@ class Description:
         return performance(self._capabilities, local_task)
 
     def changes(self) -> dict[str, Any]:
-        """What is not as it was at first: `lost`, and performances in units."""
+        """What is not as it was at first, with the reasons; performances in units."""
         declared = self._declared
         values = {n: v / MICRO for n, v in self._capabilities.items() if declared.get(n) != v}
-        return {"lost": list(self.lost), **({"performances": values} if values else {})}
+        more = {"pending": self.pending, "performances": values}
+        return {"lost": dict(self.lost), **{key: value for key, value in more.items() if value}}
 
     def _problem(self, local_task: str) -> str | None:
         known = {type_name(name) for name in self._capabilities}
@@ -122,4 +163,5 @@ class Description:
             self._host,
             self._pid,
             self.may_promise,
+            self.pending,
         ).to_value()

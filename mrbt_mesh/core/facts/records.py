@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, ClassVar
 
@@ -19,8 +19,10 @@ from mrbt_mesh.core.facts.values import (
     read_boolean,
     read_fields,
     read_integer,
+    read_reasons,
     read_text,
     shown,
+    texts_by_reason,
 )
 from mrbt_mesh.core.mission.failure_reasons import MAX_REASON
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MAX_ROBOTS
@@ -31,50 +33,46 @@ MAX_CAPABILITIES = 1_000
 
 @dataclass(frozen=True, slots=True)
 class Member(Record):
-    """A robot's own description. `lost` are capabilities it has declared lost (minor faults).
+    """A robot's own description.
 
+    `lost`: capability -> why the robot has lost it (a minor fault). `pending`: capability -> what
+    it waits for; the robot cannot use it yet, which is no fault.
     `may_promise`: its journal can be written, as exclusive tasks need it.
     """
 
     type: str
     capabilities: Mapping[str, int]
-    lost: tuple[str, ...]
+    lost: Mapping[str, str]
     is_leaving: bool
     software: str
     host: str
     pid: int
     may_promise: bool = True
+    pending: Mapping[str, str] = field(default_factory=dict)
 
     def to_value(self) -> list[Any]:
         """As on the wire."""
-        return [
-            self.type,
-            dict(self.capabilities),
-            list(self.lost),
-            self.is_leaving,
-            self.software,
-            self.host,
-            self.pid,
-            self.may_promise,
-        ]
+        about = [self.is_leaving, self.software, self.host, self.pid, self.may_promise]
+        lost, pending = texts_by_reason(self.lost), texts_by_reason(self.pending)
+        return [self.type, dict(self.capabilities), lost, *about, pending]
 
     @staticmethod
     def parse(value: Any) -> Member:
-        kind, capabilities, lost, leaving, software, host, pid, may_promise = read_fields(value, 8)
+        kind, capabilities, lost, leaving, software, host, pid, *more = read_fields(value, 9)
+        may_promise, pending = more
         if not isinstance(capabilities, dict) or len(capabilities) > MAX_CAPABILITIES:
             raise ValueError("capabilities: a map expected")
-        if not isinstance(lost, list) or len(lost) > MAX_CAPABILITIES:
-            raise ValueError("lost capabilities: a list expected")
         table = {read_text(k): read_integer(v, 1, MAX_PERFORMANCE) for k, v in capabilities.items()}
         return Member(
             read_text(kind),
             table,
-            tuple(read_text(name) for name in lost),
+            read_reasons(lost, MAX_CAPABILITIES, MAX_REASON),
             read_boolean(leaving),
             read_text(software),
             read_text(host),
             read_integer(pid),
             read_boolean(may_promise),
+            read_reasons(pending, MAX_CAPABILITIES, MAX_REASON),
         )
 
 
@@ -376,13 +374,8 @@ class Latch(Record):
 
 
 MEMBER, CLAIM, ORDER, RESULT = "member", "claim", "order", "result"
-OUTCOME, CONDITION, ATTEMPT, VERDICT, EXPIRED = (
-    "outcome",
-    "condition",
-    "attempt",
-    "verdict",
-    "expired",
-)
+OUTCOME, CONDITION, ATTEMPT = "outcome", "condition", "attempt"
+VERDICT, EXPIRED = "verdict", "expired"
 # Of an expression of conditions that is a guard.
 EXPRESSION = "expression"
 # Of one coalition of one activation, named by its token. BROKEN: too few members are left.

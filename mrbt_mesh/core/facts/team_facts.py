@@ -52,8 +52,8 @@ class KnownClaim(NamedTuple):
 
 
 def capability(member: Member, local_task: str) -> int | None:
-    """p(i, l) in micro-units of a member, None where it cannot do it or has lost it."""
-    if local_task in member.lost or type_name(local_task) in member.lost:
+    """p(i, l) in micro-units of a member, None where it cannot do it, or not now."""
+    if any(n in member.lost or n in member.pending for n in (local_task, type_name(local_task))):
         return None
     return performance(member.capabilities, local_task)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import reprlib
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 MAX_TEXT = 640
@@ -46,6 +47,29 @@ def read_fields(value: Any, count: int) -> list[Any]:
     if not isinstance(value, list) or len(value) != count:
         raise ValueError(f"list of {count} expected, found {shown(value)}")
     return value
+
+
+def texts_by_reason(reasons: Mapping[str, str]) -> dict[str, list[str]]:
+    """Text -> its reason, turned round so that each reason is there once; sorted."""
+    found: dict[str, list[str]] = {}
+    for text, reason in sorted(reasons.items(), key=lambda pair: (pair[1], pair[0])):
+        found.setdefault(reason, []).append(text)
+    return found
+
+
+def read_reasons(value: Any, most: int, longest: int) -> dict[str, str]:
+    """The other way round: at most so many texts, and how long a reason may be."""
+    if not isinstance(value, dict) or not all(isinstance(each, list) for each in value.values()):
+        raise ValueError(f"map of reasons to lists expected, found {shown(value)}")
+    if sum(map(len, value.values())) > most:
+        raise ValueError(f"at most {most} texts expected")
+    return dict(
+        sorted(
+            (read_text(text), read_text(reason, longest))
+            for reason, texts in value.items()
+            for text in texts
+        )
+    )
 
 
 def check_depth(data: Any) -> None:

@@ -26,7 +26,7 @@ from mrbt_mesh.core.facts.store import (
 from mrbt_mesh.core.membership.unpacking import unpacked
 from mrbt_mesh.core.mission.names import is_robot_id
 
-SCHEMA = 9
+SCHEMA = 10
 MAX_MESSAGE_BYTES = 4 << 20
 MAX_NONCE = 32
 MAX_TREE_NODES = 4_096  # of a larger tree of a local task no statuses are told

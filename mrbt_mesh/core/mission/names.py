@@ -9,6 +9,8 @@ NAME_PATTERN = rf"[A-Za-z_][A-Za-z0-9_]{{0,{MAX_NAME - 1}}}"
 ARGUMENT_PATTERN = r"[A-Za-z0-9_.+-]{1,64}"
 ROBOT_PATTERN = r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}"
 MAX_ARGUMENTS = 8
+# In place of a local task: all that a robot has.
+ALL = "all"
 
 _CALL = re.compile(rf"({NAME_PATTERN})(?:\(({ARGUMENT_PATTERN}(?:,{ARGUMENT_PATTERN})*)\))?")
 _ROBOT = re.compile(ROBOT_PATTERN)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from mrbt_mesh.core.facts.records import Claim
@@ -29,10 +30,11 @@ class MajorFault:
 
 @dataclass(slots=True)
 class MinorFault:
-    """Capabilities that a robot has lost."""
+    """Capabilities that a robot has lost, for one reason; empty if none was given."""
 
     robot: str
     local_tasks: tuple[str, ...]
+    reason: str
     at_us: int
     until_us: int | None = None
 
@@ -44,6 +46,11 @@ class ProblemEpisode:
     problem: str
     from_us: int
     to_us: int | None = None
+
+
+def lost_text(local_tasks: Iterable[str], reason: str) -> str:
+    """A minor fault in words."""
+    return f"lost {', '.join(local_tasks)}" + (f": {reason}" if reason else "")
 
 
 @dataclass(frozen=True, slots=True)

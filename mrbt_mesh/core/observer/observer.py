@@ -216,7 +216,8 @@ class Observer:
             self.record.round_over(result, now_us)
 
     def _is_settled(self, plan: Plan) -> bool:
-        """Whether this plan is the team's: nobody is joining, and a robot reports the same.
+        """Whether this plan is the team's: no robot is joining or waits for capabilities of its
+        own, and a robot reports the same.
 
         One that comes late, and has not caught up yet, sees a team that is not there.
         """
@@ -224,7 +225,10 @@ class Observer:
         self.record.is_catching_up &= not self._has_caught_up
         if not self._has_caught_up:
             return False
-        good = [p for p in self.membership.peers.values() if p.state.is_alive]
+        alive = {r: p for r, p in self.membership.peers.items() if p.state.is_alive}
+        good, members = alive.values(), self.facts.members
+        if any(members[r].member.pending for r in alive if r in members):
+            return False  # what it waits for may come in a moment
         return all(p.report.has_joined for p in good) and any(
             p.report.plan_digest == plan.digest for p in good
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from mrbt_mesh.core.bt.activation import parse_activation
@@ -11,6 +12,7 @@ from mrbt_mesh.core.facts.problems import RobotProblem, problem_text
 from mrbt_mesh.core.facts.records import Bid, Claim, ConditionValue, Member, NoClaim, Outcome, Phase
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import changed_performances
+from mrbt_mesh.core.facts.values import texts_by_reason
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.observer.episodes import (
@@ -20,6 +22,7 @@ from mrbt_mesh.core.observer.episodes import (
     MajorFault,
     MinorFault,
     ProblemEpisode,
+    lost_text,
 )
 from mrbt_mesh.core.observer.mission_rounds import MissionRounds
 from mrbt_mesh.core.observer.task_log import TaskLog
@@ -189,9 +192,10 @@ class RunRecord:
         match entry.record:
             case Member() as member:
                 known = self.robots.setdefault(robot, {})
-                self._lost(robot, tuple(known.get("lost", ())), member.lost, now_us)
+                self._lost(robot, known.get("lost", {}), member.lost, now_us)
                 self._performs(robot, member, now_us)
                 known.update(type=member.type, lost=member.lost, pid=member.pid, host=member.host)
+                known["pending"] = member.pending
                 known["described_by"] = entry.version.incarnation
                 if member.is_leaving and known.get("state") is not State.DEAD:
                     known["state"] = State.LEFT
@@ -297,16 +301,21 @@ class RunRecord:
         return fault
 
     def _lost(
-        self, robot: str, before: tuple[str, ...], after: tuple[str, ...], now_us: int
+        self, robot: str, before: Mapping[str, str], after: Mapping[str, str], now_us: int
     ) -> None:
         for fault in self.minor:
-            lost = set(fault.local_tasks) & set(after)
-            if fault.robot == robot and fault.until_us is None and not lost:
+            if fault.robot != robot or fault.until_us is not None:
+                continue
+            if not any(name in after for name in fault.local_tasks):
                 fault.until_us = now_us
-        fresh = tuple(name for name in after if name not in before)
-        if fresh:
-            self.minor.append(MinorFault(robot, fresh, now_us))
-            self._say_heard(now_us, f"{robot} lost {', '.join(fresh)}")
+                self._say_heard(now_us, f"{robot} has {', '.join(fault.local_tasks)} again")
+        for reason, names in texts_by_reason(after).items():
+            fresh = tuple(name for name in names if name not in before)
+            if fresh:
+                self.minor.append(MinorFault(robot, fresh, reason, now_us))
+            changed = [name for name in names if before.get(name) != reason]
+            if changed:
+                self._say_heard(now_us, f"{robot} {lost_text(changed, reason)}")
 
     def _performs(self, robot: str, member: Member, now_us: int) -> None:
         """Note what the robot does better or worse than the mission says."""

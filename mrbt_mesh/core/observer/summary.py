@@ -19,24 +19,6 @@ def run_summary(record: RunRecord, result: str, now_us: int) -> dict[str, Any]:
     def since(fault: MajorFault, at_us: int | None) -> float | None:
         return None if at_us is None else round(max(0, at_us - fault.at_us) / 1e6, 6)
 
-    faults: list[dict[str, Any]] = [
-        {
-            "kind": "major",
-            "robot": fault.robot,
-            "at_s": record.seconds(fault.at_us),
-            "until_s": record.seconds(fault.until_us),
-        }
-        for fault in record.major
-    ] + [
-        {
-            "kind": "minor",
-            "robot": fault.robot,
-            "local_tasks": list(fault.local_tasks),
-            "at_s": record.seconds(fault.at_us),
-            "until_s": record.seconds(fault.until_us),
-        }
-        for fault in record.minor
-    ]
     return {
         "mission": record.mission.name,
         "result": result,
@@ -47,7 +29,7 @@ def run_summary(record: RunRecord, result: str, now_us: int) -> dict[str, Any]:
             name: {"status": str(task.state), "robots": sorted(task.robots)}
             for name, task in record.task_log.tasks.items()
         },
-        "faults": sorted(faults, key=lambda fault: (fault["at_s"] or 0, fault["robot"])),
+        "faults": sorted(_faults(record), key=lambda fault: (fault["at_s"] or 0, fault["robot"])),
         "blocked": _blocked(record),
         "failures": [_failure(record, end) for end in record.failures],
         "problems": _problems(record),
@@ -100,6 +82,30 @@ def _problems(record: RunRecord) -> list[dict[str, Any]]:
     ]
 
 
+def _faults(record: RunRecord) -> list[dict[str, Any]]:
+    major: list[dict[str, Any]] = [
+        {
+            "kind": "major",
+            "robot": fault.robot,
+            "at_s": record.seconds(fault.at_us),
+            "until_s": record.seconds(fault.until_us),
+        }
+        for fault in record.major
+    ]
+    minor = [
+        {
+            "kind": "minor",
+            "robot": fault.robot,
+            "local_tasks": list(fault.local_tasks),
+            "reason": fault.reason,
+            "at_s": record.seconds(fault.at_us),
+            "until_s": record.seconds(fault.until_us),
+        }
+        for fault in record.minor
+    ]
+    return major + minor
+
+
 def _failure(record: RunRecord, end: FailedEnd) -> dict[str, Any]:
     return {
         "robot": end.robot,
@@ -132,7 +138,8 @@ def _robot(known: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "type": known.get("type"),
         "state": str(state) if state else None,
-        "lost": list(known.get("lost", ())),
+        "lost": dict(known.get("lost", {})),
+        "pending": dict(known.get("pending", {})),
         "performances": {name: v / MICRO for name, v in known.get("performances", {}).items()},
         "pid": known.get("pid"),
     }

@@ -17,6 +17,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 from mrbt_mesh.core.bt.evaluation import Request
+from mrbt_mesh.core.facts.records import Member
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask
 from mrbt_mesh.core.planning.capabilities import Capabilities, Worker
@@ -34,7 +35,8 @@ def pending_verdicts(
 ) -> dict[int, PendingVerdict]:
     """The requests, by index and in tree order, of which some robot has failed and
 
-    policy `resilient`: no living robots could serve it, whoever is free;
+    policy `resilient`: no living robots could serve it, whoever is free, not even with what they
+    cannot use yet;
     policy `patient`: nor could they with the dead, and with what robots have lost;
     policy `paper`: that too, or failures exceed assigned - nu, where assigned = outcomes + claims
     of the living.
@@ -52,9 +54,16 @@ def pending_verdicts(
         if not _has_failure(facts, task, activation):
             continue
         fails = index in waiting and waiting[index].is_blocked
+        if fails and any(facts.members[robot].member.pending for robot in sorted(team)):
+            ready = {r: replace(facts.members[r].member, pending={}) for r in sorted(team)}
+            fails = not _could_be_served(facts, requests[index], ready)
         match task.failure:
             case FailurePolicy.PATIENT:
-                fails = fails and not _could_be_served_by_all(facts, requests[index])
+                whole = {
+                    robot: replace(known.member, lost={}, pending={})
+                    for robot, known in facts.members.items()
+                }
+                fails = fails and not _could_be_served(facts, requests[index], whole)
             case FailurePolicy.PAPER:
                 fails = fails or _has_failed_by_count(facts, task, activation, team)
         if fails:
@@ -62,13 +71,13 @@ def pending_verdicts(
     return found
 
 
-def _could_be_served_by_all(facts: TeamFacts, request: Request) -> bool:
-    """Whether all known robots together could serve a request, had none of them lost anything."""
-    everybody = {
-        robot: Worker(robot, replace(known.member, lost=()), known.incarnation)
-        for robot, known in sorted(facts.members.items())
+def _could_be_served(facts: TeamFacts, request: Request, team: Mapping[str, Member]) -> bool:
+    """Whether these robots together could serve a request."""
+    workers = {
+        robot: Worker(robot, team[robot], facts.members[robot].incarnation)
+        for robot in sorted(team)
     }
-    capabilities = Capabilities(everybody)
+    capabilities = Capabilities(workers)
     needs = facts.mission.global_tasks[request.subject].needs
     group = request_demands(facts, request, capabilities, [None] * len(needs), {})
     return not shortages(facts, group, capabilities)

@@ -29,8 +29,9 @@ class ReportedWork:
 
 @dataclass(frozen=True)
 class ReportedFault:
-    """A robot's death (`lost` is empty) or the capabilities that it lost. `until_s` None: for good.
+    """A robot's death (`lost` is empty), or the capabilities that it lost, for which `reason`.
 
+    `until_s` None: for good.
     `why` tells of the takeover in sentences, as things stood when it happened.
     """
 
@@ -43,6 +44,7 @@ class ReportedFault:
     held: str | None = None
     replacement: str | None = None
     why: str = ""
+    reason: str = ""
 
 
 @dataclass(frozen=True)

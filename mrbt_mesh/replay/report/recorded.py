@@ -154,6 +154,7 @@ def _faults(
             record.seconds(fault.at_us) or 0.0,
             record.seconds(fault.until_us),
             fault.local_tasks,
+            reason=fault.reason,
         )
         for fault in record.minor
     ]

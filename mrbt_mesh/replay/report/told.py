@@ -32,6 +32,7 @@ def report_summary(told: Mapping[str, Any], title: str) -> RunReport:
             seconds(each["at_s"]) or 0.0,
             seconds(each["until_s"]),
             _names(each["local_tasks"]),
+            reason=str(each["reason"]),
         )
         for each in told["faults"]
         if each["kind"] == "minor"

@@ -37,7 +37,8 @@ class ChaosKnobs:
     robots may be dead, frozen or gone at once (but for `team_crashes`, which take all), and
     `quiet_us` how long at most the team has afterwards. Chances are from 0 to 1: `returns` that
     a killed robot is started again before the end of the chaos, `revived` otherwise after it,
-    `performance_changes` that some robots do things better or worse than they did.
+    `performance_changes` that some robots do things better or worse than they did, `bad_disks` that
+    some have disks that are slow, full or locked.
     """
 
     chaos_us: int = 6 * SECOND_US
@@ -50,7 +51,6 @@ class ChaosKnobs:
     kills: float = 2.0
     team_crashes: float = 0.3
     lost_disks: float = 0.2
-    bad_disks: float = 1.0
     freezes: float = 0.7
     suspends: float = 0.5
     slow: float = 0.7
@@ -68,6 +68,7 @@ class ChaosKnobs:
     replays: float = 0.7
     garbage: float = 0.7
     performance_changes: float = 0.5
+    bad_disks: float = 0.5
 
 
 _NO_RATES = (
@@ -79,6 +80,7 @@ _NO_RATES = (
     "revived",
     "stays",
     "performance_changes",
+    "bad_disks",
 )
 _RATES = tuple(f.name for f in dataclasses.fields(ChaosKnobs) if f.name not in _NO_RATES)
 
@@ -184,7 +186,7 @@ class _Chaos:
     def _spoil_disks(self) -> None:
         """Drawn apart, too: disks that are slow, full, or locked when a process starts."""
         pick = random.Random(f"{self.seed}/disks")
-        if pick.random() < 0.5 or not self.knobs.bad_disks:
+        if pick.random() >= self.knobs.bad_disks:
             return
         for _ in range(pick.randint(1, 4)):
             robots = self.robots if pick.random() < 0.25 else [pick.choice(self.robots)]

@@ -94,6 +94,7 @@ class Lose:
 
     robot: str
     local_task: str
+    reason: str = "injected"
 
 
 @dataclass(frozen=True, slots=True)

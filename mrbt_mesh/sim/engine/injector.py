@@ -16,6 +16,7 @@ from mrbt_mesh.core.agent.inputs import (
     QueryReceived,
     TokenChanged,
 )
+from mrbt_mesh.core.facts.description import OPERATOR
 from mrbt_mesh.core.facts.records import OrderKind
 from mrbt_mesh.core.membership.wire import MessageKind, encode
 from mrbt_mesh.sim.engine import faults
@@ -188,10 +189,10 @@ class Injector:
         match fault:
             case faults.Leave():
                 return LeaveRequested()
-            case faults.Lose(_, local_task):
-                return CapabilityChanged(local_task, lost=True)
+            case faults.Lose(_, local_task, reason):
+                return CapabilityChanged(local_task, True, reason, OPERATOR)
             case faults.Restore(_, local_task):
-                return CapabilityChanged(local_task, lost=False)
+                return CapabilityChanged(local_task, False, source=OPERATOR)
             case faults.ChangePerformance(_, local_task, performance):
                 return PerformanceChanged(local_task, performance)
             case faults.Command(_, command, argument):
@@ -213,7 +214,7 @@ class Injector:
             if not process.is_over:
                 process.slow(0)
                 process.thaw()
-                process.deliver(CapabilityChanged("all", lost=False))
+                process.deliver(CapabilityChanged("all", False, source=OPERATOR))
         for robot in robots:
             if robot not in processes or processes[robot].is_over:
                 self._robots.launch(robot, keeps_journal=True)

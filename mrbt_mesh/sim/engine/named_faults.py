@@ -6,9 +6,8 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from mrbt_mesh.core.facts.description import ALL
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.core.mission.names import ALL, type_name
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.problems import nearest
 from mrbt_mesh.sim.engine import faults

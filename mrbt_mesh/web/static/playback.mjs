@@ -1,6 +1,6 @@
 // A recording: play, pause, speed, and any place of it. The server plays it; all its pages see the same.
 
-import { byId, element, seconds, setText } from "./text.mjs";
+import { byId, element, lostText, seconds, setText } from "./text.mjs";
 
 const STEP_S = 5, SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8, 16, 32, 64], END_S = 0.05;
 
@@ -75,7 +75,7 @@ export class PlaybackView {
   // Marks above the slider; the list of faults and the buttons beside it say the same.
   _mark() {
     const marks = ["fault", "loss"].flatMap((kind) => [...this._store.all(kind).values()].map((each) => {
-      const mark = element("i", { class: kind, title: `${each.robot} ${kind === "fault" ? "died" : "lost something"} at ${seconds(each.at_s)}`,
+      const mark = element("i", { class: kind, title: `${each.robot} ${kind === "fault" ? "died" : lostText(each.local_tasks, each.reason)} at ${seconds(each.at_s)}`,
         onclick: () => this.go(each.at_s) });
       mark.style.left = `${(each.at_s - this._from) / Math.max(1e-6, this._to - this._from) * 100}%`;
       return mark;

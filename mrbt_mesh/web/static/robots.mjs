@@ -1,6 +1,6 @@
 // The robots as cards.
 
-import { SIGN, byId, element, hasDifferedLong, setData, setText } from "./text.mjs";
+import { SIGN, byId, element, hasDifferedLong, lostText, setData, setText, textsByReason } from "./text.mjs";
 
 const SIGNS = { alive: "●", joining: "◌", suspect: "◐", leaving: "◍", dead: "✕", left: "○", absent: "○" };
 const TREES = ["T_i", "T_A", "T_G", "T_Li"];
@@ -40,7 +40,7 @@ export class RobotsView {
   _card(name) {
     const part = (tag, className) => element(tag, { class: className });
     const card = { state: part("span", "state"), type: part("span", "hint"), task: part("div", "task"),
-      can: part("div", "can"), problems: part("div", "problems"), trees: part("div", "trees"), buttons: part("div", "buttons"), shown: "", canShown: "" };
+      can: part("div", "can"), wrong: part("div", "wrong"), problems: part("div", "problems"), trees: part("div", "trees"), buttons: part("div", "buttons"), shown: "", canShown: "" };
     // Its inner part is scaled, which needs no new layout.
     card.done = element("div", {});
     card.bar = element("div", { class: "progress", role: "progressbar", "aria-label": `progress of ${name}`, "aria-valuenow": 0 }, card.done);
@@ -48,7 +48,7 @@ export class RobotsView {
       onclick: () => this._select({ kind: "robot", name }) }, name);
     // By keys it is chosen by its name; with a mouse or a finger it is one target, but for its buttons.
     card.root = element("li", { class: "card", onclick: (event) => { if (!event.target.closest("button")) card.name.click(); } },
-      element("div", { class: "top" }, card.name, card.type, card.state), card.task, card.bar, card.can, card.problems, card.trees, card.buttons);
+      element("div", { class: "top" }, card.name, card.type, card.state), card.task, card.bar, card.can, card.wrong, card.problems, card.trees, card.buttons);
     this._cards.set(name, card);
     const after = [...this._cards.keys()].sort().indexOf(name);
     byId("cards").insertBefore(card.root, byId("cards").children[after] ?? null);
@@ -59,7 +59,7 @@ export class RobotsView {
   _draw(name) {
     const card = this._cards.get(name) ?? this._card(name);
     const robot = this._store.get(`robot/${name}`) ?? {
-      state: "absent", type: this._mission[name]?.type, capabilities: this._mission[name]?.capabilities ?? {}, lost: [], statuses: [], idle: "" };
+      state: "absent", type: this._mission[name]?.type, capabilities: this._mission[name]?.capabilities ?? {}, lost: {}, pending: {}, statuses: [], idle: "" };
     setData(card.root, "state", robot.state);
     setText(card.state, `${SIGNS[robot.state] ?? "●"} ${this._stateText(robot)}`);
     setText(card.type, robot.type ?? "");
@@ -97,19 +97,21 @@ export class RobotsView {
     return robot.state === "absent" ? "not started" : robot.state;
   }
 
-  // Lost capabilities are struck out.
+  // Lost capabilities are struck out; below them is why.
   _drawCan(card, robot) {
-    const key = JSON.stringify([robot.capabilities, robot.lost]);
+    const key = JSON.stringify([robot.capabilities, robot.lost, robot.pending]);
     if (card.canShown === key) return;
     card.canShown = key;
-    const lost = new Set(robot.lost);
     const parts = Object.entries(robot.capabilities).flatMap(([name, value], i) => {
       const text = value === 1 ? name : `${name} ${value}`;
-      const shown = lost.has(name) || lost.has("all")
-        ? element("s", { title: "lost" }, text) : element("span", {}, text);
+      const reason = robot.lost[name] ?? robot.lost[name.split("(")[0]];
+      const shown = reason === undefined ? element("span", {}, text) : element("s", { title: lostText([name], reason) }, text);
       return i ? [", ", shown] : [shown];
     });
     card.can.replaceChildren(...parts);
+    card.wrong.replaceChildren(
+      ...textsByReason(robot.lost).map(([reason, names]) => element("div", { class: "lost" }, lostText(names, reason))),
+      ...textsByReason(robot.pending).map(([reason, names]) => element("div", {}, `${names.join(", ")} not yet: ${reason}`)));
   }
 
   // Whether its process is known to have ended: one that is frozen is taken for dead as well.

@@ -21,6 +21,15 @@ export const hasDifferedLong = (since, now) => since !== null && since !== undef
 
 export const ms = (value) => (value < 10_000 ? `${Math.round(value)} ms` : seconds(value / 1000));
 
+export const lostText = (names, reason) => `lost ${names.join(", ")}${reason ? `: ${reason}` : ""}`;
+
+// Text -> its reason, as pairs of a reason and all its texts.
+export function textsByReason(reasons) {
+  const found = new Map();
+  for (const [text, reason] of Object.entries(reasons)) found.set(reason, [...(found.get(reason) ?? []), text]);
+  return [...found];
+}
+
 // An element with attributes and children; text is never read as HTML.
 export function element(name, attributes = {}, ...children) {
   const made = document.createElement(name);

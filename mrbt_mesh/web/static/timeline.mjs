@@ -3,7 +3,7 @@
 import { ticks } from "d3-array";
 import { select } from "d3-selection";
 import { zoom, zoomIdentity } from "d3-zoom";
-import { byId, element, ms, seconds, setText } from "./text.mjs";
+import { byId, element, lostText, ms, seconds, setText } from "./text.mjs";
 
 const HATCH = 9;
 const LANE = 26, GUTTER = 74, RIGHT = 18, FOLLOWED_S = 40, MOST_ZOOM_S = 0.2, FRAME_S = 0.1;
@@ -412,7 +412,7 @@ export class TimelineView {
     tip.hidden = !hit;
     if (!hit) return;
     setText(tip, hit.work ? workText(hit.work, this._end()) : hit.fault ? `${hit.fault.robot} died ${hit.fault.older ? "before" : "at"} ${seconds(hit.fault.at_s)}: ${faultNumbers(hit.fault)}`
-      : hit.unwatched ? "Not watched: nothing is known of this time." : `${hit.loss.robot} lost ${hit.loss.local_tasks.join(", ")}`);
+      : hit.unwatched ? "Not watched: nothing is known of this time." : `${hit.loss.robot} ${lostText(hit.loss.local_tasks, hit.loss.reason)}`);
     const box = byId("timeline").getBoundingClientRect();
     tip.style.left = `${Math.max(8, Math.min(event.clientX - box.left + 12, box.width - tip.offsetWidth - 8))}px`;
     tip.style.top = `${event.clientY - box.top - tip.offsetHeight - 10}px`;

@@ -71,7 +71,7 @@ export class WhyView {
     if (chosen.kind === "robot" && this._control) {
       const robot = this._store.get(`robot/${chosen.name}`);
       parts.push(element("h3", {}, `Drills for ${chosen.name}`),
-        this._control.details(chosen.name, Object.keys(robot?.capabilities ?? {}), robot?.lost ?? []));
+        this._control.details(chosen.name, Object.keys(robot?.capabilities ?? {}), Object.keys(robot?.lost ?? {})));
     }
     if (trees) {
       for (const name of ["T_A", "T_Li"]) {

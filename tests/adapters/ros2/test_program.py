@@ -100,6 +100,8 @@ class Robot:
         self.file = load_bindings(file)
         self.member = ConnectedRobot(self.file, "A1", ["no-bridge"])
         self.member._background = context(self.told)
+        self.member._servers.begin(self.member._background)
+        self.told.said.clear()
         self.pipe = Pipe()
 
     def ready(self) -> None:
@@ -148,6 +150,7 @@ def robot(tmp_path: Path) -> Robot:
     """A robot whose bridge is ready."""
     made = Robot(tmp_path)
     made.ready()
+    made.told.said.clear()
     return made
 
 
@@ -217,13 +220,17 @@ async def test_a_cancelled_goal_is_cancelled_there_and_waited_for(robot: Robot) 
 async def test_a_server_that_is_lost_is_not_waited_for(robot: Robot) -> None:
     robot.up("plain")
     async with robot.performing("plain") as work:
-        robot.hear("server", task="plain", is_up=False, why="the server does not answer")
+        robot.hear("server", task="plain", is_up=False, why="does not answer")
         # That alone is no failure: the plan takes the task away.
         await anyio.wait_all_tasks_blocked()
         assert robot.member._runs
         work.cancel()
     assert not robot.member._runs
-    assert robot.told.said == [("restore_capability", "plain"), ("lose_capability", "plain")]
+    why = "action server /A1/plain does not answer"
+    assert robot.told.said[-2:] == [
+        ("restore_capability", "plain"),
+        ("lose_capability", "plain", why),
+    ]
 
 
 async def test_what_is_not_done_in_its_time_is_cancelled(
@@ -314,7 +321,8 @@ async def test_the_goals_of_a_bridge_that_ended_are_cancelled_by_the_next(robot:
     async with robot.performing("plain") as work:
         [start] = robot.pipe.said
         robot.member._bridge_gone()
-        assert robot.told.said[-1] == ("lose_capability", "plain")
+        ended = ("lose_capability", "plain", "the bridge to ROS has ended")
+        assert ended in robot.told.said
         robot.pipe = Pipe()
         robot.ready()
     assert robot.pipe.said == [
@@ -365,7 +373,7 @@ async def test_a_bridge_that_stands_still_is_replaced(
     robot = Robot(tmp_path)
     object.__setattr__(robot.file, "detection_s", 0.5)
     robot.member._command = [sys.executable, str(ROOT / "tests/support/ros2/standin_bridge.py")]
-    take, binds = robot.member._take, anyio.Event()
+    take, binds, heard = robot.member._take, anyio.Event(), []
 
     def taken(pipe: Any, message: dict[str, Any]) -> None:
         if message["op"] == "ready":
@@ -374,7 +382,8 @@ async def test_a_bridge_that_stands_still_is_replaced(
             pipe.say({"op": "freeze"})
         elif message["op"] != "echo":
             take(pipe, message)
-        elif "node" in message["message"] and not robot.told.said:
+        elif "node" in message["message"] and not heard:
+            heard.append(message)
             pipe.say({"say": {"op": "ready"}})
         elif "node" in message["message"]:
             binds.set()
@@ -385,20 +394,42 @@ async def test_a_bridge_that_stands_still_is_replaced(
             group.start_soon(robot.member.run, context(robot.told))
             await binds.wait()
             group.cancel_scope.cancel()
-    assert robot.told.said == [("restore_capability", "plain"), ("lose_capability", "plain")]
+    told = [each for each in robot.told.said if each[1] == "plain"][-2:]
+    ended = ("lose_capability", "plain", "the bridge to ROS has ended")
+    assert told == [("restore_capability", "plain"), ended]
 
 
 async def test_a_robot_begins_without_its_capabilities(tmp_path: Path) -> None:
+    """They are not there yet; after the time for the start that is a fault."""
     robot = Robot(tmp_path)
+    object.__setattr__(robot.file, "start_up_s", 0.0)
     program = bound_program(robot.file, ["no-such-program"])
     assert program.names() == ["go", "look", "plain", "wave"]
     [connect] = program.backgrounds
     async with anyio.create_task_group() as group:
-        group.start_soon(connect, context(robot.told))
+        group.start_soon(connect.function, context(robot.told))
         await anyio.wait_all_tasks_blocked()
         group.cancel_scope.cancel()
-    lost = [("lose_capability", name) for name in robot.file.tasks]
-    assert robot.told.said == lost
+    names = list(robot.file.tasks)
+    said = [each[:2] for each in robot.told.said]
+    assert said[: len(names)] == [("defer_capability", name) for name in names]
+    assert said[-len(names) :] == [("lose_capability", name) for name in names]
+
+
+def test_a_healthy_start_is_no_fault_and_says_what_is_awaited(tmp_path: Path) -> None:
+    robot = Robot(tmp_path)
+    robot.ready()
+    robot.hear("server", task="go", is_up=False, why="waits for /A1/nav, which is inactive")
+    robot.up("go")
+    what = "action server /A1/go"
+    assert [each for each in robot.told.said if each[1] == "go"] == [
+        ("defer_capability", "go", f"{what} has not been found"),
+        ("defer_capability", "go", f"{what} waits for /A1/nav, which is inactive"),
+        ("restore_capability", "go"),
+    ]
+    # Once it was there, it is a fault.
+    robot.hear("server", task="go", is_up=False, why="does not answer")
+    assert robot.told.said[-1] == ("lose_capability", "go", f"{what} does not answer")
 
 
 def test_a_program_of_a_file_is_checked_first(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import anyio
 import pytest
 
+from mrbt_mesh.adapters.vda5050 import program as vda5050_program
 from mrbt_mesh.adapters.vda5050.layout_file import load_layout
 from mrbt_mesh.adapters.vda5050.messages import Link
 from mrbt_mesh.adapters.vda5050.program import ConnectedVehicle
@@ -90,23 +91,40 @@ def test_the_package_does_not_import_the_library() -> None:
 async def test_faults_take_capabilities_and_give_them_back() -> None:
     robot = Robot()
     robot.connect()
-    assert robot.capabilities() == []
+    *_, last = robot.capabilities()
+    assert last == ("defer_capability", "all", "the vehicle has not said its state")
     robot.hear()
     assert robot.capabilities() == [("restore_capability", "all")]
+    manual = ("lose_capability", "all", "the vehicle's operating mode is MANUAL")
     robot.hear(operatingMode="MANUAL")
-    assert robot.capabilities() == [("lose_capability", "all")]
+    assert robot.capabilities() == [manual]
     robot.hear()
     assert robot.capabilities() == [("restore_capability", "all")]
     # An error that the layout file names prevents one local task.
     broken = [{"errorType": "forkError", "errorLevel": "WARNING"}]
+    deliver = ("lose_capability", "deliver", "the vehicle has an error: forkError")
     robot.hear(errors=broken)
-    assert robot.capabilities() == [("lose_capability", "deliver")]
+    assert robot.capabilities() == [deliver]
     robot.hear(errors=broken, operatingMode="MANUAL")
-    assert robot.capabilities() == [("lose_capability", "all")]
+    assert robot.capabilities() == [manual]
     robot.hear(errors=broken)
-    assert robot.capabilities() == [("restore_capability", "all"), ("lose_capability", "deliver")]
+    assert robot.capabilities() == [("restore_capability", "all"), deliver]
     robot.hear()
     assert robot.capabilities() == [("restore_capability", "deliver")]
+
+
+async def test_a_vehicle_that_is_not_there_yet_is_no_fault_until_the_start_is_over(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(vda5050_program, "START_UP_S", 0.0)
+    robot = Robot()
+    robot.member._tell_faults()
+    assert robot.capabilities() == [("defer_capability", "all", "no connection to the broker")]
+    await robot.member._end_start_up()
+    robot.member._broker_error = " localhost:1883: refused"
+    robot.member._tell_faults()
+    said = "no connection to the broker localhost:1883: refused"
+    assert robot.capabilities() == [("lose_capability", "all", said)]
 
 
 async def test_a_bid_waits_for_the_first_state() -> None:

@@ -224,7 +224,10 @@ def test_an_order_that_the_last_will_stopped_is_begun_again() -> None:
     [
         ({"operatingMode": "MANUAL"}, "operating mode is MANUAL"),
         ({"safetyState": {"eStop": "REMOTE", "fieldViolation": False}}, "emergency stop"),
-        ({"batteryState": {"batteryCharge": 14, "charging": False}}, "battery is low (14 %)"),
+        (
+            {"batteryState": {"batteryCharge": 14, "charging": False}},
+            "battery is low: below 15 %, until",
+        ),
         ({"errors": [{"errorType": "motor", "errorLevel": "FATAL"}]}, "fatal error: motor"),
         (
             {"agvPosition": {"x": 0, "y": 0, "mapId": "yard", "positionInitialized": True}},

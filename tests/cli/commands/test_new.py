@@ -270,6 +270,35 @@ def test_nodes_of_ones_own_and_trees_of_other_files(
     assert simulate(mission, load_program(mission.program), seed=1).result == "success"
 
 
+ODD = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
+  <Action ID="robot"/><Action ID="anyio"/><Action ID="str"/><Action ID="warnings"/><SetGoal/>
+  <setGoal/><Action ID="set_goal"/><Action ID="2nd/Try"/><Action ID="class" anyio="1"/>
+  <Say what="a constant where it writes"/><Tell what="{word}"/><Condition ID="Out"/>
+  <SetBlackboard value="{word}" output_key="anyio"/><Go to="{anyio}" via="b"/>
+  <Go to="Ä" via="a 'quoted', very long: text: text: text: text: text: text: text: text: text"/>
+</Sequence></BehaviorTree><TreeNodesModel>
+  <Action ID="Say"><output_port name="what"/></Action>
+  <Action ID="Tell"><output_port name="what"/></Action></TreeNodesModel></root>"""
+
+
+def test_names_and_ports_as_odd_as_files_have_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Functions are not called as what the program uses, nor two of them alike."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "odd.xml").write_text(ODD)
+    folder = tmp_path / "mine"
+    code, _, problems = mrbt("new", str(folder), "--btcpp", str(tmp_path / "odd.xml"))
+    assert code == 0, problems
+    text = (folder / "robot.py").read_text()
+    functions = [n.name for n in ast.parse(text).body if isinstance(n, ast.AsyncFunctionDef)]
+    assert functions[:4] == ["do_robot", "do_anyio", "do_str", "do_warnings"]
+    assert functions[4:9] == ["set_goal", "set_goal_2", "set_goal_3", "do_2nd_try", "do_class"]
+    mission = load_mission(folder / "mission.yaml")
+    assert mission.program is not None
+    assert simulate(mission, load_program(mission.program), seed=1).result == "success"
+
+
 def test_units_and_problems_are_told_of_the_users_own_file(tmp_path: Path) -> None:
     tree = tmp_path / "task.xml"
     tree.write_text(OF_ONES_OWN)

@@ -42,7 +42,7 @@ def test_the_summary_for_people_tells_the_story() -> None:
     text = " ".join(output.split())
     assert "mission succeeded" in text
     assert "remove_cover blocked: move_frame needs 2, 1 alive, until" in text
-    assert "A1 lost replace_hw; had it again at" in text
+    assert "A1 lost replace_hw: injected; had it again at" in text
     assert "C1 died" in text
     assert "replaced by A1" in text
 

@@ -143,6 +143,7 @@ SYNTAX = [
     written(": demo", ': "demo', "1: not valid YAML: the quote that opens here is never closed;"),
     written(": demo", ": 'demo' 2", "1: not valid YAML: text follows a quoted text; put all of it"),
     written(": demo", ":demo", "1: not valid YAML: a space is missing after the colon"),
+    written("mission: demo", "mission demo", "1: not valid YAML: a colon is missing after the key"),
     written("types:\n", "types\n", "10: not valid YAML: a colon is missing after this key"),
     written(": demo", ": demo: 2", "1: not valid YAML: there is a second colon in this line; text"),
     written(": demo", ": @demo", "1: not valid YAML: text that begins with @ needs quotes"),
@@ -261,6 +262,11 @@ PROGRAMS = [
     ),
     coded(
         ", box: str", "", ":7: local task 'carry': the function takes 0 arguments besides the task"
+    ),
+    coded(
+        '@robot.local_task("scan")',
+        '@robot.bid("carry")\ndef bid(task):\n    return 1\n\n\n@robot.local_task("scan")',
+        ":12: bid 'carry': the function takes 0 arguments besides the task",
     ),
     coded("box: str", "box, to", ":7: local task 'carry': the function takes 2 arguments besides"),
     coded(

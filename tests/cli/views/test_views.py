@@ -13,7 +13,7 @@ from mrbt_mesh.cli.team.status import status_data
 from mrbt_mesh.cli.views.live_view import LiveNotes, LiveView
 from mrbt_mesh.cli.views.overload_view import overload_line, overload_text
 from mrbt_mesh.cli.views.status_view import render_status
-from mrbt_mesh.cli.views.summary_view import render_summary
+from mrbt_mesh.cli.views.summary_view import capability_changes, render_summary
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.capacity import Machine, overload
 from mrbt_mesh.runtime.program_loader import load_program
@@ -92,7 +92,7 @@ def test_the_live_view_shows_faults_and_what_is_blocked() -> None:
     kill, lose = (1 * SECOND, Kill("C1")), (2 * SECOND, Lose("B1", "do_diagnosis"))
     text = live(run(8.0, kill, lose), 8.0)
     assert "dead" in line_of(text, "C1 C")
-    assert "lost do_diagnosis" in line_of(text, "B1 B")
+    assert "lost do_diagnosis: injected" in line_of(text, "B1 B")
     assert "remove_cover blocked: move_frame needs 2, 1 alive" in text
     assert "C1 is dead" in text
 
@@ -231,4 +231,17 @@ def test_a_team_that_stands_by_shows_its_rounds() -> None:
 def test_what_a_robot_does_worse_stands_beside_what_it_has_lost() -> None:
     perform = [(2 * SECOND, ChangePerformance("A1", "replace_hw", 500_000)), (2 * SECOND, LOSE)]
     text = drawn(render_summary(run(4.0, *perform).summary))
-    assert "do_diagnosis, replace_hw 0.5" in line_of(text, " A1 ")
+    assert "lost do_diagnosis: injected" in line_of(text, " A1 ")
+    assert "replace_hw 0.5" in text
+
+
+def test_what_a_robot_cannot_use_yet() -> None:
+    row = {
+        "lost": {"go": "no map", "fetch": "no map", "look": ""},
+        "pending": {"fly": "no server yet"},
+    }
+    assert capability_changes(row).plain.splitlines() == [
+        "lost look",
+        "lost fetch, go: no map",
+        "fly not yet: no server yet",
+    ]

@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.facts.description import Description
+from mrbt_mesh.core.facts.description import OPERATOR, PROGRAM, Description
 from mrbt_mesh.core.facts.records import MAX_CAPABILITIES, Member
 from mrbt_mesh.core.facts.team_facts import capability
+from mrbt_mesh.core.mission.failure_reasons import MAX_REASON
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE
 
 
@@ -28,10 +29,10 @@ def can(description: Description, local_task: str) -> int | None:
 
 def test_a_performance_replaces_the_declared_one() -> None:
     robot = described(weld=10, look=10)
-    assert robot.changes() == {"lost": []}
+    assert robot.changes() == {"lost": {}}
     assert robot.perform("weld", 3) is None
     assert (can(robot, "weld"), can(robot, "weld(2)"), can(robot, "look")) == (3, 3, 10)
-    assert robot.changes() == {"lost": [], "performances": {"weld": 3e-06}}
+    assert robot.changes() == {"lost": {}, "performances": {"weld": 3e-06}}
 
 
 def test_of_one_ground_local_task() -> None:
@@ -53,10 +54,10 @@ def test_a_type_of_which_only_ground_local_tasks_are_declared() -> None:
 def test_zero_is_a_loss_and_more_ends_it() -> None:
     robot = described(weld=10)
     assert robot.perform("weld", 0) is None
-    assert (robot.lost, can(robot, "weld")) == (("weld",), None)
+    assert (robot.lost, can(robot, "weld")) == ({"weld": "its performance is 0"}, None)
     assert robot.perform("weld(1)", 5) == "R has lost weld altogether"
     assert robot.perform("weld", 7) is None
-    assert (robot.lost, can(robot, "weld")) == ((), 7)
+    assert (robot.lost, can(robot, "weld")) == ({}, 7)
     assert robot.perform("weld(1)", 0) is None
     assert (can(robot, "weld(1)"), can(robot, "weld(2)")) == (None, 7)
     assert robot.perform("weld(1)", 9) is None
@@ -83,7 +84,7 @@ def test_what_is_had_again_is_as_good_as_it_was_last() -> None:
 def test_what_is_no_performance_changes_nothing(local_task: str, value: int, problem: str) -> None:
     robot = described(weld=10)
     assert robot.perform(local_task, value) == problem
-    assert robot.changes() == {"lost": []}
+    assert robot.changes() == {"lost": {}}
 
 
 def test_there_is_an_end_to_what_a_robot_can_tell() -> None:
@@ -93,6 +94,47 @@ def test_there_is_an_end_to_what_a_robot_can_tell() -> None:
     assert told[-1] == f"R cannot tell more than {MAX_CAPABILITIES} performances"
     assert robot.perform("weld", 2) is None
     assert can(robot, "weld(5)") == 2
+
+
+def test_a_reason_is_one_line_and_not_too_long() -> None:
+    robot = described(weld=10)
+    robot.lose("weld", "torch\n  is " + 300 * "cold ")
+    assert robot.lost["weld"].startswith("torch is cold cold")
+    assert len(robot.lost["weld"]) == MAX_REASON
+    assert member(robot).lost == robot.lost
+
+
+def test_one_capability_lost_for_two_reasons() -> None:
+    robot = described(weld=10, look=10)
+    robot.lose("weld", "no gas", PROGRAM)
+    robot.lose("all", "the lidar is dead", "background lidar")
+    assert robot.lost == {
+        "look": "the lidar is dead",
+        "weld": "the lidar is dead; no gas",
+    }
+    # Nobody takes back what somebody else has said, except the operator.
+    robot.restore("all", PROGRAM)
+    assert robot.lost == dict.fromkeys(("look", "weld"), "the lidar is dead")
+    robot.lose("weld", "operator", OPERATOR)
+    robot.restore("all", "background lidar")
+    assert robot.lost == {"weld": "operator"}
+    robot.lose("look", "dark", PROGRAM)
+    robot.restore("all", OPERATOR)
+    assert robot.lost == {}
+
+
+def test_what_cannot_be_used_yet_is_not_lost() -> None:
+    robot = described(weld=10, look=10)
+    robot.lose("weld", "no server yet", PROGRAM, is_pending=True)
+    found = member(robot)
+    assert (found.lost, found.pending) == ({}, {"weld": "no server yet"})
+    assert (capability(found, "weld(1)"), capability(found, "look")) == (None, 10)
+    robot.lose("weld", "no server", PROGRAM)
+    assert (robot.lost, robot.pending) == ({"weld": "no server"}, {})
+    robot.lose("weld", "no gas yet", "gas", is_pending=True)
+    assert (robot.lost, robot.pending) == ({"weld": "no server"}, {})
+    robot.restore("weld", PROGRAM)
+    assert (robot.lost, robot.pending) == ({}, {"weld": "no gas yet"})
 
 
 NAMES = ("weld", "weld(1)", "weld(2)", "cut", "cut(1)", "look")

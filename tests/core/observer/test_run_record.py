@@ -28,7 +28,7 @@ def record() -> RunRecord:
 
 
 def member(robot: str, incarnation: Incarnation = FIRST) -> Entry:
-    value = Member("A", {"weld": 1}, (), False, "", "", 7).to_value()
+    value = Member("A", {"weld": 1}, {}, False, "", "", 7).to_value()
     return make_entry(robot, MEMBER, Version(incarnation, 1), value)
 
 

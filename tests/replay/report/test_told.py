@@ -25,7 +25,14 @@ SUMMARY: dict[str, Any] = {
     "global_tasks": {"look": {"status": "running", "robots": ["A1"]}},
     "faults": [
         {"kind": "major", "robot": "A1", "at_s": 2.0, "until_s": 7.0},
-        {"kind": "minor", "robot": "B1", "local_tasks": ["scan"], "at_s": 1.0, "until_s": None},
+        {
+            "kind": "minor",
+            "robot": "B1",
+            "local_tasks": ["scan"],
+            "reason": "dark",
+            "at_s": 1.0,
+            "until_s": None,
+        },
     ],
     "takeovers": [TAKEOVER],
     "violations": ["I1 is broken"],
@@ -36,7 +43,7 @@ def test_a_summary() -> None:
     report = report_summary(SUMMARY, "here")
     assert (report.title, report.mission, report.result) == ("here", "explore", "blocked")
     lost, died = report.faults
-    assert (lost.robot, lost.lost) == ("B1", ("scan",))
+    assert (lost.robot, lost.lost, lost.reason) == ("B1", ("scan",), "dark")
     assert (died.at_s, died.until_s, died.detected_ms, died.taken_over_ms) == (2.0, 7.0, 250, None)
     assert report.deaths == [died]
     assert (report.work, report.waits, report.differences, report.utilisation) == (None,) * 4

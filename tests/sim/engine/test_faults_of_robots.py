@@ -14,6 +14,7 @@ from mrbt_mesh.sim import (
     ClockJump,
     ClockRate,
     Command,
+    Disk,
     Disturb,
     Fault,
     Freeze,
@@ -270,5 +271,43 @@ def test_healing_ends_every_fault(run: Run) -> None:
 
 def test_a_capability_lost_from_the_beginning_is_lost(run: Run) -> None:
     result = run("vehicle_repair", 3, schedule=[(0, Lose("C1", "move_frame"))], expect="blocked")
-    assert result.summary["robots"]["C1"]["lost"] == ["move_frame"]
+    assert result.summary["robots"]["C1"]["lost"] == {"move_frame": "injected"}
     assert result.summary["blocked"][0]["reason"] == "blocked: move_frame needs 2, 1 alive"
+
+
+# -- disks ------------------------------------------------------------------------------------
+
+DOSERS = ("D1", "D2", "M1", "M2", "M3")
+
+
+@pytest.mark.parametrize("robots", [("D1",), DOSERS], ids=["one", "all"])
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"sync_us": 50_000},
+        {"sync_us": 300_000},
+        {"sync_us": SECOND_US},
+        {"fails": True},
+        {"fails": True, "is_locked": True},
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("seed", seeds(3))
+def test_a_bad_disk_costs_promises_and_no_robot(
+    run: Run, seed: int, how: dict[str, Any], robots: tuple[str, ...]
+) -> None:
+    """Where it fails, the team is killed and started again while its journals cannot be read."""
+    schedule: list[tuple[int, Fault]] = [(0, Disk(robot, **how)) for robot in robots]
+    if "is_locked" in how:
+        schedule = [(SECOND_US, Kill(robot)) for robot in DOSERS]
+        schedule += [(SECOND_US + 1, Disk(robot, **how)) for robot in robots]
+        schedule += [(2 * SECOND_US, Restart(robot)) for robot in DOSERS]
+    if "fails" in how:
+        schedule += [(8 * SECOND_US, Disk(robot)) for robot in robots]
+    result = run("dispense", seed, schedule=schedule, timeout_us=90 * SECOND_US)
+    assert result.violations == []
+    assert result.exclusive_done_twice == 0
+    assert result.summary["faults"] == [] or "is_locked" in how
+    if robots == DOSERS and how == {"fails": True}:
+        doses = [span for span in spans(result.events) if span.local_task == "dose"]
+        assert min(span.start_s for span in doses) > 8

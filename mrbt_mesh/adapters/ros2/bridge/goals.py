@@ -175,9 +175,9 @@ class GoalKeeper(ServerKeeper):
                 effects.append(SendGoal(goal.run, goal.goal_id, goal.body))
         obeys = not any(now_s - stale.since_s >= OBEY_S for stale in self._stale.values())
         if is_there and not obeys:
-            self._why_not = "the server was told to stop and does not"
+            self._why_not = "was told to stop and does not"
         # One that comes back is of use when nothing is left at it.
-        return effects + self._told(is_there and obeys and (self._is_up or not self._stale))
+        return effects + self._told(is_there and obeys and (self._last.is_up or not self._stale))
 
     def _dropped(self, goal_id: bytes, now_s: float) -> list[ServerEffect]:
         stale = self._stale.pop(goal_id)

@@ -121,7 +121,9 @@ class _LifeQuestions:
             if state.id == State.PRIMARY_STATE_ACTIVE:
                 self._apply(lambda keeper, now_s: keeper.heard(now_s))
             else:
-                self._apply(lambda keeper, _: keeper.unusable(f"{name} is {state.label}"))
+                self._apply(
+                    lambda keeper, _: keeper.unusable(f"waits for {name}, which is {state.label}")
+                )
 
         self.ask(self.client(f"{name}/get_state", GetState), GetState.Request(), answered)
         return True

@@ -57,7 +57,7 @@ class RunEnded:
 
 @dataclass(frozen=True)
 class ServerTold:
-    """The server can be used from now on, or cannot, and why."""
+    """The server can be used from now on, or cannot; `why` is a predicate, as `does not answer`."""
 
     is_up: bool
     why: str
@@ -71,8 +71,8 @@ class ServerKeeper(ABC):
 
     def __init__(self, detection_s: float, now_s: float) -> None:
         self._watch = LifeWatch(detection_s, now_s)
-        self._is_up = False
-        self._why_not = "the server has not been found"
+        self._why_not = "has not been found"
+        self._last = ServerTold(False, self._why_not)
 
     @abstractmethod
     def start(self, run: int, goal_id: bytes, body: Any, now_s: float) -> list[ServerEffect]:
@@ -109,7 +109,7 @@ class ServerKeeper(ABC):
         was_there = self._watch.is_there
         effects: list[ServerEffect] = [AskLife()] if self._watch.tick(now_s) else []
         if was_there and not self._watch.is_there:
-            self._why_not = "the server does not answer"
+            self._why_not = "does not answer"
         return effects + self._advance(now_s)
 
     def _came_back(self) -> list[ServerEffect]:
@@ -120,7 +120,5 @@ class ServerKeeper(ABC):
         return self._told(self._watch.is_there)
 
     def _told(self, is_up: bool) -> list[ServerEffect]:
-        if self._is_up is is_up:
-            return []
-        self._is_up = is_up
-        return [ServerTold(is_up, "" if is_up else self._why_not)]
+        before, self._last = self._last, ServerTold(is_up, "" if is_up else self._why_not)
+        return [self._last] if self._last != before else []

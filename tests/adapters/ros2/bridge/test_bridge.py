@@ -199,4 +199,4 @@ def test_servers_that_are_silent_are_asked_and_told(name: str) -> None:
         robot.bridge.tick()
     assert (name, AskLife()) in robot.done
     lost = [e for e in robot.news("server") if e["task"] == name and not e["is_up"]]
-    assert [each["why"] for each in lost] == ["the server does not answer"]
+    assert [each["why"] for each in lost] == ["does not answer"]

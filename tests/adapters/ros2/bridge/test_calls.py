@@ -14,7 +14,7 @@ def ready() -> CallKeeper:
 
 def silent(keeper: CallKeeper) -> None:
     effects = [e for tick in range(1, 25) for e in keeper.tick(tick * 0.05)]
-    assert ServerTold(False, "the server does not answer") in effects
+    assert ServerTold(False, "does not answer") in effects
 
 
 def test_a_call_and_its_answer() -> None:
@@ -65,4 +65,4 @@ def test_to_publish_is_no_sign_of_life_of_those_who_listen() -> None:
     assert keeper.start(3, b"", "jump", now_s) == [SendCall(3, "jump")]
     assert keeper.published(3) == [RunEnded(3, "succeeded", "", {})]
     told = [effect for now_s in ticks for effect in keeper.tick(now_s)]
-    assert ServerTold(False, "the server does not answer") in told
+    assert ServerTold(False, "does not answer") in told

@@ -103,7 +103,7 @@ def test_a_server_that_does_not_stop_is_no_use_until_it_has() -> None:
     keeper.answered(ONE, True, 0.1)
     keeper.cancel(7, 0.2)
     told = [e for e in keeper.heard(0.2 + OBEY_S) if isinstance(e, ServerTold)]
-    assert told == [ServerTold(False, "the server was told to stop and does not")]
+    assert told == [ServerTold(False, "was told to stop and does not")]
     ended = keeper.result(ONE, SUCCEEDED, "", {}, 20.0)
     assert ended[-2:] == [RunEnded(7, "cancelled", "", {}), ServerTold(True, "")]
 
@@ -114,7 +114,7 @@ def test_a_silent_server_is_asked_then_lost_and_asked_for_the_goal_when_it_is_ba
     keeper.answered(ONE, True, 0.0)
     effects = [e for tick in range(1, 21) for e in keeper.tick(tick * 0.05)]
     assert effects.count(AskLife()) >= 3
-    assert effects[-1] == ServerTold(False, "the server does not answer")
+    assert effects[-1] == ServerTold(False, "does not answer")
     # It stood still and goes on, or it is another process that knows nothing of the goal.
     assert keeper.heard(5.0) == [AskResult(ONE), ServerTold(True, "")]
     assert keeper.result(ONE, UNKNOWN, "", {}, 5.1) == [RunEnded(7, "lost", "", {})]
@@ -177,7 +177,7 @@ class Servers(RuleBasedStateMachine):
         self.goal_of: dict[int, bytes] = {}
         self.wanted: int | None = None
         self.ends: dict[int, str] = {}
-        self.is_up = False
+        self.is_up, self.told = False, (False, "has not been found")
         self.count = 0
         self.mail: list[ServerEffect] = []
         self.deliver(AskLife())
@@ -190,8 +190,8 @@ class Servers(RuleBasedStateMachine):
                 if self.wanted == effect.run:
                     self.wanted = None
             elif isinstance(effect, ServerTold):
-                assert effect.is_up is not self.is_up
-                self.is_up = effect.is_up
+                assert (effect.is_up, effect.why) != self.told
+                self.is_up, self.told = effect.is_up, (effect.is_up, effect.why)
             else:
                 if isinstance(effect, SendGoal):
                     # One at a time, and only what is wanted.
