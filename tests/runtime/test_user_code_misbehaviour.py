@@ -561,7 +561,7 @@ def result_of(case: Way) -> SimulationResult:
             robot.bid("bad")(case.function)
         case "background":
             robot.local_task("bad")(rest)
-            robot.background(case.function)
+            robot.background(costs="none")(case.function)
     return simulate(mission_of(case.kind), robot, seed=1, schedule=schedule, timeout_us=200_000_000)
 
 
