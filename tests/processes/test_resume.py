@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from mrbt_mesh.drills.journals import read
 from mrbt_mesh.drills.physical import spans
+from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.runtime.run_dir import RunDir
 from tests.support.paper_run import check_order
 from tests.support.team import EXPLORE, REPAIR, TEST_TIMEOUT_S, Team
 
@@ -25,9 +28,9 @@ def test_the_whole_team_killed_goes_on_where_it_was(
     team.up()
     team.wait_for_event(local_task, "end")
     # An action ends in the world a moment before its outcome is in the journal, and what ends
-    # in that moment is done again. A robot's log tells of the outcome after its journal.
+    # in that moment is done again.
     done = {e["activation"] for e in team.events() if e["outcome"] == "success"}
-    team.wait_until(lambda: done <= _told(team), "what has ended is known to the robots")
+    team.wait_until(lambda: done <= _journaled(team), "what has ended is in a journal")
     team.kill_all()
     code, summary = team.end()
     assert (code, summary["result"]) == (3, "blocked")
@@ -43,20 +46,12 @@ def test_the_whole_team_killed_goes_on_where_it_was(
     check_order(spans(team.events()))
 
 
-def _told(team: Team) -> set[str]:
-    """Global tasks' activations whose success some robot's log tells."""
-    started = {
-        (line["robot"], line["local_task"], line["global_task"]): line["activation"]
-        for robot in team.robots()
-        for line in team.log(robot)
-        if line["event"] == "local_task_started"
-    }
-    return {
-        started[line["robot"], line["local_task"], line["global_task"]]
-        for robot in team.robots()
-        for line in team.log(robot)
-        if line["event"] == "local_task_finished"
-    }
+def _journaled(team: Team) -> set[str]:
+    """Activations with a success that some journal holds."""
+    run_dir = RunDir(team.run_dir)
+    mission = load_mission(run_dir.mission_path)
+    held = read(team.run_dir, team.robots(), mission.digest, run_dir.info().run)
+    return {done.activation for kept in held.values() for done in kept}
 
 
 def test_resume_refuses_a_running_team_another_mission_and_no_directory(team: Team) -> None:
