@@ -127,6 +127,8 @@ class SimJournalWriter:
             self._clock.at(later_us, partial(self._sync, changes, number))
             return
         self._is_syncing = False
+        # What was to be written meanwhile has found the disk busy.
+        due_us, self._due_us = self._due_us, None
         if self._journal.fails or self._journal.is_locked:
             if not self._is_failing:
                 self._is_failing = True
@@ -146,7 +148,6 @@ class SimJournalWriter:
         if number > self._told:
             self._told = number
             self._tell(JournalSynced(number))
-        due_us, self._due_us = self._due_us, None
         if self._pending:
             now_us = self._clock.now_us
             self._commit_by(now_us if due_us is None else max(now_us, due_us))

@@ -101,6 +101,20 @@ def test_a_disk_that_fails_is_tried_again() -> None:
     assert at.news == list(zip([0, 3_000, 3_000], reported, strict=True))
 
 
+def test_what_is_put_while_a_slow_disk_fails_is_tried_again_too() -> None:
+    at = Writing()
+    at.journal.sync_us = 300_000
+    at.writer.put([entry("a", 1)], 1, at_once=True)
+    at.pass_ms(100)
+    at.journal.fails = True
+    at.writer.put([entry("b", 2)], 2, at_once=True)
+    at.pass_ms(1_000)
+    at.journal.fails = False
+    at.pass_ms(1_000)
+    assert at.news[-1] == (1_600, JournalSynced(2))
+    assert len(at.journal.read()) == 2
+
+
 def test_a_journal_that_was_locked_is_read_later() -> None:
     journal = SimJournal()
     journal.write({("A1", "x"): entry("a", 1)})
