@@ -137,10 +137,16 @@ class PerRobotConditions:
 
     @cached_property
     def guards(self) -> dict[int, tuple[Guard, ...]]:
-        """By action node: its guards that a robot reads its own way; nodes without are left out."""
+        """By action node: its guards that a robot reads its own way; nodes without are left out.
+
+        Of guards with actions only Sequences and Fallbacks ask a robot for what holds for it.
+        """
+        nodes, in_order = self._names.tree.nodes, (Kind.SEQUENCE, Kind.FALLBACK)
+        with_actions = self._names.with_actions.items()
+        asking = {name: each for name, each in with_actions if nodes[each.node].kind in in_order}
         own = {
             name
-            for name, each in (self.expressions | self._names.with_actions).items()
+            for name, each in (self.expressions | asking).items()
             if name in self or any(condition in self for condition in each.conditions)
         }
         if not own:

@@ -7,7 +7,7 @@ from itertools import product
 import pytest
 
 from mrbt_mesh.core.bt.outcome_tick import OutcomeTick
-from mrbt_mesh.core.bt.tree import NodeSpec, Status
+from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.planning.deadlines import Deadlines
 from tests.support.build import World, action, condition, fallback, inverter, sequence
@@ -137,3 +137,27 @@ def test_a_robot_that_is_seen_again_in_time_loses_nothing() -> None:
     world.die("A2")
     assert deadlines.expired(world.plan(), world.facts, 4 * S, lambda: True) == []
     assert deadlines.next_deadline_us() == 7 * S
+
+
+@pytest.mark.parametrize(
+    ("stage", "expected"),
+    [
+        (fallback(sequence(action("check"), condition("holding")), action("pick")), ["A2"]),
+        (
+            NodeSpec(
+                Kind.FORCE_SUCCESS,
+                (fallback(sequence(action("check"), condition("holding")), action("pick")),),
+            ),
+            list(ROBOTS),
+        ),
+    ],
+    ids=["a Fallback asks for it", "a ForceSuccess asks for nothing"],
+)
+def test_what_stands_behind_a_condition_that_is_read_after_an_action(
+    stage: NodeSpec, expected: list[str]
+) -> None:
+    world = World(own_mission(sequence(stage, action("place"))))
+    world.outcome(world.activation("check"), True, "A1")
+    world.set("holding@A2", True, "A2")
+    world.tick()
+    assert candidates(world) == {"place": expected}
