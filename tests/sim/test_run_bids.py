@@ -118,7 +118,7 @@ def test_a_robot_tells_all_its_bids_in_one_message(run: Run) -> None:
     for line in run("couriers", 1, keep_log=True).effect_log:
         robot, effect = line.split(" ", 2)[1:]
         written = json.loads(effect)
-        if written.get("synced"):
+        if written.get("at_once"):
             bids = [name for _, name, _ in written["persist"] if name.startswith("bid/")]
             if bids:
                 told.setdefault(robot, []).append(len(bids))
