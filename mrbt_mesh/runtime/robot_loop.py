@@ -1,4 +1,4 @@
-"""An event loop that the code of a robot's program does not end, and a thread that sees it stand.
+"""An event loop that a robot's program does not end, and a thread that notices when it blocks.
 
 Code that blocks keeps the whole event loop of a robot from running. The thread names the place
 while it does: the loop itself can say so only afterwards, and by then the team has taken the robot
@@ -34,10 +34,30 @@ UNSEEN_S = 1.0
 _logger = logging.getLogger("mrbt_mesh")
 
 
+class RobotTask(asyncio.Task[Any]):
+    """A task of the robot's, which code of its program does not cancel unless it runs in it.
+
+    `for each in asyncio.all_tasks(): each.cancel()` would end the robot.
+    """
+
+    def cancel(self, msg: Any | None = None) -> bool:
+        call = running_call.get()
+        if call is None or call.is_carried_out_by(self):
+            return super().cancel(msg)
+        call.tell_foreign_cancellation(frames_of(sys._getframe(1)))
+        return False
+
+
+def _new_task(loop: asyncio.AbstractEventLoop, coro: Any, **options: Any) -> asyncio.Task[Any]:
+    kind = RobotTask if running_call.get() is None else asyncio.Task
+    return kind(coro, loop=loop, **options)
+
+
 class RobotLoop(asyncio.SelectorEventLoop):
-    """asyncio's selector loop, with two differences.
+    """asyncio's selector loop, with three differences.
 
     What ends a loop from inside (`sys.exit` in a task of asyncio's, `stop`) does not end this one.
+    A program does not cancel the robot's tasks.
     A task that a program starts by itself belongs to the call of the program that started it, which
     is told how it failed.
     """
@@ -48,6 +68,7 @@ class RobotLoop(asyncio.SelectorEventLoop):
             weakref.WeakKeyDictionary()
         )
         self.set_exception_handler(_tell_owner)
+        self.set_task_factory(_new_task)
 
     def run_forever(self) -> None:
         while True:

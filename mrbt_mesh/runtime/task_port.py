@@ -23,7 +23,7 @@ from mrbt_mesh.core.bt.local_run import OwnConditions
 from mrbt_mesh.core.membership.wire import MAX_COORDINATE, Position
 from mrbt_mesh.core.mission.conditions import truth_of
 from mrbt_mesh.core.mission.mission import Mission, micro_performance
-from mrbt_mesh.runtime.user_code import shown
+from mrbt_mesh.runtime.user_code import outside, shown
 
 
 class Host(Protocol):
@@ -195,7 +195,7 @@ class AgentPort:
                 "a task's context is used from another thread: call it with "
                 "anyio.from_thread.run_sync or loop.call_soon_threadsafe"
             )
-        self._host.submit(event)
+        outside(self._host.submit, event)
 
 
 def _reason(reason: Any) -> str:

@@ -16,7 +16,7 @@ import sysconfig
 import threading
 import traceback
 from collections.abc import Awaitable, Callable, Coroutine, Generator, Iterator
-from contextvars import ContextVar
+from contextvars import ContextVar, copy_context
 from functools import partial
 from pathlib import Path
 from types import CodeType, FrameType, TracebackType
@@ -117,6 +117,16 @@ class UserCall:
     def stray_failure(self, failure: UserCodeError) -> None:
         """Tell of a task that the function has started and nobody awaits."""
         self._tell("a task started by", self, failure)
+
+    def is_carried_out_by(self, task: asyncio.Task[Any]) -> bool:
+        """Whether its function runs in this task."""
+        return self._task is task
+
+    def tell_foreign_cancellation(self, frames: list[tuple[str, int]]) -> None:
+        """Tell that it has tried to cancel a task that is not its own; `frames`: where."""
+        where = place_of(self.function, frames)
+        text = f"cancels tasks of the robot, which go on ({where}): cancel only your own"
+        self._tell("cancellation in", self, UserCodeError(text))
 
     def abandon(self) -> None:
         """End it, whatever it shields itself from."""
@@ -220,6 +230,13 @@ class _Driven:
 
 async def _awaited(awaitable: Any) -> Any:
     return await awaitable
+
+
+def outside(function: Callable[..., None], *arguments: Any) -> None:
+    """Call a function of the robot's: what it does is not done by the call that is running."""
+    context = copy_context()
+    context.run(running_call.set, None)
+    context.run(function, *arguments)
 
 
 # -- failures ---------------------------------------------------------------------------------

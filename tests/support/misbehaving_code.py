@@ -111,6 +111,13 @@ async def closes_the_loop(task: TaskContext) -> None:
     asyncio.get_running_loop().close()
 
 
+@way(f"cancels tasks of the robot, which go on {HERE}: cancel only your own")
+async def cancels_every_task(task: TaskContext) -> None:
+    for each in asyncio.all_tasks():
+        each.cancel()
+    await anyio.sleep(1)
+
+
 @way(f"^RuntimeError: a robot's program cannot stop the event loop .* {HERE}")
 async def stops_the_loop(task: TaskContext) -> None:
     asyncio.get_running_loop().stop()
