@@ -185,13 +185,14 @@ def test_the_vehicle_of_a_robot_that_is_killed_stops(team: Team, plant: Plant) -
     LOG.info("robot: stop %.3f s, order %.3f s", stopped.at_s - killed_s, instead.at_s - killed_s)
 
 
-def test_orders_go_on_while_the_broker_is_killed_and_started_again(
-    team: Team, plant: Plant
+@pytest.mark.parametrize("end_broker", [Plant.kill_broker, Plant.stop_broker])
+def test_orders_go_on_while_the_broker_is_started_again(
+    team: Team, plant: Plant, end_broker: Callable[[Plant], None]
 ) -> None:
     bring_in(plant, *VEHICLES)
     begin(team, plant)
     driving_delivery(plant)
-    plant.kill_broker()
+    end_broker(plant)
     plant.start_broker()
     code, _ = team.end()
     assert code == 0, team.logs()

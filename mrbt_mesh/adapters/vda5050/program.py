@@ -1,8 +1,12 @@
 """The part that talks MQTT: a robot program whose robots are vehicles of VDA 5050.
 
 What is to be decided is decided by `vehicle.py`; here are the clock, the broker and the robot's
-runtime. The broker is given a last will for this adapter: it cancels the vehicle's order. So a
-vehicle does not drive on when its robot's process has died and another robot takes over.
+runtime. The broker is given a last will for this adapter, which goes to the adapters of the other
+robots: one of them cancels the vehicle's order. So a vehicle does not drive on when its robot's
+process has died and another robot takes over.
+
+A broker that is stopped in order sends all last wills before it ends, those of vehicles as well. So
+a last will only counts once its broker has lived on for `GRACE_S`.
 """
 
 from __future__ import annotations
@@ -19,16 +23,14 @@ import anyio
 
 from mrbt_mesh.adapters.vda5050.dialects import (
     CONNECTION,
-    INSTANT_ACTIONS,
     STATE,
     VISUALIZATION,
     Message,
-    cancel_order,
-    instant_message,
 )
 from mrbt_mesh.adapters.vda5050.layout import FilledTask, RouteError, StopTemplate, TaskTemplate
 from mrbt_mesh.adapters.vda5050.layout_file import LayoutFile, load_layout
 from mrbt_mesh.adapters.vda5050.messages import (
+    Link,
     MessageError,
     VehiclePlace,
     decode,
@@ -36,9 +38,9 @@ from mrbt_mesh.adapters.vda5050.messages import (
     read_place,
     read_state,
 )
+from mrbt_mesh.adapters.vda5050.other_adapters import ADAPTER, GONE, GRACE_S, OtherAdapters
 from mrbt_mesh.adapters.vda5050.vehicle import (
     NO_BROKER,
-    OURS,
     Effect,
     Ended,
     OrderProgress,
@@ -154,11 +156,15 @@ class ConnectedVehicle:
         # Local task -> why it is lost, and whether it is only not there yet; as the team knows it.
         self._told: dict[str, tuple[str, bool]] = {}
         self._refused: set[str] = set()
+        self._adapters = OtherAdapters(file, robot, self._tell_news)
+        self._link_news = 0
 
     # -- what the robot's runtime asks for ------------------------------------------------------
 
     async def perform(self, task: TaskContext, stops: tuple[StopTemplate, ...]) -> None:
         """Have an order carried out; raises TaskFailedError. Cancelled: cancels it there."""
+        while self._adapters.gone:  # one of their vehicles may be at the same work
+            await self._news.wait()
         self._job, self._end = task, None
         try:
             self._apply(lambda now_s: self.vehicle.start(stops, now_s))
@@ -198,6 +204,7 @@ class ConnectedVehicle:
             group.start_soon(self._end_start_up)
             while True:
                 await self._connect()
+                self._adapters.gone.clear()
                 self._apply(self.vehicle.unlinked)
                 await anyio.sleep(RECONNECT_S)
 
@@ -208,8 +215,6 @@ class ConnectedVehicle:
         import aiomqtt
 
         broker, address = self._file.broker, self._address
-        action = cancel_order(f"{OURS}{self._session}-will-{uuid.uuid4().hex[:8]}")
-        will = self._payload(INSTANT_ACTIONS, instant_message([action], address.dialect))
         try:
             async with aiomqtt.Client(
                 broker.host,
@@ -218,12 +223,13 @@ class ConnectedVehicle:
                 password=broker.password,
                 keepalive=broker.keepalive_s,
                 tls_context=ssl.create_default_context() if broker.tls else None,
-                will=aiomqtt.Will(address.topic(INSTANT_ACTIONS), will, qos=1),
+                will=aiomqtt.Will(address.topic(ADAPTER), GONE, qos=1),
                 timeout=2 * broker.keepalive_s,
             ) as client:
                 for name in (CONNECTION, STATE, VISUALIZATION):
                     await client.subscribe(address.topic(name), qos=1)
                 self._broker_error = ""
+                await self._adapters.begin(client)
                 self._log.info("broker_connected", broker=f"{broker.host}:{broker.port}")
                 self._outbox.clear()
                 self._apply(self.vehicle.linked)
@@ -240,11 +246,17 @@ class ConnectedVehicle:
             group.start_soon(self._send_on, client)
             try:
                 async for message in client.messages:
-                    name = str(message.topic).rpartition("/")[2]
-                    # A retained state may be of long ago.
-                    is_old = message.retain and name != CONNECTION
-                    if isinstance(message.payload, bytes | bytearray) and not is_old:
-                        self._take(name, message.payload)
+                    topic, payload = str(message.topic), message.payload
+                    if not isinstance(payload, bytes | bytearray):
+                        continue
+                    name = topic.rpartition("/")[2]
+                    if name == ADAPTER:
+                        self._adapters.hear(topic, payload, group, client)
+                    elif name == CONNECTION and not message.retain:
+                        group.start_soon(self._take_link, payload)
+                    elif name == CONNECTION or not message.retain:
+                        # A retained state may be of long ago.
+                        self._take(name, payload)
             except aiomqtt.MqttError as error:
                 self._log.warning("broker_lost", error=str(error))
             except BaseException:
@@ -254,6 +266,15 @@ class ConnectedVehicle:
                     await self._send(client)
                 raise
             group.cancel_scope.cancel()
+
+    async def _take_link(self, payload: bytes | bytearray) -> None:
+        """Take in what a vehicle's connection topic says; it is no last will unless it lasts."""
+        self._link_news += 1
+        mine = self._link_news
+        if str(Link.BROKEN).encode() in payload:
+            await anyio.sleep(GRACE_S)
+        if mine == self._link_news:
+            self._take(CONNECTION, payload)
 
     async def _send_on(self, client: aiomqtt.Client) -> None:
         while True:
@@ -329,6 +350,9 @@ class ConnectedVehicle:
                     if self._job is not None:
                         self._job.report_progress(fraction)
         self._tell_faults()
+        self._tell_news()
+
+    def _tell_news(self) -> None:
         self._news.set()
         self._news = anyio.Event()
 

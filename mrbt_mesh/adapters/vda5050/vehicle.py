@@ -135,6 +135,8 @@ class Vehicle:
 
     def connection(self, link: Link, now_s: float) -> list[Effect]:
         """The vehicle's connection topic, which is retained, or its last will."""
+        if link is not Link.ONLINE and self._link is Link.UNKNOWN and self._is_news_due(now_s):
+            return []  # a broker that was started again may have kept what it said when it ended
         was, self._link = self._link, link
         if link is not Link.ONLINE:
             # What it said before it went is not where it will be when it comes back.

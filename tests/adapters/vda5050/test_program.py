@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import anyio
@@ -14,12 +15,15 @@ import pytest
 from mrbt_mesh.adapters.vda5050 import program as vda5050_program
 from mrbt_mesh.adapters.vda5050.layout_file import load_layout
 from mrbt_mesh.adapters.vda5050.messages import Link
+from mrbt_mesh.adapters.vda5050.other_adapters import GONE, GRACE_S, HERE, STOPPED
 from mrbt_mesh.adapters.vda5050.program import ConnectedVehicle
 from mrbt_mesh.errors import TaskFailedError
 from mrbt_mesh.runtime.program import TaskContext
 from tests.support.extras import said_without
 from tests.support.paths import EXAMPLES
 from tests.support.vda5050.model_agv import ModelAgv
+
+F2 = load_layout(EXAMPLES / "warehouse/agvs.yaml").vehicles["F2"].topic("mrbt")
 
 
 class Told:
@@ -220,3 +224,56 @@ async def test_positions_of_the_layouts_map_are_told_and_nonsense_is_left_out() 
     for message in ([], {"orderId": 3}, "x"):
         robot.take("state", message)
     assert robot.member.vehicle.state is None
+
+
+def client() -> Any:
+    """A connection to the broker that keeps what is published."""
+    published: list[str] = []
+
+    async def publish(topic: str, *_: Any, **__: Any) -> None:
+        published.append(topic)
+
+    return SimpleNamespace(published=published, publish=publish)
+
+
+@pytest.mark.parametrize(
+    ("later", "stops"),
+    [(None, True), (HERE, False), (STOPPED, False)],
+)
+async def test_the_vehicle_of_a_robot_that_died_is_stopped_before_another_order_goes(
+    later: bytes | None, stops: bool
+) -> None:
+    robot, broker = Robot(), client()
+    robot.connect()
+    robot.hear()
+    async with anyio.create_task_group() as group:
+        robot.member._adapters.hear(F2, GONE, group, broker)
+        group.start_soon(robot.member.perform, context(robot.told), ())
+        await anyio.wait_all_tasks_blocked()
+        assert robot.member._job is None
+        if later is not None:
+            robot.member._adapters.hear(F2, later, group, broker)
+        while robot.member._job is None:
+            await anyio.sleep(0.01)
+        await anyio.sleep(2 * GRACE_S)
+        group.cancel_scope.cancel()
+    wanted = [F2.replace("mrbt", "instantActions"), F2]
+    assert broker.published == (wanted if stops else [])
+
+
+async def test_a_broker_that_ends_with_all_last_wills_stops_and_loses_nothing() -> None:
+    robot, broker = Robot(), client()
+    robot.connect()
+    robot.hear()
+    robot.capabilities()
+    broken = json.dumps({"connectionState": str(Link.BROKEN)}).encode()
+    async with anyio.create_task_group() as group:
+        robot.member._adapters.hear(F2, GONE, group, broker)
+        group.start_soon(robot.member._take_link, broken)
+        await anyio.wait_all_tasks_blocked()
+        group.cancel_scope.cancel()  # as the end of the connection does
+    assert (broker.published, robot.capabilities()) == ([], [])
+    await robot.member._take_link(broken)  # the broker lives on
+    assert robot.capabilities() == [
+        ("lose_capability", "all", f"the vehicle is not online (connection topic: {Link.BROKEN})")
+    ]

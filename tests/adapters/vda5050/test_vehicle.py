@@ -198,6 +198,18 @@ def test_a_short_outage_of_the_broker_is_no_fault_and_the_order_goes_on() -> Non
     assert len(world.agv.begun) == 1
 
 
+def test_what_a_broker_has_kept_of_its_end_is_no_fault_until_the_vehicle_says_its_state() -> None:
+    world = World().driving()
+    world.take(world.vehicle.unlinked(world.now_s))
+    world.take(world.vehicle.linked(world.now_s))
+    world.take(world.vehicle.connection(Link.BROKEN, world.now_s))
+    assert world.fault() == ""
+    world.hear()
+    assert world.fault() == ""
+    world.take(world.vehicle.connection(Link.BROKEN, world.now_s))
+    assert "not online" in world.fault()
+
+
 def test_a_long_outage_of_the_broker_is_a_fault() -> None:
     world = World().driving()
     world.take(world.vehicle.unlinked(world.now_s))

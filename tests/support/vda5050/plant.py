@@ -77,6 +77,7 @@ class Plant:
         trace: TracebackType | None,
     ) -> None:
         if self._client is not None:
+            self._client.disconnect()
             self._client.loop_stop()
         for process in [*self._vehicles.values(), self._broker]:
             if process is not None and process.poll() is None:
@@ -106,6 +107,12 @@ class Plant:
         """SIGKILL: no last will is sent, nothing is kept."""
         assert self._broker is not None
         self._broker.kill()
+        self._broker.wait()
+
+    def stop_broker(self) -> None:
+        """SIGTERM: it ends in order, and sends all last wills."""
+        assert self._broker is not None
+        self._broker.terminate()
         self._broker.wait()
 
     def start_vehicle(self, robot: str) -> None:
