@@ -292,6 +292,16 @@ def test_an_action_that_fails_is_told_with_its_error(status: str) -> None:
     assert world.topics() == ["cancelOrder"]
 
 
+@pytest.mark.parametrize("key", ["resultDescription", "actionResult"])  # 1.1 to 2.1, and 3.0
+def test_an_action_that_fails_is_told_with_its_result(key: str) -> None:
+    world = World().driving()
+    (action_id,) = [name for name in world.agv.statuses if "/" in name]
+    world.hear(
+        actionStates=[{"actionId": action_id, "actionStatus": "FAILED", key: "fork blocked"}]
+    )
+    assert world.ended == [Ended(False, "the vehicle's action pick failed: fork blocked")]
+
+
 def test_a_place_that_the_layout_has_no_way_to_fails_at_once() -> None:
     world = World().online().start((StopTemplate("Z", ()),))
     assert world.ended == [Ended(False, "the layout has no node 'Z'")]
