@@ -75,8 +75,9 @@ class LocalTreeRunner:
         waiting = {timeout.activation: timeout.timeout_us for timeout in found.timeouts}
         _cancel(self._actions, requested)
         _cancel(self._timeouts, waiting)
-        for activation, subject in requested.items():
-            # One that is still being cancelled is begun again when it has stopped.
+        # Nothing is begun while an action is still being stopped: it may need the same hardware.
+        is_stopping = any(activation not in requested for activation in self._actions)
+        for activation, subject in () if is_stopping else requested.items():
             if activation not in self._actions:
                 scope = self._actions[activation] = anyio.CancelScope()
                 self._group.start_soon(self._carry_out, activation, subject, scope)

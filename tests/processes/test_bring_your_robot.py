@@ -16,7 +16,10 @@ pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
     ("local_task", "options"),
     [
         ("carry", ()),
-        ("Visit", ("--btcpp", str(EXAMPLES / "robot_trees" / "nav2" / "patrol.xml"))),
+        (
+            "ComputePathToPose_to_TakePhoto",
+            ("--btcpp", str(EXAMPLES / "robot_trees" / "nav2" / "patrol.xml")),
+        ),
     ],
     ids=["a driver in Python", "a tree of one robot"],
 )

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import anyio
+import pytest
 
 from mrbt_mesh import RobotProgram, TaskContext, TaskFailedError
 from mrbt_mesh.core.agent.effects import CancelAction, StartAction
@@ -42,6 +43,7 @@ class Story:
 
     def __init__(self, *failing: str, **sets: str) -> None:
         self.told: list[str] = []
+        self.stop_s = 0.0
         self.program = RobotProgram()
 
         @self.program.local_task("*")
@@ -50,6 +52,8 @@ class Story:
             try:
                 await anyio.sleep(5 if name == "wait" else 1)
             except BaseException:
+                with anyio.CancelScope(shield=True):
+                    await anyio.sleep(self.stop_s)
                 self.told.append(f"{task.unix_time_s():g} {name} cancelled")
                 raise
             self.told.append(f"{task.unix_time_s():g} {name}")
@@ -141,9 +145,20 @@ def test_what_stands_right_of_an_action_reads_the_conditions_that_it_has_set() -
     assert story.told == ["1 diagnose", "2 fix"]
 
 
-def test_a_condition_that_a_sensor_sets_takes_an_action_back() -> None:
+@pytest.mark.parametrize(
+    ("stop_s", "expected"),
+    [
+        (0.0, ["1 pick", "1.5 use cancelled", "2.5 pick", "3.5 use"]),
+        (0.2, ["1 pick", "1.7 use cancelled", "2.7 pick", "3.7 use"]),
+    ],
+    ids=["at once", "the next action begins when it has stopped"],
+)
+def test_a_condition_that_a_sensor_sets_takes_an_action_back(
+    stop_s: float, expected: list[str]
+) -> None:
     tree = sequence(fallback(condition("c1"), action("pick")), action("use"))
     story = Story(pick="c1")
+    story.stop_s = stop_s
 
     @story.program.background
     async def slip(task: TaskContext) -> None:
@@ -154,7 +169,7 @@ def test_a_condition_that_a_sensor_sets_takes_an_action_back() -> None:
         runner.start_background()
 
     assert outcome(play(tree, story, steps))
-    assert story.told == ["1 pick", "1.5 use cancelled", "2.5 pick", "3.5 use"]
+    assert story.told == expected
 
 
 def test_a_time_limit() -> None:
