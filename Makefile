@@ -4,6 +4,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+# Two targets at once may both install: one waits for the other.
+APT_INSTALL := apt-get -o DPkg::Lock::Timeout=600 install --yes
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-long test-plain test-slow test-docker test-interop test-conformance test-ros2 test-vda5050 test-world test-with-others tolerance lint check-lock lock drills soak \
@@ -100,7 +102,7 @@ bench-page: $(READY) chromium
 
 .PHONY: chromium
 chromium:
-	@command -v chromium chromium-browser google-chrome > /dev/null || apt-get install --yes chromium || \
+	@command -v chromium chromium-browser google-chrome > /dev/null || $(APT_INSTALL) chromium || \
 		{ echo "install chromium, or run this as root on Debian"; exit 1; }
 
 test-docker: $(READY)
@@ -126,9 +128,9 @@ test-conformance: $(READY)
 # Parts that others have made: a broker, virtual AGVs, published schemas (docs/vda5050.md).
 VDA5050_NODE := $(VENV)/vda5050
 parts-vda5050: $(READY)
-	@command -v mosquitto > /dev/null || apt-get install --yes mosquitto || \
+	@command -v mosquitto > /dev/null || $(APT_INSTALL) mosquitto || \
 		{ echo "install mosquitto, or run this as root on Debian"; exit 1; }
-	@command -v npm > /dev/null || apt-get install --yes npm || \
+	@command -v npm > /dev/null || $(APT_INSTALL) npm || \
 		{ echo "install node and npm, or run this as root on Debian"; exit 1; }
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[vda5050]'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps vda5050-sdk==0.2.0

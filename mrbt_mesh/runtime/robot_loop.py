@@ -35,14 +35,14 @@ _logger = logging.getLogger("mrbt_mesh")
 
 
 class RobotTask(asyncio.Task[Any]):
-    """A task of the robot's, which code of its program does not cancel unless it runs in it.
+    """A task that code of the robot's program does not cancel, unless it carries out such code.
 
     `for each in asyncio.all_tasks(): each.cancel()` would end the robot.
     """
 
     def cancel(self, msg: Any | None = None) -> bool:
         call = running_call.get()
-        if call is None or call.is_carried_out_by(self):
+        if call is None or self in UserCall.tasks:
             return super().cancel(msg)
         call.tell_foreign_cancellation(frames_of(sys._getframe(1)))
         return False

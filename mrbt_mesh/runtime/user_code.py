@@ -15,6 +15,7 @@ import signal
 import sysconfig
 import threading
 import traceback
+import weakref
 from collections.abc import Awaitable, Callable, Coroutine, Generator, Iterator
 from contextvars import ContextVar, copy_context
 from functools import partial
@@ -58,12 +59,13 @@ class UserCall:
     """One call of `function`, made by `call`. `name` is what it does: a local task, a bid.
 
     `tell` hears of failures beside its result: what failed, the call, how. `stepping` is the call
-    whose code runs now, in the `steps`-th step of any. `blocked`: where it kept the simulator
-    waiting in real time, which has made it fail.
+    whose code runs now, in the `steps`-th step of any; `tasks` carry out calls. `blocked`: where it
+    kept the simulator waiting in real time, which has made it fail.
     """
 
     stepping: ClassVar[UserCall | None] = None
     steps: ClassVar[int] = 0
+    tasks: ClassVar[weakref.WeakSet[asyncio.Task[Any]]] = weakref.WeakSet()
 
     def __init__(
         self,
@@ -118,10 +120,6 @@ class UserCall:
         """Tell of a task that the function has started and nobody awaits."""
         self._tell("a task started by", self, failure)
 
-    def is_carried_out_by(self, task: asyncio.Task[Any]) -> bool:
-        """Whether its function runs in this task."""
-        return self._task is task
-
     def tell_foreign_cancellation(self, frames: list[tuple[str, int]]) -> None:
         """Tell that it has tried to cancel a task that is not its own; `frames`: where."""
         where = place_of(self.function, frames)
@@ -144,6 +142,8 @@ class UserCall:
 
     async def _carry_out(self) -> None:
         self._task = asyncio.current_task()
+        assert self._task is not None
+        UserCall.tasks.add(self._task)
         running_call.set(self)
         try:
             self._result = self.step(self._call)

@@ -87,7 +87,9 @@ def install(say: Callable[[str], None]) -> None:
     say(f"installing {', '.join(PACKAGES)}")
     environment = os.environ | {"DEBIAN_FRONTEND": "noninteractive"}
     run(["apt-get", "update"], environment)
-    run(["apt-get", "install", "-y", "--no-install-recommends", *PACKAGES], environment)
+    # Another make target may be installing at the same time.
+    wait = ("-o", "DPkg::Lock::Timeout=600")
+    run(["apt-get", *wait, "install", "-y", "--no-install-recommends", *PACKAGES], environment)
 
 
 @contextlib.contextmanager

@@ -71,6 +71,9 @@ position:
 """
 
 
+CAPABILITIES = ("work", "ask", "command", "managed")
+
+
 class Told:
     """A port that keeps what is said, and wakes whoever waits for it."""
 
@@ -87,8 +90,9 @@ class Told:
         return say
 
     async def until(self, *said: Any, after: int = 0) -> None:
+        """Until this has been said, with whatever else, such as a reason."""
         with anyio.fail_after(WAIT_S):
-            while said not in self.said[after:]:
+            while all(each[: len(said)] != said for each in self.said[after:]):
                 await self.news.wait()
 
 
@@ -96,7 +100,10 @@ def context(port: Told) -> TaskContext:
     nothing: tuple[str, ...] = ()
     port_: Any = port
     return TaskContext(
-        *("A1", "Rover", "1.a", 1, "", "", "", nothing, nothing, 1.0, 1.0, 1.0), {}, port_
+        *("A1", "Rover", "1.a", 1, "", "", "", nothing, nothing, 1.0, 1.0, 1.0),
+        {},
+        port_,
+        capabilities=CAPABILITIES,
     )
 
 
