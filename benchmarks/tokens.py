@@ -3,7 +3,7 @@
     python -m benchmarks.tokens [--seconds 15] [--tokens 1000 5000] [--names mixed] [--json FILE]
 
 Three robots do short tasks for `--seconds`: first alone, then with a stranger who shows and drops
-so many tokens again and again (`token_stranger`). Printed are the tasks started per second, their
+this many tokens again and again (`token_stranger`). It prints the tasks started per second, their
 ratio to those of the team alone, the false deaths (all robots live to the end), and the processor
 time that a robot used.
 """

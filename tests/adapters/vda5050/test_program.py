@@ -19,6 +19,7 @@ from mrbt_mesh.adapters.vda5050.other_adapters import GONE, GRACE_S, HERE, STOPP
 from mrbt_mesh.adapters.vda5050.program import ConnectedVehicle
 from mrbt_mesh.errors import TaskFailedError
 from mrbt_mesh.runtime.program import TaskContext
+from mrbt_mesh.sim.engine.clock import VirtualClock, VirtualLoop
 from tests.support.extras import said_without
 from tests.support.paths import EXAMPLES
 from tests.support.vda5050.model_agv import ModelAgv
@@ -240,23 +241,29 @@ def client() -> Any:
     ("later", "stops"),
     [(None, True), (HERE, False), (STOPPED, False)],
 )
-async def test_the_vehicle_of_a_robot_that_died_is_stopped_before_another_order_goes(
+def test_the_vehicle_of_a_robot_that_died_is_stopped_before_another_order_goes(
     later: bytes | None, stops: bool
 ) -> None:
-    robot, broker = Robot(), client()
-    robot.connect()
-    robot.hear()
-    async with anyio.create_task_group() as group:
-        robot.member._adapters.hear(F2, GONE, group, broker)
-        group.start_soon(robot.member.perform, context(robot.told), ())
-        await anyio.wait_all_tasks_blocked()
-        assert robot.member._job is None
-        if later is not None:
-            robot.member._adapters.hear(F2, later, group, broker)
-        while robot.member._job is None:
-            await anyio.sleep(0.01)
-        await anyio.sleep(2 * GRACE_S)
-        group.cancel_scope.cancel()
+    broker = client()
+
+    async def main() -> None:
+        robot = Robot()
+        robot.connect()
+        robot.hear()
+        async with anyio.create_task_group() as group:
+            robot.member._adapters.hear(F2, GONE, group, broker)
+            group.start_soon(robot.member.perform, context(robot.told), ())
+            await anyio.wait_all_tasks_blocked()
+            assert robot.member._job is None
+            if later is not None:
+                robot.member._adapters.hear(F2, later, group, broker)
+            while robot.member._job is None:
+                await anyio.sleep(0.01)
+            await anyio.sleep(2 * GRACE_S)
+            group.cancel_scope.cancel()
+
+    clock = VirtualClock()
+    anyio.run(main, backend_options={"loop_factory": lambda: VirtualLoop(clock)})
     wanted = [F2.replace("mrbt", "instantActions"), F2]
     assert broker.published == (wanted if stops else [])
 
