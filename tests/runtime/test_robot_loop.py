@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import signal
 import threading
 import time
 from collections.abc import Callable
@@ -44,13 +45,16 @@ def test_a_program_cannot_stop_the_loop() -> None:
 
 def test_ctrl_c_ends_it_as_any_other() -> None:
     async def main() -> None:
-        import signal
-
         signal.raise_signal(signal.SIGINT)
         await anyio.sleep_forever()
 
-    with pytest.raises(KeyboardInterrupt):
-        in_robot_loop(main)
+    # Tests that run in the background of a shell ignore the signal.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            in_robot_loop(main)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_what_nobody_awaits_is_told_to_the_call_that_began_it() -> None:
