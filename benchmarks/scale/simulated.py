@@ -59,7 +59,6 @@ class Event:
     replaced_s: list[float] = field(default_factory=list)
 
 
-# Attributes: a column each.
 @dataclass
 class Size:
     """What was found of one team; None: not in time. `cpu_s`: what its simulation took."""

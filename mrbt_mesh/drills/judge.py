@@ -30,7 +30,6 @@ class DrillVerdict:
     found: str
 
 
-# Attributes: all that is judged, from wherever it comes.
 @dataclass
 class Evidence:
     """What is known of a run. `journals` as at the end, when `is_obsolete` says of an activation

@@ -219,7 +219,6 @@ class DelayModel(LinksModel):
     ms: Annotated[int, Field(ge=1, le=60_000)]
 
 
-# Attributes: the keys of a step in the file.
 class StepModel(FileModel):
     """Faults, and the moment: `at` (s from the start of the run), `when`, `after` (s).
 
@@ -345,7 +344,6 @@ class NeverModel(FileModel):
     more_than: Count = 1
 
 
-# Attributes: the keys of `expect` in the file.
 class ExpectModel(FileModel):
     """What must hold at the end. Beside it, all steps must have been carried out.
 
@@ -385,7 +383,6 @@ Profiles: TypeAlias = Annotated[
 ]
 
 
-# Attributes: the keys of a drill file.
 class DrillModel(FileModel):
     """A mission, faults with their moments, and what must hold at the end.
 

@@ -324,7 +324,6 @@ class ConstraintsModel(FileModel):
     not_at_once: Annotated[list[NotAtOnceModel], Field(max_length=MAX_CONSTRAINTS)] = []
 
 
-# Attributes: the sections of a mission file.
 class MissionModel(FileModel):
     """A mission of a team of robots.
 

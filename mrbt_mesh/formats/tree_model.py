@@ -162,7 +162,6 @@ def _kind(kind: Kind) -> Any:
     return Field(default=None, alias=str(kind))
 
 
-# Attributes: one for each type of node that a file may name.
 class NodeModel(FileModel):
     """A node of a tree: a mapping with exactly one key, the type of the node."""
 

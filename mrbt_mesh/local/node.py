@@ -126,7 +126,6 @@ class NodeConditions:
     always: Script | None = None
 
 
-# Attributes: what a node is, then the state of its run.
 class TreeNode:
     """One node of a tree that runs.
 

@@ -24,7 +24,6 @@ from mrbt_mesh.recording.packing import (
 from mrbt_mesh.recording.scene import TeamScene
 
 
-# Attributes: what of each channel was told last.
 class ObserverRecorder:
     """Call `update` after each `Observer.update`, and `message` with what arrives.
 

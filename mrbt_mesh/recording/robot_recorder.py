@@ -45,7 +45,6 @@ _STATES = tuple(f"robot_{state}" for state in State)
 _Message: TypeAlias = tuple[str, Mapping[str, Any]]
 
 
-# Attributes: what of each channel was told last.
 class RobotRecorder:
     """Call `step` after each `Agent.handle`, before its effects are carried out: what a robot has
     said, it has also written down.

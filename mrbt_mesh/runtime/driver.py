@@ -76,7 +76,6 @@ REOPEN_RETRY_S = 0.1
 SILENT_BEATS = 5
 
 
-# Attributes: what `robot_process` puts together, each under its own name.
 @dataclass(frozen=True)
 class RobotSetup:
     """What a robot's process is made of. Without `run_dir`, it keeps no journal and no events.
@@ -103,7 +102,6 @@ class RobotSetup:
     keep_bytes: int = DEFAULT_KEEP_BYTES
 
 
-# Attributes: one part for each thing that a robot's process deals with.
 class Driver:
     """Runs one agent until it stops. Implements `actions.Host`.
 

@@ -46,7 +46,6 @@ MAX_HELD = 12
 Deliver = Callable[[Input, str | None], bool]
 
 
-# Attributes: what it was given, what each may still send, and what was refused.
 class FloodGate:
     """Hands on to `deliver` what may be authentic, and counts the rest by source and reason. In a
     team without `keys` every message may be.

@@ -36,7 +36,6 @@ class Durations(Protocol):
     def observe(self, seconds: float) -> None: ...
 
 
-# Attributes: what waits, when it is due, and what the journal is known to be like.
 class JournalWriter:
     """Writes to a journal; without one it does nothing.
 

@@ -67,7 +67,6 @@ class TaskPort(Protocol):
     def unix_time_s(self) -> float: ...
 
 
-# Attributes: what robot programs may read, flat, since it is the public API.
 @dataclass(frozen=True)
 class TaskContext:
     """What a local task gets beside its arguments.

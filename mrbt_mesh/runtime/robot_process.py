@@ -55,7 +55,6 @@ NO_JOURNAL = "this robot keeps no journal, which exclusive tasks need: give it a
 Locate = Callable[[Mission], TeamAddress]
 
 
-# Attributes: what one robot's process may be told, each under its own name.
 @dataclass(frozen=True)
 class RobotStart:
     """Which robot is started, and how.

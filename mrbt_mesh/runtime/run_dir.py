@@ -51,7 +51,6 @@ class Place:
     prefix: tuple[str, ...] = ()
 
 
-# Attributes: the keys of run.json.
 @dataclass(frozen=True)
 class RunInfo:
     """How a run was started: all that another process needs to join or to watch it.

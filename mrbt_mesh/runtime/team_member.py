@@ -196,7 +196,6 @@ class TeamMember:
         self._step()
 
 
-# Attributes: those of `mrbt agent`, each under its own name.
 class JoinOptions(TypedDict, total=False):
     """What the options of `mrbt agent` say: where the team is, and how this robot takes part.
 

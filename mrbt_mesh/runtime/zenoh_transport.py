@@ -72,7 +72,6 @@ QUERY_TOO_LARGE = f"more than {MAX_QUERY_BYTES} bytes"
 TOO_MANY_TOKENS = "too many liveliness tokens to check"
 
 
-# Attributes: the session, what it has declared, and what waits for answers over it.
 class ZenohTransport:
     """One session: publishes, asks and answers, and turns what arrives into agent inputs.
 

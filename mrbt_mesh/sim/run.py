@@ -41,7 +41,6 @@ class SimulationError(RuntimeError):
     """An agent, a robot's program or the simulator itself broke; the message has the seed."""
 
 
-# Attributes: what a caller may ask of a run, each under its own name.
 @dataclass(frozen=True)
 class SimulationResult:
     """What came out of a run.

@@ -33,7 +33,6 @@ TIMING = Timing(heartbeat_us=100 * MS, detection_us=1_000 * MS)
 AT_MOST = 50_000
 
 
-# Attributes: what there is of a process, and what a test may do to it.
 @dataclass
 class Process:
     """One robot's process. A frozen one keeps its mail for later."""

@@ -85,7 +85,6 @@ class PositionModel(FileModel):
     latched: bool = False
 
 
-# Attributes: the keys of a local task.
 class Ros2TaskModel(FileModel):
     """A local task: one of `action`, `service` and `topic`, and what belongs to it."""
 
@@ -121,7 +120,6 @@ class BindingFileModel(FileModel):
     position: PositionModel | None = None
 
 
-# Attributes: the sections of the file.
 @dataclass(frozen=True)
 class BindingFile:
     """A binding file that has been read. `robots`: per robot, what `$name` stands for."""

@@ -36,7 +36,6 @@ class TopicBinding:
     latched: bool
 
 
-# Attributes: the keys of the file.
 @dataclass(frozen=True)
 class TaskBinding:
     """A local task's action, service or topic, and what its messages mean."""

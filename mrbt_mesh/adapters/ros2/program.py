@@ -131,7 +131,6 @@ class _Run:
         self.changed = anyio.Event()
 
 
-# Attributes: the file, the bridge, the tasks that it is at, and what was told of servers.
 class ConnectedRobot:
     """One robot, its bridge, and the tasks that it is at.
 

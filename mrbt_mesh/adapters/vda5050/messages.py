@@ -60,7 +60,6 @@ class VehiclePlace:
     is_localized: bool
 
 
-# Attributes: what the standard's state has and the adapter needs, flat.
 @dataclass(frozen=True)
 class VehicleState:
     """A vehicle's state. `charge_percent` is None where it was not said.

@@ -129,7 +129,6 @@ class Fleet:
         return self._members[task.robot]
 
 
-# Attributes: the vehicle, what connects it with the broker and the robot, and what was told.
 class ConnectedVehicle:
     """One robot's vehicle, its connection to the broker, and the task that it is at."""
 

@@ -87,7 +87,6 @@ class Battery:
     enough_percent: float = 30.0
 
 
-# Attributes: what is wanted (job), what was sent, what the vehicle said, and since when.
 class Vehicle:
     """The order of one vehicle. Every method returns what is to be done; `now_s` never goes back.
 

@@ -20,7 +20,6 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S, DEFAULT_KEEP_MIB, MIB, MISSION_VARIABLE
 
 
-# Attributes: one option each.
 @dataclass(frozen=True)
 class RobotOptions:
     """Which robot it is, and what it does."""

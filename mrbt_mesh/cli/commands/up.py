@@ -21,7 +21,6 @@ from mrbt_mesh.cli.team.show_options import ShowOptions
 from mrbt_mesh.runtime.settings import DEFAULT_BEAT_S, DEFAULT_DETECTION_S, DEFAULT_KEEP_MIB
 
 
-# Attributes: an option each.
 @dataclass(frozen=True)
 class LaunchOptions:
     """What is started, and how its robots talk."""

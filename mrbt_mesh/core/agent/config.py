@@ -11,7 +11,6 @@ from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.core.membership.timing import Timing
 
 
-# Attributes: all that can be chosen for one robot.
 @dataclass(frozen=True)
 class AgentConfig:
     """One robot's configuration; performances in `capabilities` are micro-units.

@@ -26,7 +26,6 @@ MAX_REASONS = 1_000
 OTHERS = "others: too many to tell apart"
 
 
-# Attributes: what the parts of an agent have in common; each is an object with rules of its own.
 class Context:
     """One robot's facts, peers and outgoing effects.
 

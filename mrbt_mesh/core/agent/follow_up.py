@@ -40,7 +40,6 @@ _MAY_CHANGE_NOTHING = (
 )
 
 
-# Attributes: the parts of the agent that are brought up to date, and what the last step went by.
 class FollowUp:
     """Does what is due.
 

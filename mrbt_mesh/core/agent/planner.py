@@ -37,7 +37,6 @@ class Awaited:
     alive: Mapping[str, Incarnation]
 
 
-# Attributes: the plan, what it was made with and from, and whoever is told.
 class Planner:
     """Ticks T_A, whose leaves are here: each change of facts or of the alive set has it plan.
 

@@ -39,7 +39,6 @@ def first_of_ties(
     return _Ties(choice, free, robots, nodes, more, less).resolve()
 
 
-# Attributes: one residual graph, as bit masks and lists by node and by robot.
 class _Ties:
     """Fixes the robots that have several tight options, in order. Sets of nodes are bit masks.
 

@@ -65,7 +65,6 @@ def changed_performances(mission: Mission, robot: str, member: Member) -> dict[s
     return {n: v for n, v in sorted(member.capabilities.items()) if declared.get(n) != v}
 
 
-# Attributes: an index for each kind of entry.
 class TeamFacts:
     """The replicated facts of one run of one mission, indexed.
 

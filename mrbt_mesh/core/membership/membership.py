@@ -31,7 +31,6 @@ from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport, Suspicion
 MAX_SUSPICIONS = 32
 
 
-# Attributes: what is known of the others, and what of that has changed since it was looked at last.
 class Membership:
     """One robot's view of the others. `me` never appears in it.
 

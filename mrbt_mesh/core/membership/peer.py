@@ -29,7 +29,6 @@ class State(enum.StrEnum):
         self.is_suspected = name in ("suspect", "dead")
 
 
-# Attributes: all that one robot remembers of another.
 @dataclass(slots=True)
 class Peer:
     """What is known of one robot's newest incarnation.

@@ -238,7 +238,6 @@ def micro_performance(value: float) -> int:
     return round(value * MICRO)
 
 
-# Attributes: the sections of a mission file, made ground.
 @dataclass(frozen=True)
 class Mission:
     """Everything that all robots of a team must agree on before they start.

@@ -32,7 +32,6 @@ from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.core.planning.plan import Plan
 
 
-# Attributes: a replica and a membership as a robot has them, and what was last made of them.
 class Observer:
     """Feed it messages and tokens with the time of their arrival, then read it.
 

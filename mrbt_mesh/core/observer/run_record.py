@@ -30,7 +30,6 @@ from mrbt_mesh.core.observer.work_log import WorkLog
 from mrbt_mesh.core.planning.plan import Plan
 
 
-# Attributes: a list for each kind of thing that happens; `summary` makes one report of them.
 class RunRecord:
     """Collects the run. Times are on the observer's clock, reported from `started_us` on.
 

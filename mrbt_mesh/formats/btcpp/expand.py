@@ -74,7 +74,6 @@ class Scope:
         return [key for key in dict.fromkeys(keys) if self.entry(key) == entry]
 
 
-# Attributes: what stands at a node of a file, flat, since every reader wants some of it.
 @dataclass(slots=True)
 class ExpandedNode:
     """A node of the expanded tree; pointers and scripts name entries of the one blackboard.

@@ -148,7 +148,6 @@ class Expectation:
     found: str
 
 
-# Attributes: a section of the page each.
 @dataclass(frozen=True)
 class RunReport:
     """One run. `plans` and `differences` are None where nobody recorded what robots reported; so

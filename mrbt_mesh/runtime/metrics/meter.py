@@ -64,7 +64,6 @@ class Traffic:
         return {name: (count, size) for name, (count, size) in named.items() if count}
 
 
-# Attributes: one for each thing that is counted.
 class Meter:
     """What one robot's process has counted since it began.
 

@@ -28,7 +28,6 @@ MS = 1_000
 SECOND_US = 1_000_000
 
 
-# Attributes: one for each kind of fault, and how long it all may last.
 @dataclass(frozen=True, slots=True)
 class ChaosKnobs:
     """How much chaos: the mean number of faults of each kind in a run, 0 for none.

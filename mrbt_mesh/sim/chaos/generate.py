@@ -69,7 +69,6 @@ def generate_mission(seed: int) -> Generated:
     )
 
 
-# Attributes: what is drawn first, and all that is drawn later depends on.
 class _Generator:
     def __init__(self, seed: int) -> None:
         self.seed = seed

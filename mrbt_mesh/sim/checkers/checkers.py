@@ -20,7 +20,6 @@ from mrbt_mesh.sim.checkers.work import Progress, WorkWithinBounds
 from mrbt_mesh.sim.engine.process import SimProcess
 
 
-# Attributes: one checker for each invariant, and what is remembered of a step while it is taken.
 class Checkers:
     """Tells each checker what happens, at the moments that could break its invariant."""
 

@@ -83,7 +83,6 @@ class Program(Protocol):
     def end(self) -> None: ...
 
 
-# Attributes: the agent, and what stands for a process around it.
 class SimProcess:
     """Drives one agent and its program; the simulator's counterpart of the runtime's driver.
 

@@ -51,7 +51,6 @@ class Beginning:
     under_way: Mapping[tuple[str, str, str], int]
 
 
-# Attributes: all that a run may be asked for, each under its own name.
 @dataclass(frozen=True)
 class Setup:
     """One run. `robots` are launched at the start, within `start_spread_us`.

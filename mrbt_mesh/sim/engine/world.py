@@ -36,7 +36,6 @@ from mrbt_mesh.sim.engine.routers import Routers
 from mrbt_mesh.sim.engine.setup import Setup
 
 
-# Attributes: the robots, the networks and routers between them, and who looks on.
 class World:
     """Everything that is there, and what happens when. One instance is one run.
 

@@ -9,7 +9,6 @@ from mrbt_mesh.core.bt.guards import Guard
 from mrbt_mesh.core.bt.tree import Kind, Memory, Node
 
 
-# Attributes: flat lists by node, each read alone at every node of every tick.
 class CompiledTree:
     """Flat lists by node index.
 

@@ -38,7 +38,6 @@ Latch = tuple[str, int]
 Passed = tuple[str, int, bool]
 
 
-# Attributes: flat lists by node, all of one tick, which the functions read and write in place.
 class Tick:
     """What one tick has found.
 

@@ -28,7 +28,6 @@ from mrbt_mesh.core.incremental.evaluation.turn_sums import TurnSums
 Ranks: TypeAlias = tuple[int, int, int]
 
 
-# Attributes: lists of the tick and its tree, bound here since they are read at every node.
 class TickUpdate:
     """Brings a tick up to date, as often as one likes.
 

@@ -157,7 +157,6 @@ def test_one_that_says_it_cannot_be_used() -> None:
     assert keeper.heard(1.0) == [ServerTold(True, "")]
 
 
-# Attributes: the server, what is on its way to it, and what was wanted, told and has ended.
 class Servers(RuleBasedStateMachine):
     """A server that may be killed, be started again, lose what is sent to it, and take its time.
 
