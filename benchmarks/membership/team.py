@@ -24,8 +24,8 @@ from mrbt_mesh.core.agent.inputs import (
     ActionFinished,
     ActionStopped,
     Input,
+    InputBatch,
     MessageReceived,
-    NewsReceived,
 )
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.facts.store import Incarnation
@@ -229,7 +229,7 @@ class _Watch(Inspection):
 
     def handling(self, process: SimProcess, event: Input) -> None:
         team = self._team
-        for each in event.news if isinstance(event, NewsReceived) else (event,):
+        for each in event.inputs if isinstance(event, InputBatch) else (event,):
             if isinstance(each, MessageReceived):
                 team.received[process.robot] += 1
                 if each.kind is MessageKind.HEARTBEAT and team.on_beat is not None:

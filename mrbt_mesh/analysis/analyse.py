@@ -47,7 +47,12 @@ def assumptions(mission: Mission) -> tuple[str, ...]:
     """What the figures rest on, and what they leave out of this mission."""
     left_out = [str(constraint) for constraint in mission.constraints]
     own = sorted(
-        {name for g in mission.own.guards.values() for name, _ in g if name in mission.own}
+        {
+            name
+            for g in mission.per_robot.guards.values()
+            for name, _ in g
+            if name in mission.per_robot
+        }
     )
     left_out += [f"{name}, which every robot has for itself" for name in own]
     if not left_out:

@@ -45,7 +45,7 @@ class Follows:
 def follows(
     spec: NodeSpec, declared: Declarations, is_of_robots: Callable[[str], bool]
 ) -> list[Follows]:
-    """For each action node that requires a robot's own condition, in tree order, each kind once.
+    """For each action node that requires a per-robot condition, in tree order, each kind once.
 
     Where the tree asks for the condition before it, the plan minds whose it is.
     """
@@ -202,7 +202,7 @@ class _Renewal:
         return self.declared.get(leaf.subject, _NOTHING)
 
     def _made(self, spec: NodeSpec) -> str | None:
-        """The robot's own condition that an action makes true, where it was false before.
+        """The per-robot condition that an action makes true, where it was false before.
 
         Of Fallback(holding, pick), too: it asks for it.
         """

@@ -34,7 +34,7 @@ from mrbt_mesh.core.facts.records import (
 )
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
-from mrbt_mesh.core.mission.conditions import own_name
+from mrbt_mesh.core.mission.conditions import robot_condition
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, Mission, micro_performance
 from mrbt_mesh.formats.limited_file import read_limited
 from mrbt_mesh.formats.problems import (
@@ -112,8 +112,8 @@ class _Builder:
     def _conditions(self, path: SourcePath, value: Any) -> None:
         for name, holds in self._mapping(path, value):
             here = (*path, name)
-            if name in self.mission.own:
-                robot = own_name(name, self._first)
+            if name in self.mission.per_robot:
+                robot = robot_condition(name, self._first)
                 self._report.add(here, f"every robot has its own: say whose, as in {robot}")
             elif not self.mission.can_be_set(name):
                 self._report.add(here, f"no condition{nearest(name, self.mission.conditions)}")

@@ -10,8 +10,8 @@ from mrbt_mesh.core.agent.inputs import (
     ActionFinished,
     ActionStopped,
     Input,
+    InputBatch,
     MessageReceived,
-    NewsReceived,
     ProgressReported,
     TokenChanged,
 )
@@ -94,7 +94,7 @@ class RobotRecorder:
 
     def step(self, event: Input, effects: Sequence[Effect], now_us: int) -> None:
         """Write what has changed by an input, and what is to be done. Raises OSError."""
-        taken = event.news if isinstance(event, NewsReceived) else (event,)
+        taken = event.inputs if isinstance(event, InputBatch) else (event,)
         for each in taken:
             self._write(self._inputs(each), now_us)
         view = self._view

@@ -25,7 +25,7 @@ from mrbt_mesh.core.agent.inputs import (
     Input,
     ProblemFound,
 )
-from mrbt_mesh.core.bt.local_run import OwnConditions
+from mrbt_mesh.core.bt.local_run import LocalConditions
 from mrbt_mesh.core.bt.tree import Tree
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.mission.mission import (
@@ -95,7 +95,7 @@ class ActionRunner:
         # With the ticket of the action for which they run; None: for none.
         self._calls: dict[UserCall, int | None] = {}
         self._bids: list[BidMade] = []
-        self._own = OwnConditions(mission.local_condition_default)
+        self._own = LocalConditions(mission.local_condition_default)
         # How many of the program's sensors run.
         self.backgrounds = 0
 
@@ -126,7 +126,7 @@ class ActionRunner:
         with scope:
             if tree is None:
                 end = await self._call(effect, port)
-                for name, value in port.own_conditions.items():
+                for name, value in port.local_conditions.items():
                     self._own.set(name, value)
             else:
                 end = await self._run_tree(effect, tree, port)
@@ -158,7 +158,7 @@ class ActionRunner:
                 outcome=outcome,
                 error=end.error,
             )
-            return end.success, inner.own_conditions
+            return end.success, inner.local_conditions
 
         runner = LocalTreeRunner(self._group, tree, self._own, run_leaf, port.report_tree)
         success = await runner.run()

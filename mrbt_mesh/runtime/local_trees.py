@@ -13,11 +13,11 @@ import anyio
 import anyio.abc
 
 from mrbt_mesh.core.bt.evaluation import Evaluation
-from mrbt_mesh.core.bt.local_run import LocalRun, OwnConditions
+from mrbt_mesh.core.bt.local_run import LocalConditions, LocalRun
 from mrbt_mesh.core.bt.tree import Status, Tree
 from mrbt_mesh.core.mission.mission import MICRO
 
-# How an action has ended: whether it succeeded, and the robot's own conditions that go with that.
+# How an action has ended: whether it succeeded, and the robot's local conditions that go with that.
 LeafEnd: TypeAlias = tuple[bool, Mapping[str, bool]]
 # Carries out an action, by its ground name, to its end.
 RunLeaf: TypeAlias = Callable[[str], Awaitable[LeafEnd]]
@@ -32,7 +32,7 @@ class LocalTreeRunner:
         self,
         group: anyio.abc.TaskGroup,
         tree: Tree,
-        conditions: OwnConditions,
+        conditions: LocalConditions,
         run_leaf: RunLeaf,
         tell: Callable[[bytes], None],
     ) -> None:

@@ -19,7 +19,7 @@ from mrbt_mesh.core.agent.inputs import (
     TreeTicked,
 )
 from mrbt_mesh.core.agent.reports import CONDITIONS_PER_OUTCOME
-from mrbt_mesh.core.bt.local_run import OwnConditions
+from mrbt_mesh.core.bt.local_run import LocalConditions
 from mrbt_mesh.core.membership.wire import MAX_COORDINATE, Position
 from mrbt_mesh.core.mission.conditions import truth_of
 from mrbt_mesh.core.mission.mission import Mission, micro_performance
@@ -64,7 +64,7 @@ def truth(value: Any, what: str) -> bool:
 class AgentPort:
     """Behind one TaskContext; collects the conditions that go with the outcome.
 
-    `own` are the robot's own conditions. `whole` is the port of the local task in whose tree this
+    `own` are the robot's local conditions. `whole` is the port of the local task in whose tree this
     one's action stands.
     """
 
@@ -73,7 +73,7 @@ class AgentPort:
         host: Host,
         mission: Mission,
         ticket: int | None,
-        own: OwnConditions,
+        own: LocalConditions,
         whole: AgentPort | None = None,
     ) -> None:
         self._host = host
@@ -84,7 +84,7 @@ class AgentPort:
         self._thread = threading.get_ident()
         self._is_over = False
         self.conditions: dict[str, bool] = {}
-        self.own_conditions: dict[str, bool] = {}
+        self.local_conditions: dict[str, bool] = {}
         self._tree_statuses = b""
 
     def close(self) -> None:
@@ -119,7 +119,7 @@ class AgentPort:
         for name in others:
             self.check_condition(name)
         told = {name: truth(values[name], f"condition {name!r}") for name in others}
-        for kept, found in ((self.conditions, told), (self.own_conditions, own)):
+        for kept, found in ((self.conditions, told), (self.local_conditions, own)):
             for name, value in found.items():
                 self._keep(kept, name, value)
 
@@ -143,10 +143,10 @@ class AgentPort:
         if at_once or self._ticket is None:
             self._own.set(name, holds)
         else:
-            self._keep(self.own_conditions, name, holds)
+            self._keep(self.local_conditions, name, holds)
 
     def read_local_condition(self, name: str) -> bool:
-        return self.own_conditions.get(name, self._own.value(name))
+        return self.local_conditions.get(name, self._own.value(name))
 
     def report_progress(self, fraction: float) -> None:
         if isinstance(fraction, bool) or not isinstance(fraction, Real) or fraction != fraction:

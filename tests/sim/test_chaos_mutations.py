@@ -35,7 +35,7 @@ CAUGHT = {
     "incremental_plans_forget_pins": ("I7", (1, 3)),
     "guards_are_counted_one_by_one": ("I3", (34, 88)),
     "compound_conditions_guard_nothing": ("I3", (23, 42)),
-    "own_conditions_are_anybodys": ("I4", (183, 257)),
+    "per_robot_conditions_are_anybodys": ("I4", (183, 257)),
     "the_dead_are_waited_for": ("I6", (87, 89)),
     "the_dead_count_as_assigned": ("I6", (259,)),
 }

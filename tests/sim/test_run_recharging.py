@@ -1,4 +1,4 @@
-"""The recipe of docs/own_conditions.md for robots whose batteries get low, with faults."""
+"""The recipe of docs/per_robot_conditions.md for robots whose batteries get low, with faults."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.support.paths import ROOT
 
 @pytest.fixture
 def mission(tmp_path: Path) -> Path:
-    text = (ROOT / "docs/own_conditions.md").read_text().partition("## Low, so charge")[2]
+    text = (ROOT / "docs/per_robot_conditions.md").read_text().partition("## Low, so charge")[2]
     blocks = dict(re.findall(r"```(yaml|python)\n(.*?)```", text, re.DOTALL))
     (tmp_path / "robot.py").write_text(blocks["python"])
     (tmp_path / "mission.yaml").write_text(blocks["yaml"])

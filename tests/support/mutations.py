@@ -388,7 +388,7 @@ def compound_conditions_guard_nothing() -> Iterator[None]:
 
 
 @mutation
-def own_conditions_are_anybodys() -> Iterator[None]:
+def per_robot_conditions_are_anybodys() -> Iterator[None]:
     """Whoever is free goes on with what one robot has begun for itself."""
     with mock.patch.object(demands, "entitled", return_value=None):
         yield

@@ -26,13 +26,13 @@ from mrbt_mesh.core.agent.inputs import (
     CapabilityChanged,
     ConditionSet,
     Input,
+    InputBatch,
     InputRefused,
     JournalOpened,
     JournalReported,
     JournalSynced,
     LeaveRequested,
     MessageReceived,
-    NewsReceived,
     PerformanceChanged,
     PlanMade,
     PositionReported,
@@ -90,7 +90,7 @@ class Agent:
         if now_us > self._deadline_us:
             self._lifecycle.woke_late(now_us - self._deadline_us, now_us)
             self._deadline_us = now_us
-        taken: Sequence[Input] = event.news if isinstance(event, NewsReceived) else (event,)
+        taken: Sequence[Input] = event.inputs if isinstance(event, InputBatch) else (event,)
         if context.config.plans_apart:
             taken = self._deferred.due(taken, self._planner.awaited is not None)
         for each in taken:

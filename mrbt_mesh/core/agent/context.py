@@ -122,13 +122,13 @@ class Context:
 
     def refuse(self, source: str, reason: str, incompatible: bool = False, count: int = 1) -> None:
         """Count what is refused; log it once per source and reason."""
-        if self.is_first(source, reason, count):
+        if self.count_refusal(source, reason, count):
             event = "robot_refused" if incompatible else "input_refused"
             self.log("error" if incompatible else "warning", event, source=source, reason=reason)
         if incompatible and self.joining is not None:
             self.joining.refusal = f"{source}: {reason}"
 
-    def is_first(self, source: str, reason: str, count: int = 1) -> bool:
+    def count_refusal(self, source: str, reason: str, count: int = 1) -> bool:
         """Count more of a kind that is worth one line in the log; whether they are the first."""
         key = f"{source}: {reason}"
         if key not in self.refused and len(self.refused) >= MAX_REASONS:

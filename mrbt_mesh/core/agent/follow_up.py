@@ -15,7 +15,7 @@ from mrbt_mesh.core.agent.heartbeats import Heartbeats
 from mrbt_mesh.core.agent.inputs import (
     Input,
     MessageReceived,
-    News,
+    NetworkInput,
     PositionReported,
     ProgressReported,
     TimerFired,
@@ -149,7 +149,7 @@ class FollowUp:
         if (
             membership.neighbourhood.is_complete
             or self._planner.is_current
-            or not all(isinstance(event, News | TimerFired) for event in events)
+            or not all(isinstance(event, NetworkInput | TimerFired) for event in events)
         ):
             return False
         earliest_us = self._planned_us + PLAN_SPACING_US * len(membership.peers)

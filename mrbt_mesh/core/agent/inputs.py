@@ -232,21 +232,23 @@ class JournalOpened:
     entries: tuple[Entry, ...]
 
 
-News: TypeAlias = MessageReceived | TokenChanged | RouterAnswered | AnswerReceived | InputRefused
+NetworkInput: TypeAlias = (
+    MessageReceived | TokenChanged | RouterAnswered | AnswerReceived | InputRefused
+)
 
-FromOutside: TypeAlias = News | QueryReceived
+FromOutside: TypeAlias = NetworkInput | QueryReceived
 
 
 @dataclass(frozen=True, slots=True)
-class NewsReceived:
-    """News that have waited together, oldest first: taken in before anything follows from them."""
+class InputBatch:
+    """Inputs that waited together, oldest first: all are taken in before the agent acts on them."""
 
-    news: tuple[News, ...]
+    inputs: tuple[NetworkInput, ...]
 
 
 Input: TypeAlias = (
     FromOutside
-    | NewsReceived
+    | InputBatch
     | ActionFinished
     | ActionStopped
     | ProgressReported
@@ -266,29 +268,28 @@ Input: TypeAlias = (
 )
 
 
-# So much, at most, is taken in together: a few milliseconds' work.
+# The most inputs of one batch: a few milliseconds of work.
 AT_ONCE = 25
 
 
 def together(waiting: Iterable[Input]) -> Iterator[Input]:
-    """What has waited, in order, with news that come one after the other handed in as one input.
+    """The inputs that waited, in order; consecutive network inputs become one batch.
 
-    A robot that was slow hears so of all before it judges who is silent, and goes once through
-    what follows. What the robot itself or an operator says comes alone: each of it is a step of
-    the tree.
+    A robot that was slow so hears from all the others before it judges who is silent, and acts
+    once. Inputs of the robot itself or of an operator stay alone: each is a step of the tree.
     """
-    news: list[News] = []
+    batch: list[NetworkInput] = []
     for event in waiting:
-        if isinstance(event, News):
-            news.append(event)
-            if len(news) < AT_ONCE:
+        if isinstance(event, NetworkInput):
+            batch.append(event)
+            if len(batch) < AT_ONCE:
                 continue
-        if len(news) == 1:
-            yield news[0]
-        elif news:
-            yield NewsReceived(tuple(news))
-        news.clear()
-        if not isinstance(event, News):
+        if len(batch) == 1:
+            yield batch[0]
+        elif batch:
+            yield InputBatch(tuple(batch))
+        batch.clear()
+        if not isinstance(event, NetworkInput):
             yield event
-    if news:
-        yield NewsReceived(tuple(news)) if len(news) > 1 else news[0]
+    if batch:
+        yield InputBatch(tuple(batch)) if len(batch) > 1 else batch[0]

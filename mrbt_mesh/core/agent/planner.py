@@ -130,7 +130,7 @@ class Planner:
         if dropped:
             context.emit(Forget(tuple(dropped)))
         for reason in self._failures:
-            if context.is_first("solver", "broke its contract"):
+            if context.count_refusal("solver", "broke its contract"):
                 context.log("error", "solver_failed", reason=reason, instead="the default solver")
         self._failures.clear()
 

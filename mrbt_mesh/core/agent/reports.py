@@ -21,7 +21,7 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.problems import JOURNAL, as_subject
 from mrbt_mesh.core.facts.records import ConditionValue, OrderKind, Outcome
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
-from mrbt_mesh.core.mission.conditions import own_name
+from mrbt_mesh.core.mission.conditions import robot_condition
 from mrbt_mesh.core.mission.failure_reasons import one_line
 from mrbt_mesh.core.mission.names import type_name
 
@@ -131,8 +131,8 @@ class Reports:
 
     def _name_here(self, condition: str) -> str:
         """A condition as this robot's program names it: its own one, if every robot has its own."""
-        is_own = condition in self._context.mission.own
-        return own_name(condition, self._context.me) if is_own else condition
+        is_own = condition in self._context.mission.per_robot
+        return robot_condition(condition, self._context.me) if is_own else condition
 
     def _last_word(self, name: str) -> bool:
         """What this robot itself has said last of a condition."""
@@ -148,8 +148,8 @@ class Reports:
         if context.is_leaving or context.me not in context.mission.robots:
             return
         writes: list[tuple[str, Any]] = []
-        for leaf in context.mission.own.leaves:
-            name = own_name(leaf, context.me)
+        for leaf in context.mission.per_robot.leaves:
+            name = robot_condition(leaf, context.me)
             value = self._last_word(name)
             if facts.condition(name) != value:
                 row = [value, facts.conditions.revision(name) + 1, context.replica.next_stamp()]

@@ -17,7 +17,7 @@ from mrbt_mesh.core.bt.outcome_tick import OutcomeTick
 from mrbt_mesh.core.bt.tree import Status, Tree
 
 
-class OwnConditions:
+class LocalConditions:
     """The conditions of one robot, for as long as its process lives.
 
     `default` says what a condition reads as that nobody has set.
@@ -48,7 +48,7 @@ class LocalRun:
     is to be cancelled. Once the root has ended, so has the local task, with that status.
     """
 
-    def __init__(self, tree: Tree, conditions: OwnConditions) -> None:
+    def __init__(self, tree: Tree, conditions: LocalConditions) -> None:
         self._evaluator = Evaluator(tree)
         self._conditions = conditions
         self._outcomes: dict[str, Status] = {}

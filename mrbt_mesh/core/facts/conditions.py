@@ -19,7 +19,7 @@ from collections.abc import Mapping, Sequence
 from mrbt_mesh.core.bt.evaluation import EvaluationFacts, OtherConditions
 from mrbt_mesh.core.bt.guards import Expression, Guard
 from mrbt_mesh.core.facts.records import ConditionValue, ExpressionRevision
-from mrbt_mesh.core.mission.conditions import own_name, split_owner
+from mrbt_mesh.core.mission.conditions import robot_condition, split_owner
 from mrbt_mesh.core.mission.mission import Mission
 
 
@@ -35,7 +35,7 @@ class Conditions:
         self._defaults: dict[str, bool] = {}
         self._noted: dict[str, dict[str, ExpressionRevision]] = {}
         self._readers: dict[str, list[Expression]] = {}
-        for expression in mission.own.expressions.values():
+        for expression in mission.per_robot.guard_expressions.values():
             for name in expression.conditions:
                 self._readers.setdefault(name, []).append(expression)
         # Of which something was said since they were looked at last.
@@ -62,7 +62,7 @@ class Conditions:
         """Whether the condition holds."""
         value = self._values.get(name)
         if value is None:
-            if name in self._mission.own:
+            if name in self._mission.per_robot:
                 value = any(self.of_robot(robot, name) for robot in self._mission.robots)
             else:
                 value = self._default(name)
@@ -71,14 +71,14 @@ class Conditions:
 
     def of_robot(self, robot: str, name: str) -> bool:
         """Whether the condition holds for a robot: its own if every robot has its own."""
-        return self.value(own_name(name, robot) if name in self._mission.own else name)
+        return self.value(robot_condition(name, robot) if name in self._mission.per_robot else name)
 
     def after(self, changes: Mapping[str, bool]) -> dict[str, bool]:
         """What else these changes make of conditions: with one of a robot, that of any robot."""
         after = dict(changes)
         for condition, robot in map(split_owner, changes):
             if robot:
-                names = [own_name(condition, each) for each in self._mission.robots]
+                names = [robot_condition(condition, each) for each in self._mission.robots]
                 after[condition] = any(changes.get(name, self.value(name)) for name in names)
         return after
 
@@ -110,7 +110,7 @@ class Conditions:
     def _default(self, name: str) -> bool:
         default = self._defaults.get(name)
         if default is None:
-            expression = self._mission.own.expressions.get(name)
+            expression = self._mission.per_robot.guard_expressions.get(name)
             if expression is None:
                 default = self._mission.condition_default(name)
             else:
@@ -126,7 +126,7 @@ class Conditions:
         self._remember(name)
         self._noted.setdefault(name, {})[author] = noted
         if name not in self._with_actions:
-            self._touched[name] = self._mission.own.expressions[name]
+            self._touched[name] = self._mission.per_robot.guard_expressions[name]
             self._touch_readers(name)
 
     def _touch_readers(self, name: str) -> None:

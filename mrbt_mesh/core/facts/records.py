@@ -168,7 +168,7 @@ class Coalition(Record):
     """The robots that start one activation together, as their leader wrote them down."""
 
     members: tuple[CoalitionMember, ...]
-    first_stands: ClassVar[bool] = True
+    write_once: ClassVar[bool] = True
 
     def to_value(self) -> list[Any]:
         return [
@@ -204,7 +204,7 @@ class Outcome(Record):
     success: bool
     data: Any
     reason: str = ""
-    first_stands: ClassVar[bool] = True
+    write_once: ClassVar[bool] = True
 
     def rank(self) -> int:
         return int(self.success)
@@ -292,7 +292,7 @@ class Attempt(Record):
     """How many attempts of a Retry or Repeat are used up; joins by maximum."""
 
     number: int
-    first_stands: ClassVar[bool] = True
+    write_once: ClassVar[bool] = True
 
     def rank(self) -> int:
         return self.number
@@ -307,7 +307,7 @@ class ChildResult(Record):
     """How a child of a node with memory ended; success wins."""
 
     success: bool
-    first_stands: ClassVar[bool] = True
+    write_once: ClassVar[bool] = True
 
     def rank(self) -> int:
         return int(self.success)
@@ -329,7 +329,7 @@ class MissionResult(Record):
 
     success: bool
     agreed: int
-    first_stands: ClassVar[bool] = True
+    write_once: ClassVar[bool] = True
 
     def rank(self) -> int:
         return 2 * self.agreed + self.success
@@ -351,7 +351,7 @@ class Bid(Record):
     """
 
     performance: int | None
-    first_stands: ClassVar[bool] = True
+    write_once: ClassVar[bool] = True
 
     @staticmethod
     def parse(value: Any) -> Bid:
@@ -364,7 +364,7 @@ class Bid(Record):
 class Latch(Record):
     """Something that stays true once said: a verdict of failure, a grant, a broken coalition."""
 
-    first_stands: ClassVar[bool] = True
+    write_once: ClassVar[bool] = True
 
     @staticmethod
     def parse(value: Any) -> Latch:

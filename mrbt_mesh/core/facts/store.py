@@ -101,7 +101,7 @@ def join(mine: Entry | None, other: Entry) -> Entry:
     mine_key, other_key = (mine.version, mine.packed), (other.version, other.packed)
     newest = other if other_key > mine_key else mine
     oldest = mine if newest is other else other
-    return oldest if mine.record.first_stands else newest
+    return oldest if mine.record.write_once else newest
 
 
 # What an entry was and what it is; None stands for absent.

@@ -58,7 +58,7 @@ def _refuse_condition(entry: Entry, name: str, mission: Mission) -> str | None:
 
 def _refuse_expression(entry: Entry, name: str, mission: Mission) -> str | None:
     """What it says follows from the revisions that were read, and takes at least as many."""
-    expression = mission.own.expressions.get(name)
+    expression = mission.per_robot.guard_expressions.get(name)
     guard = expression or mission.evaluator.with_actions.get(name)
     if guard is None:
         return f"{name!r:.80} is no guard of several conditions in this mission's tree"

@@ -12,9 +12,9 @@ MAX_DATA_DEPTH = 16
 
 
 class Record:
-    """Base of all records. `rank` and `first_stands` are the exceptions to newest-wins."""
+    """Base of all records. `rank` and `write_once` are the exceptions to newest-wins."""
 
-    first_stands: ClassVar[bool] = False
+    write_once: ClassVar[bool] = False
 
     def rank(self) -> int:
         return 0

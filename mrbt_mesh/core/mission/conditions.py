@@ -66,7 +66,7 @@ def conditions_from_json(data: Mapping[str, Any]) -> dict[str, ConditionType]:
     }
 
 
-def own_name(condition: str, robot: str) -> str:
+def robot_condition(condition: str, robot: str) -> str:
     """The condition of one robot: `holding(1)@A1`."""
     return f"{condition}{_OF}{robot}"
 
@@ -79,7 +79,7 @@ def split_owner(name: str) -> tuple[str, str]:
 
 def any_of(condition: str, robots: Iterable[str]) -> Expression:
     """What a leaf reads: whether the condition holds for any of the robots. Its id is its name."""
-    names = tuple(sorted(own_name(condition, robot) for robot in robots))
+    names = tuple(sorted(robot_condition(condition, robot) for robot in robots))
     leaves = tuple(NodeSpec(Kind.CONDITION, subject=name) for name in names)
     return Expression(condition, NodeSpec(Kind.FALLBACK, leaves), names)
 
@@ -123,7 +123,7 @@ class PerRobotConditions:
         return sorted({n.subject for n in nodes if n.kind is Kind.CONDITION and n.subject in self})
 
     @cached_property
-    def expressions(self) -> dict[str, Expression]:
+    def guard_expressions(self) -> dict[str, Expression]:
         """By id, what decides as a whole: several conditions, or one condition of all robots."""
         leaves = {name: any_of(name, self.robots) for name in self.leaves}
         return self._names.expressions | leaves
@@ -133,7 +133,7 @@ class PerRobotConditions:
         known = self._names.with_actions.get(guard)
         if known is not None:
             return known.conditions
-        return (guard,) if guard in self else self.expressions[guard].conditions
+        return (guard,) if guard in self else self.guard_expressions[guard].conditions
 
     @cached_property
     def guards(self) -> dict[int, tuple[Guard, ...]]:
@@ -146,7 +146,7 @@ class PerRobotConditions:
         asking = {name: each for name, each in with_actions if nodes[each.node].kind in in_order}
         own = {
             name
-            for name, each in (self.expressions | asking).items()
+            for name, each in (self.guard_expressions | asking).items()
             if name in self or any(condition in self for condition in each.conditions)
         }
         if not own:

@@ -307,13 +307,13 @@ class Mission:
         return default_of(ground, self.conditions)
 
     @cached_property
-    def own(self) -> PerRobotConditions:
+    def per_robot(self) -> PerRobotConditions:
         """The conditions that every robot has for itself."""
         return PerRobotConditions(self.conditions, tuple(sorted(self.robots)), self.evaluator)
 
     def can_be_set(self, name: str) -> bool:
         """Whether this is a condition of the team, or of a robot of the mission: `holding@A1`."""
-        return self.knows_condition(split_owner(name)[0]) and self.own.names_owner(name)
+        return self.knows_condition(split_owner(name)[0]) and self.per_robot.names_owner(name)
 
     def knows_condition(self, ground: str) -> bool:
         """Whether `ground` is a declared condition with the right number of arguments."""
@@ -339,11 +339,11 @@ class Mission:
         return [self.conditions[n] for n in sorted(self.conditions) if self.is_failure_reason(n)]
 
     def local_condition_default(self, ground: str) -> bool:
-        """What a robot's own condition reads as while its program has not set it."""
+        """The value of a local condition while its program has not set it."""
         return default_of(ground, self.local_conditions)
 
     def knows_local_condition(self, ground: str) -> bool:
-        """Whether `ground` is declared as a condition of the robots' own."""
+        """Whether `ground` is a declared local condition."""
         return _is_declared(ground, self.local_conditions)
 
     def nominal_work(self, ground: LocalTaskId) -> int:

@@ -90,7 +90,7 @@ def allowed_robots(
 ) -> tuple[tuple[str, ...] | None, ...]:
     """For each need, the robots that may be put on it; None: all that are capable.
 
-    Those that did what `same_robot_as` names, and for which the robots' own conditions among the
+    Those that did what `same_robot_as` names, and for which the per-robot conditions among the
     request's guards are as they must be.
     """
     did, own = done_before(facts, request, names), entitled(facts, request)

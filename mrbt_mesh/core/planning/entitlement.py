@@ -20,7 +20,7 @@ def entitled(facts: TeamFacts, request: Request) -> tuple[str, ...] | None:
 
     Sorted by id, dead ones included.
     """
-    guards = facts.mission.own.guards.get(request.node)
+    guards = facts.mission.per_robot.guards.get(request.node)
     if guards is None:
         return None
     robots = sorted(facts.mission.robots)
@@ -36,13 +36,13 @@ def entitled(facts: TeamFacts, request: Request) -> tuple[str, ...] | None:
 
 def _finds(facts: TeamFacts, value: Callable[[str], bool], name: str) -> bool:
     """Whether a condition or expression holds, with these values of conditions."""
-    if name in facts.mission.own:
+    if name in facts.mission.per_robot:
         return value(name)
     guard = facts.mission.evaluator.with_actions.get(name)
     if guard is not None:
         read = OtherConditions(facts, {each: value(each) for each in guard.conditions}, {})
         return facts.mission.evaluator.status_at(guard.node, read) is not guard.wanted
-    expression = facts.mission.own.expressions[name]
+    expression = facts.mission.per_robot.guard_expressions[name]
     holding = set(filter(value, expression.conditions))
     return facts.mission.evaluator.holds(expression, holding)
 
@@ -51,6 +51,6 @@ def asks_for(facts: TeamFacts, request: Request) -> str:
     """What `entitled` goes by, for people: ` with holding`; empty if the request is for all."""
     mission = facts.mission
     own: set[str] = set()
-    for name, _ in mission.own.guards.get(request.node, ()):
-        own.update(each for each in mission.own.read_by(name) if each in mission.own)
+    for name, _ in mission.per_robot.guards.get(request.node, ()):
+        own.update(each for each in mission.per_robot.read_by(name) if each in mission.per_robot)
     return f" with {', '.join(sorted(own))}" if own else ""

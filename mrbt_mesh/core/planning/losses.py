@@ -1,4 +1,4 @@
-"""What a robot had that is gone: its own conditions become false.
+"""What a robot had that is gone: its per-robot conditions become false.
 
 As with verdicts (`verdicts`), who is alive is no part of what a tree reads. But what a dead robot
 held is lost to the team, and another one may have to fetch it again. So once the plan has said for
@@ -12,17 +12,17 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.mission.conditions import own_name
+from mrbt_mesh.core.mission.conditions import robot_condition
 from mrbt_mesh.core.planning.plan import PendingLoss
 
 
 def pending_losses(facts: TeamFacts, team: Collection[str]) -> tuple[PendingLoss, ...]:
     """What holds for robots of the mission that are not in the team, sorted."""
     mission = facts.mission
-    if not mission.own.leaves:
+    if not mission.per_robot.leaves:
         return ()
     gone = sorted(robot for robot in mission.robots if robot not in team)
-    names = (own_name(leaf, robot) for leaf in mission.own.leaves for robot in gone)
+    names = (robot_condition(leaf, robot) for leaf in mission.per_robot.leaves for robot in gone)
     return tuple(
         PendingLoss(name, facts.conditions.revision(name) + 1)
         for name in names

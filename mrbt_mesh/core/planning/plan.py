@@ -124,7 +124,7 @@ class PendingVerdict:
 
 @dataclass(frozen=True, slots=True)
 class PendingLoss:
-    """A robot's own condition that becomes false, as its `revision`, if the plan goes on to say so.
+    """A per-robot condition that becomes false, as its `revision`, if the plan goes on to say so.
 
     The robot is no part of the team. After `Timing.verdict_us`.
     """

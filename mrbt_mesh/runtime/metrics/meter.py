@@ -19,8 +19,8 @@ from mrbt_mesh.core.agent.effects import (
 from mrbt_mesh.core.agent.inputs import (
     AnswerReceived,
     Input,
+    InputBatch,
     MessageReceived,
-    NewsReceived,
     QueryReceived,
 )
 from mrbt_mesh.core.assignment.problem import Solver
@@ -98,8 +98,8 @@ class Meter:
         """An input that is handed to the agent."""
         if isinstance(event, MessageReceived):  # most are
             self.received.count(event.kind, event.data)
-        elif isinstance(event, NewsReceived):
-            for each in event.news:
+        elif isinstance(event, InputBatch):
+            for each in event.inputs:
                 self.take(each)
         elif isinstance(event, QueryReceived):
             self.received.count(event.kind, event.data)

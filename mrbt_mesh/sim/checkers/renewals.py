@@ -111,8 +111,10 @@ def _notes(facts: TeamFacts) -> Iterator[tuple[str, int]]:
     """The conditions that robots have read for what they say of several, and their revisions."""
     for entry in facts.map:
         if isinstance(entry.record, ExpressionRevision):
-            own, name = facts.mission.own, entry.parts[1]
-            guard = own.expressions.get(name) or facts.mission.evaluator.with_actions[name]
+            per_robot, name = facts.mission.per_robot, entry.parts[1]
+            guard = (
+                per_robot.guard_expressions.get(name) or facts.mission.evaluator.with_actions[name]
+            )
             yield from zip(guard.conditions, entry.record.read, strict=True)
 
 

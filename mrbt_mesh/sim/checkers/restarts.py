@@ -85,7 +85,7 @@ class Resumption:
         """The newest that was written of a name in one step."""
         assert process.agent is not None
         found = process.agent.view.facts.map.get(entry.author, entry.name)
-        if found is None or entry.record.first_stands or found.record.rank():
+        if found is None or entry.record.write_once or found.record.rank():
             return
         if found.version != entry.version:
             text = f"{process.robot} writes {entry.name} {entry.version}, but {found.version}"

@@ -10,7 +10,7 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import MessageKind
 
 
-def beat(robot: str) -> inputs.News:
+def beat(robot: str) -> inputs.NetworkInput:
     return inputs.MessageReceived(MessageKind.HEARTBEAT, robot, b"")
 
 
@@ -22,7 +22,7 @@ CONDITION = inputs.ConditionSet("c", True)
 
 def test_news_that_waited_are_one_input() -> None:
     events = [beat("A"), TOKEN, beat("B")]
-    assert list(inputs.together(events)) == [inputs.NewsReceived(tuple(events))]
+    assert list(inputs.together(events)) == [inputs.InputBatch(tuple(events))]
 
 
 def test_one_alone_stays_what_it_is() -> None:
@@ -35,7 +35,7 @@ def test_what_the_robot_or_an_operator_says_is_a_step_of_its_own() -> None:
     assert list(inputs.together(events)) == [
         CONDITION,
         CONDITION,
-        inputs.NewsReceived((beat("A"), beat("B"))),
+        inputs.InputBatch((beat("A"), beat("B"))),
         COMMAND,
         beat("C"),
         FINISHED,
@@ -46,7 +46,7 @@ def test_what_the_robot_or_an_operator_says_is_a_step_of_its_own() -> None:
 def test_a_robot_says_something_itself_after_so_many() -> None:
     many = [beat(str(number)) for number in range(2 * inputs.AT_ONCE + 1)]
     sizes = [
-        len(event.news) if isinstance(event, inputs.NewsReceived) else 1
+        len(event.inputs) if isinstance(event, inputs.InputBatch) else 1
         for event in inputs.together(many)
     ]
     assert sizes == [inputs.AT_ONCE, inputs.AT_ONCE, 1]
@@ -56,5 +56,5 @@ def test_a_robot_says_something_itself_after_so_many() -> None:
 def test_nothing_is_lost_or_overtaken(events: list[inputs.Input]) -> None:
     found: list[inputs.Input] = []
     for event in inputs.together(events):
-        found.extend(event.news if isinstance(event, inputs.NewsReceived) else [event])
+        found.extend(event.inputs if isinstance(event, inputs.InputBatch) else [event])
     assert found == events

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mrbt_mesh.core.bt.evaluation import Evaluation
-from mrbt_mesh.core.bt.local_run import LocalRun, OwnConditions
+from mrbt_mesh.core.bt.local_run import LocalConditions, LocalRun
 from mrbt_mesh.core.bt.tree import NodeSpec, Status, build_tree
 from tests.support.btcpp.conformance import at_first, team_run, team_tree, told, traces
 from tests.support.build import action, condition, fallback, parallel, retry, sequence, timeout
@@ -16,7 +16,7 @@ class Robot:
     """A tree and the facts of the robot that ticks it."""
 
     def __init__(self, spec: NodeSpec, *holding: str) -> None:
-        self.conditions = OwnConditions(lambda name: name in holding)
+        self.conditions = LocalConditions(lambda name: name in holding)
         self.run = LocalRun(build_tree(spec), self.conditions)
         self.conditions.watchers.append(self.run.turned)
 

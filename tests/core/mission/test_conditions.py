@@ -10,7 +10,7 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.mission import mission_from_json
 from tests.support.build import action, condition, fallback, inverter, make_mission, sequence
-from tests.support.own_conditions import TREE, own_mission
+from tests.support.per_robot_conditions import TREE, per_robot_mission
 
 
 @pytest.mark.parametrize(
@@ -30,16 +30,16 @@ from tests.support.own_conditions import TREE, own_mission
     ],
 )
 def test_which_conditions_robots_may_set(name: str, can_be_set: bool) -> None:
-    assert own_mission(TREE, ConditionType("lid")).can_be_set(name) is can_be_set
+    assert per_robot_mission(TREE, ConditionType("lid")).can_be_set(name) is can_be_set
 
 
 def test_a_robots_own_condition_may_have_arguments() -> None:
     """`holding(cup)` is read by the tree, `holding(cup)@A1` is one robot's value."""
     holding = ConditionType("holding", ("item",), default=True, per_robot=True)
     tree = sequence(fallback(condition("holding(cup)"), action("pick")), action("place"))
-    mission = replace(own_mission(tree), conditions={"holding": holding})
-    assert "holding(cup)" in mission.own
-    assert "holding(cup)@A1" not in mission.own
+    mission = replace(per_robot_mission(tree), conditions={"holding": holding})
+    assert "holding(cup)" in mission.per_robot
+    assert "holding(cup)@A1" not in mission.per_robot
     assert [mission.can_be_set(f"holding({a})@A1") for a in ("cup", "box", "cup,box")] == [1, 1, 0]
     facts = TeamFacts(mission, "r")
     assert facts.condition("holding(cup)")
@@ -48,7 +48,7 @@ def test_a_robots_own_condition_may_have_arguments() -> None:
 
 
 def test_what_is_each_robots_own_is_kept_when_compiled() -> None:
-    mission = own_mission(TREE)
+    mission = per_robot_mission(TREE)
     again = mission_from_json(mission.to_json())
     assert again.digest == mission.digest
     assert again.conditions == mission.conditions
@@ -57,9 +57,12 @@ def test_what_is_each_robots_own_is_kept_when_compiled() -> None:
 
 def test_guards_that_robots_read_their_own_way() -> None:
     """Node 3 is `pick`, node 4 `place`."""
-    assert own_mission(TREE).own.guards == {3: (("holding", True),), 4: (("holding", False),)}
+    assert per_robot_mission(TREE).per_robot.guards == {
+        3: (("holding", True),),
+        4: (("holding", False),),
+    }
     compound = sequence(condition("lid"), inverter(condition("holding")))
     tree = sequence(fallback(compound, action("pick")), action("place"))
-    guards = own_mission(tree).own.guards
+    guards = per_robot_mission(tree).per_robot.guards
     assert {name for rows in guards.values() for name, _ in rows} == {"#2"}
-    assert make_mission(TREE).own.guards == {}
+    assert make_mission(TREE).per_robot.guards == {}

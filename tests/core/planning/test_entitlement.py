@@ -11,7 +11,7 @@ from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.planning.deadlines import Deadlines
 from tests.support.build import World, action, condition, fallback, inverter, sequence
-from tests.support.own_conditions import TREE, own_mission
+from tests.support.per_robot_conditions import TREE, per_robot_mission
 
 S = 1_000_000
 ROBOTS = ("A1", "A2", "B-1")
@@ -19,7 +19,7 @@ ROBOTS = ("A1", "A2", "B-1")
 
 def world_of(tree: NodeSpec = TREE, holding: str = "") -> World:
     """`holding` holds for these robots."""
-    world = World(own_mission(tree))
+    world = World(per_robot_mission(tree))
     for robot in holding.split():
         world.set(f"holding@{robot}", True, robot)
     world.tick()
@@ -94,7 +94,7 @@ def test_where_nobody_can_do_it_the_plan_says_what_is_lacking() -> None:
     assert waiting.reason == "blocked: place needs 1 with holding, 0 alive"
 
 
-def test_in_the_tick_of_an_outcome_its_own_conditions_are_read_after_it() -> None:
+def test_in_the_tick_of_an_outcome_its_per_robot_conditions_are_read_after_it() -> None:
     world = world_of(holding="A1")
     place = world.activation("place")
     world.outcome(place, True, "A1")
@@ -156,7 +156,7 @@ def test_a_robot_that_is_seen_again_in_time_loses_nothing() -> None:
 def test_what_stands_behind_a_condition_that_is_read_after_an_action(
     stage: NodeSpec, expected: list[str]
 ) -> None:
-    world = World(own_mission(sequence(stage, action("place"))))
+    world = World(per_robot_mission(sequence(stage, action("place"))))
     world.outcome(world.activation("check"), True, "A1")
     world.set("holding@A2", True, "A2")
     world.tick()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mrbt_mesh.core.agent.effects import Log, Persist, Reply
-from mrbt_mesh.core.agent.inputs import AnswerReceived, MessageReceived, NewsReceived, QueryReceived
+from mrbt_mesh.core.agent.inputs import AnswerReceived, InputBatch, MessageReceived, QueryReceived
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.engine import FASTEST
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
@@ -24,7 +24,7 @@ def meter() -> Meter:
 
 def test_messages_are_counted_one_by_one_also_those_that_waited_together() -> None:
     found = meter()
-    found.take(NewsReceived((BEAT, MessageReceived(MessageKind.FACT, "B", b"1"))))
+    found.take(InputBatch((BEAT, MessageReceived(MessageKind.FACT, "B", b"1"))))
     found.take(BEAT)
     found.take(QueryReceived(1, MessageKind.PULL, b"123"))
     found.take(AnswerReceived("B", b"1234"))

@@ -12,7 +12,7 @@ from tests.support.build import action, condition, fallback, make_mission, seque
 HOLDING = ConditionType("holding", (), default=False, per_robot=True)
 
 
-def own_mission(tree: NodeSpec, *others: ConditionType) -> Mission:
+def per_robot_mission(tree: NodeSpec, *others: ConditionType) -> Mission:
     """Three robots, each with its own `holding`."""
     robots = {name: {"pick": 1.0, "place": 1.0} for name in ("A1", "A2", "B-1")}
     mission = make_mission(tree, robots)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from mrbt_mesh.sim.checkers.own_conditions import lacked
+from mrbt_mesh.sim.checkers.per_robot_conditions import lacked
 from tests.support.build import World, action, condition, fallback, sequence
-from tests.support.own_conditions import own_mission
+from tests.support.per_robot_conditions import per_robot_mission
 
 
 @pytest.mark.parametrize(("picked", "expected"), [(True, ""), (False, "holding")])
@@ -14,7 +14,7 @@ def test_a_condition_lets_the_team_go_on_where_an_action_has_failed(
     picked: bool, expected: str
 ) -> None:
     tree = sequence(fallback(action("pick"), condition("holding")), action("place"))
-    world = World(own_mission(tree))
+    world = World(per_robot_mission(tree))
     world.set("holding@A2", True, "A2")
     pick = world.activation("pick")
     for robot in world.mission.robots:

@@ -17,7 +17,7 @@ def lacked(facts: TeamFacts, activation: str, robot: str) -> str:
     of the activation in a Sequence or Fallback without memory, or in such a Sequence as the first
     child of a Fallback with an action, or as the alternative to actions that have failed.
     """
-    own = facts.mission.own
+    own = facts.mission.per_robot
     if not own.leaves:
         return ""
     node = parse_activation(activation).node
