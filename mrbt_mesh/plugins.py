@@ -1,0 +1,170 @@
+"""How the periphery plugs into the mesh: entry points, one group for each kind of plug-in.
+
+The mesh runs without its periphery, which pyproject.toml lists under `[project.entry-points]`;
+other packages may register plug-ins in the same groups. An entry point names an object that is
+cheap to import: what needs an extra is imported when the plug-in is used, after `require`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+
+from mrbt_mesh.errors import InputError
+
+if TYPE_CHECKING:
+    import anyio
+
+    from mrbt_mesh.core.mission.conditions import ConditionType
+    from mrbt_mesh.core.mission.mission import Mission
+    from mrbt_mesh.core.mission.program_trees import ProgramTree
+    from mrbt_mesh.core.observer.observer import Observer
+    from mrbt_mesh.runtime.program import TaskContext
+    from mrbt_mesh.runtime.team import Team
+    from mrbt_mesh.runtime.watcher import Watcher
+
+_Plugin = TypeVar("_Plugin")
+
+
+@dataclass(frozen=True)
+class Group(Generic[_Plugin]):
+    """The plug-ins of one kind; `what` is the kind in messages."""
+
+    name: str
+    what: str
+
+    def names(self) -> list[str]:
+        """Those that are installed, sorted."""
+        return sorted(_installed(self.name))
+
+    def load(self, name: str) -> _Plugin:
+        """The plug-in called `name`. Raises InputError if it is not installed."""
+        found = _installed(self.name).get(name)
+        if found is None:
+            known = ", ".join(self.names()) or "none"
+            raise InputError(f"the {self.what} {name!r} is not installed; installed: {known}")
+        plugin: _Plugin = found.load()
+        return plugin
+
+
+@cache
+def _installed(group: str) -> Mapping[str, EntryPoint]:
+    return {each.name: each for each in entry_points(group=group) if _is_there(each.module)}
+
+
+def _is_there(module: str) -> bool:
+    """Whether a module can be found: its package may be left out of an installation."""
+    try:
+        return find_spec(module) is not None
+    except ModuleNotFoundError:
+        return False
+
+
+def require(what: str, extra: str, *modules: str) -> None:
+    """Raise InputError unless the `modules` that the `extra` brings are installed."""
+    if not all(map(_is_there, modules)):
+        raise InputError(f"{what} needs the extra {extra!r}: pip install 'mrbt-mesh[{extra}]'")
+
+
+@dataclass(frozen=True)
+class ViewerOptions:
+    """What a view is asked for; each takes what applies to it. `port` None: its own choice."""
+
+    host: str = "127.0.0.1"
+    port: int | None = None
+    has_control: bool = False
+    robot: str | None = None
+
+
+@dataclass(frozen=True)
+class OpenView:
+    """A view that is open: the `address` that it is served at, if any; `update` is called after
+    every change, in the event loop; `closed` is set when the person who watches closes it.
+    """
+
+    address: str
+    update: Callable[[], None]
+    closed: anyio.Event
+
+
+class Viewer(Protocol):
+    """Shows a team that runs: `mrbt watch --NAME`, `mrbt up --NAME`."""
+
+    summary: str
+
+    def check(self, options: ViewerOptions) -> None:
+        """Raise InputError for what cannot be shown, before a team is started."""
+
+    def showing(
+        self, watcher: Watcher, team: Team | None, options: ViewerOptions
+    ) -> AbstractAsyncContextManager[OpenView]:
+        """Show the team until the context ends; `team`: its processes if they are local."""
+
+
+class Export(Protocol):
+    """Writes a file for another program while a team is watched or simulated: `--NAME FILE`."""
+
+    summary: str
+    suffix: str
+
+    def start(
+        self, mission: Mission, began_us: int, began_unix_us: int
+    ) -> tuple[bytes, Callable[[Observer, int], bytes]]:
+        """The file's header, and what returns the bytes to append at a time.
+
+        `began_us` is the time on the observer's clock that is the Unix time `began_unix_us`.
+        """
+
+
+class ProgramKind(Protocol):
+    """Robots of one kind: `mrbt new FOLDER --NAME` copies the files in `template`."""
+
+    summary: str
+    template: Path
+    hint: str  # what to do first with the new files, with {folder}; may be empty
+
+
+class TreeFormat(Protocol):
+    """Trees in files, which missions name as local tasks: `tree: FILE.xml#TreeID`."""
+
+    def read(self, path: Path, tree: str) -> tuple[str, str]:
+        """The text of the file and all that it includes, and the tree's ID; `tree` may be empty.
+
+        Raises InputError, with one line for each problem.
+        """
+
+    def leaves(self) -> Any:
+        """What collects the functions of a robot's program that are leaves of such trees."""
+
+    def problems(
+        self, tree: ProgramTree, leaves: Any, conditions: Mapping[str, ConditionType]
+    ) -> list[str]:
+        """What keeps a program with these `leaves` from running the tree, with file and line."""
+
+    async def run(
+        self,
+        tree: ProgramTree,
+        leaves: Any,
+        conditions: Mapping[str, ConditionType],
+        task: TaskContext,
+        report: Callable[[bytes], None],
+    ) -> None:
+        """Run the tree to its end; `report` gets its nodes' statuses in preorder after each tick.
+
+        Raises TaskFailedError unless it succeeds.
+        """
+
+
+# A command is a function as in `cli/commands`; its name has its group's before it: "tree.check".
+COMMANDS: Group[Callable[..., None]] = Group("mrbt_mesh.commands", "command")
+VIEWS: Group[Viewer] = Group("mrbt_mesh.views", "view")
+ADAPTERS: Group[Export] = Group("mrbt_mesh.adapters", "adapter")
+PROGRAMS: Group[ProgramKind] = Group("mrbt_mesh.programs", "kind of robots")
+# By the file's ending without the dot: "xml".
+FILE_FORMATS: Group[TreeFormat] = Group("mrbt_mesh.file_formats", "file format")
