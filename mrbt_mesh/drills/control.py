@@ -116,7 +116,7 @@ class Control:
         return self._told(await self._watcher.command(robot, command, argument))
 
     async def _order(self, act: str) -> str:
-        living = list(self._watcher.observer.membership.alive_set())
+        living = list(self._watcher.observer.membership.members())
         if not living:
             raise OrderError("no robot answers")
         kind, _ = ORDERS[act]

@@ -119,7 +119,7 @@ class DrillInjector:
                 argument = f"{fault.local_task}={fault.performance}"
                 await self._order(name, robots, PERFORM, argument)
             elif isinstance(fault, DecisionModel):
-                living = sorted(self._watcher.observer.membership.alive_set())
+                living = sorted(self._watcher.observer.membership.members())
                 argument = f"{fault.global_task} {fault.decision}"
                 await self._order(name, living[:1], DECIDE, argument)
             elif name in ROUTER_FAULTS:

@@ -61,7 +61,7 @@ class ObserverRecorder:
         if plan is not None and plan is not self._plan:
             self._plan = plan
             self._plans += 1
-            alive, digest = observer.membership.alive_set(), observer.facts.map.digest()
+            alive, digest = observer.membership.members(), observer.facts.map.digest()
             packed = pack_alive(alive)
             if packed != self._alive:
                 self._alive = packed

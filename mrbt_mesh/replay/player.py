@@ -139,7 +139,7 @@ class Player:
     def summary(self) -> dict[str, Any]:
         """The summary of the run as far as it was played, as `mrbt up` tells it at the end."""
         peers = self.observer.membership.peers.values()
-        result = self.observer.result(anybody_lives=any(peer.state.is_live for peer in peers))
+        result = self.observer.result(anybody_lives=any(peer.state.is_member for peer in peers))
         return run_summary(self.observer.record, result, self.now_us)
 
     def _placed(self) -> None:

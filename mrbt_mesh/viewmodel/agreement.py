@@ -16,7 +16,7 @@ def reported_plans(observer: Observer) -> dict[str, bytes]:
     return {
         robot: peer.report.plan_digest
         for robot, peer in sorted(observer.membership.peers.items())
-        if peer.report.has_joined and peer.state.is_alive
+        if peer.report.has_joined and peer.state.is_healthy
     }
 
 

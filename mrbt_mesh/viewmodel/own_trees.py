@@ -52,7 +52,7 @@ class OwnTrees:
         that it runs; all idle unless it lives.
         """
         plan = observer.plan
-        if plan is None or not observer.robot_state(self._robot).is_live:
+        if plan is None or not observer.robot_state(self._robot).is_member:
             return bytes(len(self.assignment.nodes)), bytes(len(self.local.nodes))
         assignment = self._assignment.evaluate(_assignment_facts(plan))
         local = self._local.evaluate(_local_facts(observer, self._robot)).statuses
@@ -83,7 +83,7 @@ class RunningTree(NamedTuple):
 def running_tree(observer: Observer, robot: str) -> RunningTree:
     """As the robot has told it last."""
     claim, peer = observer.claim(robot), observer.membership.peers.get(robot)
-    beat = peer.heartbeat if peer is not None and peer.state.is_live else None
+    beat = peer.heartbeat if peer is not None and peer.state.is_member else None
     if claim is None or beat is None or claim.phase is not Phase.RUNNING:
         return RunningTree("", b"")
     return RunningTree(claim.local_task, beat.tree_statuses)

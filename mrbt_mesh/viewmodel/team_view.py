@@ -48,7 +48,7 @@ class TeamState:
         for robot in observer.robots():
             self.changes.put(f"robot/{robot}", self._robot(robot, agreement["differ"]))
             self.changes.put(f"position/{robot}", self._position(robot))
-        causes = (observer.facts.changes, observer.membership.alive_changes, id(observer.plan))
+        causes = (observer.facts.changes, observer.membership.member_changes, id(observer.plan))
         if causes != self._causes:
             self._causes = causes
             self._what_follows_from_facts()
@@ -107,7 +107,7 @@ class TeamState:
         known = observer.facts.members.get(robot)
         claim, plan = observer.claim(robot), observer.plan
         beat = peer.heartbeat if peer is not None else None
-        is_here = peer is not None and peer.state.is_live
+        is_here = peer is not None and peer.state.is_member
         runs = claim is not None and claim.phase is Phase.RUNNING
         return {
             "state": self._state(robot, peer),
@@ -141,7 +141,7 @@ class TeamState:
     def _state(self, robot: str, peer: Peer | None) -> str:
         """As `State`, or `joining`, or `leaving`: it has said so and is still there."""
         state = self.observer.robot_state(robot)
-        if peer is not None and peer.state.is_alive:
+        if peer is not None and peer.state.is_healthy:
             if state is State.LEFT:
                 return "leaving"
             if not peer.report.has_joined:

@@ -85,7 +85,7 @@ def test_one_who_watches_records_the_state_that_it_holds(team: Team) -> None:
                 await watcher.wait_for_change(0.1)
             live = watcher.observer
             assert live.plan is not None
-            alive = live.membership.alive_set()
+            alive = live.membership.members()
             return state_text(team_state(live.facts, alive, None)), live.plan.digest.hex()
 
     text, digest = anyio.run(watch)

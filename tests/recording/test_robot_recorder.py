@@ -52,7 +52,7 @@ def test_the_last_state_is_that_of_the_live_robot_to_the_byte(
 def test_the_last_state_is_that_of_the_observer(explored: tuple[Path, SimulationResult]) -> None:
     folder, result = explored
     state, live = at_the_end(read_recording(observer_file(folder))), result.observer
-    wanted = team_state(live.facts, live.membership.alive_set(), state.plan)
+    wanted = team_state(live.facts, live.membership.members(), state.plan)
     assert state_text(team_state(state.facts, state.alive, state.plan)) == state_text(wanted)
     assert state.plan is not None
     assert live.plan is not None

@@ -33,7 +33,7 @@ def tell(team: TeamAddress, robot: str | None, command: str, argument: str = "")
     """Give a command to a robot (None: any living one), print its answer, and end the process."""
 
     async def act(watcher: Watcher) -> int:
-        living = list(watcher.observer.membership.alive_set())
+        living = list(watcher.observer.membership.members())
         if not living:
             fail(nobody(watcher), FAILURE)
         if robot is not None and robot not in watcher.observer.robots():

@@ -61,7 +61,7 @@ async def _refused(watcher: Watcher) -> dict[str, dict[str, int]]:
 
     with anyio.move_on_after(REFUSALS_TIMEOUT_S):
         async with anyio.create_task_group() as group:
-            for robot in watcher.observer.membership.alive_set():
+            for robot in watcher.observer.membership.members():
                 group.start_soon(ask, robot)
     return dict(sorted(found.items()))
 

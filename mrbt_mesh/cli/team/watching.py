@@ -194,7 +194,7 @@ def _report(
     if team is not None:
         result = team.result(observer, now_us)
     else:
-        result = observer.result(anybody_lives=bool(observer.membership.alive_set()))
+        result = observer.result(anybody_lives=bool(observer.membership.members()))
     summary = run_summary(observer.record, result, now_us)
     if why is not None:
         summary["ended_because"] = why

@@ -77,7 +77,7 @@ class Context:
 
     def alive(self) -> dict[str, Incarnation]:
         """The plan's alive set, this robot included."""
-        return self.membership.alive_set() | {self.me: self.replica.incarnation}
+        return self.membership.members() | {self.me: self.replica.incarnation}
 
     # -- what goes out ------------------------------------------------------------------------
 
@@ -107,7 +107,7 @@ class Context:
         """Ask these peers for the facts that this robot lacks."""
         alive = bytes(DIGEST_BYTES)
         if self.has_place:
-            alive = self.membership.alive_digest(self.replica.incarnation)
+            alive = self.membership.members_digest(self.replica.incarnation)
         for peer in peers:
             self.replica.anti_entropy.mark_asked(peer, now_us)
             self._effects.append(Ask(peer, self.replica.write_pull(alive)))

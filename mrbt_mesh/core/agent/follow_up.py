@@ -164,7 +164,7 @@ class FollowUp:
         for robot, before, after in context.membership.detect_failures(now_us):
             level = "warning" if after.is_suspected else "info"
             context.log(level, f"robot_{after}", robot=robot, before=str(before))
-            if not after.is_live:
+            if not after.is_member:
                 context.replica.anti_entropy.forget(robot)
         self._heartbeats.hurry_if_probing(now_us)
 
@@ -188,7 +188,7 @@ class FollowUp:
         """Grows with all that a message can change and that something follows from."""
         membership = self._context.membership
         changes = (
-            self._context.facts.changes + membership.alive_changes + membership.suspicion_changes
+            self._context.facts.changes + membership.member_changes + membership.suspicion_changes
         )
         changes += membership.news_changes + self._duplicates.changes
         return changes + membership.report_changes if self._reads_reports else changes

@@ -173,7 +173,7 @@ class Heartbeats:
             relays,
             executor.leases.holder.requested,
             executor.leases.grantor.grants(),
-            membership.alive_digest(context.replica.incarnation),
+            membership.members_digest(context.replica.incarnation),
             context.position,
             context.work.tree_statuses,
         )

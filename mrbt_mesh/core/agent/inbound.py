@@ -140,8 +140,8 @@ class Inbound:
             and beat.report.has_joined
             and not membership.neighbourhood.is_complete
         ):
-            theirs += beat.alive_digest
-            mine += membership.alive_digest(context.replica.incarnation)
+            theirs += beat.members_digest
+            mine += membership.members_digest(context.replica.incarnation)
         context.replica.compare_digest(source, theirs, now_us, mine)
 
     def _check_relays(self, source: str, beat: Heartbeat, starting: bool, now_us: int) -> None:
@@ -178,13 +178,13 @@ class Inbound:
             context.emit(Reply(query, (answer,)))
             self._refuse("a query", error)
 
-    def _view(self, alive_digest: bytes) -> dict[str, SelfReport]:
+    def _view(self, members_digest: bytes) -> dict[str, SelfReport]:
         """Whom this robot holds for alive, for one that asks and holds others for alive; nothing
         while it joins.
         """
         context = self._context
         incarnation = context.replica.incarnation
-        same = context.membership.alive_digest(incarnation) == alive_digest
+        same = context.membership.members_digest(incarnation) == members_digest
         if context.joining is not None or same:
             return {}
         mine = SelfReport(incarnation, 0, bytes(DIGEST_BYTES), True, 0)

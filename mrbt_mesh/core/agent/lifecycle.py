@@ -61,7 +61,7 @@ class Lifecycle:
         context = self._context
         context.log("warning", "fenced", silent_s=silent_us / 1e6)
         context.emit(DeclareToken(context.replica.next_incarnation(0)))
-        self._join_again(frozenset(context.membership.alive_set()), False, now_us)
+        self._join_again(frozenset(context.membership.members()), False, now_us)
         # On disk before it is beaten out: no later process may take this incarnation again.
         context.write([(records.CLAIM, None)], now_us)
 
@@ -71,7 +71,7 @@ class Lifecycle:
         context.log("warning", "catches_up", silent_s=silent_us / 1e6)
         if context.work.claim is not None:
             context.write([(records.CLAIM, None)], now_us)
-        expected = frozenset(context.membership.alive_set())
+        expected = frozenset(context.membership.members())
         self._join_again(expected, False, now_us, keeps_life=True)
 
     def _has_nothing_to_lose(self) -> bool:
@@ -130,7 +130,7 @@ class Lifecycle:
         wanted = joining.still_to_ask(near, digest, now_us)
         context.ask(context.replica.anti_entropy.choose_to_ask(wanted, now_us), now_us)
         awaited = joining.is_first and self._duplicates.is_other_life_relayed
-        team_is_there = bool(context.membership.alive_set())
+        team_is_there = bool(context.membership.members())
         if wanted or not joining.is_done(awaited, team_is_there, now_us):
             return False
         if not joining.keeps_life and not around.is_complete:

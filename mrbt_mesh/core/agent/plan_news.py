@@ -45,7 +45,7 @@ class PlanNews:
     def agrees(self, digest: bytes) -> bool:
         """Whether this robot speaks for its section, and all of that report this plan."""
         membership = self._context.membership
-        found_from = digest, membership.report_changes, membership.alive_changes
+        found_from = digest, membership.report_changes, membership.member_changes
         if found_from != self._agreed_from:
             self._agreed_from = found_from
             self._is_agreed = (

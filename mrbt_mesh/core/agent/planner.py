@@ -96,7 +96,7 @@ class Planner:
         return self.plan is not None and self._context.membership.all_report_plan(self.plan.digest)
 
     def _state(self) -> tuple[int, int]:
-        return self._context.facts.changes, self._context.membership.alive_changes
+        return self._context.facts.changes, self._context.membership.member_changes
 
     def update(self, now_us: int, apart: bool) -> None:
         """Tick T_A until nothing more follows.
@@ -152,7 +152,7 @@ class Planner:
         return self._finished != self._ends()
 
     def _ends(self) -> tuple[int, int]:
-        return self._context.facts.outcome_changes, self._context.membership.alive_changes
+        return self._context.facts.outcome_changes, self._context.membership.member_changes
 
     def _new_global_task_executed(self) -> bool:
         """Whether T_G is executed over new facts, and so may ask for something else.

@@ -92,7 +92,7 @@ class AgentView:
     @property
     def version(self) -> tuple[int, int]:
         """Two numbers that grow with each change of its facts and of who is alive."""
-        return self._context.facts.changes, self._context.membership.alive_changes
+        return self._context.facts.changes, self._context.membership.member_changes
 
     @property
     def suspicion_changes(self) -> int:

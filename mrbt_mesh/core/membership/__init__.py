@@ -5,7 +5,7 @@ Where to find it:
 - whom a robot beats to, and whose silence it judges: `ring`, `neighbourhood`
 - who passes on what the others plan: `sections`
 - how long everything takes: `timing`; when a heartbeat is sent: `heartbeat`
-- what is known of the others: `membership`, `alive_set`; of one of them: `peer`,
+- what is known of the others: `membership`, `members`; of one of them: `peer`,
   `arrival_history`
 - when a robot is suspected, probed, declared dead: `failure_detector`
 - how much longer a robot that is slow itself waits for others: `local_health`

@@ -75,7 +75,7 @@ class FailureDetector:
             peer.is_probed = is_silent(peer, now_us)
             if peer.is_probed:
                 suspects.append(robot)
-        suspects += [r for r in token_lost if peers[r].state.is_live and not peers[r].is_probed]
+        suspects += [r for r in token_lost if peers[r].state.is_member and not peers[r].is_probed]
         return sorted(suspects)
 
     def find_dead(
@@ -97,7 +97,7 @@ class FailureDetector:
         dead = []
         for robot in sorted({*suspected, *accused}):
             peer = peers[robot]
-            if not peer.state.is_live:
+            if not peer.state.is_member:
                 continue
             if not peer.is_judged:
                 is_dead = _is_given_up(robot, around, peers)
@@ -130,7 +130,9 @@ class FailureDetector:
         """Whether a robot is dead because nothing was heard of it here."""
         if not self._is_observer or _accusers(peer, peers):
             return True
-        return not any(other.state.is_alive and other.report.has_joined for other in peers.values())
+        return not any(
+            other.state.is_healthy and other.report.has_joined for other in peers.values()
+        )
 
     def is_told(self, peer: Peer, peers: Mapping[str, Peer]) -> bool:
         """Whether everybody has heard of this death: one has told it, which is enough for all
@@ -173,7 +175,7 @@ def _has_everybody_lost_token(robot: str, around: Neighbourhood, peers: Mapping[
     witnesses = [
         name
         for name in around.monitors(robot)
-        if name in heard and peers[name].state.is_alive and peers[name].report.has_joined
+        if name in heard and peers[name].state.is_healthy and peers[name].report.has_joined
     ]
     return bool(witnesses) and all(name in peers[robot].token_lost_by for name in witnesses)
 
@@ -194,4 +196,4 @@ def _is_confirmed(peer: Peer, peers: Mapping[str, Peer]) -> bool:
 def _accusers(peer: Peer, peers: Mapping[str, Peer]) -> int:
     """How many robots in good standing have declared it dead."""
     others = map(peers.get, peer.declared_dead_by)
-    return sum(other is not None and other.state.is_alive for other in others)
+    return sum(other is not None and other.state.is_healthy for other in others)

@@ -76,7 +76,7 @@ class Joining:
             for robot, peer in sorted(peers.items())
             if robot in self._heard
             and robot not in self._answered
-            and peer.state.is_live
+            and peer.state.is_member
             and not (has_caught_up and _tells(peer, digest))
         ]
 

@@ -18,10 +18,10 @@ from itertools import chain
 from typing import Any
 
 from mrbt_mesh.core.facts.store import Incarnation
-from mrbt_mesh.core.membership.alive_set import AliveSet
 from mrbt_mesh.core.membership.arrival_history import ArrivalHistory
 from mrbt_mesh.core.membership.failure_detector import PROBE_SHARE, FailureDetector, is_silent
 from mrbt_mesh.core.membership.local_health import LocalHealth
+from mrbt_mesh.core.membership.members import Members
 from mrbt_mesh.core.membership.neighbourhood import Neighbourhood
 from mrbt_mesh.core.membership.peer import Peer, State, set_member
 from mrbt_mesh.core.membership.timing import Timing
@@ -34,7 +34,7 @@ MAX_SUSPICIONS = 32
 class Membership:
     """One robot's view of the others. `me` never appears in it.
 
-    `alive_changes` grows with every change of who is alive, `suspicion_changes` with every token
+    `member_changes` grows with every change of who is alive, `suspicion_changes` with every token
     that comes or goes and every suspicion of others, `report_changes` when a robot reports another
     plan or result, `news_changes` when everybody is to hear from this robot at once. Until
     `next_detection_us`, and while nothing of it changes, `detect_failures` would find nothing new.
@@ -49,7 +49,7 @@ class Membership:
         reach = timing.reach if reach is None else reach
         self._neighbourhood = Neighbourhood(me, timing, self.peers, reach)
         self._now_us = 0
-        self.alive_changes = 0
+        self.member_changes = 0
         self.suspicion_changes = 0
         self.report_changes = 0
         self.news_changes = 0
@@ -66,7 +66,7 @@ class Membership:
         # Robots whose token is gone here, and live ones that others declare dead.
         self._token_lost: set[str] = set()
         self._accused: set[str] = set()
-        self._alive = AliveSet()
+        self._alive = Members()
 
     @property
     def neighbourhood(self) -> Neighbourhood:
@@ -124,7 +124,7 @@ class Membership:
                 self._take_news(peer, now_us)
         elif heartbeat is not None and report.number == peer.report.number:
             peer.heartbeat, peer.position = heartbeat, heartbeat.position
-            return peer.state.is_live
+            return peer.state.is_member
         else:
             return False
         before, peer.report = peer.report, report
@@ -157,7 +157,7 @@ class Membership:
             self.suspicion_changes += 1
         if heartbeat.is_leaving:
             self._set(robot, peer, State.LEFT)
-        elif not peer.state.is_alive:
+        elif not peer.state.is_healthy:
             self._set(robot, peer, State.ALIVE)
 
     def _add_incarnation(
@@ -250,7 +250,7 @@ class Membership:
 
     def needs_detection(self, now_us: int) -> bool:
         """Whether `detect_failures` could find something new."""
-        if self._detected_at_changes != self.alive_changes + self.suspicion_changes:
+        if self._detected_at_changes != self.member_changes + self.suspicion_changes:
             return True
         if now_us < self.next_detection_us:
             return False
@@ -299,7 +299,7 @@ class Membership:
             self._set(robot, peer, State.DEAD)
             peer.is_probed = False
             self._accused.discard(robot)
-        self._detected_at_changes = self.alive_changes + self.suspicion_changes
+        self._detected_at_changes = self.member_changes + self.suspicion_changes
         self.next_detection_us = self._next_due_us(now_us)
         return [
             (robot, state, peers[robot].state)
@@ -319,13 +319,13 @@ class Membership:
 
     def _note_change(self, robot: str, peer: Peer) -> None:
         """Who is alive may have changed by what is known of a robot."""
-        self.alive_changes += 1
+        self.member_changes += 1
         self._alive.note(robot, peer)
         self._neighbourhood.note_change(robot)
 
     # -- what is known ------------------------------------------------------------------------
 
-    def alive_set(self) -> dict[str, Incarnation]:
+    def members(self) -> dict[str, Incarnation]:
         """Joined robots that are not dead or gone, suspects included: the plan's alive set."""
         return dict(sorted(self._alive.joined.items()))
 
@@ -345,7 +345,7 @@ class Membership:
         """
         for peer in self.peers.values():
             report = peer.report
-            if peer.state.is_alive and not (report.has_joined and report.plan_digest == digest):
+            if peer.state.is_healthy and not (report.has_joined and report.plan_digest == digest):
                 return False
         return True
 
@@ -371,7 +371,7 @@ class Membership:
             if peer.report.has_joined
         )
 
-    def alive_digest(self, mine: Incarnation) -> bytes:
+    def members_digest(self, mine: Incarnation) -> bytes:
         """Over the alive set and this robot's incarnation: equal where they are."""
         return self._alive.digest(self.me, mine)
 
@@ -379,7 +379,7 @@ class Membership:
 
     def view(self, mine: SelfReport) -> dict[str, SelfReport]:
         """The newest self-reports of the robots in good standing, and this robot's own."""
-        reports = {r: peer.report for r, peer in self.peers.items() if peer.state.is_alive}
+        reports = {r: peer.report for r, peer in self.peers.items() if peer.state.is_healthy}
         return dict(sorted((reports | {self.me: mine}).items()))
 
     def compare_view(self, source: str, reports: Mapping[str, SelfReport], now_us: int) -> None:
@@ -394,7 +394,7 @@ class Membership:
             if peer is not known or peer.state.is_suspected:
                 self._neighbourhood.check(robot, now_us)
         for robot, peer in sorted(self.peers.items()):
-            if peer.state.is_alive and robot not in reports and robot != source:
+            if peer.state.is_healthy and robot not in reports and robot != source:
                 self._neighbourhood.check(robot, now_us)
         self.next_detection_us = now_us
 
@@ -405,7 +405,7 @@ class Membership:
         return {
             robot: peer.report
             for robot, peer in sorted(self.neighbourhood.judged.items())
-            if peer.state.is_alive
+            if peer.state.is_healthy
         }
 
     def suspicions(self) -> tuple[Suspicion, ...]:
@@ -442,7 +442,7 @@ class Membership:
                 is_me = suspicion.robot == self.me and suspicion.incarnation == mine
                 if is_me or (
                     peer is not None
-                    and peer.state.is_alive
+                    and peer.state.is_healthy
                     and peer.incarnation == suspicion.incarnation
                 ):
                     return True

@@ -60,7 +60,7 @@ class Neighbourhood:
         peers, ring, me = self._peers, self._ring, self.me
         for robot in self._changed:
             state = peers[robot].state
-            ring.put(robot, state.is_alive)
+            ring.put(robot, state.is_healthy)
             set_member(self._suspects, robot, state is State.SUSPECT)
             self._in_turn = None
             # A change far away makes no difference to this robot.
@@ -69,7 +69,7 @@ class Neighbourhood:
         if not self._is_stale:
             return
         self._is_stale = False
-        checked = (r for r in self._checked_until_us if r in peers and peers[r].state.is_live)
+        checked = (r for r in self._checked_until_us if r in peers and peers[r].state.is_member)
         suspects = (robot for robot in self._suspects if ring.are_near(robot, me))
         mine = {*ring.neighbours(me), *checked, *suspects}
         for robot in self.judged.keys() - mine:

@@ -13,7 +13,7 @@ from mrbt_mesh.core.membership.wire import Heartbeat, Position, SelfReport
 class State(enum.StrEnum):
     """A robot as another one sees it. LEFT: gone on purpose.
 
-    `is_alive`: in good standing. `is_live`: alive or suspect, so neither dead nor gone.
+    `is_healthy`: alive, not suspect. `is_member`: healthy or suspect, so neither dead nor gone.
     `is_suspected`: suspect or dead.
     """
 
@@ -24,8 +24,8 @@ class State(enum.StrEnum):
 
     # Read with every message; members of an enumeration are slow to look up.
     def __init__(self, name: str) -> None:
-        self.is_alive = name == "alive"
-        self.is_live = name in ("alive", "suspect")
+        self.is_healthy = name == "alive"
+        self.is_member = name in ("alive", "suspect")
         self.is_suspected = name in ("suspect", "dead")
 
 

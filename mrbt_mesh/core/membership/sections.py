@@ -49,7 +49,7 @@ class Sections:
 
     def _is_good(self, robot: str) -> bool:
         peer = self._peers.get(robot)
-        return robot == self._me or (peer is not None and peer.state.is_alive)
+        return robot == self._me or (peer is not None and peer.state.is_healthy)
 
     def speakers(self) -> tuple[str, ...]:
         """Those of the own section, as this robot sees it."""

@@ -133,9 +133,9 @@ class Heartbeat:
     """One heartbeat. `statuses` are those of T_i, T_A, T_G and T_Li; `progress` in percent.
 
     `relays`: robot -> its newest self-report that the sender knows. `lease_request`: the activation
-    and the id of the coalition for which the sender needs leases. `alive_digest` is over the robots
-    that the sender holds for alive. `position`: where the robot says it is; `tree_statuses`: of the
-    nodes, in preorder, of the tree that carries out its local task, if one does: people read them.
+    and the id of the coalition for which the sender needs leases. `members_digest` is over the
+    robots that the sender counts on. `position`: where the robot says it is; `tree_statuses`: of
+    the nodes, in preorder, of the tree that carries out its local task, if there is one.
     """
 
     report: SelfReport
@@ -147,7 +147,7 @@ class Heartbeat:
     relays: Mapping[str, SelfReport]
     lease_request: tuple[str, str] | None = None
     lease_grants: tuple[LeaseGrant, ...] = ()
-    alive_digest: bytes = bytes(DIGEST_BYTES)
+    members_digest: bytes = bytes(DIGEST_BYTES)
     position: Position | None = None
     tree_statuses: bytes = b""
 
@@ -238,7 +238,7 @@ def pack_heartbeat(heartbeat: Heartbeat) -> list[Any]:
         int(report.has_joined) + 2 * int(heartbeat.is_leaving),
         report.plan_digest,
         heartbeat.fact_digest,
-        heartbeat.alive_digest,
+        heartbeat.members_digest,
         list(heartbeat.statuses),
         report.result,
         heartbeat.progress,

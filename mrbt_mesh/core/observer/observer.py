@@ -161,15 +161,15 @@ class Observer:
             self.record.state(robot, after, evidence_us, now_us)
         self._look_who_is_missing(now_us)
         facts, membership = self.facts, self.membership
-        state = (facts.changes, membership.alive_changes, membership.report_changes)
+        state = (facts.changes, membership.member_changes, membership.report_changes)
         if state == self._updated and self._has_caught_up:
             return  # nothing has changed that follows below
         facts.prune(self.evaluator)
-        self._updated = (facts.changes, membership.alive_changes, membership.report_changes)
-        changes = (facts.changes, membership.alive_changes)
+        self._updated = (facts.changes, membership.member_changes, membership.report_changes)
+        changes = (facts.changes, membership.member_changes)
         if changes != self._planned:
             self._planned = changes
-            alive = self.membership.alive_set()
+            alive = self.membership.members()
             self.plan = self._make_plan(self.facts, alive)
         if self.plan is not None:
             settled = self._is_settled(self.plan)
@@ -224,7 +224,7 @@ class Observer:
         self.record.is_catching_up &= not self._has_caught_up
         if not self._has_caught_up:
             return False
-        alive = {r: p for r, p in self.membership.peers.items() if p.state.is_alive}
+        alive = {r: p for r, p in self.membership.peers.items() if p.state.is_healthy}
         good, members = alive.values(), self.facts.members
         if any(members[r].member.pending for r in alive if r in members):
             return False  # what it waits for may come in a moment
@@ -238,7 +238,7 @@ class Observer:
 
         Of a mission that ends, once that is a fact: until then a condition may turn.
         """
-        alive, plan = self.membership.alive_set(), self.plan
+        alive, plan = self.membership.members(), self.plan
         for result in (Status.SUCCESS, Status.FAILURE):
             if alive and self.membership.all_report_result(int(result)):
                 has_ended = plan is not None and plan.is_final and plan.result is result
@@ -266,7 +266,7 @@ class Observer:
     def caught_up(self) -> bool:
         """Whether it hears whoever the robots hear, and holds the same facts as they."""
         peers = self.membership.peers.values()
-        beats = [p.heartbeat for p in peers if p.report.has_joined and p.state.is_alive]
+        beats = [p.heartbeat for p in peers if p.report.has_joined and p.state.is_healthy]
         digest = self.facts.map.digest()
         return bool(beats) and all(b is not None and b.fact_digest == digest for b in beats)
 
@@ -276,7 +276,7 @@ class Observer:
         digests = {
             peer.report.plan_digest
             for peer in self.membership.peers.values()
-            if peer.report.has_joined and peer.state.is_alive
+            if peer.report.has_joined and peer.state.is_healthy
         }
         return len(digests) <= 1
 
@@ -286,7 +286,7 @@ class Observer:
         held = self.facts.claims.get(robot)
         if peer is None or held is None or held[1] != peer.incarnation:
             return None
-        return held[0] if peer.state.is_live else None
+        return held[0] if peer.state.is_member else None
 
     def robot_state(self, robot: str) -> State:
         """ALIVE, SUSPECT, DEAD or LEFT; a robot known only from facts is dead or has left."""

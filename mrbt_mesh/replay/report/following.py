@@ -62,7 +62,7 @@ class Following:
             },
             now_us,
         )
-        alive = {r for r in observer.robots() if observer.robot_state(r).is_live}
+        alive = {r for r in observer.robots() if observer.robot_state(r).is_member}
         idle = plan.idle if plan else {}
         self._idle.look({(r, why): () for r, why in idle.items() if r in alive}, now_us)
         self.plans_held.look(reported_plans(observer), now_us)

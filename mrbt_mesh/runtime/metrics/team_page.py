@@ -36,7 +36,7 @@ def _robots(observer: Observer) -> Iterator[Family]:
     by_state = {(state,): float(states[state]) for state in STATES}
     yield labelled(GAUGE, "mrbt_team_robots", text, ("state",), by_state.items())
     text = "Whether a robot of the mission file is alive or suspect."
-    live = {(r,): float(observer.robot_state(r).is_live) for r in mission.robots}
+    live = {(r,): float(observer.robot_state(r).is_member) for r in mission.robots}
     yield labelled(GAUGE, "mrbt_team_robot_live", text, ("robot",), live.items())
     text = "Whether a robot is at work on a local task of this type."
     working: Counter[Labels] = Counter()

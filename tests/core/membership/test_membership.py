@@ -30,9 +30,9 @@ def test_a_robot_that_misses_beats_is_suspect_and_then_dead() -> None:
 
 def test_a_suspect_is_in_the_alive_set_and_a_dead_robot_is_not() -> None:
     view = View("A", "B")
-    assert list(view.at(600).members.alive_set()) == ["A", "B"]
+    assert list(view.at(600).members.members()) == ["A", "B"]
     view.hear("B")
-    assert list(view.at(1000).members.alive_set()) == ["B"]
+    assert list(view.at(1000).members.members()) == ["B"]
 
 
 def test_changes_are_told_once_with_what_was_before() -> None:
@@ -53,7 +53,7 @@ def test_a_beat_of_the_same_incarnation_revives_a_dead_robot() -> None:
     assert view["A"] is DEAD
     view.hear("A")
     assert view["A"] is ALIVE
-    assert view.members.alive_set()["A"] == Incarnation(1, "n")
+    assert view.members.members()["A"] == Incarnation(1, "n")
 
 
 def test_an_old_beat_that_arrives_late_revives_nobody() -> None:
@@ -70,18 +70,18 @@ def test_an_old_beat_that_arrives_late_revives_nobody() -> None:
 def test_a_new_incarnation_replaces_the_old_one_and_old_beats_are_ignored() -> None:
     view = View("A")
     assert view.hear("A", life=2, number=1)
-    assert view.members.alive_set() == {"A": Incarnation(2, "n")}
+    assert view.members.members() == {"A": Incarnation(2, "n")}
     assert not view.hear("A", life=1, number=99)
-    assert view.members.alive_set() == {"A": Incarnation(2, "n")}
+    assert view.members.members() == {"A": Incarnation(2, "n")}
 
 
 def test_a_robot_that_has_not_joined_is_known_but_not_counted() -> None:
     view = View()
     view.hear("A", life=0, joined=False)
     assert view["A"] is ALIVE
-    assert view.members.alive_set() == {}
+    assert view.members.members() == {}
     view.hear("A", life=1, joined=True)
-    assert list(view.members.alive_set()) == ["A"]
+    assert list(view.members.members()) == ["A"]
 
 
 # -- relays -----------------------------------------------------------------------------------
@@ -265,7 +265,7 @@ def test_a_robot_that_leaves_is_gone_at_once_and_not_dead_later() -> None:
     view = View("A", "B")
     view.hear("A", leaving=True)
     assert view["A"] is LEFT
-    assert list(view.members.alive_set()) == ["B"]
+    assert list(view.members.members()) == ["B"]
     view.ms = 900
     view.hear("B")
     assert view.at(3000)["A"] is LEFT

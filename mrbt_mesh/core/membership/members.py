@@ -18,7 +18,7 @@ def _hash(robot: str, incarnation: Incarnation) -> int:
     return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=16).digest(), "big")
 
 
-class AliveSet:
+class Members:
     """`joined`: robot -> incarnation of those that a plan counts on, suspects included; `live`:
     those that are neither dead nor gone; `newcomers`: those in good standing that have yet to join.
     """
@@ -35,11 +35,11 @@ class AliveSet:
         if before is not None:
             self._total -= _hash(robot, before)
         has_joined, state = peer.report.has_joined, peer.state
-        if has_joined and state.is_live:
+        if has_joined and state.is_member:
             self.joined[robot] = peer.incarnation
             self._total += _hash(robot, peer.incarnation)
-        set_member(self.live, robot, state.is_live)
-        set_member(self.newcomers, robot, state.is_alive and not has_joined)
+        set_member(self.live, robot, state.is_member)
+        set_member(self.newcomers, robot, state.is_healthy and not has_joined)
 
     def digest(self, me: str, mine: Incarnation) -> bytes:
         """Over those that have joined and this robot: equal where they are."""
