@@ -114,16 +114,16 @@ parts-interop: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[interop]'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps py_trees_js
 
-INTEROP_TESTS := tests/adapters tests/processes/test_foxglove.py tests/local/test_tree_with_others.py \
-	tests/formats/btcpp/test_*_as_the_library.py
+INTEROP_TESTS := tests/adapters tests/processes/test_foxglove.py tests/btcpp/executor/test_tree_with_others.py \
+	tests/btcpp/files/test_*_as_the_library.py tests/analysis/test_*_as_the_library.py
 
 test-interop: parts-interop
 	$(BIN)/pytest -rs $(INTEROP_TESTS)
 
 # 2,602 traces and 8,000 scripts measured with BehaviorTree.CPP 4.10; `make test` tells each eighth.
 test-conformance: $(READY)
-	MRBT_CONFORMANCE=1 $(BIN)/pytest tests/local/test_engine_traces.py \
-		tests/formats/btcpp/test_script_measured.py tests/formats/btcpp/test_team_tree_traces.py
+	MRBT_CONFORMANCE=1 $(BIN)/pytest tests/btcpp/executor/test_engine_traces.py \
+		tests/btcpp/scripts/test_evaluator_measured.py tests/analysis/test_team_tree_traces.py
 
 # Parts that others have made: a broker, virtual AGVs, published schemas (docs/vda5050.md).
 VDA5050_NODE := $(VENV)/vda5050
@@ -159,7 +159,7 @@ test-world: parts-world
 # Of these four suites what shows most in the least time.
 test-with-others: parts-interop parts-vda5050 parts-ros2 parts-world
 	MRBT_VDA5050_NODE=$(abspath $(VDA5050_NODE)) MRBT_ROS2_PYTHON=$(abspath $(ROS2))/bin/python \
-		$(BIN)/pytest -n 4 -rs -m reduced tests/adapters tests/processes tests/local tests/formats/btcpp \
+		$(BIN)/pytest -n 4 -rs -m reduced tests/adapters tests/processes tests/btcpp tests/analysis \
 		tests/examples
 
 drills: $(READY)

@@ -4,7 +4,7 @@ import anyio
 from simulated import work
 
 from mrbt_mesh import RobotProgram, TaskContext, TaskFailedError
-from mrbt_mesh.local import InOut, Out
+from mrbt_mesh.btcpp import InOut, Out
 
 robot = RobotProgram(record_work=True)
 

@@ -1,17 +1,18 @@
 """mrbt-mesh: fault-tolerant teams of robots on behavior trees, with no coordinator.
 
-Robot programs import from here and, where they have trees, from `mrbt_mesh.local`; tests of them
+Robot programs import from here and, where they have trees, from `mrbt_mesh.btcpp`; tests of them
 from `mrbt_mesh.testing`.
 """
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from mrbt_mesh.errors import InputError, TaskFailedError
-from mrbt_mesh.runtime.program import RobotProgram, TaskContext
-from mrbt_mesh.runtime.program_function import ProgramError
 from mrbt_mesh.version import __version__
 
 if TYPE_CHECKING:
+    from mrbt_mesh.runtime.program import RobotProgram, TaskContext
+    from mrbt_mesh.runtime.program_function import ProgramError
     from mrbt_mesh.runtime.team_member import (
         Assignment,
         JoinOptions,
@@ -34,11 +35,17 @@ __all__ = [
     "join_team",
 ]
 
+_MODULES = {
+    "ProgramError": "program_function",
+    "RobotProgram": "program",
+    "TaskContext": "program",
+}
+
 
 def __getattr__(name: str) -> Any:
-    """Robots inside other programs: loaded when asked for, since every robot loads this module."""
+    """Loaded on first use, so that `mrbt_mesh.btcpp` can be imported without the runtime."""
     if name in __all__:
-        from mrbt_mesh.runtime import team_member
-
-        return getattr(team_member, name)
+        return getattr(
+            import_module(f"mrbt_mesh.runtime.{_MODULES.get(name, 'team_member')}"), name
+        )
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

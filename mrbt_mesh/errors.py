@@ -1,4 +1,14 @@
-"""Wrong input, told as a message by every command; a task that has failed, told with a reason."""
+"""Wrong input, which every command reports as a message, and a task that has failed."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+MAX_SHOWN_CHARACTERS = 60
+MAX_PATH_CHARACTERS = 160
 
 
 class InputError(Exception):
@@ -13,3 +23,70 @@ class TaskFailedError(Exception):
 
     There is no traceback in the log.
     """
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One problem. `line` counts from 1; 0 means the file as a whole, e.g. one that is missing.
+
+    `path` leads to the place inside the file, e.g. `tree/Sequence[2]/Parallel`.
+    """
+
+    file: str
+    line: int
+    path: str
+    message: str
+
+    def __str__(self) -> str:
+        place = f"{self.file}:{self.line}" if self.line else self.file
+        return f"{place}: {self.path}: {self.message}" if self.path else f"{place}: {self.message}"
+
+
+class MissionError(InputError):
+    """A mission file that cannot be used; `str()` gives one line per problem."""
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems: list[Problem] = list(problems)
+        super().__init__(self.problems)
+
+    def __str__(self) -> str:
+        return "\n".join(str(problem) for problem in self.problems)
+
+
+def whole_file_error(file: str, message: str) -> MissionError:
+    """A MissionError that is about the file as a whole."""
+    return MissionError([Problem(file, 0, "", message)])
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """`; did you mean 'x'?` for the known name most like `name`, else the names there are."""
+    names = sorted(known)
+    close = difflib.get_close_matches(name, names, n=1)
+    if not close and len(name) > 2:
+        close = [each for each in names if each.lower().startswith(name.lower())][:1]
+    if close:
+        return f"; did you mean {close[0]!r}?"
+    if not names:
+        return "; there are none here"
+    listed = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+    return f"; known: {listed}"
+
+
+def read_limited(path: Path, limit_bytes: int) -> bytes:
+    """The bytes of a file that people name; raises MissionError, also for one that is too large."""
+    file = str(path)
+    try:
+        if not path.exists():
+            raise whole_file_error(file, "there is no such file")
+        # Reading a pipe or a device could block, or never end.
+        if not path.is_file():
+            raise whole_file_error(file, "not a file; give the file itself")
+        with path.open("rb") as stream:
+            content = stream.read(limit_bytes + 1)
+    except OSError as error:
+        raise whole_file_error(file, f"cannot be read: {error.strerror or error}") from None
+    except ValueError as error:
+        raise whole_file_error(file, f"cannot be read: {error}") from None
+    if len(content) > limit_bytes:
+        raise whole_file_error(file, f"larger than the limit of {limit_bytes} bytes")
+    return content

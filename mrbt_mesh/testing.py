@@ -23,10 +23,9 @@ from typing import Any, Literal, Protocol, TypeAlias
 
 from mrbt_mesh.core.mission.mission import MICRO, Mission, micro_performance
 from mrbt_mesh.core.mission.names import ALL, type_name
-from mrbt_mesh.errors import InputError
+from mrbt_mesh.errors import InputError, nearest
 from mrbt_mesh.formats.expand import call_text
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.formats.problems import nearest
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import load_program, require_program
 from mrbt_mesh.sim import (

@@ -6,7 +6,8 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import type_name
-from mrbt_mesh.formats.problems import Report, SourcePath, nearest
+from mrbt_mesh.errors import nearest
+from mrbt_mesh.formats.problems import Report, SourcePath
 
 
 def note_misfits(

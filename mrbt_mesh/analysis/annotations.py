@@ -10,8 +10,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
+from mrbt_mesh.btcpp.scripts.values import read_boolean
 from mrbt_mesh.core.mission.names import type_name
-from mrbt_mesh.formats.btcpp.document import read_boolean
 from mrbt_mesh.formats.declaration import Declaration
 from mrbt_mesh.formats.team_file import TeamFile
 

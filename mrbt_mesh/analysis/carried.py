@@ -11,17 +11,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from mrbt_mesh.analysis.skipping import may_skip
-from mrbt_mesh.formats.btcpp.builtin_nodes import SWITCHES
-from mrbt_mesh.formats.btcpp.document import LEAVES, POSTCONDITIONS, PRECONDITIONS, Category
-from mrbt_mesh.formats.btcpp.entries import (
-    access_below,
-    port_access,
-    read_scripts,
-    script_access,
-)
-from mrbt_mesh.formats.btcpp.expand import SCRIPT_PORTS, ExpandedNode
-from mrbt_mesh.formats.btcpp.library import Library
-from mrbt_mesh.formats.btcpp.team_tree import KINDS
+from mrbt_mesh.analysis.team_tree import KINDS
+from mrbt_mesh.btcpp.files.builtin_nodes import SWITCHES
+from mrbt_mesh.btcpp.files.document import LEAVES, POSTCONDITIONS, PRECONDITIONS, Category
+from mrbt_mesh.btcpp.files.entries import access_below, port_access, read_scripts, script_access
+from mrbt_mesh.btcpp.files.expand import SCRIPT_PORTS, ExpandedNode
+from mrbt_mesh.btcpp.files.library import Library
 
 Entries = frozenset[str]
 

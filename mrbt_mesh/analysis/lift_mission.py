@@ -12,15 +12,16 @@ from mrbt_mesh.analysis.annotations import annotated
 from mrbt_mesh.analysis.belonging import Follows, Ownership, Templates, templates
 from mrbt_mesh.analysis.lift import Lifted, Lifter
 from mrbt_mesh.analysis.places import walk
+from mrbt_mesh.analysis.team_tree import ALWAYS, TeamTree, to_team_tree
+from mrbt_mesh.btcpp.files.document import Category
+from mrbt_mesh.btcpp.files.library import Library, TreeSource
+from mrbt_mesh.btcpp.scripts.values import read_boolean
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec
 from mrbt_mesh.core.mission.names import split_call, type_name
-from mrbt_mesh.formats.btcpp.document import Category, read_boolean
-from mrbt_mesh.formats.btcpp.library import Library, TreeSource
-from mrbt_mesh.formats.btcpp.team_tree import ALWAYS, TeamTree, to_team_tree
+from mrbt_mesh.errors import MissionError, Problem, nearest
 from mrbt_mesh.formats.declaration import Declaration
 from mrbt_mesh.formats.mission_model import FailureReasonModel
 from mrbt_mesh.formats.mission_writer import tree_data
-from mrbt_mesh.formats.problems import MissionError, Problem, nearest
 from mrbt_mesh.formats.team_file import TeamFile, TeamTaskModel, UnitTaskModel
 
 INDEPENDENT = "_independent"

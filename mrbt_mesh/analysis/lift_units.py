@@ -6,16 +6,17 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from mrbt_mesh.analysis.lift_mission import INDEPENDENT, LiftedMission, lifted_mission
+from mrbt_mesh.analysis.team_tree import translated
 from mrbt_mesh.analysis.unit_tasks import UnitTasks
 from mrbt_mesh.analysis.unit_team import UnitTeam
 from mrbt_mesh.analysis.units import HandUnit, Knowledge, Piece, split
+from mrbt_mesh.btcpp.files.document import Category, Document
+from mrbt_mesh.btcpp.files.expand import ExpandedNode, ExpandedTree, expand
+from mrbt_mesh.btcpp.files.library import Library
+from mrbt_mesh.btcpp.scripts.values import read_boolean
 from mrbt_mesh.core.mission.mission import MICRO
-from mrbt_mesh.formats.btcpp.document import Category, Document, read_boolean
-from mrbt_mesh.formats.btcpp.expand import ExpandedNode, ExpandedTree, expand
-from mrbt_mesh.formats.btcpp.library import Library
-from mrbt_mesh.formats.btcpp.team_tree import translated
+from mrbt_mesh.errors import MissionError, Problem, nearest
 from mrbt_mesh.formats.declaration import Declaration
-from mrbt_mesh.formats.problems import MissionError, Problem, nearest
 from mrbt_mesh.formats.team_file import TeamFile, UnitTaskModel
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
-from mrbt_mesh.formats.btcpp.expand import ExpandedNode
+from mrbt_mesh.btcpp.files.expand import ExpandedNode
 
 # What leaves that declare nothing may have to do with, besides what the team file names.
 UNDECLARED = "what is not declared"

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from mrbt_mesh.formats.btcpp.builtin_nodes import SWITCHES
-from mrbt_mesh.formats.btcpp.document import Category
-from mrbt_mesh.formats.btcpp.expand import ExpandedNode
+from mrbt_mesh.btcpp.files.builtin_nodes import SWITCHES
+from mrbt_mesh.btcpp.files.document import Category
+from mrbt_mesh.btcpp.files.expand import ExpandedNode
 
 _SKIPPING = frozenset({"RunOnce", "SkipUnlessUpdated", "WaitValueUpdate"})
 _STATUS_PORTS = ("else", "if_empty")

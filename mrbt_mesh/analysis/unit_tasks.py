@@ -13,14 +13,14 @@ from dataclasses import dataclass, field, replace
 
 from mrbt_mesh.analysis.unit_team import UnitTeam
 from mrbt_mesh.analysis.units import HandUnit, Piece
+from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN
+from mrbt_mesh.btcpp.files.document import LEAVES, MODELS, TREE, Category, Document, pointer
+from mrbt_mesh.btcpp.files.elements import Element, write_content
+from mrbt_mesh.btcpp.files.entries import access_below
+from mrbt_mesh.btcpp.files.expand import ExpandedNode, Scope
+from mrbt_mesh.btcpp.files.export import model_element
+from mrbt_mesh.btcpp.files.loadable import loadable
 from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN, MAX_ARGUMENTS, NAME_PATTERN
-from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
-from mrbt_mesh.formats.btcpp.document import LEAVES, MODELS, TREE, Category, Document, pointer
-from mrbt_mesh.formats.btcpp.elements import Element, write_content
-from mrbt_mesh.formats.btcpp.entries import access_below
-from mrbt_mesh.formats.btcpp.expand import ExpandedNode, Scope
-from mrbt_mesh.formats.btcpp.export import model_element
-from mrbt_mesh.formats.btcpp.loadable import loadable
 
 _NAME = re.compile(NAME_PATTERN)
 _ARGUMENT = re.compile(ARGUMENT_PATTERN)

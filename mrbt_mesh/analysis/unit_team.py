@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 
 from mrbt_mesh.analysis.annotations import annotated, annotated_names
 from mrbt_mesh.analysis.own_uses import UNDECLARED, OwnUse
+from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN, SWITCHES
+from mrbt_mesh.btcpp.files.document import Category, pointer
+from mrbt_mesh.btcpp.files.entries import access_below
+from mrbt_mesh.btcpp.files.expand import ExpandedNode, ExpandedTree
+from mrbt_mesh.btcpp.files.library import Library
 from mrbt_mesh.core.mission.mission import MICRO, performance
 from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN, MAX_ARGUMENTS
-from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN, SWITCHES
-from mrbt_mesh.formats.btcpp.document import Category, pointer
-from mrbt_mesh.formats.btcpp.entries import access_below
-from mrbt_mesh.formats.btcpp.expand import ExpandedNode, ExpandedTree
-from mrbt_mesh.formats.btcpp.library import Library
 from mrbt_mesh.formats.declaration import Declaration
 from mrbt_mesh.formats.expand import call_text, split_template
 from mrbt_mesh.formats.team_file import DECLARES, TeamFile, TeamTaskModel

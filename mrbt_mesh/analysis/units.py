@@ -18,12 +18,12 @@ from itertools import pairwise
 from mrbt_mesh.analysis.carried import carried
 from mrbt_mesh.analysis.own_uses import OwnUse, OwnUsers
 from mrbt_mesh.analysis.skipping import may_skip
-from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
-from mrbt_mesh.formats.btcpp.document import PRECONDITIONS, Category, pointer
-from mrbt_mesh.formats.btcpp.entries import EntryAccess, access, access_below
-from mrbt_mesh.formats.btcpp.expand import ExpandedNode, ExpandedTree
-from mrbt_mesh.formats.btcpp.library import Library
-from mrbt_mesh.formats.btcpp.team_tree import KINDS
+from mrbt_mesh.analysis.team_tree import KINDS
+from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN
+from mrbt_mesh.btcpp.files.document import PRECONDITIONS, Category, pointer
+from mrbt_mesh.btcpp.files.entries import EntryAccess, access, access_below
+from mrbt_mesh.btcpp.files.expand import ExpandedNode, ExpandedTree
+from mrbt_mesh.btcpp.files.library import Library
 
 # What the team's tree decides. A time limit is one of a robot's work, and stays with the robot.
 BETWEEN = frozenset(KINDS) - {"SequenceWithMemory", "Timeout", "SubTree"}

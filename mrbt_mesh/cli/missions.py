@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.errors import InputError
-from mrbt_mesh.formats.problems import nearest
+from mrbt_mesh.errors import InputError, nearest
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import load_program, require_program
 

@@ -32,10 +32,10 @@ from mrbt_mesh.drills.model import (
     StepModel,
     TakeoverTrigger,
 )
+from mrbt_mesh.errors import nearest, read_limited, whole_file_error
 from mrbt_mesh.formats.file_model import explain
-from mrbt_mesh.formats.limited_file import read_limited
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.formats.problems import Report, SourcePath, found, nearest, whole_file_error
+from mrbt_mesh.formats.problems import Report, SourcePath, found
 from mrbt_mesh.formats.shipped import shipped
 from mrbt_mesh.formats.yaml_source import SourceDict, decode, read_yaml
 

@@ -26,8 +26,7 @@ from mrbt_mesh.core.assignment.problem import (
     SideConstraint,
 )
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO
-from mrbt_mesh.formats.limited_file import read_limited
-from mrbt_mesh.formats.problems import nearest, whole_file_error
+from mrbt_mesh.errors import nearest, read_limited, whole_file_error
 
 MAX_BYTES = 256 << 20
 

@@ -22,6 +22,7 @@ from mrbt_mesh.core.mission.mission import (
     Robot,
     SameRobotAs,
 )
+from mrbt_mesh.errors import nearest
 from mrbt_mesh.formats.constraints import build_constraints
 from mrbt_mesh.formats.expand import (
     Declared,
@@ -52,7 +53,7 @@ from mrbt_mesh.formats.mission_model import (
     SameRobotModel,
     validate,
 )
-from mrbt_mesh.formats.problems import Report, SourcePath, nearest
+from mrbt_mesh.formats.problems import Report, SourcePath
 from mrbt_mesh.formats.program_trees import ground_program_trees
 from mrbt_mesh.formats.yaml_source import read_yaml
 

@@ -17,7 +17,7 @@ from mrbt_mesh.core.mission.mission import (
     mission_from_json,
 )
 from mrbt_mesh.core.mission.names import is_robot_id, split_call, type_name
-from mrbt_mesh.formats.problems import MissionError, Problem, whole_file_error
+from mrbt_mesh.errors import MissionError, Problem, whole_file_error
 
 
 def compile_mission(mission: Mission) -> str:

@@ -6,9 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from mrbt_mesh.core.mission.constraints import AtMost, Constraint, NeverTogether, NotAtOnce
 from mrbt_mesh.core.mission.names import split_call, type_name
+from mrbt_mesh.errors import nearest
 from mrbt_mesh.formats.expand import call_text, split_template
 from mrbt_mesh.formats.mission_model import ConstraintsModel
-from mrbt_mesh.formats.problems import Report, SourcePath, nearest
+from mrbt_mesh.formats.problems import Report, SourcePath
 
 
 def build_constraints(

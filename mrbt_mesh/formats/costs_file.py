@@ -12,10 +12,10 @@ from pydantic import Field
 
 from mrbt_mesh.core.mission.costs import Costs
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.errors import nearest, read_limited, whole_file_error
 from mrbt_mesh.formats.file_model import FileModel, Name, read_model
-from mrbt_mesh.formats.limited_file import read_limited
 from mrbt_mesh.formats.mission_model import Cost
-from mrbt_mesh.formats.problems import found, nearest, whole_file_error
+from mrbt_mesh.formats.problems import found
 from mrbt_mesh.formats.yaml_source import decode, read_yaml
 
 MAX_BYTES = 1 << 20

@@ -16,7 +16,8 @@ from typing import Any, TypeAlias
 from mrbt_mesh.core.bt.tree import CONTROLS, LEAVES, MAX_DEPTH, MAX_NODES, Kind, Memory, NodeSpec
 from mrbt_mesh.core.mission.mission import MICRO
 from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN
-from mrbt_mesh.formats.problems import Report, SourcePath, found, nearest
+from mrbt_mesh.errors import nearest
+from mrbt_mesh.formats.problems import Report, SourcePath, found
 from mrbt_mesh.formats.tree_model import CompositeModel, NodeModel, ParallelModel
 
 Scope: TypeAlias = Mapping[str, Any]

@@ -36,14 +36,8 @@ from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
 from mrbt_mesh.core.mission.conditions import robot_condition
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, Mission, micro_performance
-from mrbt_mesh.formats.limited_file import read_limited
-from mrbt_mesh.formats.problems import (
-    Report,
-    SourcePath,
-    found,
-    nearest,
-    whole_file_error,
-)
+from mrbt_mesh.errors import nearest, read_limited, whole_file_error
+from mrbt_mesh.formats.problems import Report, SourcePath, found
 
 _OUTCOME_KEYS = frozenset({"robot", "global_task", "local_task", "success"})
 ALIVE = Incarnation(1, "file")

@@ -27,7 +27,8 @@ from mrbt_mesh.core.mission.names import (
     NAME_PATTERN,
     ROBOT_PATTERN,
 )
-from mrbt_mesh.formats.problems import Report, SourcePath, found, nearest
+from mrbt_mesh.errors import nearest
+from mrbt_mesh.formats.problems import Report, SourcePath, found
 from mrbt_mesh.formats.yaml_source import SourceDict
 
 _Model = TypeVar("_Model", bound=BaseModel)

@@ -11,9 +11,8 @@ from pathlib import Path
 
 from mrbt_mesh.core.mission.mission import Mission, performance
 from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.errors import MissionError, Problem, read_limited, whole_file_error
 from mrbt_mesh.formats.compiled import compile_mission, mission_from_compiled
-from mrbt_mesh.formats.limited_file import read_limited
-from mrbt_mesh.formats.problems import MissionError, Problem, whole_file_error
 
 __all__ = ["MissionError", "Problem", "compile_mission", "load_mission", "mission_warnings"]
 

@@ -2,51 +2,15 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
-from mrbt_mesh.errors import InputError
+from mrbt_mesh.errors import MAX_PATH_CHARACTERS, MAX_SHOWN_CHARACTERS, MissionError, Problem
 
 SourcePath: TypeAlias = tuple[str | int, ...]
 
 MAX_PROBLEMS = 100
-MAX_SHOWN_CHARACTERS = 60
-MAX_PATH_CHARACTERS = 160
-
-
-@dataclass(frozen=True, slots=True)
-class Problem:
-    """One problem. `line` counts from 1; 0 means the file as a whole, e.g. one that is missing.
-
-    `path` leads to the place inside the file, e.g. `tree/Sequence[2]/Parallel`.
-    """
-
-    file: str
-    line: int
-    path: str
-    message: str
-
-    def __str__(self) -> str:
-        place = f"{self.file}:{self.line}" if self.line else self.file
-        return f"{place}: {self.path}: {self.message}" if self.path else f"{place}: {self.message}"
-
-
-class MissionError(InputError):
-    """A mission file that cannot be used; `str()` gives one line per problem."""
-
-    def __init__(self, problems: Iterable[Problem]) -> None:
-        self.problems: list[Problem] = list(problems)
-        super().__init__(self.problems)
-
-    def __str__(self) -> str:
-        return "\n".join(str(problem) for problem in self.problems)
-
-
-def whole_file_error(file: str, message: str) -> MissionError:
-    """A MissionError that is about the file as a whole."""
-    return MissionError([Problem(file, 0, "", message)])
 
 
 @dataclass
@@ -102,20 +66,6 @@ def path_text(path: SourcePath) -> str:
         half = MAX_PATH_CHARACTERS // 2
         text = f"{text[:half]}...{text[-half:]}"
     return text
-
-
-def nearest(name: str, known: Iterable[str]) -> str:
-    """`; did you mean 'x'?` for the known name most like `name`, else the names there are."""
-    names = sorted(known)
-    close = difflib.get_close_matches(name, names, n=1)
-    if not close and len(name) > 2:
-        close = [each for each in names if each.lower().startswith(name.lower())][:1]
-    if close:
-        return f"; did you mean {close[0]!r}?"
-    if not names:
-        return "; there are none here"
-    listed = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
-    return f"; known: {listed}"
 
 
 def found(value: Any) -> str:

@@ -9,14 +9,15 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from mrbt_mesh.btcpp.files.check import check_file
+from mrbt_mesh.btcpp.files.export import explicit
+from mrbt_mesh.btcpp.files.library import Library
+from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
 from mrbt_mesh.core.mission.program_trees import ProgramTree
-from mrbt_mesh.formats.btcpp.check import check_file
-from mrbt_mesh.formats.btcpp.export import explicit
-from mrbt_mesh.formats.btcpp.library import Library
-from mrbt_mesh.formats.btcpp.xml_reader import TreeFileError
+from mrbt_mesh.errors import nearest
 from mrbt_mesh.formats.expand import argument_text, call_text, split_template, substitute
 from mrbt_mesh.formats.mission_model import LocalTaskOrTreeModel, MissionModel
-from mrbt_mesh.formats.problems import Report, nearest
+from mrbt_mesh.formats.problems import Report
 
 
 def ground_program_trees(

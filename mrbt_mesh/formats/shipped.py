@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mrbt_mesh.errors import InputError
-from mrbt_mesh.formats.problems import nearest
+from mrbt_mesh.errors import InputError, nearest
 
 MISSION = "mission.yaml"
 

@@ -31,10 +31,10 @@ from pydantic import Field, JsonValue
 
 from mrbt_mesh.core.mission.mission import MAX_ROBOTS, performance
 from mrbt_mesh.core.mission.names import split_call, type_name
+from mrbt_mesh.errors import nearest, read_limited, whole_file_error
 from mrbt_mesh.formats.declaration import Declaration
 from mrbt_mesh.formats.expand import call_text, micro_or_report, split_template, to_micro
 from mrbt_mesh.formats.file_model import FileModel, Name, RobotName, read_model
-from mrbt_mesh.formats.limited_file import read_limited
 from mrbt_mesh.formats.mission_file import MAX_YAML_BYTES
 from mrbt_mesh.formats.mission_model import (
     EXPLAINED_HERE,
@@ -45,7 +45,7 @@ from mrbt_mesh.formats.mission_model import (
     RobotEntry,
     RobotTypeModel,
 )
-from mrbt_mesh.formats.problems import Report, nearest, whole_file_error
+from mrbt_mesh.formats.problems import Report
 from mrbt_mesh.formats.tree_model import CallText
 from mrbt_mesh.formats.yaml_source import decode, read_yaml
 

@@ -9,6 +9,7 @@ from pydantic_core import PydanticCustomError
 
 from mrbt_mesh.core.bt.tree import MAX_NODES, Kind
 from mrbt_mesh.core.mission.names import NAME_PATTERN
+from mrbt_mesh.errors import nearest
 from mrbt_mesh.formats.file_model import (
     CALL_HINT,
     EXPLAINED,
@@ -18,7 +19,6 @@ from mrbt_mesh.formats.file_model import (
     call_pattern,
     one_of,
 )
-from mrbt_mesh.formats.problems import nearest
 
 MAX_SECONDS = 1e9
 

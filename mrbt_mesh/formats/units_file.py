@@ -17,10 +17,9 @@ from typing import Annotated
 
 from pydantic import Field
 
+from mrbt_mesh.errors import read_limited, whole_file_error
 from mrbt_mesh.formats.file_model import FileModel, Name, read_model
-from mrbt_mesh.formats.limited_file import read_limited
 from mrbt_mesh.formats.mission_file import MAX_YAML_BYTES
-from mrbt_mesh.formats.problems import whole_file_error
 from mrbt_mesh.formats.yaml_source import decode, read_yaml
 
 _NodeText = Annotated[str, Field(min_length=1, max_length=1_000)]

@@ -15,14 +15,8 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from mrbt_mesh.formats.problems import (
-    MissionError,
-    Problem,
-    Report,
-    SourcePath,
-    found,
-    whole_file_error,
-)
+from mrbt_mesh.errors import MissionError, Problem, whole_file_error
+from mrbt_mesh.formats.problems import Report, SourcePath, found
 from mrbt_mesh.formats.yaml_syntax import explain_yaml
 
 MAX_LEVELS = 200

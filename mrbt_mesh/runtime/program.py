@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Concatenate, Protocol, TypeAlias, TypeVar, overload
 
 from mrbt_mesh.core.mission.names import ALL, type_name
-from mrbt_mesh.formats.problems import nearest
+from mrbt_mesh.errors import nearest
 from mrbt_mesh.runtime.program_function import (
     BackgroundFunction,
     ProgramError,
@@ -42,8 +42,8 @@ from mrbt_mesh.runtime.program_function import (
 )
 
 if TYPE_CHECKING:
+    from mrbt_mesh.btcpp import Leaves, TreeNode
     from mrbt_mesh.core.mission.mission import Mission
-    from mrbt_mesh.local import Leaves, TreeNode
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _N = TypeVar("_N", bound="type[TreeNode]")
@@ -261,7 +261,7 @@ class RobotProgram:
     def leaves(self) -> Leaves:
         """The leaves of BehaviorTree.CPP trees that are local tasks."""
         # Most programs have none, and their robots start without all that reads such files.
-        from mrbt_mesh.local import Leaves
+        from mrbt_mesh.btcpp import Leaves
 
         return Leaves(TaskContext)
 
@@ -269,7 +269,7 @@ class RobotProgram:
         """Register an action of BehaviorTree.CPP trees: a function of its ports.
 
         A parameter of type TaskContext gets the context of the local task whose tree it is. See
-        `mrbt_mesh.local.Leaves.action` and docs/robot_trees.md. Raises LeafError.
+        `mrbt_mesh.btcpp.Leaves.action` and docs/robot_trees.md. Raises LeafError.
         """
         return self.leaves.action(name)
 
@@ -278,7 +278,7 @@ class RobotProgram:
         return self.leaves.condition(name)
 
     def node(self, name: str) -> Callable[[_N], _N]:
-        """Register a control or decorator of such trees, a subclass of `mrbt_mesh.local.TreeNode`.
+        """Register a control or decorator of such trees, a subclass of `mrbt_mesh.btcpp.TreeNode`.
 
         Raises LeafError.
         """
@@ -295,7 +295,7 @@ class RobotProgram:
         return self.leaves.entry(name)
 
     def source(self, name: str) -> Callable[[_F], _F]:
-        """Register what Nav2's nodes ask for: see `mrbt_mesh.local.Leaves.source`."""
+        """Register what Nav2's nodes ask for: see `mrbt_mesh.btcpp.Leaves.source`."""
         return self.leaves.source(name)
 
     def enum(self, name: str, number: int) -> None:
@@ -314,7 +314,7 @@ class RobotProgram:
         Raises TaskFailedError unless it succeeds, with the reason of the leaf that failed last, and
         TreeFileError.
         """
-        from mrbt_mesh.local import BehaviorTree
+        from mrbt_mesh.btcpp import BehaviorTree
         from mrbt_mesh.runtime.tree_programs import carry_out
 
         made = BehaviorTree.from_file(path, tree, self.leaves, given={TaskContext: task})

@@ -211,7 +211,7 @@ def _value(parameter: TaskParameter, text: str) -> Any:
     if parameter.type is str:
         return text
     # Most programs take texts, and do not load this.
-    from mrbt_mesh.formats.btcpp.values import CPP_TYPES, ValueTypeError, read_text
+    from mrbt_mesh.btcpp.scripts.values import CPP_TYPES, ValueTypeError, read_text
 
     try:
         return read_text(text, CPP_TYPES[parameter.type])

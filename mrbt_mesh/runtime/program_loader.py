@@ -17,8 +17,7 @@ from typing import TypeAlias
 
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import ALL, split_call, type_name
-from mrbt_mesh.errors import InputError
-from mrbt_mesh.formats.problems import MissionError, nearest
+from mrbt_mesh.errors import InputError, MissionError, nearest
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_function import BackgroundFunction, ProgramError, ProgramFunction
 

@@ -27,7 +27,7 @@ from mrbt_mesh.core.assignment.problem import (
 from mrbt_mesh.core.assignment.solve import needs_arrays
 from mrbt_mesh.core.assignment.solvers import SOLVERS, brute_force, default_solver
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.formats.problems import nearest
+from mrbt_mesh.errors import nearest
 
 GROUP = "mrbt_mesh.solvers"
 _SPELLED_OUT = re.compile(r"([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*):([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*)")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from mrbt_mesh.btcpp import Leaves
 from mrbt_mesh.core.mission.conditions import ConditionType
-from mrbt_mesh.local import Leaves
 from mrbt_mesh.runtime.program import TaskContext
 
 

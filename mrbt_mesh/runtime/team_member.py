@@ -25,9 +25,8 @@ import anyio
 from mrbt_mesh.core.agent.effects import Stop
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import OrderKind, Phase
-from mrbt_mesh.errors import InputError
+from mrbt_mesh.errors import InputError, nearest
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.formats.problems import nearest
 from mrbt_mesh.runtime.driver import Driver, RobotSetup
 from mrbt_mesh.runtime.log import StandardLog
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext

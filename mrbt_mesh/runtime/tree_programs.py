@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from mrbt_mesh.btcpp import BehaviorTree, BlackboardError, Leaves, NodeStatus, TickError
+from mrbt_mesh.btcpp.files.document import parse_document
+from mrbt_mesh.btcpp.files.expand import constant_value
+from mrbt_mesh.btcpp.files.findings import Findings
+from mrbt_mesh.btcpp.files.library import library_of
+from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
+from mrbt_mesh.btcpp.scripts.values import ValueTypeError, as_truth
 from mrbt_mesh.core.mission.program_trees import ProgramTree
 from mrbt_mesh.errors import TaskFailedError
-from mrbt_mesh.formats.btcpp.document import parse_document
-from mrbt_mesh.formats.btcpp.expand import constant_value
-from mrbt_mesh.formats.btcpp.findings import Findings
-from mrbt_mesh.formats.btcpp.library import library_of
-from mrbt_mesh.formats.btcpp.values import ValueTypeError, as_truth
-from mrbt_mesh.formats.btcpp.xml_reader import TreeFileError
-from mrbt_mesh.local import BehaviorTree, BlackboardError, Leaves, NodeStatus, TickError
 
 
 def made_tree(

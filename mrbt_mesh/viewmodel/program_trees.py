@@ -10,13 +10,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
+from mrbt_mesh.btcpp.files.document import LEAVES, Category, parse_document
+from mrbt_mesh.btcpp.files.expand import ExpandedNode, expand
+from mrbt_mesh.btcpp.files.findings import Findings
+from mrbt_mesh.btcpp.files.library import library_of
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.mission.program_trees import ProgramTree
-from mrbt_mesh.formats.btcpp.document import LEAVES, Category, parse_document
-from mrbt_mesh.formats.btcpp.expand import ExpandedNode, expand
-from mrbt_mesh.formats.btcpp.findings import Findings
-from mrbt_mesh.formats.btcpp.library import library_of
 
 MAX_PORT_CHARACTERS = 40
 _INNER = re.compile(r"\{(\w+_[0-9]+__)+")

@@ -6,7 +6,7 @@ import pytest
 
 from mrbt_mesh.analysis.own_uses import OwnUse
 from mrbt_mesh.analysis.units import Knowledge, Piece, split
-from mrbt_mesh.formats.btcpp.expand import ExpandedNode, expand
+from mrbt_mesh.btcpp.files.expand import ExpandedNode, expand
 from tests.support.unit_trees import read
 
 MODELS = """<TreeNodesModel>

@@ -8,7 +8,7 @@ import pytest
 
 from mrbt_mesh.drills.drill_file import drill_files, drill_folder, load_drills
 from mrbt_mesh.drills.model import RoleModel, StepModel
-from mrbt_mesh.formats.problems import MissionError, Problem
+from mrbt_mesh.errors import MissionError, Problem
 from tests.support.paths import ROOT, mission_file
 
 # Line numbers below count from the first line of this text, which is line 1.

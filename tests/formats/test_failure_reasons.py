@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.core.mission.failure_reasons import FailureReason
+from mrbt_mesh.errors import MissionError
 from mrbt_mesh.formats.build import mission_from_yaml
-from mrbt_mesh.formats.problems import MissionError
 
 # The condition stands on line 6.
 MISSION = """\

@@ -9,9 +9,9 @@ import pytest
 
 from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.errors import MissionError
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.compiled import compile_mission, mission_from_compiled
-from mrbt_mesh.formats.problems import MissionError
 
 # Line numbers below count from the first line of this text, which is line 1.
 GOOD = """\

@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mrbt_mesh.errors import Problem
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.mission_file import MAX_YAML_BYTES, MissionError, load_mission
-from mrbt_mesh.formats.problems import MAX_PROBLEMS, Problem, found, path_text
+from mrbt_mesh.formats.problems import MAX_PROBLEMS, found, path_text
 from mrbt_mesh.formats.yaml_source import decode
 
 # Line numbers below count from the first line of this text, which is line 1.

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.core.mission.mission import FailurePolicy, Mission, MissionEnd, mission_from_json
+from mrbt_mesh.errors import MissionError
 from mrbt_mesh.formats.build import mission_from_yaml
-from mrbt_mesh.formats.problems import MissionError
 
 FILE = """
 mission: m

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.core.mission.mission import Mission, mission_from_json
+from mrbt_mesh.errors import MissionError
 from mrbt_mesh.formats.build import mission_from_yaml
-from mrbt_mesh.formats.problems import MissionError
 
 TREE = '<root BTCPP_format="4"><BehaviorTree ID="Go"><Move to="{to}"/></BehaviorTree></root>'
 TEXT = """

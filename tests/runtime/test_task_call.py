@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mrbt_mesh import RobotProgram, TaskContext
-from mrbt_mesh.local import NodeStatus
+from mrbt_mesh.btcpp import NodeStatus
 from mrbt_mesh.runtime.user_code import UserCodeError
 from tests.support.fake_port import FakePort, cancelled_while_working, context, outcomes, run
 

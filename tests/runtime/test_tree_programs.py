@@ -12,13 +12,13 @@ import anyio
 import pytest
 
 from mrbt_mesh import RobotProgram, TaskContext, TaskFailedError
+from mrbt_mesh.btcpp import NodeStatus, Out
 from mrbt_mesh.core.agent.effects import CancelAction, StartAction
 from mrbt_mesh.core.agent.inputs import ActionFinished, ActionStopped
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.mission.program_trees import ProgramTree
-from mrbt_mesh.local import NodeStatus, Out
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.runtime.program_loader import check_program
 from mrbt_mesh.runtime.tree_programs import made_tree

@@ -20,9 +20,9 @@ import numpy as np
 import pytest
 
 from mrbt_mesh import RobotProgram, TaskContext, TaskFailedError
+from mrbt_mesh.btcpp import BehaviorTree, NodeStatus
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.local import BehaviorTree, NodeStatus
 from mrbt_mesh.runtime import actions
 from mrbt_mesh.sim import Lose, SimulationResult, run, simulate
 from tests.support.build import action, make_mission, sequence, task

@@ -17,7 +17,7 @@ import anyio
 import numpy as np
 
 from mrbt_mesh import TaskContext, TaskFailedError
-from mrbt_mesh.local import NodeStatus
+from mrbt_mesh.btcpp import NodeStatus
 
 HERE = r"\((misbehaving_code|test_user_code_misbehaviour)\.py:\d+\)"
 

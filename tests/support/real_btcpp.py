@@ -18,8 +18,8 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN, category_of
-from mrbt_mesh.formats.btcpp.document import (
+from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN, category_of
+from mrbt_mesh.btcpp.files.document import (
     EXPLICIT_TAGS,
     SUBTREE,
     Category,
@@ -28,10 +28,10 @@ from mrbt_mesh.formats.btcpp.document import (
     read_document,
     type_id,
 )
-from mrbt_mesh.formats.btcpp.findings import Findings
-from mrbt_mesh.formats.btcpp.library import Library, load_library
-from mrbt_mesh.formats.btcpp.upgrade import RENAMED_NODES
-from mrbt_mesh.formats.btcpp.xml_reader import TreeFileError
+from mrbt_mesh.btcpp.files.findings import Findings
+from mrbt_mesh.btcpp.files.library import Library, load_library
+from mrbt_mesh.btcpp.files.upgrade import RENAMED_NODES
+from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
 
 INSTALL = "BehaviorTree.CPP is not installed: make test-interop"
 _SERVER = """

@@ -13,15 +13,15 @@ import anyio.lowlevel
 
 from mrbt_mesh import RobotProgram, TaskFailedError
 from mrbt_mesh.analysis.lift_units import LiftedUnits, lift_units
+from mrbt_mesh.btcpp import BehaviorTree, InOut, Leaves, Out
+from mrbt_mesh.btcpp.files.check import check_library
+from mrbt_mesh.btcpp.files.document import parse_document
+from mrbt_mesh.btcpp.files.findings import Findings
+from mrbt_mesh.btcpp.files.library import Library, library_of
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.formats.btcpp.check import check_library
-from mrbt_mesh.formats.btcpp.document import parse_document
-from mrbt_mesh.formats.btcpp.findings import Findings
-from mrbt_mesh.formats.btcpp.library import Library, library_of
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.mission_writer import mission_text
 from mrbt_mesh.formats.team_file import TeamFile, load_team
-from mrbt_mesh.local import BehaviorTree, InOut, Leaves, Out
 
 KEYS = ("k0", "k1", "k2", "k3", "k4", "k5")
 MODELS = """<TreeNodesModel>

@@ -3,7 +3,7 @@
 import anyio
 
 from mrbt_mesh import RobotProgram
-from mrbt_mesh.local import Out
+from mrbt_mesh.btcpp import Out
 
 robot = RobotProgram(record_work=True)
 

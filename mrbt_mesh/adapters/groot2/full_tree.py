@@ -5,14 +5,15 @@ The node of index n in the tree has the uid n + 1: both are numbered depth first
 
 from __future__ import annotations
 
+from mrbt_mesh.analysis.team_tree_writer import team_tree_document
+from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN
+from mrbt_mesh.btcpp.files.document import MODELS, TREE, Document, type_id
+from mrbt_mesh.btcpp.files.elements import Element, write_content
+from mrbt_mesh.btcpp.files.export import model_element, with_ids
+from mrbt_mesh.btcpp.files.library import Library
+from mrbt_mesh.btcpp.files.loadable import compact
 from mrbt_mesh.core.bt.tree import Kind, Tree
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
-from mrbt_mesh.formats.btcpp.document import MODELS, TREE, Document, type_id
-from mrbt_mesh.formats.btcpp.elements import Element, write_content
-from mrbt_mesh.formats.btcpp.export import model_element, team_tree_document, with_ids
-from mrbt_mesh.formats.btcpp.library import Library
-from mrbt_mesh.formats.btcpp.loadable import compact
 
 # Uids are 16 bits wide on the wire.
 MAX_UID = (1 << 16) - 1

@@ -14,7 +14,8 @@ from string import Template
 from typing import Any, Literal, TypeAlias
 
 from mrbt_mesh.adapters.ros2.expression import MessageExpression
-from mrbt_mesh.formats.problems import SourcePath, nearest
+from mrbt_mesh.errors import nearest
+from mrbt_mesh.formats.problems import SourcePath
 
 Kind: TypeAlias = Literal["action", "srv", "msg"]
 Tables: TypeAlias = Mapping[str, Mapping[str, Any]]

@@ -25,11 +25,10 @@ from mrbt_mesh.adapters.vda5050.layout import (
 )
 from mrbt_mesh.adapters.vda5050.vehicle import Battery
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.errors import InputError
+from mrbt_mesh.errors import InputError, nearest, read_limited, whole_file_error
 from mrbt_mesh.formats.file_model import EXPLAINED, FileModel, Name, RobotName, read_model
-from mrbt_mesh.formats.limited_file import read_limited
 from mrbt_mesh.formats.mission_file import MAX_YAML_BYTES
-from mrbt_mesh.formats.problems import Report, SourcePath, nearest, whole_file_error
+from mrbt_mesh.formats.problems import Report, SourcePath
 from mrbt_mesh.formats.tree_model import CallText
 from mrbt_mesh.formats.yaml_source import decode, read_yaml
 

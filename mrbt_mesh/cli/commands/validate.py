@@ -35,9 +35,8 @@ def validate(
         write_file,
     )
     from mrbt_mesh.cli.missions import chosen_robots, fitting_program
-    from mrbt_mesh.errors import InputError
+    from mrbt_mesh.errors import InputError, MissionError
     from mrbt_mesh.formats.mission_file import compile_mission, load_mission, mission_warnings
-    from mrbt_mesh.formats.problems import MissionError
     from mrbt_mesh.runtime.solver_loader import solver_for
 
     check_outputs(mission, {"--compile": compile_to})

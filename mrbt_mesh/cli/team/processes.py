@@ -9,8 +9,7 @@ import click
 import psutil
 
 from mrbt_mesh.cli.framework.exits import FAILURE, fail
-from mrbt_mesh.errors import InputError
-from mrbt_mesh.formats.problems import nearest
+from mrbt_mesh.errors import InputError, nearest
 from mrbt_mesh.runtime.run_dir import RunDir
 
 

@@ -6,19 +6,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mrbt_mesh.analysis.team_tree import to_team_tree
+from mrbt_mesh.btcpp.files.document import Category
+from mrbt_mesh.btcpp.files.findings import Finding, Findings, Severity
+from mrbt_mesh.btcpp.files.folder import read_folder
+from mrbt_mesh.btcpp.files.library import Library, together
+from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
 from mrbt_mesh.cli.framework.exits import BAD_INPUT
 from mrbt_mesh.cli.framework.terminal import console, errors, labelled, print_json
 from mrbt_mesh.cli.trees.files import read_tree_file
 from mrbt_mesh.cli.views.finding_view import check_lines, line
-from mrbt_mesh.errors import InputError
-from mrbt_mesh.formats.btcpp.document import Category
-from mrbt_mesh.formats.btcpp.findings import Finding, Findings, Severity
-from mrbt_mesh.formats.btcpp.folder import read_folder
-from mrbt_mesh.formats.btcpp.library import Library, together
-from mrbt_mesh.formats.btcpp.team_tree import to_team_tree
-from mrbt_mesh.formats.btcpp.xml_reader import TreeFileError
+from mrbt_mesh.errors import InputError, Problem
 from mrbt_mesh.formats.mission_file import load_mission, mission_warnings
-from mrbt_mesh.formats.problems import Problem
 
 
 @dataclass(frozen=True)

@@ -5,19 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from mrbt_mesh.analysis.team_tree_writer import team_tree_document
+from mrbt_mesh.btcpp.files.check import check_library
+from mrbt_mesh.btcpp.files.document import Document
+from mrbt_mesh.btcpp.files.export import explicit, with_ids
+from mrbt_mesh.btcpp.files.findings import Findings
+from mrbt_mesh.btcpp.files.folder import read_folder
+from mrbt_mesh.btcpp.files.library import Library, load_library, together
+from mrbt_mesh.btcpp.files.loadable import compact, loadable
+from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
 from mrbt_mesh.cli.framework.exits import BAD_INPUT
 from mrbt_mesh.cli.framework.terminal import console, errors, reason, write_file
 from mrbt_mesh.cli.trees.files import is_mission, package_folders
 from mrbt_mesh.cli.views.finding_view import finding_line, line
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.formats.btcpp.check import check_library
-from mrbt_mesh.formats.btcpp.document import Document
-from mrbt_mesh.formats.btcpp.export import explicit, team_tree_document, with_ids
-from mrbt_mesh.formats.btcpp.findings import Findings
-from mrbt_mesh.formats.btcpp.folder import read_folder
-from mrbt_mesh.formats.btcpp.library import Library, load_library, together
-from mrbt_mesh.formats.btcpp.loadable import compact, loadable
-from mrbt_mesh.formats.btcpp.xml_reader import TreeFileError
 from mrbt_mesh.formats.mission_file import load_mission
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from mrbt_mesh.btcpp.files.check import check_file
+from mrbt_mesh.btcpp.files.findings import Findings
+from mrbt_mesh.btcpp.files.library import Library
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.formats.btcpp.check import check_file
-from mrbt_mesh.formats.btcpp.findings import Findings
-from mrbt_mesh.formats.btcpp.library import Library
 
 MISSION_SUFFIXES = (".yaml", ".yml", ".json")
 

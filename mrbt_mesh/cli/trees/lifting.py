@@ -10,15 +10,14 @@ from pathlib import Path
 
 from mrbt_mesh.analysis.lift_mission import LiftedMission, heading, lift_mission
 from mrbt_mesh.analysis.lift_units import LiftedUnits, UnitsByHand, lift_units
+from mrbt_mesh.btcpp.files.document import SUBTREE, Document, read_document
+from mrbt_mesh.btcpp.files.folder import read_folder
+from mrbt_mesh.btcpp.files.library import Library, together
+from mrbt_mesh.btcpp.files.nav2_nodes import know_nav2
 from mrbt_mesh.cli.trees.files import read_tree_file
-from mrbt_mesh.errors import InputError
-from mrbt_mesh.formats.btcpp.document import SUBTREE, Document, read_document
-from mrbt_mesh.formats.btcpp.folder import read_folder
-from mrbt_mesh.formats.btcpp.library import Library, together
-from mrbt_mesh.formats.btcpp.nav2_nodes import know_nav2
+from mrbt_mesh.errors import InputError, MissionError, Problem
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.mission_writer import mission_text
-from mrbt_mesh.formats.problems import MissionError, Problem
 from mrbt_mesh.formats.team_file import TeamFile, load_team
 from mrbt_mesh.formats.template import mission_name
 from mrbt_mesh.formats.units_file import load_units

@@ -11,14 +11,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mrbt_mesh.analysis.lift_units import check_subtrees
+from mrbt_mesh.btcpp.files.expand import expand
+from mrbt_mesh.btcpp.files.export import explicit
+from mrbt_mesh.btcpp.files.library import Library
+from mrbt_mesh.btcpp.files.loadable import loadable
 from mrbt_mesh.cli.framework.terminal import console, note
 from mrbt_mesh.cli.trees.lifting import LiftedFiles, LiftRequest, library_and_tree, lift_tree
 from mrbt_mesh.cli.trees.program_from_tree import program_text
 from mrbt_mesh.cli.views.units_view import render_units
-from mrbt_mesh.formats.btcpp.expand import expand
-from mrbt_mesh.formats.btcpp.export import explicit
-from mrbt_mesh.formats.btcpp.library import Library
-from mrbt_mesh.formats.btcpp.loadable import loadable
 from mrbt_mesh.formats.team_file import read_team
 from mrbt_mesh.formats.template import mission_name
 

@@ -6,13 +6,13 @@ import keyword
 import re
 from dataclasses import dataclass, field
 
-from mrbt_mesh.formats.btcpp.builtin_nodes import BUILTIN
-from mrbt_mesh.formats.btcpp.document import LEAVES, Category, Direction, NodeManifest, pointer
-from mrbt_mesh.formats.btcpp.entries import access_below, port_direction, read_scripts
-from mrbt_mesh.formats.btcpp.expand import SCRIPT_PORTS, ExpandedNode, expand
-from mrbt_mesh.formats.btcpp.library import Library
-from mrbt_mesh.formats.btcpp.values import INTEGERS, ValueTypeError, read_text
-from mrbt_mesh.local.builder import NODE_TYPES
+from mrbt_mesh.btcpp.executor.builder import NODE_TYPES
+from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN
+from mrbt_mesh.btcpp.files.document import LEAVES, Category, Direction, NodeManifest, pointer
+from mrbt_mesh.btcpp.files.entries import access_below, port_direction, read_scripts
+from mrbt_mesh.btcpp.files.expand import SCRIPT_PORTS, ExpandedNode, expand
+from mrbt_mesh.btcpp.files.library import Library
+from mrbt_mesh.btcpp.scripts.values import INTEGERS, ValueTypeError, read_text
 
 _VALUES = {"int": "1", "float": "1.0", "bool": "True", "str": '"..."', "object": '"..."'}
 # Names that the program uses itself.
@@ -196,7 +196,7 @@ def program_text(library: Library, tree: str, file: str) -> str:
     body = "\n\n".join(parts)
     names = ("InOut", "NodeStatus", "Out", "TreeNode")
     used = [name for name in names if re.search(rf"\b{name}\b", body)]
-    imports = f"from mrbt_mesh.local import {', '.join(used)}\n" if used else ""
+    imports = f"from mrbt_mesh.btcpp import {', '.join(used)}\n" if used else ""
     warns = "import warnings\n\n" if _WARNS in parts else ""
     return f"{_HEAD.format(tree=file, warns=warns, imports=imports)}\n\n{body}"
 

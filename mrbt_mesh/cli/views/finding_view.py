@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 from rich.text import Text
 
-from mrbt_mesh.formats.btcpp.findings import Finding, Findings, Severity
-from mrbt_mesh.formats.problems import Problem
+from mrbt_mesh.btcpp.files.findings import Finding, Findings, Severity
+from mrbt_mesh.errors import Problem
 
 
 def line(first: str, style: str, rest: str) -> Text:

@@ -7,23 +7,23 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from mrbt_mesh.core.bt.robot_tree import assignment_tree
-from mrbt_mesh.core.bt.tree import CONTROLS, Kind, NodeSpec, Tree
-from mrbt_mesh.core.mission.mission import MICRO, Mission
-from mrbt_mesh.core.mission.names import type_name
-from mrbt_mesh.formats.btcpp.builtin_nodes import category_of
-from mrbt_mesh.formats.btcpp.document import (
+from mrbt_mesh.btcpp.files.builtin_nodes import category_of
+from mrbt_mesh.btcpp.files.document import (
     SUBTREE,
     Category,
     conditions,
     instance_name,
     ports,
-    read_boolean,
     type_id,
 )
-from mrbt_mesh.formats.btcpp.elements import Element
-from mrbt_mesh.formats.btcpp.expand import ExpandedNode
-from mrbt_mesh.formats.btcpp.library import Library
+from mrbt_mesh.btcpp.files.elements import Element
+from mrbt_mesh.btcpp.files.expand import ExpandedNode
+from mrbt_mesh.btcpp.files.library import Library
+from mrbt_mesh.btcpp.scripts.values import read_boolean
+from mrbt_mesh.core.bt.robot_tree import assignment_tree
+from mrbt_mesh.core.bt.tree import CONTROLS, Kind, NodeSpec, Tree
+from mrbt_mesh.core.mission.mission import MICRO, Mission
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.viewmodel.own_trees import local_tree_of
 from mrbt_mesh.viewmodel.program_trees import node_label, program_tree, programs_by_type
 

@@ -1,6 +1,6 @@
 """Local tasks that are BehaviorTree.CPP trees, as far as a mission knows them: as texts.
 
-Robots' programs run them (`mrbt_mesh.local`); nothing here reads what is in them.
+Robots' programs run them (`mrbt_mesh.btcpp`); nothing here reads what is in them.
 """
 
 from __future__ import annotations

@@ -8,8 +8,7 @@ from typing import TypeAlias
 
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import ALL, type_name
-from mrbt_mesh.errors import InputError
-from mrbt_mesh.formats.problems import nearest
+from mrbt_mesh.errors import InputError, nearest
 from mrbt_mesh.sim.engine import faults
 
 RobotFault: TypeAlias = (

@@ -9,9 +9,9 @@ import pytest
 from mrbt_mesh.adapters.groot2 import full_tree
 from mrbt_mesh.adapters.groot2.full_tree import FullTree
 from mrbt_mesh.adapters.node_statuses import observed_tree
+from mrbt_mesh.btcpp.files.document import parse_document, type_id
 from mrbt_mesh.core.bt.tree import Kind, build_tree
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.formats.btcpp.document import parse_document, type_id
 from mrbt_mesh.formats.mission_file import load_mission
 from tests.support.build import action, condition, fallback, sequence
 from tests.support.paths import EXAMPLES, mission_file

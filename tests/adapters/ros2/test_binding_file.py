@@ -13,7 +13,7 @@ from mrbt_mesh.adapters.ros2.binding_file import (
     bind_message,
     load_bindings,
 )
-from mrbt_mesh.formats.problems import MissionError
+from mrbt_mesh.errors import MissionError
 from mrbt_mesh.formats.template import TEMPLATES
 
 FILE = TEMPLATES / "ros2/ros2.yaml"

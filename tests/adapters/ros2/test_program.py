@@ -20,9 +20,9 @@ from mrbt_mesh.adapters.ros2 import bridge_process
 from mrbt_mesh.adapters.ros2 import program as ros2_program
 from mrbt_mesh.adapters.ros2.binding_file import load_bindings
 from mrbt_mesh.adapters.ros2.program import ConnectedRobot, bound_program, robot_program
+from mrbt_mesh.btcpp import BehaviorTree, NodeStatus
 from mrbt_mesh.errors import InputError, TaskFailedError
 from mrbt_mesh.formats.template import TEMPLATES
-from mrbt_mesh.local import BehaviorTree, NodeStatus
 from mrbt_mesh.runtime.program import TaskContext
 from tests.support.paths import ROOT
 

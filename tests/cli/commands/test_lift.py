@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
+from mrbt_mesh.btcpp.files.document import Document, read_document
+from mrbt_mesh.btcpp.files.elements import Element
 from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.core.mission.mission import SameRobotAs
-from mrbt_mesh.formats.btcpp.document import Document, read_document
-from mrbt_mesh.formats.btcpp.elements import Element
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim.run import simulate

@@ -56,7 +56,7 @@ robots: {C1: Cart, C2: Cart, H1: Horn}
 PROGRAM = """
 import anyio
 from mrbt_mesh import RobotProgram, TaskContext
-from mrbt_mesh.local import Out
+from mrbt_mesh.btcpp import Out
 robot = RobotProgram(record_work=True)
 @robot.action("Plan")
 async def plan(goal: str, path: Out[str]) -> None:

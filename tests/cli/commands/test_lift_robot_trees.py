@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from mrbt_mesh.formats.btcpp.check import check_file
-from mrbt_mesh.formats.btcpp.expand import expand
+from mrbt_mesh.btcpp.files.check import check_file
+from mrbt_mesh.btcpp.files.expand import expand
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import Kill, Schedule, simulate

@@ -11,10 +11,10 @@ from typing import Any
 
 import pytest
 
+from mrbt_mesh.analysis.team_tree import to_team_tree
+from mrbt_mesh.btcpp.files.check import check_file
+from mrbt_mesh.btcpp.files.document import read_document
 from mrbt_mesh.core.bt.tree import NodeSpec
-from mrbt_mesh.formats.btcpp.check import check_file
-from mrbt_mesh.formats.btcpp.document import read_document
-from mrbt_mesh.formats.btcpp.team_tree import to_team_tree
 from mrbt_mesh.formats.mission_file import load_mission
 from tests.support.command import REPAIR, mrbt
 from tests.support.paths import ROOT
@@ -223,7 +223,7 @@ def test_convert_with_ids(old: Path, tmp_path: Path) -> None:
 
 
 def test_convert_merges_included_files(tmp_path: Path) -> None:
-    corpus = ROOT / "tests" / "formats" / "btcpp" / "corpus"
+    corpus = ROOT / "tests" / "btcpp" / "files" / "corpus"
     target = tmp_path / "merged.xml"
     assert tree("convert", corpus / "include.xml", target, "--merge")[0] == 0
     document = read_document(target)

@@ -13,14 +13,14 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, Protocol
 
+from mrbt_mesh.analysis.team_tree import ALWAYS, TeamTree, to_team_tree
+from mrbt_mesh.btcpp.files.check import check_library
+from mrbt_mesh.btcpp.files.document import parse_document
+from mrbt_mesh.btcpp.files.findings import Findings
+from mrbt_mesh.btcpp.files.library import library_of
 from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.guards import conditions_in
 from mrbt_mesh.core.bt.tree import NodeSpec, Status
-from mrbt_mesh.formats.btcpp.check import check_library
-from mrbt_mesh.formats.btcpp.document import parse_document
-from mrbt_mesh.formats.btcpp.findings import Findings
-from mrbt_mesh.formats.btcpp.library import library_of
-from mrbt_mesh.formats.btcpp.team_tree import ALWAYS, TeamTree, to_team_tree
 from tests.support.build import World
 from tests.support.paths import ROOT
 

@@ -18,8 +18,8 @@ from typing import Any, ClassVar
 
 import pytest
 
-from mrbt_mesh.formats.btcpp.xml_reader import TreeFileError
-from mrbt_mesh.local import BehaviorTree, BlackboardError, Leaves, NodeStatus, TickError, TreeNode
+from mrbt_mesh.btcpp import BehaviorTree, BlackboardError, Leaves, NodeStatus, TickError, TreeNode
+from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
 from tests.support.real_btcpp import INSTALL
 
 TICKS = 6

@@ -1,7 +1,7 @@
 """Random trees and stories, told by the executor of a robot's own trees and in facts.
 
-The executor ticks a tree as BehaviorTree.CPP does on one robot (tests/local/test_conformance.py
-holds it against the library); our evaluation reads the same story as facts:
+The executor ticks a tree as BehaviorTree.CPP does on one robot
+(tests/btcpp/executor/test_engine_traces.py); our evaluation reads the same story as facts:
 conditions that change, actions that start when they are asked for and end some steps later, and may
 set conditions when they do. Left out is what nobody should write: an action in a reactive node
 before its last child, which BehaviorTree.CPP starts again at every tick, and here is done once.
@@ -13,11 +13,11 @@ import random
 from collections import Counter
 from dataclasses import dataclass, field, replace
 
+from mrbt_mesh.btcpp import BehaviorTree, Leaves, NodeStatus, TreeNode
+from mrbt_mesh.btcpp.files.elements import Element, write_content
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec
 from mrbt_mesh.core.bt.tree import Status as Ours
-from mrbt_mesh.formats.btcpp.elements import Element, write_content
-from mrbt_mesh.local import BehaviorTree, Leaves, NodeStatus, TreeNode
 from tests.support.build import World, action, condition
 
 CONDITIONS = ("c0", "c1", "c2")

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from mrbt_mesh.local import BehaviorTree, Leaves, NodeStatus, TreeNode
-from mrbt_mesh.local.node import IDLE, Source
+from mrbt_mesh.btcpp import BehaviorTree, Leaves, NodeStatus, TreeNode
+from mrbt_mesh.btcpp.executor.node import IDLE, Source
 
 
 class Leaf(TreeNode):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from mrbt_mesh.formats.btcpp.xml_reader import TreeFileError
-from mrbt_mesh.local import BehaviorTree, Leaves, NodeStatus, TickError
-from mrbt_mesh.local.leaf_nodes import ActionLeaf
+from mrbt_mesh.btcpp import BehaviorTree, Leaves, NodeStatus, TickError
+from mrbt_mesh.btcpp.executor.leaf_nodes import ActionLeaf
+from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
 from tests.support.btcpp.conformance import Shown, Trace
 
 MAX_TICKS = 4  # in each step, as measured

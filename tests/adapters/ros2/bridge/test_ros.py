@@ -19,8 +19,7 @@ import pytest
 from mrbt_mesh.adapters.ros2.binding_file import PYTHON_VARIABLE, load_bindings
 from mrbt_mesh.adapters.ros2.bridge_process import bridge_command, check_bindings
 from mrbt_mesh.adapters.ros2.program import ConnectedRobot
-from mrbt_mesh.errors import TaskFailedError
-from mrbt_mesh.formats.problems import MissionError
+from mrbt_mesh.errors import MissionError, TaskFailedError
 from mrbt_mesh.runtime.program import TaskContext
 from tests.support.paths import ROOT
 from tests.support.ros2.virtual_robots import free_domain, lacking

@@ -1,0 +1,234 @@
+"""Blackboards: entries with types and write counts, one board per SubTree, remapped to its parent.
+
+Source: BehaviorTree.CPP 4.10's `Blackboard`. Raises BlackboardError.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from mrbt_mesh.btcpp.scripts.values import (
+    ANY_TYPE,
+    ValueTypeError,
+    as_integer,
+    as_number,
+    as_truth,
+    read_text,
+)
+
+# The library converts between numbers where nothing is lost, but for these: (type, new type).
+_NEVER_SAFE = {
+    *(("bool", other) for other in ("int", "int64_t", "double")),
+    *((other, "bool") for other in ("int", "int64_t")),
+}
+_INTEGERS = ("int", "unsigned int", "int64_t", "uint64_t", "long", "size_t")
+
+
+class BlackboardError(ValueError):
+    """An entry that does not exist, or a value that it cannot hold."""
+
+
+class BoardEntry:
+    """One entry. `writes` counts how often it was set; it has no value until then."""
+
+    __slots__ = ("is_declared", "type", "value", "writes")
+
+    def __init__(self, type_name: str = "") -> None:
+        self.type = type_name
+        # Whether a port has given it its type, not the first value.
+        self.is_declared = bool(type_name)
+        self.value: Any = None
+        self.writes = 0
+
+    def set(self, value: Any) -> None:
+        """Store a value as it is."""
+        self.value = value
+        self.writes += 1
+
+
+class Blackboard:
+    """The entries of one tree.
+
+    `remapped` names the parent's entries by their names here; with `autoremap` every other name
+    that does not begin with `_` is the parent's as well. `@name` is an entry of the root's board.
+
+    An entry has the type of the first port that names it, or of the first value that it is given;
+    one that is given a text has no type yet. `exact`: a type never changes, as in the library.
+    Otherwise a port's type replaces that of a value, and an entry that no port names takes any.
+
+        board["goal"] = "dock"
+        board.get("battery", 1.0)
+    """
+
+    def __init__(
+        self, parent: Blackboard | None = None, autoremap: bool = False, *, exact: bool = False
+    ) -> None:
+        self.parent = parent
+        self.exact = exact
+        self.autoremap = autoremap
+        self.remapped: dict[str, str] = {}
+        self._entries: dict[str, BoardEntry] = {}
+        self._watchers: list[Callable[[], None]] = []
+
+    @property
+    def root(self) -> Blackboard:
+        """The board of the outermost tree."""
+        board = self
+        while board.parent is not None:
+            board = board.parent
+        return board
+
+    # -- as nodes and scripts see it ----------------------------------------------------------
+
+    def find(self, name: str) -> BoardEntry | None:
+        """The entry of this name, wherever it is; None if nobody declared or wrote it."""
+        if name.startswith("@"):
+            return self.root.find(name[1:])
+        board: Blackboard = self
+        while True:
+            entry = board._entries.get(name)
+            if entry is not None or board.parent is None:
+                return entry
+            outer = board._outer_name(name)
+            if outer is None:
+                return None
+            board, name = board.parent, outer
+            if name.startswith("@"):
+                return board.root.find(name[1:])
+
+    def _outer_name(self, name: str) -> str | None:
+        if name in self.remapped:
+            return self.remapped[name]
+        return name if self.autoremap and not name.startswith("_") else None
+
+    def declare(self, name: str, type_name: str = "") -> BoardEntry:
+        """The entry of this name, made where it belongs if it does not exist."""
+        if name.startswith("@"):
+            return self.root.declare(name[1:], type_name)
+        entry = self._entries.get(name)
+        if entry is None:
+            outer = self._outer_name(name) if self.parent is not None else None
+            if outer is not None and self.parent is not None:
+                return self.parent.declare(outer, type_name)
+            entry = self._entries[name] = BoardEntry(type_name)
+        elif type_name and not entry.is_declared and not self.exact:
+            self._retype(name, entry, type_name)
+        return entry
+
+    def _retype(self, name: str, entry: BoardEntry, type_name: str) -> None:
+        """A port names an entry that has the type of a value: the port's holds from now on."""
+        try:
+            value = converted(name, entry.value, type_name)
+        except BlackboardError:
+            return
+        entry.type, entry.is_declared, entry.value = type_name, True, value
+
+    def put(self, name: str, value: Any) -> None:
+        """Set an entry, converted to its type. Raises BlackboardError if that is not possible."""
+        is_new = self.find(name) is None
+        entry = self.declare(name)
+        if entry.type in ("", ANY_TYPE) and not (is_new and isinstance(value, str)):
+            entry.type = type_of_value(value)
+        try:
+            if self.exact and (entry.type, type_of_value(value)) in _NEVER_SAFE:
+                raise BlackboardError(f"the entry {name!r} is of type {entry.type}, not {value!r}")
+            kept = converted(name, value, entry.type)
+        except BlackboardError:
+            if self.exact or entry.is_declared:
+                raise
+            entry.type, kept = type_of_value(value), value
+        entry.set(kept)
+
+    def own(self, name: str, value: Any) -> None:
+        """Set an entry of this very board, whatever it would be remapped to."""
+        self._entries.setdefault(name, BoardEntry()).set(value)
+
+    # -- as scripts see it: `script_eval.Entries` ---------------------------------------------
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str) and self.find(name) is not None
+
+    def read(self, name: str) -> Any:
+        entry = self.find(name)
+        return None if entry is None else entry.value
+
+    def type_of(self, name: str) -> str:
+        entry = self.find(name)
+        is_any = entry is None or (entry.type == ANY_TYPE and not self.exact)
+        return "" if entry is None or is_any else entry.type
+
+    def write(self, name: str, value: Any) -> None:
+        self.declare(name).set(value)
+
+    def create(self, name: str) -> None:
+        self.declare(name)
+
+    # -- as programs see it -------------------------------------------------------------------
+
+    def __getitem__(self, name: str) -> Any:
+        entry = self.find(name)
+        if entry is None or entry.value is None:
+            raise BlackboardError(f"there is no blackboard entry {name!r}")
+        return entry.value
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        self.put(name, value)
+        for watcher in self.root._watchers:
+            watcher()
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """The value of an entry, `default` if it has none."""
+        value = self.read(name)
+        return default if value is None else value
+
+    def unset(self, name: str) -> None:
+        """Remove an entry, wherever it is; nothing happens if there is none.
+
+        With `exact`, as in the library, an entry of the parent stays.
+        """
+        if name.startswith("@"):
+            self.root.unset(name[1:])
+        elif name in self._entries:
+            del self._entries[name]
+        elif not self.exact and self.parent is not None:
+            outer = self._outer_name(name)
+            if outer is not None:
+                self.parent.unset(outer)
+
+    def names(self) -> Iterator[str]:
+        """The entries of this very board, sorted."""
+        return iter(sorted(self._entries))
+
+    def watch(self, watcher: Callable[[], None]) -> None:
+        """Call `watcher` whenever a program, not a node, sets an entry."""
+        self.root._watchers.append(watcher)
+
+
+def type_of_value(value: Any) -> str:
+    """The C++ type of what a program writes; "" for what has none here."""
+    if isinstance(value, bool):
+        return "bool"
+    if isinstance(value, int):
+        return "int" if -(2**31) <= value < 2**31 else "int64_t"
+    return {float: "double", str: "std::string"}.get(type(value), "")
+
+
+def converted(name: str, value: Any, type_name: str) -> Any:
+    """`value` as an entry of this type holds it. Raises BlackboardError."""
+    if not type_name or value is None:
+        return value
+    try:
+        if isinstance(value, str):
+            return read_text(value, type_name)
+        if type_name in ("double", "float"):
+            return as_number(value)
+        if type_name == "bool":
+            return as_truth(value)
+        if type_name in _INTEGERS:
+            return as_integer(value)
+    except ValueTypeError as error:
+        raise BlackboardError(f"the entry {name!r} is of type {type_name}: {error}") from None
+    if type_name == "std::string":
+        raise BlackboardError(f"the entry {name!r} holds a text, not {value!r}")
+    return value

@@ -1,0 +1,312 @@
+"""From a file's trees to nodes that can be ticked, with a blackboard for each SubTree.
+
+Whatever is wrong with the file for this robot is told at once: nodes that nobody has registered,
+ports that a leaf does not have or that are missing, SubTrees that are in no file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from mrbt_mesh.btcpp.executor.blackboard import Blackboard
+from mrbt_mesh.btcpp.executor.builtin_leaves import BUILTIN_LEAVES
+from mrbt_mesh.btcpp.executor.controls import CONTROLS, Reactive
+from mrbt_mesh.btcpp.executor.decorators import DECORATORS
+from mrbt_mesh.btcpp.executor.leaf_nodes import ActionLeaf, ConditionLeaf, LeafNode, SyncActionLeaf
+from mrbt_mesh.btcpp.executor.leaves import Leaf, Leaves
+from mrbt_mesh.btcpp.executor.nav2 import NAV2, NAV2_DEFAULTS
+from mrbt_mesh.btcpp.executor.node import (
+    FAILURE,
+    SKIPPED,
+    SUCCESS,
+    NodeConditions,
+    NodePlace,
+    TickError,
+    TreeNode,
+    TreeWorld,
+)
+from mrbt_mesh.btcpp.executor.timed import TIMED
+from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN, LOOP_ITEMS, SWITCHES, children_allowed
+from mrbt_mesh.btcpp.files.check_nodes import child_path
+from mrbt_mesh.btcpp.files.document import (
+    SUBTREE,
+    Category,
+    conditions,
+    instance_name,
+    pointer,
+    ports,
+    type_id,
+)
+from mrbt_mesh.btcpp.files.elements import Element
+from mrbt_mesh.btcpp.files.expand import MAX_NODES, constant_value
+from mrbt_mesh.btcpp.files.library import Library
+from mrbt_mesh.btcpp.files.xml_reader import MAX_LEVELS, TreeFileError
+from mrbt_mesh.btcpp.scripts.parser import parse
+from mrbt_mesh.btcpp.scripts.script import ScriptError
+from mrbt_mesh.btcpp.scripts.values import ANY_TYPE, read_boolean
+from mrbt_mesh.errors import Problem, nearest
+
+NODE_TYPES: Mapping[str, type[TreeNode]] = {
+    **CONTROLS,
+    **DECORATORS,
+    **TIMED,
+    **BUILTIN_LEAVES,
+    **NAV2,
+}
+# A function's int may be either, and so may a program's.
+_PYTHON_INT = {"int", "int64_t"}
+UPDATED = ("SkipUnlessUpdated", "WaitValueUpdate", "WasEntryUpdated")
+# An entry of these types may be any port's.
+_TEXT_OR_ANY = ("", "std::string", ANY_TYPE)
+_IDLE_CONDITIONS = (("_failureIf", FAILURE), ("_successIf", SUCCESS), ("_skipIf", SKIPPED))
+
+
+@dataclass
+class _Where:
+    """The tree in which an element stands, and what is above it."""
+
+    file: str
+    path: str
+    board: Blackboard
+    trees: tuple[str, ...]
+    depth: int = 1
+
+    def below(self, element: Element) -> _Where:
+        path = child_path(self.path, element)
+        return _Where(self.file, path, self.board, self.trees, self.depth + 1)
+
+
+def build_nodes(
+    library: Library, tree: str, leaves: Leaves, world: TreeWorld, board: Blackboard
+) -> list[TreeNode]:
+    """All nodes of the tree, in preorder, ready to be ticked. Raises TreeFileError."""
+    builder = _Builder(library, leaves, world)
+    builder.tree(tree, Element("root"), _Where(library.documents[0].file, tree, board, ()))
+    if builder.problems:
+        raise TreeFileError(builder.problems)
+    for node in builder.nodes:
+        if isinstance(node, Reactive):
+            for guard in node.children[:-1]:
+                _keep_from_yielding(guard, world.exact)
+    for node in builder.nodes:
+        try:
+            node.prepare()
+        except TickError as error:
+            builder.problems.append(
+                Problem(node.place.file, node.place.line, node.place.path, str(error))
+            )
+    if builder.problems:
+        raise TreeFileError(builder.problems)
+    return builder.nodes
+
+
+def _keep_from_yielding(guard: TreeNode, is_exact: bool) -> None:
+    """What stands before the last child of a reactive node decides within the tick."""
+    if not is_exact:
+        guard.yields = False
+        for child in guard.children:
+            _keep_from_yielding(child, is_exact)
+
+
+@dataclass
+class _Builder:
+    library: Library
+    leaves: Leaves
+    world: TreeWorld
+    nodes: list[TreeNode] = field(default_factory=list)
+    problems: list[Problem] = field(default_factory=list)
+
+    def problem(self, where: _Where, line: int, message: str) -> None:
+        self.problems.append(Problem(where.file, line, where.path, message))
+
+    def tree(self, name: str, reference: Element, where: _Where) -> TreeNode | None:
+        """The one child of a <BehaviorTree>; `reference` is what asks for it."""
+        source = self.library.trees.get(name)
+        if source is None:
+            hint = nearest(name, list(self.library.trees))
+            self.problem(where, reference.line, f"there is no tree {name!r}{hint}")
+            return None
+        if name in where.trees:
+            cycle = " -> ".join((*where.trees, name))
+            self.problem(where, reference.line, f"a tree cannot contain itself: {cycle}")
+            return None
+        children = source.element.children
+        inner = _Where(
+            source.document.file, where.path, where.board, (*where.trees, name), where.depth
+        )
+        if len(children) != 1:
+            message = f"the tree {name!r} needs exactly one child, it has {len(children)}"
+            self.problem(inner, source.element.line, message)
+            return None
+        return self.node(children[0], inner.below(children[0]))
+
+    def node(self, element: Element, where: _Where) -> TreeNode | None:
+        if len(self.nodes) >= MAX_NODES or where.depth > MAX_LEVELS:
+            message = f"more than {MAX_NODES} nodes or {MAX_LEVELS} levels"
+            raise TreeFileError([Problem(where.file, element.line, where.path, message)])
+        name = SUBTREE if element.tag == SUBTREE else type_id(element)
+        leaf = None if self._node_type(name) else self.leaves.find(name)
+        node = self._made(name, leaf, element, where)
+        if node is None:
+            return None
+        self.nodes.append(node)
+        node.uid = len(self.nodes)
+        node.ports = ports(element)
+        self._defaults(node, leaf)
+        self._conditions(node, element, where)
+        if name == SUBTREE:
+            inner = self.tree(element.get("ID"), element, self._inner(element, where))
+            node.children = [] if inner is None else [inner]
+            return node
+        self._check_children(node, element, where)
+        self._ports(node, leaf, element, where)
+        for child in element.children:
+            built = self.node(child, where.below(child))
+            if built is not None:
+                node.children.append(built)
+        return node
+
+    def _made(
+        self, name: str, leaf: Leaf | None, element: Element, where: _Where
+    ) -> TreeNode | None:
+        place = NodePlace(where.path, where.file, element.line)
+        arguments = (name, self.world, where.board, place, instance_name(element))
+        node_type = self._node_type(name)
+        if node_type is not None:
+            for source in node_type.SOURCES:
+                if source not in self.world.sources:
+                    message = (
+                        f"{name} needs what a function of the program says: the source {source!r}"
+                    )
+                    self.problem(where, element.line, message)
+            return node_type(*arguments)
+        if leaf is None or element.children:
+            what = "a control or decorator" if element.children else "an action or condition"
+            hint = nearest(name, self.leaves.names()) if self.leaves.names() else ""
+            self.problem(where, element.line, f"{name!r} is {what} that is not registered{hint}")
+            return None
+        model = self.library.models.get(name)
+        category = model.category if leaf.name == "*" and model is not None else leaf.category
+        kind: type[LeafNode] = ActionLeaf if leaf.is_async else SyncActionLeaf
+        if category is Category.CONDITION:
+            kind = ConditionLeaf
+        node = kind(*arguments)
+        node.leaf = leaf
+        return node
+
+    def _node_type(self, name: str) -> type[TreeNode] | None:
+        return NODE_TYPES.get(name) or self.leaves.node_types.get(name)
+
+    def _defaults(self, node: TreeNode, leaf: Leaf | None) -> None:
+        model = BUILTIN.get(node.type) or self.library.models.get(node.type)
+        if node.type in NAV2_DEFAULTS:
+            node.defaults = NAV2_DEFAULTS[node.type]
+        elif model is not None:
+            node.defaults = {
+                port.name: port.default
+                for port in model.ports.values()
+                if port.default is not None and (leaf is None or port.default != "")
+            }
+
+    def _conditions(self, node: TreeNode, element: Element, where: _Where) -> None:
+        scripts = {}
+        for attribute, text in conditions(element).items():
+            try:
+                scripts[attribute] = parse(text)
+            except ScriptError as error:
+                self.problem(where, element.line, f"{attribute}: {error}")
+        if scripts:
+            before = [(scripts[a], s) for a, s in _IDLE_CONDITIONS if a in scripts]
+            node.conditions = NodeConditions(
+                tuple(before),
+                scripts.get("_while"),
+                scripts.get("_onSuccess"),
+                scripts.get("_onFailure"),
+                scripts.get("_onHalted"),
+                scripts.get("_post"),
+            )
+
+    def _check_children(self, node: TreeNode, element: Element, where: _Where) -> None:
+        found = len(element.children)
+        least, most = node.CHILDREN
+        if node.type in SWITCHES:
+            least, most = children_allowed(node.type, Category.CONTROL)
+        if found < least or (most is not None and found > most):
+            wanted = str(least) if least == most else f"{least} or more" if most is None else ""
+            wanted = wanted or f"{least} to {most}"
+            self.problem(where, element.line, f"{node.type} needs {wanted} children, not {found}")
+        asynchronous = [child for child in element.children if child.tag == "AsyncSequence"]
+        if self.world.exact and node.type == "ReactiveSequence" and len(asynchronous) > 1:
+            message = "BehaviorTree.CPP allows one AsyncSequence below a ReactiveSequence"
+            self.problem(where, element.line, message)
+
+    def _ports(self, node: TreeNode, leaf: Leaf | None, element: Element, where: _Where) -> None:
+        """Declare the entries that ports point to; check the ports of a leaf."""
+        model = BUILTIN.get(node.type)
+        if leaf is not None:
+            self._check_ports(node, leaf, element, where)
+        for name, text in node.ports.items():
+            key = pointer(text, name)
+            if key is None:
+                continue
+            type_name = ""
+            if leaf is not None and name in leaf.ports:
+                type_name = leaf.ports[name].type
+            elif model is not None and name in model.ports:
+                type_name = model.ports[name].type
+            else:
+                declared = self.library.models.get(node.type)
+                if declared is not None and name in declared.ports:
+                    type_name = declared.ports[name].type
+            type_name = "" if type_name in ("script", "list") else type_name
+            if name == "entry" and node.type in UPDATED:
+                type_name = ANY_TYPE
+            elif name == "value" and node.type in LOOP_ITEMS:
+                type_name = LOOP_ITEMS[node.type]
+            before = where.board.declare(key, type_name).type
+            is_free = type_name in ("", ANY_TYPE, before) or before in _TEXT_OR_ANY
+            is_free = is_free or {type_name, before} == _PYTHON_INT
+            if self.world.exact and not is_free:
+                message = (
+                    f"port {name!r} is of type {type_name}, and its entry {key!r} of type {before}"
+                )
+                self.problem(where, element.line, f"{node.type}: {message}")
+
+    def _check_ports(self, node: TreeNode, leaf: Leaf, element: Element, where: _Where) -> None:
+        for name in node.ports:
+            if name not in leaf.ports and not leaf.takes_others:
+                known = ", ".join(sorted(leaf.ports)) or "none"
+                message = f"{node.type} has no port {name!r}; its ports: {known}"
+                self.problem(where, element.line, message)
+        for name, port in leaf.ports.items():
+            given = node.ports.get(name, node.defaults.get(name))
+            if port.writes and port.is_optional and given == "":
+                # As editors write an output that is left out.
+                continue
+            if given is None and not port.is_optional:
+                self.problem(where, element.line, f"{node.type}: port {name!r} is missing")
+            elif given is not None and port.writes and pointer(given, name) is None:
+                message = f"{node.type}: port {name!r} is written, it needs an entry: {{{name}}}"
+                self.problem(where, element.line, message)
+
+    def _inner(self, element: Element, where: _Where) -> _Where:
+        """The blackboard of a SubTree: what its attributes and its model's defaults remap."""
+        autoremap = read_boolean(element.get("_autoremap", "false")) or False
+        board = Blackboard(where.board, autoremap, exact=self.world.exact)
+        given = ports(element)
+        model = self.library.subtree_models.get(element.get("ID"))
+        if model is not None and not autoremap:
+            for port in model.ports.values():
+                if port.name not in given and port.default:
+                    given[port.name] = port.default
+                elif port.name not in given:
+                    message = f"port {port.name!r} of tree {model.id!r} has to be given"
+                    self.problem(where, element.line, message)
+        for name, text in given.items():
+            outer = pointer(text, name)
+            if outer is None:
+                board.own(name, constant_value(text))
+            else:
+                board.remapped[name] = outer
+        return _Where(where.file, where.path, board, where.trees, where.depth)

@@ -1,0 +1,278 @@
+"""BehaviorTree.CPP's decorators: what they make of their one child."""
+
+from __future__ import annotations
+
+import json
+from typing import Any, ClassVar
+
+from mrbt_mesh.btcpp.executor.node import (
+    FAILURE,
+    IDLE,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    NodeStatus,
+    TickError,
+    TreeNode,
+    reset,
+)
+from mrbt_mesh.btcpp.files.builtin_nodes import LOOP_ITEMS
+from mrbt_mesh.btcpp.files.document import pointer
+from mrbt_mesh.btcpp.scripts.parser import parse
+from mrbt_mesh.btcpp.scripts.values import ValueTypeError, read_text
+
+
+class Decorator(TreeNode):
+    """A node with one child, which is reset once it has completed."""
+
+    __slots__ = ()
+    CHILDREN: ClassVar[tuple[int, int | None]] = (1, 1)
+
+    @property
+    def child(self) -> TreeNode:
+        return self.children[0]
+
+    def tick_child(self) -> NodeStatus:
+        """Tick the child; it is IDLE again once it has completed."""
+        child = self.children[0]
+        status = child.execute()
+        if status is SUCCESS or status is FAILURE:
+            reset(child)
+        return status
+
+
+class Mapped(Decorator):
+    """Inverter, ForceSuccess and ForceFailure: another status for one that completed."""
+
+    __slots__ = ("on_failure", "on_success")
+    RESULTS: ClassVar[dict[str, tuple[NodeStatus, NodeStatus]]] = {
+        "Inverter": (FAILURE, SUCCESS),
+        "ForceSuccess": (SUCCESS, SUCCESS),
+        "ForceFailure": (FAILURE, FAILURE),
+    }
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.on_success, self.on_failure = self.RESULTS[self.type]
+
+    def tick(self) -> NodeStatus:
+        self.status = RUNNING
+        status = self.tick_child()
+        if status is SUCCESS:
+            return self.on_success
+        return self.on_failure if status is FAILURE else status
+
+
+class Again(Decorator):
+    """RetryUntilSuccessful and Repeat; the count survives a child that is skipped.
+
+    Between two attempts of a child that ended in one tick it returns RUNNING and asks to be ticked
+    again at once, so that it can be halted there.
+    """
+
+    __slots__ = ("count", "goes_on", "limit_port")
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        is_retry = self.type == "RetryUntilSuccessful"
+        self.goes_on = FAILURE if is_retry else SUCCESS
+        self.limit_port = "num_attempts" if is_retry else "num_cycles"
+
+    def clear(self) -> None:
+        self.count = 0
+
+    def tick(self) -> NodeStatus:
+        limit = int(self.input(self.limit_port, "int"))
+        self.status = RUNNING
+        while limit == -1 or self.count < limit:
+            was_idle = self.child.status is IDLE
+            status = self.tick_child()
+            if status is RUNNING or status is SKIPPED:
+                return status
+            if status is not self.goes_on:
+                self.count = 0
+                return status
+            self.count += 1
+            if self.yields and was_idle and (limit == -1 or self.count < limit):
+                self.world.woken_by = self.place
+                return RUNNING
+        self.count = 0
+        return self.goes_on
+
+
+class KeepRunningUntilFailure(Decorator):
+    """FAILURE once the child fails; RUNNING until then."""
+
+    __slots__ = ()
+
+    def tick(self) -> NodeStatus:
+        self.status = RUNNING
+        return FAILURE if self.tick_child() is FAILURE else RUNNING
+
+
+class RunOnce(Decorator):
+    """The child once in the life of the tree; then SKIPPED, or the same answer."""
+
+    __slots__ = ("answer",)
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.answer = IDLE
+
+    def tick(self) -> NodeStatus:
+        if self.answer is not IDLE:
+            return SKIPPED if self.input("then_skip", "bool") else self.answer
+        self.status = RUNNING
+        status = self.tick_child()
+        if status is SUCCESS or status is FAILURE:
+            self.answer = status
+        return status
+
+
+class Precondition(Decorator):
+    """The child if a script holds, asked before it starts; else the status `else`.
+
+    In an exact tree, as in the library, a child that is halted or skipped counts as begun: the
+    script is not asked before the child is ticked again.
+    """
+
+    __slots__ = ("goes_on", "texts")
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.texts: dict[str, Any] = {}
+        self.goes_on = False
+
+    def clear(self) -> None:
+        if not self.world.exact:
+            self.goes_on = False
+
+    def tick(self) -> NodeStatus:
+        otherwise = self.input("else", "BT::NodeStatus")
+        text = self.input("if")
+        script = self.texts.get(text) or self.texts.setdefault(text, parse(text))
+        if not self.goes_on and not self.holds(script):
+            return NodeStatus(otherwise)
+        self.status = RUNNING
+        status = self.tick_child()
+        self.goes_on = status is RUNNING or (self.world.exact and status is SKIPPED)
+        return status
+
+
+class Loop(Decorator):
+    """LoopInt and its kin: put each item of a queue into `value` and tick the child.
+
+    A constant queue is begun anew at every start; one on the blackboard is used up.
+    """
+
+    __slots__ = ("constant", "items", "running")
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.constant: list[Any] | None = None
+        self.items: list[Any] = []
+        self.running = False
+
+    def prepare(self) -> None:
+        text = self.ports.get("queue", "")
+        if pointer(text, "queue") is None:
+            self.constant = self._read(text)
+
+    def _read(self, text: str) -> list[Any]:
+        try:
+            if text.startswith("json:"):
+                return list(json.loads(text[5:]))
+            kind = LOOP_ITEMS[self.type]
+            return [read_text(item, kind, self.world.enums) for item in text.split(";") if item]
+        except (ValueTypeError, ValueError, TypeError) as error:
+            raise TickError(f"{self.place}: port 'queue': {error}") from None
+
+    def _queue(self) -> list[Any]:
+        key = self.key("queue")
+        entry = self.board.find(key)
+        if entry is None or entry.value is None:
+            raise TickError(f"{self.place}: port 'queue': the entry {key!r} has no value")
+        if isinstance(entry.value, str):
+            entry.value = self._read(entry.value)
+        if not isinstance(entry.value, list):
+            raise TickError(f"{self.place}: port 'queue': the entry {key!r} is no list")
+        return entry.value
+
+    def tick(self) -> NodeStatus:
+        if self.status is IDLE:
+            self.running = False
+            if self.constant is not None:
+                self.items = list(self.constant)
+        if not self.running:
+            items = self.items if self.constant is not None else self._queue()
+            if not items:
+                return NodeStatus(self.input("if_empty", "BT::NodeStatus"))
+            self.output("value", items.pop(0))
+        self.status = RUNNING
+        status = self.tick_child()
+        self.running = status is RUNNING
+        return FAILURE if status is FAILURE else RUNNING
+
+
+class Updated(Decorator):
+    """SkipUnlessUpdated and WaitValueUpdate: the child once for each write of an entry.
+
+    In an exact tree, as in the library, the child goes on when the node is halted.
+    """
+
+    __slots__ = ("otherwise", "running", "seen")
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.otherwise = SKIPPED if self.type == "SkipUnlessUpdated" else RUNNING
+        self.seen = 0
+
+    def clear(self) -> None:
+        self.running = False
+
+    def halt(self) -> None:
+        if self.world.exact:
+            self.clear()
+            self.status = IDLE
+        else:
+            super().halt()
+
+    def tick(self) -> NodeStatus:
+        if not self.running:
+            entry = self.board.find(self.key("entry"))
+            writes = self.seen if entry is None else entry.writes
+            if writes == self.seen:
+                return self.otherwise
+            self.seen = writes
+        status = self.tick_child()
+        self.running = status is RUNNING
+        return status
+
+
+class SubTree(Decorator):
+    """Another tree with a blackboard of its own."""
+
+    __slots__ = ()
+
+    def tick(self) -> NodeStatus:
+        self.status = RUNNING
+        return self.tick_child()
+
+
+DECORATORS: dict[str, type[TreeNode]] = {
+    "Inverter": Mapped,
+    "ForceSuccess": Mapped,
+    "ForceFailure": Mapped,
+    "RetryUntilSuccessful": Again,
+    "Repeat": Again,
+    "KeepRunningUntilFailure": KeepRunningUntilFailure,
+    "RunOnce": RunOnce,
+    "Precondition": Precondition,
+    "LoopInt": Loop,
+    "LoopBool": Loop,
+    "LoopDouble": Loop,
+    "LoopString": Loop,
+    "SkipUnlessUpdated": Updated,
+    "WaitValueUpdate": Updated,
+    "SubTree": SubTree,
+}

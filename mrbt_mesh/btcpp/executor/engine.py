@@ -1,0 +1,147 @@
+"""Ticks a tree: time and outcomes in, effects out. It waits for nothing and reads no clock."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from mrbt_mesh.btcpp.executor.blackboard import Blackboard, BlackboardError
+from mrbt_mesh.btcpp.executor.leaf_nodes import ActionLeaf, LeafNode
+from mrbt_mesh.btcpp.executor.node import (
+    COMPLETED,
+    IDLE,
+    RUNNING,
+    Effect,
+    NodePlace,
+    NodeStatus,
+    TickError,
+    TreeNode,
+    TreeWorld,
+    reset,
+)
+
+
+class TickEngine:
+    """One tree that is run.
+
+        status = engine.tick(now_us)            # Tree::tickExactlyOnce
+        for effect in engine.take_effects():    # start and cancel actions
+            ...
+        engine.ended(uid, run, NodeStatus.SUCCESS)  # and tick again
+
+    `nodes` are all nodes in preorder; their uids count from 1.
+    """
+
+    def __init__(self, nodes: Sequence[TreeNode], world: TreeWorld, blackboard: Blackboard) -> None:
+        self.nodes = tuple(nodes)
+        self.blackboard = blackboard
+        self.status = IDLE
+        self._world = world
+
+    @property
+    def root(self) -> TreeNode:
+        """The root node."""
+        return self.nodes[0]
+
+    @property
+    def woken(self) -> bool:
+        """Whether a node asks to be ticked again at once."""
+        return self._world.woken_by is not None
+
+    @property
+    def woken_by(self) -> NodePlace | None:
+        """The node that asks to be ticked again at once."""
+        return self._world.woken_by
+
+    @property
+    def next_deadline_us(self) -> int | None:
+        """When a node wants to be ticked at the latest; None: at no time of its own."""
+        return min(self._world.deadlines_us.values(), default=None)
+
+    def tick(self, now_us: int) -> NodeStatus:
+        """Tick the tree exactly once; a root that has completed is idle afterwards.
+
+        Raises TickError for what ends the run from inside.
+        """
+        self._world.leaves = 0
+        for name, says in self._world.entries.items():
+            self._take_in(name, says())
+        return self._tick(now_us)
+
+    def tick_once(self, now_us: int) -> NodeStatus:
+        """Tick the tree until no node asks to be ticked again at once (Tree::tickOnce)."""
+        status = self.tick(now_us)
+        while status is RUNNING and self.woken:
+            status = self._tick(now_us)
+        return status
+
+    def _tick(self, now_us: int) -> NodeStatus:
+        world = self._world
+        world.now_us = now_us
+        world.woken_by = None
+        if world.deadlines_us:
+            self._expire(now_us)
+        world.tick += 1
+        status = self.status = self.root.execute()
+        if status in COMPLETED:
+            self.root.status = IDLE
+        return status
+
+    def _take_in(self, name: str, value: Any) -> None:
+        """What the program says of an entry; the same once more is no write."""
+        if value is None or value == self.blackboard.read(name):
+            return
+        try:
+            self.blackboard.put(name, value)
+        except BlackboardError as error:
+            raise TickError(f"what the program says: {error}") from None
+
+    def _expire(self, now_us: int) -> None:
+        due = sorted((at, uid) for uid, at in self._world.deadlines_us.items() if at <= now_us)
+        for _, uid in due:
+            if self._world.deadlines_us.pop(uid, None) is not None:
+                self.nodes[uid - 1].expire()
+
+    def halt(self) -> None:
+        """Halt the tree: running actions are cancelled, `_onHalted` is run.
+
+        BehaviorTree.CPP runs `_onHalted` of idle nodes as well; so does an exact tree.
+        """
+        if self._world.exact:
+            self.root.halt_node()
+            for node in self.nodes:
+                node.halt_node()
+        reset(self.root)
+        self.status = IDLE
+
+    def take_effects(self) -> list[Effect]:
+        """What is to be done outside, in order; it is handed out once."""
+        effects, self._world.effects = self._world.effects, []
+        return effects
+
+    def ended(self, uid: int, run: int, status: NodeStatus, reason: str = "") -> bool:
+        """An action has ended; False if that run was cancelled meanwhile."""
+        node = self.nodes[uid - 1]
+        if not isinstance(node, ActionLeaf) or node.run != run or node.status is not RUNNING:
+            return False
+        node.outcome = status
+        node.reason = reason
+        return True
+
+    def leaf(self, uid: int) -> LeafNode:
+        """The node of an action or a condition."""
+        node = self.nodes[uid - 1]
+        if not isinstance(node, LeafNode):
+            raise KeyError(f"node {uid} is no leaf")
+        return node
+
+    def write(self, uid: int, run: int, port: str, value: Any) -> None:
+        """An action writes one of its output ports; one that was cancelled writes nothing."""
+        node = self.nodes[uid - 1]
+        if isinstance(node, ActionLeaf) and node.run == run and node.status is RUNNING:
+            node.output(port, value)
+
+    def statuses(self) -> bytes:
+        """The status of each node as of the last tick, IDLE for those that were not ticked."""
+        tick = self._world.tick
+        return bytes(node.shown if node.shown_at == tick else node.status for node in self.nodes)

@@ -1,0 +1,170 @@
+"""Nodes that call a robot's own functions."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from typing import Any
+
+from mrbt_mesh.btcpp.executor.leaves import InOut, Leaf, Out
+from mrbt_mesh.btcpp.executor.node import (
+    FAILURE,
+    IDLE,
+    RUNNING,
+    SUCCESS,
+    CancelLeaf,
+    NodeStatus,
+    StartLeaf,
+    TickError,
+    TreeNode,
+)
+from mrbt_mesh.btcpp.files.document import pointer
+from mrbt_mesh.errors import TaskFailedError
+
+
+class LeafNode(TreeNode):
+    """What actions and conditions have in common: a registered function and its arguments.
+
+    `reason` is what the function said when it failed last.
+    """
+
+    __slots__ = ("leaf", "reason")
+    leaf: Leaf
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.reason = ""
+
+    def arguments(self) -> dict[str, Any]:
+        """The input ports by name. Raises TickError for what is missing or of a wrong type."""
+        found: dict[str, Any] = {}
+        for name, port in self.leaf.ports.items():
+            may_be_missing = port.is_optional or port.writes
+            is_left_out = port.writes and self.ports.get(name) == ""
+            if port.reads and not (may_be_missing and (is_left_out or self._has_no_value(name))):
+                found[name] = self.input(name, port.type)
+        if self.leaf.takes_others:
+            for name in self.ports:
+                if name not in self.leaf.ports and not self._has_no_value(name):
+                    found[name] = self.input(name, "")
+        return found
+
+    def _has_no_value(self, port: str) -> bool:
+        text = self.ports.get(port, self.defaults.get(port))
+        if text is None:
+            return True
+        key = pointer(text, port)
+        return key is not None and self.board.read(key) is None
+
+    def call(self, inputs: Mapping[str, Any], write: Any) -> Any:
+        """Call the function; `write(port, value)` is behind its output ports."""
+        arguments = dict(inputs)
+        for name, port in self.leaf.ports.items():
+            if port.writes and (self.ports.get(name) or not port.is_optional):
+
+                def write_port(value: Any, name: str = name) -> None:
+                    write(name, value)
+
+                value = arguments.get(name)
+                arguments[name] = InOut(write_port, value) if port.reads else Out(write_port)
+        for name, kind in self.leaf.given.items():
+            arguments[name] = self.world.given[kind]
+        first = (self.type,) if self.leaf.takes_type else ()
+        return self.leaf.function(*first, **arguments)
+
+    def call_at_once(self) -> NodeStatus:
+        """Call a function that ends within the tick."""
+        self.world.count_leaf(self.place)
+        self.reason = ""
+        try:
+            result = self.call(self.arguments(), self.output)
+            return status_of(_finished(result, self), self)
+        except TaskFailedError as failure:
+            self.reason = str(failure)
+            return FAILURE
+
+
+class ConditionLeaf(LeafNode):
+    """Asks its function at every tick."""
+
+    __slots__ = ()
+
+    def tick(self) -> NodeStatus:
+        return self.call_at_once()
+
+
+class SyncActionLeaf(LeafNode):
+    """Calls its function at every tick."""
+
+    __slots__ = ()
+
+    def tick(self) -> NodeStatus:
+        return self.call_at_once()
+
+
+class ActionLeaf(LeafNode):
+    """An action that takes time: begun when it is ticked first, cancelled when it is halted."""
+
+    __slots__ = ("outcome", "run")
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.run = 0
+        self.outcome: NodeStatus | None = None
+
+    def tick(self) -> NodeStatus:
+        self.world.count_leaf(self.place)
+        if self.status is IDLE:
+            inputs = self.arguments()
+            self.run += 1
+            self.outcome = None
+            self.reason = ""
+            self.world.effects.append(StartLeaf(self.uid, self.run, self.type, inputs))
+            return RUNNING
+        if self.status is RUNNING:
+            return RUNNING if self.outcome is None else self.outcome
+        return self.status
+
+    def halt(self) -> None:
+        if self.status is RUNNING and self.outcome is None:
+            self.world.effects.append(CancelLeaf(self.uid, self.run))
+        self.outcome = None
+        super().halt()
+
+
+def status_of(result: Any, node: TreeNode) -> NodeStatus:
+    """What a function's result means. Raises TickError."""
+    if result is None:
+        return SUCCESS
+    truth = _truth_of(result)
+    if truth is not None:
+        return SUCCESS if truth else FAILURE
+    if isinstance(result, NodeStatus) and result not in (IDLE, RUNNING):
+        return result
+    raise TickError(
+        f"{node.place}: {node.type} returned {result!r:.80}, which is no status: return None, "
+        "True, False or a NodeStatus that ends it"
+    )
+
+
+def _finished(result: Any, node: TreeNode) -> Any:
+    """What a coroutine that does not wait returns."""
+    if not inspect.iscoroutine(result):
+        return result
+    try:
+        result.send(None)
+    except StopIteration as end:
+        return end.value
+    finally:
+        result.close()
+    raise TickError(
+        f"{node.place}: the condition {node.type!r} waits; it has to answer at once, what takes "
+        "time belongs in an action"
+    )
+
+
+def _truth_of(value: Any) -> bool | None:
+    """A bool, Python's or numpy's; None for anything else."""
+    kind = type(value)
+    is_numpy = kind.__module__ == "numpy" and kind.__name__ in ("bool", "bool_")
+    return bool(value) if is_numpy or kind is bool else None

@@ -1,0 +1,268 @@
+"""The leaves of a robot: Python functions by the names that trees use.
+
+    leaves = Leaves()
+
+    @leaves.action("MoveTo")
+    async def move_to(goal: str, speed: float = 0.5) -> None:
+        await base.drive(goal, speed)          # raise TaskFailedError, or return False: FAILURE
+
+    @leaves.action("Detect")
+    async def detect(pose: Out[str]) -> None:
+        pose.set(await camera.find())          # an output port
+
+    @leaves.condition("BatteryOk")
+    def battery_ok(minimum: float) -> bool:
+        return battery.charge >= minimum
+
+Parameters are input ports with their types and defaults; `Out[T]` is an output port, `InOut[T]`
+both; `Out[T] | None = None` is one that a file may leave out. `**ports` takes the ports that are
+not named.
+"""
+
+from __future__ import annotations
+
+import inspect
+import types
+import typing
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
+
+from mrbt_mesh.btcpp.executor.node import Source, TreeNode
+from mrbt_mesh.btcpp.files.document import Category
+from mrbt_mesh.btcpp.scripts.values import CPP_TYPES
+from mrbt_mesh.errors import InputError
+
+T = TypeVar("T")
+F = TypeVar("F", bound=Callable[..., Any])
+N = TypeVar("N", bound=type[TreeNode])
+
+
+class LeafError(InputError, ValueError):
+    """A function that cannot be a leaf, or a leaf that is registered twice."""
+
+
+class Out(Generic[T]):
+    """An output port: `set` writes the entry that the port points to, at once."""
+
+    def __init__(self, write: Callable[[Any], None]) -> None:
+        self._write = write
+
+    def set(self, value: T) -> None:
+        """Write the entry. Raises TickError if the port points to none, or the type is wrong."""
+        self._write(value)
+
+
+class InOut(Out[T]):
+    """A port that is read and written. `value` is the entry's when the leaf began."""
+
+    def __init__(self, write: Callable[[Any], None], value: T) -> None:
+        super().__init__(write)
+        self.value = value
+
+
+@dataclass(frozen=True, slots=True)
+class LeafPort:
+    """One port: its C++ type (empty: any), its directions, and whether it may be missing."""
+
+    type: str = ""
+    reads: bool = True
+    writes: bool = False
+    is_optional: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Leaf:
+    """One registered function. `takes_type`: its first argument is the leaf's type.
+
+    `given`: parameters that are no ports, by the types of what they get.
+    """
+
+    name: str
+    category: Category
+    function: Callable[..., Any]
+    ports: Mapping[str, LeafPort] = field(default_factory=dict)
+    takes_others: bool = False
+    takes_type: bool = False
+    given: Mapping[str, type] = field(default_factory=dict)
+
+    @property
+    def is_async(self) -> bool:
+        """Whether it is an action that takes time."""
+        is_coroutine = inspect.iscoroutinefunction(self.function)
+        return self.category is Category.ACTION and is_coroutine
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramValue:
+    """A function that says a value whenever it is asked. `given`: its parameters' types."""
+
+    function: Callable[..., Any]
+    given: Mapping[str, type]
+
+    def bound(self, values: Mapping[type, Any]) -> Source:
+        """The function with its arguments, which are looked up when it is called."""
+        return lambda: self.function(**{name: values[kind] for name, kind in self.given.items()})
+
+
+class Leaves:
+    """A registry of leaves, which any number of trees may share.
+
+    A parameter with one of the types `given` is no port: the tree has a value for it. Besides
+    leaves it has what trees ask the program for: `entries` and `sources` by their names, and
+    `enums`, the numbers of names in scripts.
+    """
+
+    def __init__(self, *given: type) -> None:
+        self._given = given
+        self._leaves: dict[str, Leaf] = {}
+        self.node_types: dict[str, type[TreeNode]] = {}
+        self.entries: dict[str, ProgramValue] = {}
+        self.sources: dict[str, ProgramValue] = {}
+        self.enums: dict[str, int] = {}
+
+    def action(self, name: str) -> Callable[[F], F]:
+        """Register an action: an async function, or a plain one that ends within a tick.
+
+        It succeeds unless it returns False or NodeStatus.FAILURE, or raises TaskFailedError. `"*"`
+        serves all types without a function of their own; the type is then its first, positional
+        argument. Raises LeafError.
+        """
+        return self._register(name, Category.ACTION)
+
+    def condition(self, name: str) -> Callable[[F], F]:
+        """Register a condition: a function that answers True or False at once.
+
+        It may be async but must not wait: what takes time belongs in an action, or in a task of
+        the program that keeps a value up to date. Raises LeafError.
+        """
+        return self._register(name, Category.CONDITION)
+
+    def node(self, name: str) -> Callable[[N], N]:
+        """Register a control or decorator of one's own: a subclass of TreeNode. Raises LeafError.
+
+        It says in CHILDREN how many it has, and in `tick` what it makes of them (`controls` and
+        `decorators` have examples). It must not wait, and reads time from its world alone.
+        """
+
+        def register(node_type: N) -> N:
+            if not (inspect.isclass(node_type) and issubclass(node_type, TreeNode)):
+                raise LeafError(f"the node {name!r}: {node_type!r} is no subclass of TreeNode")
+            if node_type.tick is TreeNode.tick:
+                raise LeafError(f"the node {name!r}: {node_type.__name__} has no method tick")
+            if name in self.node_types:
+                raise LeafError(f"the node {name!r} is registered twice")
+            self.node_types[name] = node_type
+            return node_type
+
+        return register
+
+    def entry(self, name: str) -> Callable[[F], F]:
+        """Register what says the value of an entry of the outermost tree, before each tick.
+
+        For what a tree only reads: what a sensor or another part of the program has found. None: no
+        value, the entry stays as it is. Raises LeafError.
+        """
+        return self._register_value(name.removeprefix("@"), "entry", self.entries)
+
+    def source(self, name: str) -> Callable[[F], F]:
+        """Register what Nav2's decorators ask for: `robot_pose`, `robot_speed`, `goal_update`.
+
+        Raises LeafError.
+        """
+        return self._register_value(name, "source", self.sources)
+
+    def _register_value(
+        self, name: str, kind: str, values: dict[str, ProgramValue]
+    ) -> Callable[[F], F]:
+        def register(function: F) -> F:
+            leaf = leaf_of(name, Category.ACTION, function, self._given)
+            if leaf.is_async or leaf.ports or leaf.takes_others or leaf.takes_type:
+                raise LeafError(f"the {kind} {name!r}: a plain function without ports is expected")
+            if name in values:
+                raise LeafError(f"the {kind} {name!r} is registered twice")
+            values[name] = ProgramValue(function, leaf.given)
+            return function
+
+        return register
+
+    def find(self, name: str) -> Leaf | None:
+        """The leaf of this type, else the one for all."""
+        return self._leaves.get(name) or self._leaves.get("*")
+
+    def with_conditions(self, conditions: Mapping[str, Callable[..., bool]]) -> Leaves:
+        """A registry with conditions besides, where it has no function of that name.
+
+        Raises LeafError.
+        """
+        result = Leaves(*self._given)
+        result.node_types, result.enums = self.node_types, self.enums
+        result.entries, result.sources = self.entries, self.sources
+        for name, function in conditions.items():
+            result.condition(name)(function)
+        result._leaves |= self._leaves
+        return result
+
+    def names(self) -> list[str]:
+        """The registered types, sorted."""
+        return sorted([*self._leaves, *self.node_types])
+
+    def _register(self, name: str, category: Category) -> Callable[[F], F]:
+        if not isinstance(name, str) or not name:
+            given = getattr(name, "__name__", "NAME")
+            raise LeafError(f'a leaf needs a name: write @...{category.lower()}("{given}")')
+
+        def register(function: F) -> F:
+            if name in self._leaves:
+                raise LeafError(f"the leaf {name!r} is registered twice")
+            self._leaves[name] = leaf_of(name, category, function, self._given)
+            return function
+
+        return register
+
+
+def leaf_of(
+    name: str, category: Category, function: Callable[..., Any], given: tuple[type, ...] = ()
+) -> Leaf:
+    """A function as a leaf, its ports by its parameters. Raises LeafError."""
+    if not callable(function) or inspect.isclass(function):
+        raise LeafError(f"the leaf {name!r}: {function!r} is not a function")
+    try:
+        hints = typing.get_type_hints(function)
+    except Exception as error:
+        raise LeafError(f"the leaf {name!r}: its annotations cannot be read: {error}") from None
+    ports: dict[str, LeafPort] = {}
+    others: dict[str, type] = {}
+    takes_others = takes_type = False
+    for parameter in inspect.signature(function).parameters.values():
+        if parameter.kind is inspect.Parameter.VAR_KEYWORD:
+            takes_others = True
+        elif parameter.kind is inspect.Parameter.POSITIONAL_ONLY and not takes_type:
+            takes_type = True
+        elif hints.get(parameter.name) in given:
+            others[parameter.name] = hints[parameter.name]
+        elif parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY):
+            has_default = parameter.default is not inspect.Parameter.empty
+            ports[parameter.name] = _port(hints.get(parameter.name), has_default)
+        else:
+            raise LeafError(f"the leaf {name!r}: {parameter} cannot be a port")
+    return Leaf(name, category, function, ports, takes_others, takes_type, others)
+
+
+def _port(annotation: Any, has_default: bool) -> LeafPort:
+    if typing.get_origin(annotation) in (typing.Union, types.UnionType):
+        parts = [part for part in typing.get_args(annotation) if part is not type(None)]
+        annotation = parts[0] if len(parts) == 1 else None
+    origin = typing.get_origin(annotation) or annotation
+    arguments = typing.get_args(annotation)
+    if origin in (Out, InOut):
+        inner = arguments[0] if arguments else None
+        return LeafPort(_type_name(inner), origin is InOut, True, has_default)
+    return LeafPort(_type_name(annotation), is_optional=has_default)
+
+
+def _type_name(annotation: Any) -> str:
+    if typing.get_origin(annotation) is list:
+        (inner,) = typing.get_args(annotation)
+        return f"list<{_type_name(inner) or 'std::string'}>"
+    return CPP_TYPES.get(annotation, "") if isinstance(annotation, type) else ""

@@ -1,0 +1,343 @@
+"""What all nodes have in common: statuses, conditions before and after a tick, halting, ports.
+
+Source: BehaviorTree.CPP 4.10. Ticking is a plain call: nothing here waits, reads a clock or draws
+by lot. Time is what `TreeWorld.now_us` says; what is to be done outside is a list of effects.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, TypeAlias
+
+from mrbt_mesh.btcpp.executor.blackboard import Blackboard, BlackboardError
+from mrbt_mesh.btcpp.files.document import pointer
+from mrbt_mesh.btcpp.scripts.evaluator import is_true, run_script
+from mrbt_mesh.btcpp.scripts.script import Script, ScriptError
+from mrbt_mesh.btcpp.scripts.values import (
+    ValueTypeError,
+    as_integer,
+    as_number,
+    as_text,
+    as_truth,
+    read_text,
+)
+
+# A tick in which more leaves are ticked does not come to an end.
+MAX_LEAVES = 20_000
+MICRO = 1_000_000
+
+
+class NodeStatus(enum.IntEnum):
+    """BehaviorTree.CPP's node statuses, by its numbers."""
+
+    IDLE = 0
+    RUNNING = 1
+    SUCCESS = 2
+    FAILURE = 3
+    SKIPPED = 4
+
+
+IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus
+COMPLETED = (SUCCESS, FAILURE)
+
+
+class TickError(Exception):
+    """What ends a run from inside: a wrong threshold, a missing entry, a script that fails."""
+
+
+@dataclass(frozen=True, slots=True)
+class StartLeaf:
+    """Begin the action of node `uid`; `run` counts its starts. `inputs` are its input ports."""
+
+    uid: int
+    run: int
+    name: str
+    inputs: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class CancelLeaf:
+    """Stop the action that was begun as `run` of node `uid`."""
+
+    uid: int
+    run: int
+
+
+Effect: TypeAlias = StartLeaf | CancelLeaf
+# A value that somebody else keeps up to date: a pose, a speed, a new goal.
+Source: TypeAlias = Callable[[], Any]
+
+
+@dataclass(frozen=True, slots=True)
+class NodePlace:
+    """Where a node is: its path in the tree, its file and line."""
+
+    path: str
+    file: str
+    line: int
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}: {self.path}"
+
+
+@dataclass
+class TreeWorld:
+    """What the nodes of one tree share.
+
+    `exact`: with BehaviorTree.CPP's own oddities (docs/btcpp.md). `woken_by`: the node that
+    asks to be ticked again at once. `deadlines_us` are those of nodes that wait, by uid. `given`:
+    what leaves get besides ports, by its type. `entries`: what says the values of entries before
+    each tick.
+    """
+
+    exact: bool = False
+    now_us: int = 0
+    tick: int = 0
+    leaves: int = 0
+    woken_by: NodePlace | None = None
+    enums: Mapping[str, int] = field(default_factory=dict)
+    sources: Mapping[str, Source] = field(default_factory=dict)
+    entries: Mapping[str, Source] = field(default_factory=dict)
+    given: Mapping[type, Any] = field(default_factory=dict)
+    effects: list[Effect] = field(default_factory=list)
+    deadlines_us: dict[int, int] = field(default_factory=dict)
+
+    def count_leaf(self, place: NodePlace) -> None:
+        """Note that the leaf at `place` is ticked. Raises TickError for a tick without end."""
+        self.leaves += 1
+        if self.leaves > MAX_LEAVES:
+            raise TickError(
+                f"{place}: more than {MAX_LEAVES:,} leaves in one tick: a loop around this node "
+                "does not end"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class NodeConditions:
+    """A node's pre- and postconditions, as scripts by their attributes."""
+
+    before_idle: tuple[tuple[Script, NodeStatus], ...] = ()
+    while_true: Script | None = None
+    on_success: Script | None = None
+    on_failure: Script | None = None
+    on_halted: Script | None = None
+    always: Script | None = None
+
+
+class TreeNode:
+    """One node of a tree that runs.
+
+    `status` is the one by which its parent goes on; `shown` the last one that it returned, in tick
+    `shown_at`. A subclass defines `tick`, and `clear` if it has state of its own.
+    """
+
+    __slots__ = (
+        "board",
+        "children",
+        "conditions",
+        "defaults",
+        "name",
+        "place",
+        "ports",
+        "reads",
+        "shown",
+        "shown_at",
+        "status",
+        "type",
+        "uid",
+        "world",
+        "yields",
+    )
+    # The fewest and most children; None: no limit.
+    CHILDREN: ClassVar[tuple[int, int | None]] = (0, 0)
+    # What it asks the program for, without which it cannot be ticked.
+    SOURCES: ClassVar[tuple[str, ...]] = ()
+
+    def __init__(
+        self, type_name: str, world: TreeWorld, board: Blackboard, place: NodePlace, name: str = ""
+    ) -> None:
+        self.type = type_name
+        self.name = name or type_name
+        self.world = world
+        self.board = board
+        self.place = place
+        self.children: list[TreeNode] = []
+        self.ports: dict[str, str] = {}
+        self.defaults: dict[str, str] = {}
+        self.conditions: NodeConditions | None = None
+        self.uid = 0
+        # Whether it may return RUNNING between two attempts (Repeat, Retry, Async*).
+        self.yields = True
+        self.status = IDLE
+        self.shown = IDLE
+        self.shown_at = 0
+        self.reads: dict[str, Any] = {}
+        self.clear()
+
+    def prepare(self) -> None:
+        """Called once, when ports and children are known. Raises TickError for wrong ports."""
+
+    def tick(self) -> NodeStatus:
+        """The node's own rule; each subclass has one."""
+        raise NotImplementedError
+
+    def clear(self) -> None:
+        """Forget how far the node has come: before its first run, at its end, when it is halted."""
+
+    def halt(self) -> None:
+        """Forget the state of the run; children are halted."""
+        self.clear()
+        reset_all(self.children)
+        self.status = IDLE
+
+    def ended(self, status: NodeStatus) -> NodeStatus:
+        """End the run with this status; children that still go on are halted."""
+        self.clear()
+        reset_all(self.children)
+        return status
+
+    def expire(self) -> None:
+        """The deadline that the node has set is over."""
+
+    def execute(self) -> NodeStatus:
+        """Tick the node as its parent does. SKIPPED leaves its status as it was."""
+        conditions = self.conditions
+        if conditions is None:
+            status = self.tick()
+        else:
+            before = self._before(conditions)
+            if before is None:
+                status = self.tick()
+            else:
+                # It decides without its leaves, which a loop above it would otherwise count.
+                self.world.count_leaf(self.place)
+                status = before
+        if status is SKIPPED:
+            pass
+        elif status is IDLE:
+            raise TickError(f"{self.place}: a node must not return IDLE")
+        else:
+            self.status = status
+        if conditions is not None and (status is SUCCESS or status is FAILURE):
+            self._run(conditions.on_success if status is SUCCESS else conditions.on_failure)
+            self._run(conditions.always)
+        self.shown = status
+        self.shown_at = self.world.tick
+        return status
+
+    def _before(self, conditions: NodeConditions) -> NodeStatus | None:
+        if self.status is IDLE:
+            for script, status in conditions.before_idle:
+                if self.holds(script):
+                    return status
+            if conditions.while_true is not None and not self.holds(conditions.while_true):
+                return SKIPPED
+        elif (
+            self.status is RUNNING
+            and conditions.while_true is not None
+            and not self.holds(conditions.while_true)
+        ):
+            self.halt_node()
+            return SKIPPED
+        return None
+
+    def halt_node(self) -> None:
+        """Halt as a parent does: with what is to be done `_onHalted`."""
+        self.halt()
+        if self.conditions is not None:
+            self._run(self.conditions.on_halted)
+
+    def _run(self, script: Script | None) -> None:
+        if script is not None:
+            self.evaluate(script)
+
+    def evaluate(self, script: Script) -> Any:
+        """A script's value on the node's blackboard. Raises TickError."""
+        try:
+            return run_script(script, self.board, self.world.enums)
+        except (ScriptError, BlackboardError) as error:
+            raise TickError(f"{self.place}: {error}, in the script {str(script)!r}") from None
+
+    def holds(self, script: Script) -> bool:
+        """Whether a script's value is true. Raises TickError."""
+        try:
+            return is_true(self.evaluate(script))
+        except ScriptError as error:
+            raise TickError(f"{self.place}: {error}, in the script {str(script)!r}") from None
+
+    # -- ports --------------------------------------------------------------------------------
+
+    def input(self, port: str, type_name: str = "std::string") -> Any:
+        """A port's value as this C++ type. Raises TickError if there is none."""
+        if port in self.reads:
+            return self.reads[port]
+        text = self.ports.get(port, self.defaults.get(port))
+        if text is None:
+            raise TickError(f"{self.place}: port {port!r} is missing")
+        key = pointer(text, port)
+        if key is None:
+            value = self.reads[port] = self._as(port, text, type_name)
+            return value
+        entry = self.board.find(key)
+        if entry is None or entry.value is None:
+            raise TickError(f"{self.place}: port {port!r}: the entry {key!r} has no value")
+        return self._as(port, entry.value, type_name)
+
+    def _as(self, port: str, value: Any, type_name: str) -> Any:
+        try:
+            return typed(value, type_name, self.world.enums)
+        except ValueTypeError as error:
+            raise TickError(f"{self.place}: port {port!r}: {error}") from None
+
+    def key(self, port: str) -> str:
+        """The entry that a port points to; a bare name is one as well. Raises TickError."""
+        text = self.ports.get(port, "")
+        if not text:
+            raise TickError(f"{self.place}: port {port!r} is missing")
+        return pointer(text, port) or text
+
+    def output(self, port: str, value: Any) -> None:
+        """Write a port's entry. Raises TickError for a port that points to none."""
+        text = self.ports.get(port, self.defaults.get(port, ""))
+        key = pointer(text, port)
+        if key is None:
+            raise TickError(f"{self.place}: port {port!r} needs an entry to write, like {{{port}}}")
+        try:
+            self.board.put(key, value)
+        except BlackboardError as error:
+            raise TickError(f"{self.place}: port {port!r}: {error}") from None
+
+
+def typed(value: Any, type_name: str, enums: Mapping[str, int]) -> Any:
+    """An entry's value, or a port's text, as a value of this C++ type. Raises ValueTypeError."""
+    if type_name == "BT::NodeStatus":
+        if isinstance(value, str) and value in NodeStatus.__members__:
+            return NodeStatus[value]
+        raise ValueTypeError(f"{value!r} is no status")
+    if isinstance(value, str):
+        return value if type_name == "std::string" else read_text(value, type_name, enums)
+    if not isinstance(value, int | float):
+        return value
+    if type_name == "std::string":
+        return as_text(value)
+    if type_name in ("double", "float"):
+        return as_number(value)
+    if type_name == "bool":
+        return as_truth(value)
+    return as_integer(value) if type_name in ("int", "unsigned int") else value
+
+
+def reset(node: TreeNode) -> None:
+    """Back to IDLE, halted first if it was running."""
+    if node.status is RUNNING:
+        node.halt_node()
+    node.status = IDLE
+
+
+def reset_all(nodes: Sequence[TreeNode]) -> None:
+    """`reset` for each."""
+    for node in nodes:
+        if node.status is not IDLE:
+            reset(node)

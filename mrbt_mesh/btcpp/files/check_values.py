@@ -1,0 +1,145 @@
+"""Check single values: names, numbers, booleans, statuses, lists, scripts."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Collection
+
+from mrbt_mesh.btcpp.files.builtin_nodes import (
+    BOOLEAN,
+    INTEGER,
+    LIST,
+    LOOP_ITEMS,
+    SCRIPT,
+    STATUS,
+    STATUS_NAMES,
+    TEXT,
+    UNSIGNED,
+)
+from mrbt_mesh.btcpp.files.document import pointer
+from mrbt_mesh.btcpp.scripts.parser import parse, quoting_problem
+from mrbt_mesh.btcpp.scripts.script import Impossible, ScriptError
+from mrbt_mesh.btcpp.scripts.values import read_boolean
+from mrbt_mesh.errors import MAX_SHOWN_CHARACTERS, nearest
+
+FORBIDDEN = " \t\n<>&\"'/\\:*?|."
+MAX_HINT_NAMES = 500
+RESERVED_NAMES = ("Root", "root")
+RESERVED_PORTS = ("name", "ID", "_autoremap")
+
+# A number is read as far as it goes: `1.5` as 1.
+_INTEGER = re.compile(r"([+-]?[0-9]+).*", re.ASCII | re.DOTALL)
+_UNSIGNED = re.compile(r"(\+?[0-9]+).*", re.ASCII | re.DOTALL)
+_LIMITS = {INTEGER: (-(2**31), 2**31 - 1), UNSIGNED: (0, 2**32 - 1)}
+_REAL = re.compile(r"[+-]?([0-9]|\.[0-9]).*", re.ASCII | re.DOTALL)
+
+
+def shown(text: str) -> str:
+    """A value for a message, cut if it is long."""
+    return repr(text if len(text) <= MAX_SHOWN_CHARACTERS else text[:MAX_SHOWN_CHARACTERS] + "...")
+
+
+def hint(name: str, known: Collection[str]) -> str:
+    """`nearest`, unless there are so many names that looking for it would take long."""
+    return nearest(name, known) if len(known) <= MAX_HINT_NAMES else ""
+
+
+def name_problem(name: str) -> str:
+    """What BehaviorTree.CPP 4.8.4 and later refuse in the name of a model, tree or port."""
+    if name in RESERVED_NAMES:
+        return f"{name!r} is a reserved name"
+    for character in name:
+        if character in FORBIDDEN or ord(character) < 32 or ord(character) == 127:
+            what = "a space" if character == " " else repr(character)
+            return f"the name {shown(name)} contains {what}; letters, digits, '_' and '-' are safe"
+    return ""
+
+
+def port_name_problem(name: str) -> str:
+    """What is wrong with the name of a port in a model."""
+    if name in RESERVED_PORTS:
+        return f"{name!r} is reserved and cannot name a port"
+    if name[:1].isdigit():
+        return f"the port name {name!r} begins with a digit"
+    return name_problem(name)
+
+
+def value_problem(node: str, kind: str, value: str) -> str:
+    """What is wrong with the constant `value` of a built-in node's port of type `kind`."""
+    trimmed = value.strip()
+    if kind == INTEGER and not _INTEGER.fullmatch(trimmed):
+        return f"{shown(value)} is not a whole number"
+    if kind == UNSIGNED and not _UNSIGNED.fullmatch(trimmed):
+        return f"{shown(value)} is not a whole number of 0 or more"
+    if kind == "double" and not _REAL.fullmatch(trimmed):
+        return f"{shown(value)} is not a number"
+    if kind == BOOLEAN and read_boolean(trimmed) is None:
+        return f"{shown(value)} is not a boolean; write true or false"
+    if kind == STATUS and trimmed not in STATUS_NAMES:
+        return f"{shown(value)} is not a status; write SUCCESS, FAILURE or SKIPPED"
+    if kind == SCRIPT:
+        return script_problem(value)
+    if kind == LIST:
+        return _list_problem(LOOP_ITEMS[node], trimmed)
+    return ""
+
+
+def typing_problem(kind: str, value: str) -> tuple[str, bool]:
+    """What is odd about a value of type `kind` that has a meaning; whether it cannot be loaded."""
+    is_typed = kind in (INTEGER, UNSIGNED, BOOLEAN, "double", LIST)
+    if not is_constant(value, "port"):
+        is_odd = is_typed and (value == "=" or value != value.strip())
+        return ("BehaviorTree.CPP takes only {name} or {=} here" if is_odd else ""), is_odd
+    if kind == SCRIPT:
+        problem = quoting_problem(value)
+        return problem, bool(problem)
+    if kind in (INTEGER, UNSIGNED, BOOLEAN) and value[:1].isspace():
+        return f"{shown(value)} begins with a space, which BehaviorTree.CPP does not take", True
+    if kind not in _LIMITS:
+        return "", False
+    found = (_INTEGER if kind == INTEGER else _UNSIGNED).fullmatch(value.strip())
+    if found is None or (found[1] == value.strip() and not value.startswith("+")):
+        number = int(found[1]) if found else 0
+        least, most = _LIMITS[kind]
+        is_out = not least <= number <= most
+        return (f"{shown(value)} is not from {least} to {most}", True) if is_out else ("", False)
+    if value.startswith("+"):
+        return f"{shown(value)} begins with '+', which BehaviorTree.CPP does not take", True
+    return f"{shown(value)} is no whole number; BehaviorTree.CPP reads it as {found[1]}", False
+
+
+def _list_problem(item_kind: str, text: str) -> str:
+    if text.startswith("json:"):
+        try:
+            items = json.loads(text[5:])
+        except (ValueError, RecursionError):
+            return f"{shown(text)} is no JSON after 'json:'"
+        return "" if isinstance(items, list) else f"{shown(text)} is no JSON list"
+    if item_kind == TEXT or not text:
+        return ""
+    for item in text.split(";"):
+        odd, is_refused = typing_problem(item_kind, item.strip())
+        if problem := value_problem("", item_kind, item) or (odd if is_refused else ""):
+            return f"{problem}; items are separated by ';'"
+    return ""
+
+
+def script_problem(text: str) -> str:
+    """What is wrong with a script."""
+    try:
+        script = parse(text)
+    except ScriptError as error:
+        return f"the script {shown(text)} cannot be read: {error}"
+    for expression in script.expressions():
+        if isinstance(expression, Impossible):
+            return (
+                f"the script {shown(text)} cannot be run: only a blackboard entry can stand "
+                f"before {expression.operator!r}"
+            )
+    return ""
+
+
+def is_constant(value: str, attribute: str) -> bool:
+    """Whether a port's value stands in the file, not on the blackboard."""
+    return pointer(value, attribute) is None

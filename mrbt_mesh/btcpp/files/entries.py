@@ -1,0 +1,116 @@
+"""Which blackboard entries a node reads and writes, by its ports, its scripts and its model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from mrbt_mesh.btcpp.files.builtin_nodes import NAV2_BUILTIN, NAV2_OUTPUTS
+from mrbt_mesh.btcpp.files.document import Category, Direction, pointer
+from mrbt_mesh.btcpp.files.expand import SCRIPT_PORTS, ExpandedNode
+from mrbt_mesh.btcpp.files.library import Library
+from mrbt_mesh.btcpp.scripts.parser import parse
+from mrbt_mesh.btcpp.scripts.script import Script, ScriptError
+
+# Ports that hold the name of an entry instead of a pointer to it.
+NAME_PORTS = {"SetBlackboard": "output_key", "UnsetBlackboard": "key"}
+
+
+@dataclass(frozen=True, slots=True)
+class EntryAccess:
+    """Entries of the one blackboard. `writes_any`: which one is only known when it runs."""
+
+    reads: frozenset[str] = frozenset()
+    writes: frozenset[str] = frozenset()
+    writes_any: bool = False
+
+    def __or__(self, other: EntryAccess) -> EntryAccess:
+        return EntryAccess(
+            self.reads | other.reads,
+            self.writes | other.writes,
+            self.writes_any or other.writes_any,
+        )
+
+    @property
+    def entries(self) -> frozenset[str]:
+        """All that are named."""
+        return self.reads | self.writes
+
+
+def port_access(node: ExpandedNode, library: Library) -> EntryAccess:
+    """What one node's ports and scripts do, without its pre- and postconditions.
+
+    A node without a model may do both with whatever its ports point to. What a SubTree is given
+    counts where it is used.
+    """
+    if node.category is Category.SUBTREE:
+        return EntryAccess()
+    reads: set[str] = set()
+    writes: set[str] = set()
+    for name, key in _pointers(node, library):
+        direction = port_direction(node, name, library)
+        if direction is not Direction.OUTPUT:
+            reads.add(key)
+        if direction is not Direction.INPUT:
+            writes.add(key)
+    named = node.ports.get(NAME_PORTS.get(node.type, ""), "")
+    is_dynamic = pointer(named) is not None
+    if named and not is_dynamic:
+        writes.add(node.scope.entry(named))
+    found = EntryAccess(frozenset(reads), frozenset(writes), is_dynamic)
+    return found | script_access([node.ports.get(SCRIPT_PORTS.get(node.type, ""), "")])
+
+
+def access(node: ExpandedNode, library: Library) -> EntryAccess:
+    """What one node does by itself, its pre- and postconditions included."""
+    return port_access(node, library) | script_access(node.conditions.values())
+
+
+def access_below(nodes: Iterable[ExpandedNode], library: Library) -> EntryAccess:
+    """What nodes and all below them do."""
+    found = EntryAccess()
+    for node in nodes:
+        for inner in node.walk():
+            found |= access(inner, library)
+    return found
+
+
+def script_access(texts: Iterable[str]) -> EntryAccess:
+    """The names in scripts; an enum's looks like an entry's, and nobody writes it."""
+    found = EntryAccess()
+    for script in read_scripts(texts):
+        found |= EntryAccess(script.read, script.written)
+    return found
+
+
+def read_scripts(texts: Iterable[str]) -> Iterator[Script]:
+    """The scripts that can be read."""
+    for text in filter(None, texts):
+        try:
+            yield parse(text)
+        except ScriptError:
+            continue
+
+
+def _pointers(node: ExpandedNode, library: Library) -> Iterator[tuple[str, str]]:
+    """Ports that point to entries, and to which; a model's defaults count as well."""
+    for name, value in node.ports.items():
+        key = pointer(value, name)
+        if key is not None:
+            yield name, key
+    model = library.model(node.type)
+    for port in model.ports.values() if model else ():
+        key = pointer(port.default or "", port.name)
+        if key is not None and port.name not in node.ports:
+            yield port.name, node.scope.entry(key)
+
+
+def port_direction(node: ExpandedNode, name: str, library: Library) -> Direction:
+    """What a node does with a port's entry; both, as far as nothing is known of it."""
+    model = library.model(node.type)
+    port = model.ports.get(name) if model else None
+    if port is not None:
+        return port.direction
+    if node.type not in NAV2_BUILTIN:
+        return Direction.INOUT
+    return Direction.OUTPUT if name in NAV2_OUTPUTS else Direction.INPUT

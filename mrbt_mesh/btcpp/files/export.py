@@ -1,0 +1,169 @@
+"""Write trees so that Groot2 can open them: the explicit form, and models of all nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN, category_of
+from mrbt_mesh.btcpp.files.document import (
+    EXPLICIT_TAGS,
+    INCLUDE,
+    MODELS,
+    SUBTREE,
+    TREE,
+    Document,
+    NodeManifest,
+    instance_name,
+    pointer,
+    ports,
+    type_id,
+)
+from mrbt_mesh.btcpp.files.elements import Content, Element, Text
+from mrbt_mesh.btcpp.files.expand import expand
+from mrbt_mesh.btcpp.files.library import Library, TreeSource
+from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
+from mrbt_mesh.errors import Problem
+
+
+def explicit(library: Library, *, is_merged: bool = False) -> Document:
+    """The first document in the explicit form, with models of all nodes that it uses.
+
+    A lone tree without an ID gets none: beside models BehaviorTree.CPP would want its ID. With
+    `is_merged` the trees of all included files are in it, and no <include> is left.
+    """
+    document = library.documents[0].copy()
+    if is_merged:
+        _merge(document, library)
+    for tree in document.trees:
+        for element in tree.walk():
+            if element is not tree:
+                _make_explicit(element, library)
+    if all(tree.get("ID") for tree in document.trees):
+        _add_models(document, library)
+    return document
+
+
+def _make_explicit(element: Element, library: Library) -> None:
+    name = type_id(element)
+    category = category_of(name, element.tag, library.models, len(element.children))
+    if element.tag in EXPLICIT_TAGS:
+        element.tag = category
+        return
+    element.tag = category
+    kept = {key: value for key, value in element.attributes.items() if key != "ID"}
+    element.attributes = {"ID": name} | kept
+
+
+def _merge(document: Document, library: Library) -> None:
+    root = document.root
+    here = {tree.get("ID") for tree in document.trees}
+    without: list[Content] = [
+        item
+        for item in root.content
+        if not (isinstance(item, Element) and item.tag in (INCLUDE, MODELS))
+    ]
+    for name, source in library.own_trees.items():
+        if name not in here and source.document is not library.documents[0]:
+            without.append(source.element.copy())
+    root.content = [
+        *without,
+        *(item.copy() for d in library.documents for item in d.model_lists[:1]),
+    ]
+    lists = document.model_lists
+    for extra in lists[1:]:
+        lists[0].content.extend(extra.content)
+        root.content.remove(extra)
+
+
+def _add_models(document: Document, library: Library) -> None:
+    """Describe each node that the document uses and nobody describes yet."""
+    described = set(document.models())
+    uses: dict[str, list[Element]] = {}
+    for tree in document.trees:
+        for element in tree.walk():
+            name = type_id(element)
+            is_custom = element.tag in EXPLICIT_TAGS - {SUBTREE} and name not in BUILTIN
+            if is_custom and name not in described:
+                uses.setdefault(name, []).append(element)
+    if not uses:
+        return
+    if not document.model_lists:
+        document.root.content.append(Element(MODELS))
+    models = document.model_lists[0]
+    for name in sorted(uses):
+        known = library.models.get(name)
+        models.content.append(model_element(known) if known else _guessed_model(name, uses[name]))
+
+
+def model_element(model: NodeManifest) -> Element:
+    """A model as it stands in <TreeNodesModel>."""
+    element = Element(model.category, {"ID": model.id})
+    if model.description:
+        element.content.append(Element("description", {}, [Text(model.description)]))
+    for port in model.ports.values():
+        attributes = {"name": port.name}
+        if port.type:
+            attributes["type"] = port.type
+        if port.default is not None:
+            attributes["default"] = port.default
+        content: list[Content] = [Text(port.description)] if port.description else []
+        element.content.append(Element(port.direction, attributes, content))
+    return element
+
+
+def _guessed_model(name: str, uses: list[Element]) -> Element:
+    """A model from a node's uses. Ports that are given blackboard entries may be written."""
+    element = Element(uses[0].tag, {"ID": name})
+    found: dict[str, bool] = {}
+    for use in uses:
+        for port, value in ports(use).items():
+            found[port] = found.get(port, False) or pointer(value, port) is not None
+    for port, has_pointer in found.items():
+        tag = "inout_port" if has_pointer else "input_port"
+        element.content.append(Element(tag, {"name": port}))
+    return element
+
+
+def with_ids(library: Library) -> Document:
+    """One <BehaviorTree> per SubTree in use, with `_fullpath`, and `_uid` at every node.
+
+    As BehaviorTree.CPP tells a monitor which node is which: nodes are numbered from 1, depth first,
+    those of a SubTree right after it. Raises TreeFileError without a main tree, and for a tree that
+    cannot be expanded.
+    """
+    first = library.documents[0]
+    main = library.main_tree
+    if main is None:
+        message = "main_tree_to_execute has to name a tree"
+        raise TreeFileError([Problem(first.file, first.root.line, "root", message)])
+    # Refuses trees that contain themselves, or that are too large.
+    expand(library, main)
+    root = Element("root", {"BTCPP_format": "4", "main_tree_to_execute": main})
+
+    def begin(source: TreeSource, path: str) -> tuple[Iterator[Element], str]:
+        tree = Element(TREE, {"ID": source.id, "_fullpath": path})
+        tree.content = [child.copy() for child in source.element.children]
+        root.content.append(tree)
+        return (element for child in tree.children for element in child.walk()), path
+
+    uid, open_trees = 0, [begin(library.trees[main], "")]
+    while open_trees:
+        elements, path = open_trees[-1]
+        element = next(elements, None)
+        if element is None:
+            open_trees.pop()
+            continue
+        uid += 1
+        _make_explicit(element, library)
+        element.attributes["_uid"] = str(uid)
+        if element.tag != SUBTREE:
+            element.attributes.setdefault("name", instance_name(element))
+            continue
+        inner = element.get("ID")
+        own = element.get("name") or f"{inner}::{uid}"
+        element.attributes["_fullpath"] = full = f"{path}/{own}" if path else own
+        if inner in library.trees:
+            open_trees.append(begin(library.trees[inner], full))
+    document = Document(first.file, [root])
+    _add_models(document, library)
+    return document

@@ -1,0 +1,70 @@
+"""All BehaviorTree.CPP files of a folder, as a robot's package holds them."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mrbt_mesh.btcpp.files.document import INCLUDE, MODELS, TREE, Document, read_document
+from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
+from mrbt_mesh.errors import InputError
+
+MAX_FOLDER_FILES = 5_000
+_OF_A_TREE = frozenset({TREE, MODELS, INCLUDE})
+
+
+@dataclass
+class TreeFolder:
+    """What a folder holds: trees by file, files that cannot be read, and XML of another kind."""
+
+    path: Path
+    documents: dict[Path, Document] = field(default_factory=dict)
+    unreadable: dict[Path, TreeFileError] = field(default_factory=dict)
+    skipped: list[Path] = field(default_factory=list)
+
+
+def read_folder(folder: Path) -> TreeFolder:
+    """Read all .xml files below a folder, in the order of their names, but not hidden folders.
+
+    Raises InputError if there are none, or too many.
+    """
+    found = TreeFolder(folder)
+    paths = _xml_files(folder)
+    for path in paths:
+        try:
+            document = read_document(path)
+        except TreeFileError as error:
+            if _speaks_of_trees(path):
+                found.unreadable[path] = error
+            else:
+                found.skipped.append(path)
+            continue
+        is_tree = any(child.tag in _OF_A_TREE for child in document.root.children)
+        if is_tree or "BTCPP_format" in document.root.attributes:
+            found.documents[path] = document
+        else:
+            found.skipped.append(path)
+    if not found.documents and not found.unreadable:
+        raise InputError(f"{folder}: no BehaviorTree.CPP file (.xml) in this folder")
+    return found
+
+
+def _xml_files(folder: Path) -> list[Path]:
+    paths: list[Path] = []
+    for place, folders, files in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        paths += (Path(place) / name for name in sorted(files) if name.lower().endswith(".xml"))
+        if len(paths) > MAX_FOLDER_FILES:
+            raise InputError(f"{folder}: more than {MAX_FOLDER_FILES} XML files")
+    return paths
+
+
+def _speaks_of_trees(path: Path) -> bool:
+    """Whether a file that cannot be read was meant as one with trees."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(1 << 20).replace(b"\0", b"")
+    except OSError:
+        return True
+    return b"<BehaviorTree" in content

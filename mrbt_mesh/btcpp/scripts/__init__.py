@@ -1,0 +1,1 @@
+"""BehaviorTree.CPP's scripting language, and its conversions between types of values."""

@@ -1,0 +1,308 @@
+"""Evaluate BehaviorTree.CPP's scripts over the entries of a blackboard.
+
+Values are those of C++: an `int` is an int64_t, a `float` a double, `None` an entry that was
+declared and never written. `values` says how they become one another.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable, Mapping, MutableMapping
+from typing import Any, Protocol, TypeAlias
+
+from mrbt_mesh.btcpp.scripts.parser import parse
+from mrbt_mesh.btcpp.scripts.script import (
+    BITS,
+    LOGICAL,
+    Assign,
+    Binary,
+    Boolean,
+    Comparison,
+    Conditional,
+    Expression,
+    Impossible,
+    Name,
+    Number,
+    Script,
+    ScriptError,
+    String,
+    Unary,
+)
+from mrbt_mesh.btcpp.scripts.values import (
+    ANY_TYPE,
+    INT64,
+    ValueTypeError,
+    as_integer,
+    as_number,
+    as_text,
+    as_truth,
+    copied_into,
+    read_text,
+)
+
+Value: TypeAlias = int | float | str
+
+# BehaviorTree.CPP takes numbers that are this close for equal: C++'s float epsilon.
+EPSILON = 2.0**-23
+
+_ARITHMETIC: Mapping[str, Callable[[float, float], float]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": lambda left, right: _divide(left, right),
+}
+_BITWISE: Mapping[str, Callable[[int, int], int]] = {
+    "&": operator.and_,
+    "|": operator.or_,
+    "^": operator.xor,
+}
+_ORDER: Mapping[str, Callable[[Any, Any], bool]] = {
+    # Written as BehaviorTree.CPP does: what is no number is in every order.
+    "<": lambda left, right: not left >= right,
+    ">": lambda left, right: not left <= right,
+    "<=": lambda left, right: not left > right,
+    ">=": lambda left, right: not left < right,
+}
+
+
+class Entries(Protocol):
+    """A blackboard as a script sees it. Names may begin with `@`: the root's entries."""
+
+    def __contains__(self, name: str) -> bool: ...
+    def read(self, name: str) -> Any:
+        """The value of an entry that exists; None if it was never written."""
+        ...
+
+    def type_of(self, name: str) -> str:
+        """The entry's C++ type, empty if it has none."""
+        ...
+
+    def write(self, name: str, value: Any) -> None:
+        """Set an entry, or create it."""
+        ...
+
+    def create(self, name: str) -> None:
+        """Declare an entry of any type."""
+        ...
+
+
+class MappingEntries:
+    """Entries of a plain mapping; their types are those of their values."""
+
+    def __init__(
+        self, entries: MutableMapping[str, Any], root: MutableMapping[str, Any] | None = None
+    ) -> None:
+        self._entries = entries
+        self._root = entries if root is None else root
+
+    def _place(self, name: str) -> tuple[MutableMapping[str, Any], str]:
+        return (self._root, name[1:]) if name.startswith("@") else (self._entries, name)
+
+    def __contains__(self, name: str) -> bool:
+        entries, key = self._place(name)
+        return key in entries
+
+    def read(self, name: str) -> Any:
+        entries, key = self._place(name)
+        return entries[key]
+
+    def type_of(self, name: str) -> str:
+        names = {bool: "bool", int: "int", float: "double", str: "std::string"}
+        return names.get(type(self.read(name)), "")
+
+    def write(self, name: str, value: Any) -> None:
+        entries, key = self._place(name)
+        entries[key] = value
+
+    def create(self, name: str) -> None:
+        self.write(name, None)
+
+
+def evaluate(
+    script: Script | str,
+    blackboard: MutableMapping[str, Any],
+    enums: Mapping[str, int] | None = None,
+    root: MutableMapping[str, Any] | None = None,
+) -> Any:
+    """Run a script on a plain mapping and return its last value; truth values are 1.0 and 0.0.
+
+    `@name` is an entry of `root`, which is `blackboard` unless given. Raises ScriptError, also
+    for what BehaviorTree.CPP refuses at run time: missing entries, wrong types.
+    """
+    parsed = parse(script) if isinstance(script, str) else script
+    return run_script(parsed, MappingEntries(blackboard, root), enums or {})
+
+
+def run_script(script: Script, entries: Entries, enums: Mapping[str, int]) -> Any:
+    """Run a script and return its last value. Raises ScriptError."""
+    run = _Run(entries, enums)
+    value: Any = None
+    try:
+        for statement in script.statements:
+            value = run.value(statement)
+    except ValueTypeError as error:
+        raise ScriptError(str(error)) from None
+    return value
+
+
+def is_true(value: Any) -> bool:
+    """Whether a condition with this value holds: 1, or a real number that is not 0."""
+    try:
+        return as_truth(value)
+    except ValueTypeError as error:
+        raise ScriptError(str(error)) from None
+
+
+def _divide(left: float, right: float) -> float:
+    if right != 0:
+        return left / right
+    if left == 0 or math.isnan(left):
+        return math.nan
+    return math.copysign(math.inf, left) * math.copysign(1.0, right)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float)
+
+
+class _Run:
+    def __init__(self, entries: Entries, enums: Mapping[str, int]) -> None:
+        self.entries = entries
+        self.enums = enums
+
+    def value(self, expression: Expression) -> Any:
+        if isinstance(expression, Number | String):
+            return expression.value
+        if isinstance(expression, Boolean):
+            return float(expression.value)
+        if isinstance(expression, Name):
+            return self.named(expression.name)
+        if isinstance(expression, Unary):
+            return self.unary(expression)
+        if isinstance(expression, Binary):
+            left, right = self.value(expression.left), self.value(expression.right)
+            return self.binary(expression.operator, left, right)
+        if isinstance(expression, Comparison):
+            return self.comparison(expression)
+        if isinstance(expression, Conditional):
+            condition = as_number(self.value(expression.condition))
+            return self.value(expression.then if condition else expression.otherwise)
+        if isinstance(expression, Impossible):
+            raise ScriptError(f"only a blackboard entry can stand before {expression.operator!r}")
+        return self.assign(expression)
+
+    def named(self, name: str) -> Any:
+        if name in self.enums:
+            return float(self.enums[name])
+        if name not in self.entries:
+            raise ScriptError(f"there is no blackboard entry {name!r}")
+        return self.entries.read(name)
+
+    def unary(self, expression: Unary) -> float:
+        value, symbol = self.value(expression.operand), expression.operator
+        if not _is_number(value):
+            raise ScriptError(f"{symbol!r} needs a number, not {_described(value)}")
+        number = as_number(value)
+        if symbol == "-":
+            return -number
+        if symbol == "!":
+            return float(not number)
+        if math.isnan(number) or not INT64.start <= number <= INT64.stop:
+            raise ScriptError(f"'~': {value!r} is out of the range of 64 bits")
+        return float(~min(int(number), INT64.stop - 1))
+
+    def binary(self, symbol: str, left: Any, right: Any) -> Any:
+        _check_set(symbol, left, right)
+        if _is_number(left) and _is_number(right):
+            if symbol in _ARITHMETIC:
+                return _ARITHMETIC[symbol](as_number(left), as_number(right))
+            if symbol in BITS:
+                return float(_BITWISE[symbol](as_integer(left), as_integer(right)))
+            if symbol in LOGICAL:
+                both = as_truth(left), as_truth(right)
+                return float(all(both) if symbol == "&&" else any(both))
+            return None  # BehaviorTree.CPP: numbers that are joined are nothing
+        texts = isinstance(left, str) + isinstance(right, str)
+        numbers = _is_number(left) + _is_number(right)
+        if (symbol == "+" and texts == 2) or (symbol == ".." and texts + numbers == 2):
+            return as_text(left) + as_text(right)
+        raise ScriptError(f"{_described(left)} {symbol} {_described(right)} is not possible")
+
+    def comparison(self, expression: Comparison) -> float:
+        left = self.value(expression.operands[0])
+        for symbol, operand in zip(expression.operators, expression.operands[1:], strict=True):
+            right = self.value(operand)
+            _check_set(symbol, left, right)
+            if not self.holds(symbol, left, right):
+                return 0.0
+            left = right
+        return 1.0
+
+    def holds(self, symbol: str, left: Any, right: Any) -> bool:
+        both_texts = isinstance(left, str) and isinstance(right, str)
+        first, second = (left, right) if both_texts else (self.number(left), self.number(right))
+        if symbol in ("==", "!="):
+            equal = first == second if both_texts else abs(first - second) <= EPSILON
+            return bool(equal) is (symbol == "==")
+        return _ORDER[symbol](first, second)
+
+    def number(self, value: Any) -> float:
+        """A text next to a number is true, false, an enum's name or a number."""
+        if value in ("true", "false"):
+            return float(value == "true")
+        if isinstance(value, str) and value in self.enums:
+            return float(self.enums[value])
+        return as_number(value)
+
+    def assign(self, expression: Assign) -> Any:
+        name, symbol = expression.name, expression.operator
+        if name not in self.entries:
+            if symbol != ":=":
+                raise ScriptError(f"there is no blackboard entry {name!r}; ':=' creates one")
+            self.entries.create(name)
+        value = self.value(expression.value)
+        if value is None:
+            raise ScriptError(f"the right operand of {symbol!r} has no value")
+        before = self.entries.read(name)
+        if symbol in (":=", "="):
+            after = self.replaced(name, before, value)
+        else:
+            after = copied_into(before, self.changed(name, before, symbol, value))
+        self.entries.write(name, after)
+        return after
+
+    def replaced(self, name: str, before: Any, value: Any) -> Any:
+        """What an entry holds after `=`: its type stays."""
+        entry_type = self.entries.type_of(name)
+        if before is None and not entry_type:
+            return value
+        if isinstance(value, str) and not isinstance(before, str):
+            if entry_type == ANY_TYPE:
+                raise ScriptError(f"a text cannot be converted to the type {ANY_TYPE} of {name!r}")
+            if entry_type:
+                return read_text(value, entry_type, self.enums)
+            return self.number(value) if _is_number(before) else value
+        return copied_into(before, value)
+
+    def changed(self, name: str, before: Any, symbol: str, value: Any) -> Any:
+        """What `x += value` and its kin make of x."""
+        if before is None:
+            raise ScriptError(f"the entry {name!r} has no value")
+        if _is_number(value):
+            if not _is_number(before):
+                raise ScriptError(f"{symbol!r} needs a number in {name!r}, which holds a text")
+            return _ARITHMETIC[symbol[0]](as_number(before), as_number(value))
+        if symbol != "+=":
+            raise ScriptError(f"{symbol!r} needs a number, not {_described(value)}")
+        return as_text(before) + as_text(value)
+
+
+def _check_set(symbol: str, left: Any, right: Any) -> None:
+    for side, value in (("left", left), ("right", right)):
+        if value is None:
+            raise ScriptError(f"the {side} operand of {symbol!r} has no value")
+
+
+def _described(value: Any) -> str:
+    return f"the text {value!r}" if isinstance(value, str) else repr(value)

@@ -1,0 +1,164 @@
+"""Values of a blackboard and how BehaviorTree.CPP makes one type of another.
+
+Integers are of 64 bits, real numbers are doubles, texts are texts; a boolean is stored as 0 or 1.
+Anything else is kept as it is. Source: BehaviorTree.CPP's `Any` and `convertFromString`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+# C++ names of Python's types; of others nothing is known.
+CPP_TYPES: Mapping[type, str] = {
+    int: "int64_t",
+    float: "double",
+    bool: "bool",
+    str: "std::string",
+}
+# The C++ type of an entry that may be anything, to which the library cannot convert a text.
+ANY_TYPE = "BT::Any"
+INT64 = range(-(2**63), 2**63)
+# The largest integer below which a double holds every one.
+EXACT = 2**53 - 1
+
+_LEADING_NUMBER = re.compile(r"-?(inf|nan|([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?)", re.ASCII)
+_INTEGER = re.compile(r"[+-]?[0-9]+", re.ASCII)
+
+# Names of C++ types, by what they are here.
+_RANGES = {
+    "int": range(-(2**31), 2**31),
+    "int32_t": range(-(2**31), 2**31),
+    "short": range(-(2**15), 2**15),
+    "int16_t": range(-(2**15), 2**15),
+    "int8_t": range(-(2**7), 2**7),
+    "long": INT64,
+    "int64_t": INT64,
+    "unsigned int": range(2**32),
+    "unsigned": range(2**32),
+    "uint32_t": range(2**32),
+    "uint16_t": range(2**16),
+    "uint8_t": range(2**8),
+    "uint64_t": range(2**64),
+    "unsigned long": range(2**64),
+    "size_t": range(2**64),
+}
+INTEGERS = frozenset(_RANGES)
+_REALS = ("double", "float")
+_TEXTS = ("std::string", "string", "str")
+_LISTS = re.compile(r"std::(?:vector|deque)<(.+?)(?:,.*)?>|list<(.+)>", re.ASCII)
+
+
+class ValueTypeError(ValueError):
+    """A value that cannot be taken for one of the type that is needed."""
+
+
+def read_boolean(text: str) -> bool | None:
+    """A boolean as BehaviorTree.CPP reads it, None for anything else."""
+    if text in ("1", "true", "TRUE", "True"):
+        return True
+    return False if text in ("0", "false", "FALSE", "False") else None
+
+
+def as_number(value: Any) -> float:
+    """As a double."""
+    if isinstance(value, float):
+        return value
+    if isinstance(value, int):
+        if abs(value) > EXACT:
+            raise ValueTypeError(f"{value} is too large for an exact real number")
+        return float(value)
+    if isinstance(value, str):
+        match = _LEADING_NUMBER.match(value)
+        if match is None:
+            raise ValueTypeError(f"the text {value!r} is no number")
+        return float(match[0])
+    raise ValueTypeError(f"{value!r} is no number" if value is not None else "there is no value")
+
+
+def as_integer(value: Any) -> int:
+    """As an integer of 64 bits."""
+    if isinstance(value, int):
+        return int(value)
+    if isinstance(value, float):
+        if not math.isfinite(value) or value != round(value) or int(value) not in INT64:
+            raise ValueTypeError(f"{value!r} is no integer")
+        return int(value)
+    if isinstance(value, str) and (match := re.match(r"-?[0-9]+", value, re.ASCII)):
+        return int(match[0])
+    raise ValueTypeError(f"{value!r} is no integer")
+
+
+def as_truth(value: Any) -> bool:
+    """As a boolean: an integer has to be 0 or 1, a real number must not be negative."""
+    if isinstance(value, float) and not value < 0:
+        return value != 0
+    if isinstance(value, int) and value in (0, 1):
+        return bool(value)
+    if value is None:
+        raise ValueTypeError("there is no value")
+    kind = "the text " if isinstance(value, str) else ""
+    raise ValueTypeError(f"{kind}{value!r} is neither true nor false")
+
+
+def as_text(value: Any) -> str:
+    """As C++'s std::to_string writes it: 6 decimals for a number that is no integer."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, float):
+        return f"{value:f}"
+    if isinstance(value, int):
+        return str(int(value))
+    raise ValueTypeError(f"{value!r} cannot be written as a text")
+
+
+def copied_into(before: Any, value: Any) -> Any:
+    """`value` in the place of `before`, whose type it takes."""
+    if before is None or type(before) is type(value):
+        return value
+    if isinstance(before, int) and isinstance(value, int | float):
+        return as_integer(value)
+    if isinstance(before, float) and isinstance(value, int | float):
+        return as_number(value)
+    raise ValueTypeError(f"{value!r} cannot take the place of {before!r}")
+
+
+def read_text(text: str, type_name: str, enums: Mapping[str, int] | None = None) -> Any:
+    """What a text means where a value of this C++ type is needed; a text for types unknown here.
+
+    Raises ValueTypeError.
+    """
+    if type_name in _RANGES:
+        return _read_integer(text, type_name, enums or {})
+    if type_name in _REALS:
+        try:
+            return float(text)
+        except ValueError:
+            raise ValueTypeError(f"the text {text!r} is no real number") from None
+    if type_name == "bool":
+        truth = read_boolean(text)
+        if truth is None:
+            raise ValueTypeError(f"the text {text!r} is neither true nor false")
+        return truth
+    if text.startswith("json:"):
+        try:
+            return json.loads(text[5:])
+        except ValueError as error:
+            raise ValueTypeError(f"{text[:80]!r} is no JSON: {error}") from None
+    if match := _LISTS.fullmatch(type_name):
+        items = text.split(";") if text else []
+        return [read_text(item, match[1] or match[2], enums) for item in items]
+    return text
+
+
+def _read_integer(text: str, type_name: str, enums: Mapping[str, int]) -> int:
+    if text in enums:
+        return enums[text]
+    if not _INTEGER.fullmatch(text) or len(text) > 30:
+        raise ValueTypeError(f"the text {text!r} is no integer")
+    if int(text) not in _RANGES[type_name]:
+        raise ValueTypeError(f"{text} is out of the range of {type_name}")
+    return int(text)

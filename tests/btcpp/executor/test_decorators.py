@@ -1,0 +1,173 @@
+"""Decorators: what BehaviorTree.CPP's documentation says of each."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from mrbt_mesh.btcpp import TickError
+from mrbt_mesh.btcpp.executor.node import FAILURE, RUNNING, SKIPPED, SUCCESS
+from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
+from tests.support.btcpp.ticked import Ticked
+
+ALL = '<Leaf says="SUCCESS FAILURE RUNNING"/>'
+SKIP = '<Leaf says="SUCCESS" _skipIf="true"/>'
+
+
+def test_simple_decorators() -> None:
+    assert Ticked(f"<Inverter>{ALL}</Inverter>").run(3) == [FAILURE, SUCCESS, RUNNING]
+    assert Ticked(f"<ForceSuccess>{ALL}</ForceSuccess>").run(3) == [SUCCESS, SUCCESS, RUNNING]
+    assert Ticked(f"<ForceFailure>{ALL}</ForceFailure>").run(3) == [FAILURE, FAILURE, RUNNING]
+    keep = f"<KeepRunningUntilFailure>{ALL}</KeepRunningUntilFailure>"
+    assert Ticked(keep).run(2) == [RUNNING, FAILURE]
+    for kind in ("Inverter", "ForceSuccess", "ForceFailure"):
+        assert Ticked(f"<{kind}>{SKIP}</{kind}>").run() == [SKIPPED]
+    assert Ticked(keep.replace(ALL, SKIP)).run() == [RUNNING]
+
+
+def retry(says: str, attempts: int, **options: Any) -> Ticked:
+    leaf = f'<Leaf says="{says}"/>'
+    return Ticked(
+        f'<RetryUntilSuccessful num_attempts="{attempts}">{leaf}</RetryUntilSuccessful>', **options
+    )
+
+
+def test_retry_and_repeat_yield_between_attempts() -> None:
+    assert retry("FAILURE FAILURE SUCCESS", 3).run(3) == [RUNNING, RUNNING, SUCCESS]
+    assert retry("FAILURE FAILURE SUCCESS", 3).once() is SUCCESS
+    assert retry("FAILURE FAILURE SUCCESS", 3, yields=False).run() == [SUCCESS]
+    assert retry("FAILURE", 0).run() == [FAILURE]
+    repeat = '<Repeat num_cycles="2"><Leaf says="SUCCESS RUNNING SUCCESS FAILURE"/></Repeat>'
+    assert Ticked(repeat).run(4) == [RUNNING, RUNNING, SUCCESS, FAILURE]
+
+
+@pytest.mark.parametrize("yields", [True, False])
+def test_a_loop_without_end_is_noticed(yields: bool) -> None:
+    tree = Ticked('<Repeat num_cycles="-1"><AlwaysSuccess/></Repeat>', yields=yields)
+    with pytest.raises(TickError, match=r"Repeat/AlwaysSuccess: .* does not end"):
+        tree.once()
+
+
+@pytest.mark.parametrize("yields", [True, False])
+def test_a_loop_whose_leaf_is_never_ticked_is_noticed(yields: bool) -> None:
+    body = '<RetryUntilSuccessful num_attempts="-1"><Leaf says="SUCCESS" _failureIf="true"/>'
+    tree = Ticked(f"{body}</RetryUntilSuccessful>", yields=yields)
+    with pytest.raises(TickError, match=r"RetryUntilSuccessful/Leaf: .* does not end"):
+        tree.once()
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_a_precondition_after_a_halt(exact: bool) -> None:
+    """The library goes on with the child and does not ask the script again."""
+    gate = '<Precondition if="n == 0" else="FAILURE"><Leaf says="RUNNING"/></Precondition>'
+    body = f'<ReactiveSequence><ScriptCondition code="go"/>{gate}</ReactiveSequence>'
+    tree = Ticked(body, {"n": 0, "go": True}, exact=exact)
+    assert tree.run() == [RUNNING]
+    tree.board["go"] = False
+    assert tree.run() == [FAILURE]
+    tree.board["go"], tree.board["n"] = True, 1
+    assert tree.run() == [RUNNING if exact else FAILURE]
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_a_guard_yields_only_if_it_is_exact(exact: bool) -> None:
+    guard = '<Repeat num_cycles="2"><AlwaysSuccess/></Repeat>'
+    body = f'<ReactiveSequence>{guard}<Leaf says="RUNNING"/></ReactiveSequence>'
+    tree = Ticked(body, exact=exact)
+    for _ in range(3):
+        tree.once()
+    assert tree.halts == [2 if exact else 0]
+
+
+def test_retry_keeps_its_count_over_a_skip_and_loses_it_when_halted() -> None:
+    leaf = '<Leaf says="RUNNING FAILURE RUNNING FAILURE" _skipIf="skip == 1"/>'
+    body = f'<RetryUntilSuccessful num_attempts="2">{leaf}</RetryUntilSuccessful>'
+    tree = Ticked(body, {"skip": 0})
+    root: Any = tree.engine.root
+    assert tree.run(2) == [RUNNING, RUNNING]
+    assert root.count == 1
+    tree.engine.halt()
+    assert root.count == 0
+    root.count = 1
+    tree.board["skip"] = 1
+    assert tree.run() == [SKIPPED]
+    assert root.count == 1
+
+
+def test_run_once() -> None:
+    assert Ticked('<RunOnce><Leaf says="RUNNING FAILURE"/></RunOnce>').run(3) == [
+        RUNNING,
+        FAILURE,
+        SKIPPED,
+    ]
+    tree = Ticked('<RunOnce then_skip="false"><Leaf says="FAILURE"/></RunOnce>')
+    assert tree.run(3) == [FAILURE] * 3
+    assert tree.ticks == [1]
+
+
+def test_precondition_asks_only_while_its_child_does_not_run() -> None:
+    leaf = '<Leaf says="RUNNING SUCCESS"/>'
+    tree = Ticked(f'<Precondition if="ok == 1" else="SKIPPED">{leaf}</Precondition>', {"ok": 1})
+    assert tree.run() == [RUNNING]
+    tree.board["ok"] = 0
+    assert tree.run(2) == [SUCCESS, SKIPPED]
+
+
+def test_loop_puts_each_item_into_its_value() -> None:
+    note = '<Note what="{item}"/>'
+    tree = Ticked(f'<LoopString queue="a;b" value="{{item}}">{note}</LoopString>')
+    assert tree.run(6) == [RUNNING, RUNNING, SUCCESS] * 2
+    assert tree.seen == ["a", "b", "a", "b"]
+    body = f'<LoopInt queue="{{items}}" value="{{item}}" if_empty="FAILURE">{note}</LoopInt>'
+    tree = Ticked(body, {"items": [1]})
+    assert tree.run(2) == [RUNNING, FAILURE]
+    assert tree.board["items"] == []
+    failing = '<LoopInt queue="1;2;3" value="{item}"><Leaf says="SUCCESS FAILURE"/></LoopInt>'
+    assert Ticked(failing).run(2) == [RUNNING, FAILURE]
+    with pytest.raises(TickError, match="port 'queue': the entry 'items' has no value"):
+        Ticked(body).run()
+    with pytest.raises(TickError, match="'items' is no list"):
+        Ticked(body, {"items": 3}).run()
+
+
+@pytest.mark.parametrize(
+    ("kind", "queue", "items"),
+    [
+        ("LoopInt", "1;-2", [1, -2]),
+        ("LoopDouble", "1.5; 2", [1.5, 2.0]),
+        ("LoopBool", "true;0", [True, False]),
+        ("LoopString", "a; b", ["a", " b"]),
+        ("LoopInt", "json:[3, 4]", [3, 4]),
+        ("LoopString", "", []),
+    ],
+)
+def test_constant_queues_have_items_of_their_kind(kind: str, queue: str, items: list[Any]) -> None:
+    tree = Ticked(f'<{kind} queue="{queue}" value="{{v}}"><Note what="{{v}}"/></{kind}>')
+    assert tree.run(len(items) + 1) == [RUNNING] * len(items) + [SUCCESS]
+    assert tree.seen == items
+    assert [type(item) for item in tree.seen] == [type(item) for item in items]
+
+
+def test_a_queue_that_cannot_be_read_is_told_with_its_place() -> None:
+    with pytest.raises(TreeFileError, match=r"tree.xml:1: Main/LoopInt: .*'queue'.*'b'"):
+        Ticked('<LoopInt queue="1;b" value="{v}"><AlwaysSuccess/></LoopInt>')
+
+
+@pytest.mark.parametrize(
+    ("kind", "otherwise"), [("SkipUnlessUpdated", SKIPPED), ("WaitValueUpdate", RUNNING)]
+)
+def test_updates(kind: str, otherwise: object) -> None:
+    tree = Ticked(f'<{kind} entry="{{x}}"><Leaf says="RUNNING SUCCESS"/></{kind}>')
+    assert tree.run() == [otherwise]
+    tree.board["x"] = 1
+    assert tree.run(3) == [RUNNING, SUCCESS, otherwise]
+    tree.board["x"] = 1
+    assert tree.run(2) == [SUCCESS, otherwise]
+
+
+def test_a_subtree_has_a_blackboard_of_its_own() -> None:
+    inner = '<BehaviorTree ID="In"><Script code="x := 1; given += 1; @top := 2"/></BehaviorTree>'
+    tree = Ticked('<SubTree ID="In" given="{outer}"/>', {"outer": 4}, trees=inner)
+    assert tree.run() == [SUCCESS]
+    assert {name: tree.board[name] for name in tree.board.names()} == {"outer": 5, "top": 2}

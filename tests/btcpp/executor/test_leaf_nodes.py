@@ -1,0 +1,103 @@
+"""Nodes that call functions: arguments, outputs, results."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from mrbt_mesh.btcpp import BehaviorTree, InOut, NodeStatus, Out, TaskFailedError, TickError
+
+
+def tree_of(body: str, **entries: Any) -> BehaviorTree:
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
+    tree = BehaviorTree.from_text(text)
+    for name, value in entries.items():
+        tree.blackboard[name] = value
+    return tree
+
+
+def test_inputs_are_converted_and_outputs_are_written() -> None:
+    tree = tree_of('<Work a="3" b="{b}" out="{o}" both="{n}"/>', b="2.5", n=4)
+    seen: list[Any] = []
+
+    @tree.action("Work")
+    def work(a: int, b: float, out: Out[str], both: InOut[int], c: str = "usual") -> bool:
+        seen.extend([a, b, c, both.value])
+        out.set("done")
+        both.set(both.value + 1)
+        return False
+
+    assert tree.engine.tick(0) is NodeStatus.FAILURE
+    assert seen == [3, 2.5, "usual", 4]
+    assert (tree.blackboard["o"], tree.blackboard["n"]) == ("done", 5)
+
+
+@pytest.mark.parametrize("ports", ["", ' error="" retries=""'])
+def test_outputs_may_be_left_out_also_by_an_empty_text(ports: str) -> None:
+    tree = tree_of(f"<Work{ports}/>")
+
+    @tree.action("Work")
+    def work(error: Out[str] | None = None, retries: InOut[int] | None = None) -> bool:
+        return error is None and retries is None
+
+    assert tree.engine.tick(0) is NodeStatus.SUCCESS
+
+
+@pytest.mark.parametrize("answer", [True, False])
+def test_a_condition_may_be_async_if_it_does_not_wait(answer: bool) -> None:
+    tree = tree_of("<Ok/>")
+
+    @tree.condition("Ok")
+    async def ok() -> bool:
+        return answer
+
+    assert tree.engine.tick(0) is (NodeStatus.SUCCESS if answer else NodeStatus.FAILURE)
+
+
+def test_a_condition_that_waits_is_told() -> None:
+    tree = tree_of("<Ok/>")
+
+    class Forever:
+        def __await__(self) -> Any:
+            yield
+
+    @tree.condition("Ok")
+    async def ok() -> None:
+        await Forever()
+
+    with pytest.raises(TickError, match="Main/Ok: the condition 'Ok' waits"):
+        tree.engine.tick(0)
+
+
+def test_wrong_values_are_told_with_node_and_port() -> None:
+    tree = tree_of('<Work a="{a}"/>', a="many")
+    tree.action("Work")(_work)
+    with pytest.raises(TickError, match="Main/Work: port 'a': the text 'many' is no integer"):
+        tree.engine.tick(0)
+    tree = tree_of('<Work a="{a}"/>')
+    tree.action("Work")(_work)
+    with pytest.raises(TickError, match="port 'a': the entry 'a' has no value"):
+        tree.engine.tick(0)
+
+
+def _work(a: int) -> None:
+    raise TaskFailedError(f"no {a}")
+
+
+def test_a_plain_function_fails_with_a_reason() -> None:
+    tree = tree_of('<Work a="3"/>')
+    tree.action("Work")(_work)
+    assert tree.engine.tick(0) is NodeStatus.FAILURE
+    assert [view.reason for view in tree.view()] == ["no 3"]
+
+
+def test_an_output_of_a_wrong_type_is_told() -> None:
+    tree = tree_of('<Sequence><Work out="{n}"/><Sleep msec="{n}"/></Sequence>')
+
+    @tree.action("Work")
+    def work(out: Out[Any]) -> None:
+        out.set("soon")
+
+    with pytest.raises(TickError, match="Work: port 'out': the entry 'n' is of type unsigned int"):
+        tree.engine.tick(0)

@@ -1,0 +1,141 @@
+"""Nav2's nodes, as its documentation describes them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from mrbt_mesh.btcpp import TickError
+from mrbt_mesh.btcpp.executor.node import FAILURE, RUNNING, SKIPPED, SUCCESS
+from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
+from tests.support.btcpp.ticked import Ticked
+
+
+def leaves(*says: str) -> str:
+    return "".join(f'<Leaf says="{each}"/>' for each in says)
+
+
+def test_pipeline_sequence_ticks_earlier_children_again() -> None:
+    # The documentation's table: A runs, then B while A is ticked on, then C.
+    tree = Ticked(
+        "<PipelineSequence>"
+        + leaves("RUNNING SUCCESS RUNNING RUNNING SUCCESS", "RUNNING SUCCESS", "RUNNING SUCCESS")
+        + "</PipelineSequence>"
+    )
+    assert tree.run(4) == [RUNNING, RUNNING, RUNNING, SUCCESS]
+    assert tree.ticks == [4, 3, 2]
+
+
+def test_pipeline_sequence_fails_with_any_child() -> None:
+    tree = Ticked(
+        f"<PipelineSequence>{leaves('SUCCESS SUCCESS FAILURE', 'RUNNING')}</PipelineSequence>"
+    )
+    assert tree.run(3) == [RUNNING, RUNNING, FAILURE]
+    assert tree.halts == [0, 1]
+
+
+def recovery(*says: str, retries: int = 1) -> Ticked:
+    body = leaves(*says)
+    return Ticked(f'<RecoveryNode number_of_retries="{retries}">{body}</RecoveryNode>')
+
+
+def test_recovery_node_tries_again_after_its_recovery() -> None:
+    tree = recovery("FAILURE SUCCESS", "RUNNING SUCCESS")
+    assert tree.run(2) == [RUNNING, SUCCESS]
+    assert tree.ticks == [2, 2]
+    tree = recovery("FAILURE", "SUCCESS", retries=2)
+    assert tree.run() == [FAILURE]
+    assert tree.ticks == [3, 2]
+    assert recovery("FAILURE", "FAILURE", retries=5).run() == [FAILURE]
+    assert recovery("FAILURE", "SUCCESS", retries=0).run() == [FAILURE]
+
+
+def test_recovery_node_is_skipped_with_its_first_child() -> None:
+    body = '<Leaf says="SUCCESS" _skipIf="true"/><Leaf says="SUCCESS"/>'
+    assert Ticked(f"<RecoveryNode>{body}</RecoveryNode>").run() == [SKIPPED]
+
+
+@pytest.mark.parametrize(("wraps", "third"), [("true", SUCCESS), ("false", FAILURE)])
+def test_round_robin_takes_the_next_child_at_each_turn(wraps: str, third: object) -> None:
+    body = leaves("SUCCESS", "SUCCESS")
+    tree = Ticked(f'<RoundRobin wrap_around="{wraps}">{body}</RoundRobin>')
+    # Within one life of the node, as below a RecoveryNode, which does not halt what has ended.
+    results = []
+    for _ in range(3):
+        results.append(tree.engine.root.execute())
+    assert results == [SUCCESS, SUCCESS, third]
+    assert tree.ticks == [1 + (third is SUCCESS), 1]
+
+
+def test_round_robin_fails_when_all_have_failed() -> None:
+    tree = Ticked(f"<RoundRobin>{leaves('FAILURE', 'RUNNING FAILURE')}</RoundRobin>")
+    assert tree.run(2) == [RUNNING, FAILURE]
+    assert tree.ticks == [1, 2]
+
+
+def test_rate_controller_ticks_its_child_at_a_rate() -> None:
+    tree = Ticked(f'<RateController hz="10">{leaves("SUCCESS RUNNING SUCCESS")}</RateController>')
+    gate: Any = tree.engine.root
+    ticks = []
+    for now_ms in range(0, 420, 20):
+        tree.now_ms = now_ms
+        tree.engine._world.now_us = now_ms * 1_000
+        gate.execute()
+        gate.status = RUNNING  # as below a PipelineSequence that runs
+        ticks.append(tree.ticks[0])
+    # Every 100 ms; the second time it runs for 20 ms more.
+    assert ticks[:5] == [1] * 5
+    assert ticks[5:7] == [2, 3]
+    assert ticks[7:11] == [3] * 4
+    assert ticks[11] == 4
+    with pytest.raises(TickError, match="hz=0 is not positive"):
+        Ticked(f'<RateController hz="0">{leaves("SUCCESS")}</RateController>').run()
+
+
+def test_distance_controller_ticks_its_child_each_metre() -> None:
+    pose = [0.0, 0.0]
+    body = f'<DistanceController distance="1">{leaves("SUCCESS")}</DistanceController>'
+    tree = Ticked(body, sources={"robot_pose": lambda: (pose[0], pose[1])})
+    gate: Any = tree.engine.root
+    ticks = []
+    for step in range(9):
+        pose[0] = 0.5 * step
+        gate.execute()
+        gate.status = RUNNING
+        ticks.append(tree.ticks[0])
+    assert ticks == [1, 1, 2, 2, 3, 3, 4, 4, 5]
+
+
+def test_speed_controller_is_faster_the_faster_the_robot_is() -> None:
+    ports = 'min_rate="1" max_rate="10" min_speed="0" max_speed="1"'
+    speed = [1.0]
+    body = f"<SpeedController {ports}>{leaves('SUCCESS')}</SpeedController>"
+    tree = Ticked(body, sources={"robot_speed": lambda: speed[0]})
+    gate: Any = tree.engine.root
+    ticked_ms: list[int] = []
+    for now_ms in range(0, 3_001, 100):
+        speed[0] = 1.0 if now_ms < 500 else 0.0
+        tree.engine._world.now_us = now_ms * 1_000
+        before = tree.ticks[0]
+        gate.execute()
+        gate.status = RUNNING
+        ticked_ms += [now_ms] * (tree.ticks[0] - before)
+    assert ticked_ms == [0, 100, 200, 300, 400, 500, 1500, 2500]
+
+
+def test_sources_that_are_missing_are_told_before_the_first_tick() -> None:
+    with pytest.raises(TreeFileError, match="the source 'robot_pose'"):
+        Ticked(f"<DistanceController>{leaves('SUCCESS')}</DistanceController>")
+
+
+def test_goal_updater_passes_the_latest_goal_on() -> None:
+    body = (
+        '<GoalUpdater input_goal="{goal}" output_goal="{used}"><Note what="{used}"/></GoalUpdater>'
+    )
+    latest: list[str | None] = [None]
+    tree = Ticked(body, {"goal": "dock"}, sources={"goal_update": lambda: latest[0]})
+    tree.run()
+    latest[0] = "gate"
+    tree.run()
+    assert tree.seen == ["dock", "gate"]
