@@ -88,7 +88,7 @@ test-slow: $(READY)
 
 # What mrbt analyze foretells of faults against simulated runs: some 6,200 of them, ten minutes.
 tolerance: $(READY)
-	MRBT_TOLERANCE_MISSIONS=1800 $(BIN)/pytest -n auto tests/analysis/test_tolerance_random_missions.py
+	MRBT_TOLERANCE_MISSIONS=1800 $(BIN)/pytest -n auto tests/analysis/tolerance/test_fault_counts_random_missions.py
 
 test-browser: $(READY) chromium
 	$(BIN)/pytest -m browser -rs tests/browser

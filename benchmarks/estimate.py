@@ -17,8 +17,8 @@ from typing import Any
 
 from benchmarks.run import REPAIR, machine, say
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.sim.engine.failures import FailureModel
-from mrbt_mesh.sim.statistics.estimate import Experiment, Point, outcomes, run_one
+from mrbt_mesh.sim.estimate import Experiment, Point, outcomes, run_one
+from mrbt_mesh.sim.world.failures import FailureModel
 
 
 def experiment(runs: int) -> Experiment:

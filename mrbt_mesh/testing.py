@@ -42,7 +42,7 @@ from mrbt_mesh.sim import (
     Thaw,
     simulate,
 )
-from mrbt_mesh.sim.engine.named_faults import (
+from mrbt_mesh.sim.world.named_faults import (
     NamedFault,
     check_faults,
     check_local_task,

@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import combinations
 
-from mrbt_mesh.analysis.readings import serial
-from mrbt_mesh.analysis.service import Fault, FaultyTeam, capability_faults, robot_faults
-from mrbt_mesh.analysis.tolerance import tolerance
+from mrbt_mesh.analysis.tolerance.fault_counts import tolerance
+from mrbt_mesh.analysis.tolerance.readings import serial
+from mrbt_mesh.analysis.tolerance.service import Fault, FaultyTeam, capability_faults, robot_faults
 from mrbt_mesh.core.mission.mission import Mission, performance
 from mrbt_mesh.core.mission.names import type_name
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.sim.engine.network import Link, LinkKnobs, NetworkKnobs
+from mrbt_mesh.sim.world.network import Link, LinkKnobs, NetworkKnobs
 
 SECOND_US = 1_000_000
 TIMING = Timing()

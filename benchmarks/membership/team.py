@@ -34,12 +34,12 @@ from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.runtime.actions import RobotIdentity
 from mrbt_mesh.runtime.program import RobotProgram
-from mrbt_mesh.sim.engine.inspection import Inspection
-from mrbt_mesh.sim.engine.network import Network, NetworkKnobs
-from mrbt_mesh.sim.engine.process import SimProcess
-from mrbt_mesh.sim.engine.setup import AgentOptions, Setup
-from mrbt_mesh.sim.engine.sharing import HandedOver, shared_engine
-from mrbt_mesh.sim.engine.world import World
+from mrbt_mesh.sim.world.inspection import Inspection
+from mrbt_mesh.sim.world.network import Network, NetworkKnobs
+from mrbt_mesh.sim.world.process import SimProcess
+from mrbt_mesh.sim.world.setup import AgentOptions, Setup
+from mrbt_mesh.sim.world.sharing import HandedOver, shared_engine
+from mrbt_mesh.sim.world.world import World
 
 START_SPREAD_US = 200_000
 NEVER_US = 1 << 60

@@ -9,7 +9,7 @@ from benchmarks.membership.networks import SECOND_US, TIMING, WARM_UP_US, Net, m
 from benchmarks.membership.team import SteppedTeam
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.membership.peer import State
-from mrbt_mesh.sim.engine.network import Link
+from mrbt_mesh.sim.world.network import Link
 
 
 @dataclass

@@ -20,7 +20,7 @@ from mrbt_mesh.core.agent.inputs import CapabilityChanged
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.sim.engine.network import Link, LinkKnobs, NetworkKnobs
+from mrbt_mesh.sim.world.network import Link, LinkKnobs, NetworkKnobs
 
 SIZES = (8, 16, 32, 64, 125, 250, 500, 1_000)
 # Of larger teams one event of each kind; of still larger ones no facts, joins and partitions.

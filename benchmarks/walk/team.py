@@ -12,7 +12,7 @@ from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.sim.engine.network import LinkKnobs, NetworkKnobs
+from mrbt_mesh.sim.world.network import LinkKnobs, NetworkKnobs
 
 MISSION = """\
 mission: walk

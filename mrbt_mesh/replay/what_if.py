@@ -15,9 +15,9 @@ from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.recording.reader import Recording, RecordingError
 from mrbt_mesh.replay.player import Player
 from mrbt_mesh.runtime.program import RobotProgram
-from mrbt_mesh.sim.engine.faults import ChangePerformance, Fault, Lose
-from mrbt_mesh.sim.engine.setup import Beginning
 from mrbt_mesh.sim.run import SimulationResult, simulate
+from mrbt_mesh.sim.world.faults import ChangePerformance, Fault, Lose
+from mrbt_mesh.sim.world.setup import Beginning
 
 # In the simulator the team joins first; then it is as late as in the recording.
 JOIN_US = 300_000

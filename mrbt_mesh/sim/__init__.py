@@ -8,7 +8,8 @@ It may import the runtime, whose action runner carries out users' programs, and 
 never Zenoh. The same seed gives the same run, to the byte.
 """
 
-from mrbt_mesh.sim.engine.faults import (
+from mrbt_mesh.sim.run import SimulationError, SimulationResult, simulate
+from mrbt_mesh.sim.world.faults import (
     Block,
     ChangePerformance,
     ClockJump,
@@ -38,9 +39,8 @@ from mrbt_mesh.sim.engine.faults import (
     Unblock,
     partition,
 )
-from mrbt_mesh.sim.engine.network import LinkKnobs, NetworkKnobs
-from mrbt_mesh.sim.engine.setup import AgentOptions
-from mrbt_mesh.sim.run import SimulationError, SimulationResult, simulate
+from mrbt_mesh.sim.world.network import LinkKnobs, NetworkKnobs
+from mrbt_mesh.sim.world.setup import AgentOptions
 
 __all__ = [
     "AgentOptions",

@@ -22,15 +22,15 @@ from mrbt_mesh.runtime.robot_loop import LoopWatchdog
 from mrbt_mesh.runtime.user_code import UserCall, place_of
 from mrbt_mesh.sim.checkers.comparison import PlanComparison
 from mrbt_mesh.sim.checkers.inspection import FullInspection
-from mrbt_mesh.sim.engine.clock import VirtualLoop
-from mrbt_mesh.sim.engine.failures import NO_FAILURES, FailureModel
-from mrbt_mesh.sim.engine.faults import EndRouter, Schedule, StartRouter
-from mrbt_mesh.sim.engine.inspection import Inspection
-from mrbt_mesh.sim.engine.network import NetworkKnobs
-from mrbt_mesh.sim.engine.scenario import Scenario
-from mrbt_mesh.sim.engine.setup import AgentOptions, Beginning, Setup
-from mrbt_mesh.sim.engine.sharing import shared_engine
-from mrbt_mesh.sim.engine.world import LookOn, World
+from mrbt_mesh.sim.world.clock import VirtualLoop
+from mrbt_mesh.sim.world.failures import NO_FAILURES, FailureModel
+from mrbt_mesh.sim.world.faults import EndRouter, Schedule, StartRouter
+from mrbt_mesh.sim.world.inspection import Inspection
+from mrbt_mesh.sim.world.network import NetworkKnobs
+from mrbt_mesh.sim.world.scenario import Scenario
+from mrbt_mesh.sim.world.setup import AgentOptions, Beginning, Setup
+from mrbt_mesh.sim.world.sharing import shared_engine
+from mrbt_mesh.sim.world.world import LookOn, World
 
 DEFAULT_TIMEOUT_US = 600_000_000
 # A step of a program's code that takes longer, in real time, fails.

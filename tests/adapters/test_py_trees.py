@@ -18,7 +18,7 @@ from mrbt_mesh.core.mission.mission import MICRO
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.runtime.program import ProgramError
 from mrbt_mesh.sim import Kill, simulate
-from mrbt_mesh.sim.engine.clock import VirtualClock, VirtualLoop
+from mrbt_mesh.sim.world.clock import VirtualClock, VirtualLoop
 from tests.support.action_host import Host
 from tests.support.build import action, make_mission, sequence
 from tests.support.extras import said_without

@@ -18,7 +18,7 @@ from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.runtime.program_loader import check_program
-from mrbt_mesh.sim.engine.clock import VirtualClock, VirtualLoop
+from mrbt_mesh.sim.world.clock import VirtualClock, VirtualLoop
 from tests.support.action_host import Host
 from tests.support.build import (
     action,

@@ -6,7 +6,7 @@ import pytest
 
 from mrbt_mesh.core.engine import DEFINITIONS, FASTEST, INCREMENTAL, Engine
 from mrbt_mesh.sim import Freeze, Kill, Schedule, SimulationResult, Thaw, simulate
-from mrbt_mesh.sim.engine.setup import AgentOptions
+from mrbt_mesh.sim.world.setup import AgentOptions
 from tests.support import behaviour
 from tests.support.behaviour import mission_of, starts
 from tests.support.effort import seeds

@@ -18,7 +18,7 @@ from mrbt_mesh.sim import (
     partition,
     simulate,
 )
-from mrbt_mesh.sim.engine.setup import AgentOptions
+from mrbt_mesh.sim.world.setup import AgentOptions
 from tests.support import behaviour
 from tests.support.behaviour import ends, mission_of, starts
 from tests.support.effort import seeds

@@ -17,7 +17,7 @@ from mrbt_mesh.drills.physical import Span, spans
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext
 from mrbt_mesh.sim import AgentOptions, SimulationResult, simulate
-from mrbt_mesh.sim.engine import faults as f
+from mrbt_mesh.sim.world import faults as f
 from tests.support.effort import IS_LONG
 from tests.support.runs import example
 

@@ -12,7 +12,7 @@ from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.planning import make_plan
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.sim import SimulationResult, simulate
-from mrbt_mesh.sim.engine.setup import AgentOptions
+from mrbt_mesh.sim.world.setup import AgentOptions
 from tests.support.behaviour import mission_of
 
 robot = RobotProgram()

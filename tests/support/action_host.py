@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from mrbt_mesh.core.agent.inputs import Input, TreeTicked
-from mrbt_mesh.sim.engine.clock import VirtualClock
+from mrbt_mesh.sim.world.clock import VirtualClock
 
 
 class Host:

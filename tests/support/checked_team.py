@@ -12,8 +12,8 @@ from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.sim import NetworkKnobs
 from mrbt_mesh.sim.checkers.checkers import Checkers
-from mrbt_mesh.sim.engine.clock import VirtualClock
-from mrbt_mesh.sim.engine.network import Network
+from mrbt_mesh.sim.world.clock import VirtualClock
+from mrbt_mesh.sim.world.network import Network
 
 SECOND_US = 1_000_000
 

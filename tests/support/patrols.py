@@ -7,7 +7,7 @@ from collections import Counter
 from benchmarks.membership.team import SteppedTeam
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.sim.engine.network import LinkKnobs, NetworkKnobs
+from mrbt_mesh.sim.world.network import LinkKnobs, NetworkKnobs
 from tests.support.build import action, make_mission, parallel, task
 
 MS = 1_000

@@ -7,7 +7,7 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from mrbt_mesh.analysis.effects import Declarations
+from mrbt_mesh.analysis.lift.effects import Declarations
 from mrbt_mesh.core.bt.tree import NodeSpec, Status
 from tests.support.build import World
 from tests.support.single_robot_trees import REST, VARIABLES

@@ -16,8 +16,8 @@ from typing import Any
 import anyio
 
 from mrbt_mesh import RobotProgram, TaskContext
-from mrbt_mesh.analysis.readings import serial
-from mrbt_mesh.analysis.service import Fault, FaultyTeam, capability_faults, robot_faults
+from mrbt_mesh.analysis.tolerance.readings import serial
+from mrbt_mesh.analysis.tolerance.service import Fault, FaultyTeam, capability_faults, robot_faults
 from mrbt_mesh.core.agent.commands import ORDER
 from mrbt_mesh.core.bt.evaluation import PresentFacts
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec, Status, build_tree

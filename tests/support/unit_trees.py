@@ -12,7 +12,7 @@ import anyio
 import anyio.lowlevel
 
 from mrbt_mesh import RobotProgram, TaskFailedError
-from mrbt_mesh.analysis.lift_units import LiftedUnits, lift_units
+from mrbt_mesh.analysis.lift.in_units import LiftedUnits, lift_units
 from mrbt_mesh.btcpp import BehaviorTree, InOut, Leaves, Out
 from mrbt_mesh.btcpp.files.check import check_library
 from mrbt_mesh.btcpp.files.document import parse_document

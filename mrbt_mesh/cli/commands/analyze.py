@@ -27,8 +27,8 @@ def analyze(
     """
     import click
 
-    from mrbt_mesh.analysis.analyse import analyse
-    from mrbt_mesh.analysis.requirement import TooLargeError
+    from mrbt_mesh.analysis.tolerance.analyse import analyse
+    from mrbt_mesh.analysis.tolerance.requirement import TooLargeError
     from mrbt_mesh.cli.framework.progress import bar_of_steps
     from mrbt_mesh.cli.framework.terminal import check_folder, console, print_json, write_file
     from mrbt_mesh.cli.views.analyze_html import html_report

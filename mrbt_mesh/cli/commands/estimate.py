@@ -20,7 +20,7 @@ from mrbt_mesh.cli.options import (
 
 if TYPE_CHECKING:
     from mrbt_mesh.core.mission.mission import Mission
-    from mrbt_mesh.sim.engine.failures import FailureModel
+    from mrbt_mesh.sim.world.failures import FailureModel
 
 _fault = partial(option, panel="What befalls the team")
 _seconds = partial(_fault, metavar="SECONDS", above=0)
@@ -57,8 +57,8 @@ class ChanceOptions:
 
     def model(self, mission: Mission) -> FailureModel:
         """The same for the simulator; raises InputError."""
-        from mrbt_mesh.sim.engine.failures import FailureModel
         from mrbt_mesh.sim.statistics.sweeps import parse_chances, parse_rates
+        from mrbt_mesh.sim.world.failures import FailureModel
 
         return FailureModel(
             major=parse_rates("fault-rate", self.fault_rate, mission),
@@ -133,7 +133,7 @@ def estimate(
     from mrbt_mesh.cli.virtual.estimating import estimate_and_tell
     from mrbt_mesh.cli.virtual.settings import points
     from mrbt_mesh.formats.mission_file import load_mission
-    from mrbt_mesh.sim.statistics.estimate import Experiment
+    from mrbt_mesh.sim.estimate import Experiment
     from mrbt_mesh.sim.statistics.plotting import check_picture
 
     if plot is not None:

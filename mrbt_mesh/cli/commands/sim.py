@@ -22,7 +22,7 @@ from mrbt_mesh.cli.options import (
 from mrbt_mesh.errors import InputError
 
 if TYPE_CHECKING:
-    from mrbt_mesh.sim.engine.network import NetworkKnobs
+    from mrbt_mesh.sim.world.network import NetworkKnobs
 
 _fault = partial(option, panel="What befalls the team")
 _network = partial(option, panel="The network")
@@ -74,7 +74,7 @@ class NetworkOptions:
 
     def knobs(self) -> NetworkKnobs:
         """The same for the simulator."""
-        from mrbt_mesh.sim.engine.network import LinkKnobs, NetworkKnobs
+        from mrbt_mesh.sim.world.network import LinkKnobs, NetworkKnobs
 
         return NetworkKnobs(
             LinkKnobs(
@@ -123,9 +123,9 @@ def sim(
     from mrbt_mesh.formats.mission_file import load_mission
     from mrbt_mesh.runtime.program_loader import load_program
     from mrbt_mesh.runtime.solver_loader import solver_for
-    from mrbt_mesh.sim.engine.named_faults import check_faults
-    from mrbt_mesh.sim.engine.setup import AgentOptions
     from mrbt_mesh.sim.run import run_scenario, simulate
+    from mrbt_mesh.sim.world.named_faults import check_faults
+    from mrbt_mesh.sim.world.setup import AgentOptions
 
     files.check(mission)
     tell = partial(run_and_tell, files=files, as_json=as_json)

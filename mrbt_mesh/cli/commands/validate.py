@@ -26,7 +26,7 @@ def validate(
 
     Example: mrbt validate examples/vehicle_repair/mission.yaml
     """
-    from mrbt_mesh.analysis.cautions import cautions
+    from mrbt_mesh.analysis.tolerance.cautions import cautions
     from mrbt_mesh.cli.framework.terminal import (
         check_outputs,
         console,

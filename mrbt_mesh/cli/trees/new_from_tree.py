@@ -10,7 +10,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from mrbt_mesh.analysis.lift_units import check_subtrees
+from mrbt_mesh.analysis.lift.in_units import check_subtrees
 from mrbt_mesh.btcpp.files.expand import expand
 from mrbt_mesh.btcpp.files.export import explicit
 from mrbt_mesh.btcpp.files.library import Library

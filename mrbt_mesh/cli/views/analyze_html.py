@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from html import escape
 
-from mrbt_mesh.analysis.analyse import Analysis, assumptions
-from mrbt_mesh.analysis.tolerance import Tolerance
+from mrbt_mesh.analysis.tolerance.analyse import Analysis, assumptions
+from mrbt_mesh.analysis.tolerance.fault_counts import Tolerance
 from mrbt_mesh.cli.views.analyze_view import (
     READING_NAMES,
     advice_rows,

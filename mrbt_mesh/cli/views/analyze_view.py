@@ -11,8 +11,8 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from mrbt_mesh.analysis.advice import Additions
-from mrbt_mesh.analysis.analyse import (
+from mrbt_mesh.analysis.tolerance.advice import Additions
+from mrbt_mesh.analysis.tolerance.analyse import (
     ASSUMPTIONS,
     Advice,
     Analysis,
@@ -20,9 +20,9 @@ from mrbt_mesh.analysis.analyse import (
     TaskSlack,
     assumptions,
 )
-from mrbt_mesh.analysis.lemmas import Verdicts
-from mrbt_mesh.analysis.model import Answer
-from mrbt_mesh.analysis.service import Fault
+from mrbt_mesh.analysis.tolerance.lemmas import Verdicts
+from mrbt_mesh.analysis.tolerance.model import Answer
+from mrbt_mesh.analysis.tolerance.service import Fault
 from mrbt_mesh.core.facts.coalitions import majority
 from mrbt_mesh.core.mission.names import type_name
 

@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.sim.statistics.estimate import PERCENTILES, Summary
+from mrbt_mesh.sim.estimate import PERCENTILES, Summary
 from mrbt_mesh.sim.statistics.team_sizes import describe, resized
 
 

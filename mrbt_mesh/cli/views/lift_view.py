@@ -8,8 +8,8 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from mrbt_mesh.analysis.lift import LiftDecision, Lifted
-from mrbt_mesh.analysis.lift_mission import LiftedMission
+from mrbt_mesh.analysis.lift.lifter import LiftDecision, Lifted
+from mrbt_mesh.analysis.lift.mission import LiftedMission
 
 
 def lifted_data(found: LiftedMission, output: Path | None) -> dict[str, Any]:

@@ -8,9 +8,9 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from mrbt_mesh.analysis.lift_units import LiftedUnits
-from mrbt_mesh.analysis.unit_tasks import UnitUse
-from mrbt_mesh.analysis.units import Piece
+from mrbt_mesh.analysis.lift.in_units import LiftedUnits
+from mrbt_mesh.analysis.lift.unit_tasks import UnitUse
+from mrbt_mesh.analysis.lift.units import Piece
 
 
 def units_data(found: LiftedUnits) -> dict[str, Any]:

@@ -24,8 +24,8 @@ from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim.chaos.campaign import Source, Verdict, campaign, judge
 from mrbt_mesh.sim.chaos.generate import PROGRAM_FILE, generate_mission
 from mrbt_mesh.sim.chaos.minimise import Minimised, minimise
-from mrbt_mesh.sim.engine.faults import fault_text
-from mrbt_mesh.sim.engine.scenario import Scenario, dump
+from mrbt_mesh.sim.world.faults import fault_text
+from mrbt_mesh.sim.world.scenario import Scenario, dump
 
 MAX_MINIMISED = 3
 MAX_SHOWN = 20

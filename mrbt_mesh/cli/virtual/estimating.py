@@ -12,8 +12,8 @@ from mrbt_mesh.cli.framework.progress import bar_of_runs
 from mrbt_mesh.cli.framework.terminal import console, print_json
 from mrbt_mesh.cli.views.estimate_view import render_estimate
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.sim.estimate import Experiment, RunOutcome, Summary, outcomes, summarise
 from mrbt_mesh.sim.run import SimulationError
-from mrbt_mesh.sim.statistics.estimate import Experiment, RunOutcome, Summary, outcomes, summarise
 from mrbt_mesh.sim.statistics.plotting import plot
 
 

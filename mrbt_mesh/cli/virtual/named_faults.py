@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, Mission, micro_performance
 from mrbt_mesh.core.mission.names import ALL
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.sim.engine import faults
-from mrbt_mesh.sim.engine.named_faults import (
+from mrbt_mesh.sim.world import faults
+from mrbt_mesh.sim.world.named_faults import (
     NamedFault,
     RobotFault,
     check_local_task,

@@ -20,8 +20,8 @@ from mrbt_mesh.cli.views.summary_view import render_summary
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.run_dir import SUMMARY_FILE
-from mrbt_mesh.sim.engine.named_faults import NamedFault, missed
 from mrbt_mesh.sim.run import SimulationError, SimulationResult
+from mrbt_mesh.sim.world.named_faults import NamedFault, missed
 
 
 def run_and_tell(

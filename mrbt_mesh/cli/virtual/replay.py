@@ -12,7 +12,7 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import load_program
-from mrbt_mesh.sim.engine.scenario import Scenario, ScenarioError, scenario_from_json
+from mrbt_mesh.sim.world.scenario import Scenario, ScenarioError, scenario_from_json
 
 # The fields of faults that name one robot, several, and both ends of links.
 _ONE, _MANY, _LINKS = ("robot", "source", "seen_by"), ("robots",), ("links", "broken")

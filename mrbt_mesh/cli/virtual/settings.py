@@ -8,8 +8,7 @@ from mrbt_mesh.cli.framework.declare import Given
 from mrbt_mesh.cli.framework.terminal import note
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.sim.engine.failures import EVERYBODY, FailureModel
-from mrbt_mesh.sim.statistics.estimate import Point
+from mrbt_mesh.sim.estimate import Point
 from mrbt_mesh.sim.statistics.sweeps import (
     FAILURE_RATE,
     FAULT_RATE,
@@ -21,6 +20,7 @@ from mrbt_mesh.sim.statistics.sweeps import (
     points_of,
 )
 from mrbt_mesh.sim.statistics.team_sizes import resized
+from mrbt_mesh.sim.world.failures import EVERYBODY, FailureModel
 
 
 def points(

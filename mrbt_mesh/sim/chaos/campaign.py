@@ -13,9 +13,9 @@ from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim.chaos.draw import ChaosKnobs, chaos, draw_knobs
 from mrbt_mesh.sim.chaos.generate import PROGRAM, generate_mission
-from mrbt_mesh.sim.engine.scenario import Scenario
 from mrbt_mesh.sim.parallel import spread
 from mrbt_mesh.sim.run import SimulationError, run_scenario
+from mrbt_mesh.sim.world.scenario import Scenario
 
 CRASH = "crash"
 

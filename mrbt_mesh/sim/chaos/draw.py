@@ -20,9 +20,9 @@ from typing import Any
 from mrbt_mesh.core.agent.commands import ORDER
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.mission.names import type_name
-from mrbt_mesh.sim.engine import faults
-from mrbt_mesh.sim.engine.network import Link, LinkKnobs
-from mrbt_mesh.sim.engine.scenario import Scenario, Step
+from mrbt_mesh.sim.world import faults
+from mrbt_mesh.sim.world.network import Link, LinkKnobs
+from mrbt_mesh.sim.world.scenario import Scenario, Step
 
 MS = 1_000
 SECOND_US = 1_000_000

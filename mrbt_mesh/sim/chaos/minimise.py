@@ -9,9 +9,9 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterable, Sequence
 
-from mrbt_mesh.sim.engine import faults
-from mrbt_mesh.sim.engine.network import LinkKnobs
-from mrbt_mesh.sim.engine.scenario import USUAL, Scenario, Step
+from mrbt_mesh.sim.world import faults
+from mrbt_mesh.sim.world.network import LinkKnobs
+from mrbt_mesh.sim.world.scenario import USUAL, Scenario, Step
 
 ROUND_US = (1_000_000, 100_000, 10_000, 1_000)
 AFTER_US = 100_000

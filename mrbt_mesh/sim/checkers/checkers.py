@@ -17,7 +17,7 @@ from mrbt_mesh.sim.checkers.plans import BidsFirst, OptimalAssignment, SamePlan
 from mrbt_mesh.sim.checkers.renewals import Renewals
 from mrbt_mesh.sim.checkers.restarts import Resumption
 from mrbt_mesh.sim.checkers.work import Progress, WorkWithinBounds
-from mrbt_mesh.sim.engine.process import SimProcess
+from mrbt_mesh.sim.world.process import SimProcess
 
 
 class Checkers:

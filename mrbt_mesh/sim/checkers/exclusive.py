@@ -16,8 +16,8 @@ from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.facts.records import GRANT, Claim
 from mrbt_mesh.core.mission.mission import GlobalTask, InDoubtPolicy
 from mrbt_mesh.sim.checkers.findings import RunFindings
-from mrbt_mesh.sim.engine.journal import Changes
-from mrbt_mesh.sim.engine.process import SimProcess
+from mrbt_mesh.sim.world.journal import Changes
+from mrbt_mesh.sim.world.process import SimProcess
 
 
 @dataclass

@@ -18,7 +18,7 @@ from mrbt_mesh.core.facts.records import (
 from mrbt_mesh.core.facts.store import Entry, FactMap, join
 from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS
 from mrbt_mesh.sim.checkers.findings import RunFindings, is_connected, joined
-from mrbt_mesh.sim.engine.process import SimProcess
+from mrbt_mesh.sim.world.process import SimProcess
 
 
 class Convergence:

@@ -14,9 +14,9 @@ from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.core.planning.steps import PlanningSteps
-from mrbt_mesh.sim.engine.clock import VirtualClock
-from mrbt_mesh.sim.engine.network import Link, Network
-from mrbt_mesh.sim.engine.process import SimProcess
+from mrbt_mesh.sim.world.clock import VirtualClock
+from mrbt_mesh.sim.world.network import Link, Network
+from mrbt_mesh.sim.world.process import SimProcess
 
 MAX_VIOLATIONS = 50
 

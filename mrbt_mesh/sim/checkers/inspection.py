@@ -9,11 +9,11 @@ from mrbt_mesh.core.agent.inputs import Input
 from mrbt_mesh.sim.checkers.checkers import Checkers
 from mrbt_mesh.sim.checkers.comparison import PlanComparison
 from mrbt_mesh.sim.checkers.findings import View
-from mrbt_mesh.sim.engine.effect_log import EffectLog
-from mrbt_mesh.sim.engine.faults import Block, Fault, Unblock, fault_text
-from mrbt_mesh.sim.engine.inspection import Inspection
-from mrbt_mesh.sim.engine.journal import Changes
-from mrbt_mesh.sim.engine.process import SimProcess
+from mrbt_mesh.sim.world.effect_log import EffectLog
+from mrbt_mesh.sim.world.faults import Block, Fault, Unblock, fault_text
+from mrbt_mesh.sim.world.inspection import Inspection
+from mrbt_mesh.sim.world.journal import Changes
+from mrbt_mesh.sim.world.process import SimProcess
 
 
 class FullInspection(Inspection):

@@ -19,7 +19,7 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.sim.checkers.barriers import barriers
 from mrbt_mesh.sim.checkers.findings import RunFindings
-from mrbt_mesh.sim.engine.process import SimProcess
+from mrbt_mesh.sim.world.process import SimProcess
 
 # Of more conditions that have changed not all combinations are tried out.
 MAX_CONDITIONS = 6

@@ -12,8 +12,8 @@ from mrbt_mesh.core.facts.store import Entry, Version
 from mrbt_mesh.core.membership.wire import MessageKind, decode, parse_entries
 from mrbt_mesh.sim.checkers.facts import is_obsolete, stands
 from mrbt_mesh.sim.checkers.findings import RunFindings
-from mrbt_mesh.sim.engine.journal import Changes
-from mrbt_mesh.sim.engine.process import SimProcess
+from mrbt_mesh.sim.world.journal import Changes
+from mrbt_mesh.sim.world.process import SimProcess
 
 
 class Resumption:

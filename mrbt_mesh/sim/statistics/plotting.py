@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.sim.statistics.estimate import Summary, percentile
+from mrbt_mesh.sim.estimate import Summary, percentile
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,9 +10,9 @@ from itertools import product
 
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.sim.engine.failures import EVERYBODY, FailureModel, Rate, losable
-from mrbt_mesh.sim.statistics.estimate import Point
+from mrbt_mesh.sim.estimate import Point
 from mrbt_mesh.sim.statistics.team_sizes import resized
+from mrbt_mesh.sim.world.failures import EVERYBODY, FailureModel, Rate, losable
 
 FAULT_RATE, MINOR_RATE, FAILURE_RATE = "fault-rate", "minor-rate", "failure-rate"
 MAJOR, MINOR, ROBOTS = "major", "minor", "robots"

@@ -19,7 +19,7 @@ from mrbt_mesh.adapters.vda5050.other_adapters import GONE, GRACE_S, HERE, STOPP
 from mrbt_mesh.adapters.vda5050.program import ConnectedVehicle
 from mrbt_mesh.errors import TaskFailedError
 from mrbt_mesh.runtime.program import TaskContext
-from mrbt_mesh.sim.engine.clock import VirtualClock, VirtualLoop
+from mrbt_mesh.sim.world.clock import VirtualClock, VirtualLoop
 from tests.support.extras import said_without
 from tests.support.paths import EXAMPLES
 from tests.support.vda5050.model_agv import ModelAgv

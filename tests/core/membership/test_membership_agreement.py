@@ -10,7 +10,7 @@ import pytest
 from benchmarks.membership.team import SteppedTeam
 from mrbt_mesh.core.agent.inputs import CapabilityChanged
 from mrbt_mesh.core.membership.timing import Timing
-from mrbt_mesh.sim.engine.network import Link, LinkKnobs, NetworkKnobs
+from mrbt_mesh.sim.world.network import Link, LinkKnobs, NetworkKnobs
 from tests.support import build
 
 SECOND_US = 1_000_000

@@ -14,7 +14,7 @@ from benchmarks.membership.team import SteppedTeam
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.timing import Timing
-from mrbt_mesh.sim.engine.network import Link, LinkKnobs, NetworkKnobs
+from mrbt_mesh.sim.world.network import Link, LinkKnobs, NetworkKnobs
 from tests.support import build
 
 SECOND_US = 1_000_000

@@ -14,7 +14,7 @@ from mrbt_mesh.core.membership.neighbourhood import SOUGHT_AT_A_TIME
 from mrbt_mesh.core.membership.ring import Ring
 from mrbt_mesh.core.membership.timing import SECOND_US, Timing
 from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport
-from mrbt_mesh.sim.engine.network import LinkKnobs, NetworkKnobs
+from mrbt_mesh.sim.world.network import LinkKnobs, NetworkKnobs
 from tests.support.effort import IS_LONG, seeds
 from tests.support.patrols import GOOD, MS, NO_TOKENS, alive, patrol, started
 

@@ -29,7 +29,7 @@ from mrbt_mesh.core.membership.ring import Ring, place
 from mrbt_mesh.core.membership.sections import SPEAKERS, Sections
 from mrbt_mesh.core.membership.timing import SECOND_US, Timing
 from mrbt_mesh.core.membership.wire import SelfReport
-from mrbt_mesh.sim.engine.network import LinkKnobs, NetworkKnobs
+from mrbt_mesh.sim.world.network import LinkKnobs, NetworkKnobs
 from tests.support.patrols import MS, patrol
 
 DIGEST, OTHER = b"planned.", b"another."

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from mrbt_mesh.sim.chaos.minimise import minimise
-from mrbt_mesh.sim.engine.faults import (
+from mrbt_mesh.sim.world.faults import (
     Block,
     Disturb,
     Fault,
@@ -18,8 +18,8 @@ from mrbt_mesh.sim.engine.faults import (
     Lose,
     Thaw,
 )
-from mrbt_mesh.sim.engine.network import LinkKnobs
-from mrbt_mesh.sim.engine.scenario import USUAL, Scenario
+from mrbt_mesh.sim.world.network import LinkKnobs
+from mrbt_mesh.sim.world.scenario import USUAL, Scenario
 
 SECOND_US = 1_000_000
 NOISE: list[tuple[int, Fault]] = [(1_234_567 * i, Lose(f"R{i}", "all")) for i in range(1, 9)]

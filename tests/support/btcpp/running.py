@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from typing import TypeVar
 
-from mrbt_mesh.sim.engine.clock import VirtualClock, VirtualLoop
+from mrbt_mesh.sim.world.clock import VirtualClock, VirtualLoop
 
 T = TypeVar("T")
 

@@ -1,0 +1,314 @@
+"""How many faults a mission survives: the most that some choice of faults leaves, the fewest that
+are fatal, and which are fatal alone. Exact, with proofs of optimality; a limit on the time gives
+bounds instead.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from mrbt_mesh.analysis.tolerance.breaking import fewest_to_break
+from mrbt_mesh.analysis.tolerance.model import Answer, FaultModel, Literal, optimum
+from mrbt_mesh.analysis.tolerance.requirement import Formula, Requirement
+from mrbt_mesh.analysis.tolerance.service import Fault, FaultyTeam, Service, merged
+from mrbt_mesh.core.mission.mission import Mission
+
+# Called with what has been done so far, out of what there is to do.
+Progress = Callable[[int, int], None]
+
+
+def no_progress(done: int, of: int) -> None:
+    """Says nothing."""
+    del done, of
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A mission as one question sees it: services, and which of them it cannot do without."""
+
+    mission: Mission
+    services: tuple[Service, ...]
+    required: Requirement
+
+    @cached_property
+    def at_first(self) -> frozenset[int]:
+        """The services that matter and that are infeasible without faults."""
+        return self.infeasible(FaultyTeam(self.mission))
+
+    def infeasible(self, team: FaultyTeam) -> frozenset[int]:
+        """The services that matter and that this team cannot do."""
+        return frozenset(
+            each for each in self.required.services if not team.is_feasible(self.services[each])
+        )
+
+    def survives(self, team: FaultyTeam) -> bool:
+        """Whether the mission is not ruined: the definition, by the runtime's own check."""
+        return not self.required.is_ruined(self.infeasible(team))
+
+    @cached_property
+    def is_feasible(self) -> bool:
+        """Whether it survives without faults."""
+        return not self.required.is_ruined(self.at_first)
+
+    @cached_property
+    def relied_on(self) -> Mapping[int, frozenset[Fault]]:
+        """What each service that matters relies on without faults, if it is feasible."""
+        team = FaultyTeam(self.mission)
+        found = {each: team.relies_on(self.services[each]) for each in self.required.services}
+        return {each: used for each, used in found.items() if used is not None}
+
+    def may_change(self, number: int, fault: Fault) -> bool:
+        """Whether a fault can make a difference to a service."""
+        wanted = self.services[number]
+        return fault in wanted.touched_by or (wanted.exclusive and isinstance(fault, str))
+
+    def broken_by(self, fault: Fault) -> frozenset[int]:
+        """The services that matter and are infeasible with one fault."""
+        team = FaultyTeam(self.mission).with_faults(fault)
+        changed = {
+            each
+            for each, used in self.relied_on.items()
+            if fault in used and not team.is_feasible(self.services[each])
+        }
+        return self.at_first | changed
+
+    def critical(self, faults: Sequence[Fault], progress: Progress = no_progress) -> list[Fault]:
+        """The faults each of which alone is fatal: exhaustive."""
+        found = []
+        verdicts: dict[frozenset[int], bool] = {}
+        for count, fault in enumerate(faults):
+            broken = self.broken_by(fault)
+            if broken not in verdicts:
+                verdicts[broken] = self.required.is_ruined(broken)
+            if verdicts[broken]:
+                found.append(fault)
+            progress(count + 1, len(faults))
+        return found
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """What is known of one kind of fault. `most` and `fewest` name the faults of one such set."""
+
+    total: int
+    max_tolerated: Answer
+    min_fatal: Answer
+    critical: tuple[Fault, ...]
+
+
+def tolerance(
+    reading: Reading, faults: Sequence[Fault], limit_s: float, progress: Progress = no_progress
+) -> Tolerance:
+    """Faults of one kind; `limit_s` is for each of the two questions put to the solver."""
+    if not reading.is_feasible:
+        return Tolerance(len(faults), Answer(None, None, True), Answer(0, 0, True), ())
+    critical = reading.critical(faults, progress)
+    only_one = Answer(1, 1, True, tuple(critical[:1]))
+    fewest = only_one if critical else min_fatal(reading, faults, limit_s)
+    return Tolerance(len(faults), max_tolerated(reading, faults, limit_s), fewest, tuple(critical))
+
+
+def _relevant(reading: Reading, faults: Sequence[Fault]) -> list[Fault]:
+    services = [reading.services[each] for each in reading.required.services]
+    touched = frozenset[Fault]().union(*(each.touched_by for each in services))
+    if any(each.exclusive for each in services):
+        touched |= set(reading.mission.robots)
+    return [fault for fault in faults if fault in touched]
+
+
+# -- the most that is survived ----------------------------------------------------------------
+
+
+def _greedy(reading: Reading, faults: Sequence[Fault]) -> tuple[Fault, ...]:
+    """Faults, one after the other, that the mission survives together with those before.
+
+    What is kept is spread over the robots: a task needs different ones.
+    """
+    robots = sorted(reading.mission.robots)
+    places = {robot: place for place, robot in enumerate(robots)}
+    names = sorted({fault[1] for fault in faults if not isinstance(fault, str)})
+    shifts = {name: 7 * place for place, name in enumerate(names)}
+
+    def last_to_lose(fault: Fault) -> int:
+        robot, shift = (fault, 0) if isinstance(fault, str) else (fault[0], shifts[fault[1]])
+        return -((places[robot] - shift) % len(robots))
+
+    team = FaultyTeam(reading.mission)
+    relied_on = dict(reading.relied_on)
+    chosen = []
+    for fault in sorted(faults, key=lambda fault: (last_to_lose(fault), str(fault))):
+        trial = team.with_faults(fault)
+        changed = {
+            each: trial.relies_on(reading.services[each])
+            for each, used in relied_on.items()
+            if fault in used
+        }
+        ended = {each for each, used in changed.items() if used is None}
+        broken = set(reading.required.services) - set(relied_on) | ended
+        if ended and reading.required.is_ruined(broken):
+            continue
+        chosen.append(fault)
+        team = trial
+        relied_on |= {each: used for each, used in changed.items() if used is not None}
+        for each in ended:
+            del relied_on[each]
+    return tuple(chosen)
+
+
+def max_tolerated(reading: Reading, faults: Sequence[Fault], limit_s: float) -> Answer:
+    """The largest set of faults that the mission survives; the bound is from above.
+
+    The model knows small sets of needs at first; whatever a solution overlooks is added.
+    """
+    deadline_s = time.monotonic() + limit_s
+    relevant = _relevant(reading, faults)
+    free = tuple(fault for fault in faults if fault not in set(relevant))
+    if not relevant:
+        return Answer(len(free), len(free), True, free)
+    best = _greedy(reading, relevant)
+    built = FaultModel(reading.services, relevant)
+    excuses = built.keep(reading.required, sorted(reading.mission.robots))
+    built.model.maximize(built.total)
+    built.model.add(built.total >= len(best))
+    built.hint(best)
+    bound = len(relevant)
+    while (left_s := deadline_s - time.monotonic()) > 0:
+        answer, values = optimum(built.model, built.lost, left_s)
+        bound = min(bound, answer.bound if answer.bound is not None else bound)
+        if bound == len(best):
+            break
+        found = built.chosen(values)
+        team = FaultyTeam(reading.mission).with_faults(*found)
+        if values and reading.survives(team):
+            best = max(best, found, key=len)
+            if answer.is_proved:
+                bound = len(best)
+            break
+        if not values:
+            break
+        _forbid(built, excuses, reading, team)
+    chosen = tuple(fault for fault in faults if fault in {*best, *free})
+    return Answer(len(chosen), bound + len(free), len(best) == bound, chosen)
+
+
+def _forbid(
+    built: FaultModel, excuses: Mapping[int, Literal], reading: Reading, team: FaultyTeam
+) -> None:
+    """Add the sets of needs that this team cannot meet, one for each service."""
+    for each, excuse in excuses.items():
+        needs = built.needs[each]
+        if team.can_meet(needs):
+            continue
+        built.hold_set(each, tuple(team.overasked(needs)), excuse)
+
+
+# -- the fewest that are fatal ----------------------------------------------------------------
+
+
+def min_fatal(reading: Reading, faults: Sequence[Fault], limit_s: float) -> Answer:
+    """The smallest set of faults that ruins the mission; the bound is from below.
+
+    No value, and proved: not even all of them do. The alternatives at the top of the
+    requirement are looked into one after the other, the most promising first.
+    """
+    if reading.survives(FaultyTeam(reading.mission).with_faults(*faults)):
+        return Answer(None, None, True)
+    deadline_s = time.monotonic() + limit_s
+    relevant = _relevant(reading, faults)
+    formulas, ruin = reading.required.formulas, reading.required.ruin
+    estimates = _estimates(reading, relevant)
+    branches = _unique_branches(
+        reading, sorted((estimates[p].least, p) for p in _branches(reading))
+    )
+    best = estimates[ruin].fatal
+    bound = len(best)
+    for least, part in branches:
+        if least >= len(best) or len(estimates[part].fatal) == least:
+            continue
+        left_s = deadline_s - time.monotonic()
+        if left_s <= 0:
+            bound = min(bound, least)
+            break
+        built = FaultModel(reading.services, relevant)
+        leasts = {formulas.terms[f].service: e.least for f, e in estimates.items()}
+        built.ruin(Requirement(formulas, part), sorted(reading.mission.robots), leasts)
+        built.model.add(built.total >= least)
+        built.model.add(built.total < len(best))
+        built.model.minimize(built.total)
+        answer, values = optimum(built.model, built.lost, left_s)
+        if values:
+            best = built.chosen(values)
+        if not answer.is_proved:
+            bound = min(bound, max(least, answer.bound or 0))
+    bound = min(bound, len(best))
+    chosen = tuple(fault for fault in faults if fault in set(best))
+    return Answer(len(chosen), bound, bound == len(chosen), chosen)
+
+
+def _branches(reading: Reading) -> tuple[Formula, ...]:
+    """The alternatives at the top of what ruins the mission."""
+    term = reading.required.formulas.terms[reading.required.ruin]
+    return term.parts if term.service < 0 and not term.is_all else (reading.required.ruin,)
+
+
+@dataclass(frozen=True)
+class _Estimate:
+    """At least so many faults make a formula true; `fatal` do; it is `touched` by these."""
+
+    least: int
+    fatal: tuple[Fault, ...]
+    touched: frozenset[Fault]
+
+
+def _estimates(reading: Reading, faults: Sequence[Fault]) -> dict[Formula, _Estimate]:
+    """An estimate for each part of what ruins the mission."""
+    team, is_major = FaultyTeam(reading.mission), isinstance(faults[0], str)
+    formulas = reading.required.formulas
+    found: dict[Formula, _Estimate] = {}
+    for each in formulas.below(reading.required.ruin):
+        term = formulas.terms[each]
+        parts = [found[part] for part in term.parts]
+        touched = frozenset[Fault]().union(*(part.touched for part in parts))
+        if term.service >= 0:
+            wanted = reading.services[term.service]
+            touched = frozenset(f for f in faults if reading.may_change(term.service, f))
+            if not touched and team.is_feasible(wanted):
+                # No faults of this kind do it.
+                found[each] = _Estimate(len(faults) + 1, tuple(faults), touched)
+            elif team.is_feasible(wanted):
+                single = fewest_to_break(team, wanted, is_major)
+                found[each] = _Estimate(single.least, single.chosen, touched)
+            else:
+                found[each] = _Estimate(0, (), touched)
+        elif term.is_all:
+            # What no two parts share has to be lost for each of them.
+            is_split = sum(len(part.touched) for part in parts) == len(touched)
+            least = [part.least for part in parts]
+            union = tuple(dict.fromkeys(fault for part in parts for fault in part.fatal))
+            found[each] = _Estimate(sum(least) if is_split else max(least), union, touched)
+        else:
+            fatal = min((part.fatal for part in parts), key=len)
+            found[each] = _Estimate(min(part.least for part in parts), fatal, touched)
+    return found
+
+
+def _unique_branches(
+    reading: Reading, branches: Sequence[tuple[int, Formula]]
+) -> list[tuple[int, Formula]]:
+    """Without single services that differ from another one only in their names."""
+    seen = set()
+    found = []
+    for lower, part in branches:
+        term = reading.required.formulas.terms[part]
+        if term.service >= 0:
+            service = reading.services[term.service]
+            rows = [(tuple(sorted(n.entries.items())), n.count) for n in merged(service.needs)]
+            key = (service.exclusive, tuple(sorted(rows)))
+            if key in seen:
+                continue
+            seen.add(key)
+        found.append((lower, part))
+    return found

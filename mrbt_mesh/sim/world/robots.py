@@ -1,0 +1,170 @@
+"""The team: starts its processes and ends them. Computers' clocks and journals outlive both."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Protocol, TypeAlias
+
+from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.agent.config import AgentConfig
+from mrbt_mesh.runtime.actions import RobotIdentity
+from mrbt_mesh.sim.world.clock import LocalClock
+from mrbt_mesh.sim.world.journal import FULL, SimJournal
+from mrbt_mesh.sim.world.message_bus import MessageBus
+from mrbt_mesh.sim.world.process import Environment, SimProcess
+from mrbt_mesh.sim.world.setup import Setup
+
+FIRST_PID = 1_000
+
+
+# Starts a robot's program, which boots the process: at once, or a little later.
+StartProgram: TypeAlias = Callable[[SimProcess, RobotIdentity], None]
+
+
+class TeamEnvironment(Environment, Protocol):
+    """What the team needs of the world around it."""
+
+    def without_journal(self, robot: str) -> None: ...
+    def launched(self, process: SimProcess) -> None: ...
+    def killed(self, process: SimProcess) -> None: ...
+
+
+class Robots:
+    """The robots' processes, one life after the other.
+
+    `to_launch`: how many of the first ones are still to come.
+    """
+
+    def __init__(self, setup: Setup, environment: TeamEnvironment, bus: MessageBus) -> None:
+        self.to_launch = len(setup.robots)
+        self._setup = setup
+        self._environment = environment
+        self._bus = bus
+        self._lives = 0
+        # Robots that were killed before they had a process.
+        self._never: set[str] = set()
+        # After how many more actions a robot is killed.
+        self._actions_left: dict[str, int] = {}
+        self._journals: dict[str, SimJournal] = {}
+        self._clocks: dict[str, LocalClock] = {}
+        self._start_program: StartProgram | None = None
+        if setup.begin is not None:
+            for robot in setup.robots:
+                journal = self._journals[robot] = SimJournal()
+                journal.write({(e.author, e.name): e for e in setup.begin.facts})
+
+    @property
+    def processes(self) -> dict[str, SimProcess]:
+        """Robot -> its latest process."""
+        return self._bus.processes
+
+    def living(self) -> list[SimProcess]:
+        """Processes that run and are not frozen, sorted by robot."""
+        return [process for _, process in sorted(self.processes.items()) if process.runs]
+
+    def is_coming(self, robot: str) -> bool:
+        """Whether its process is about to start, or is starting."""
+        process = self.processes.get(robot)
+        if process is None:
+            return robot in self._setup.robots and robot not in self._never
+        return process.agent is None and not process.is_over
+
+    def local_clock(self, robot: str) -> LocalClock:
+        """The clock of this robot's computer."""
+        return self._clocks.setdefault(robot, LocalClock(self._bus.clock))
+
+    # -- starting -----------------------------------------------------------------------------
+
+    def launch_all(self, start_program: StartProgram) -> None:
+        """Start the team, each robot a little later than the other."""
+        self._start_program = start_program
+        for robot in self._setup.robots:
+            offset = self._random_bytes("start", robot)
+            at_us = int.from_bytes(offset, "big") % (self._setup.start_spread_us + 1)
+            self._bus.clock.at(at_us, partial(self._launch_first, robot))
+
+    def _launch_first(self, robot: str) -> None:
+        self.to_launch -= 1
+        if robot not in self._never:
+            self.launch(robot, keeps_journal=True)
+
+    def launch(self, robot: str, keeps_journal: bool) -> None:
+        """Start a process of this robot, with what its journal kept or without."""
+        self._lives += 1
+        if robot not in self._journals or not keeps_journal:
+            self._journals[robot] = SimJournal()
+            self._environment.without_journal(robot)
+        journal = self._journals[robot]
+        setup = self._setup
+        description = setup.mission.robots[robot]
+        pid = FIRST_PID + self._lives
+        own = tuple(sorted(description.capabilities))
+        identity = RobotIdentity(robot, description.type, pid, setup.speed, own, is_virtual=True)
+        config = self._config(identity, journal)
+
+        def make_agent(now_us: int) -> Agent:
+            self._bus.tell_tokens(robot)
+            return Agent(setup.mission, config, now_us)
+
+        local = self.local_clock(robot)
+        process = SimProcess(self._environment, robot, journal, local, make_agent)
+        self.processes[robot] = process
+        assert self._start_program is not None
+        self._start_program(process, identity)
+        self._environment.launched(process)
+
+    def change_disk(self, robot: str, sync_us: int, fails: bool, is_locked: bool) -> None:
+        """What the disk of a robot is like from now on, for this process and those after it."""
+        journal = self._journals.setdefault(robot, SimJournal())
+        journal.sync_us, journal.fails, journal.is_locked = sync_us, fails, is_locked
+
+    def _config(self, identity: RobotIdentity, journal: SimJournal) -> AgentConfig:
+        setup, robot, options = self._setup, identity.robot, self._setup.agents
+        return AgentConfig(
+            robot=robot,
+            type=identity.type,
+            capabilities=dict(setup.mission.robots[robot].capabilities),
+            run=setup.run,
+            nonce=self._random_bytes("nonce", robot, self._lives).hex(),
+            solver=options.solvers.get(robot, options.solver),
+            timing=setup.timing,
+            expected=frozenset(setup.robots),
+            exit_when_done=options.exit_when_done,
+            software="simulator",
+            restored=() if journal.is_locked else journal.read(),
+            journal_problem=FULL if journal.is_locked or journal.fails else "",
+            host="simulator",
+            pid=identity.pid,
+            engine=options.engine,
+            plans_apart=options.plan_delay_us is not None,
+        )
+
+    def _random_bytes(self, *purpose: Any) -> bytes:
+        text = "/".join(map(str, (self._setup.seed, *purpose)))
+        return hashlib.blake2b(text.encode(), digest_size=4).digest()
+
+    # -- ending -------------------------------------------------------------------------------
+
+    def kill(self, robot: str) -> None:
+        """End this robot's process, or the first one before it has begun."""
+        process = self.processes.get(robot)
+        if process is None:
+            self._never.add(robot)  # it dies before it has said a word
+        elif not process.is_over:
+            process.kill()
+            self._environment.killed(process)
+            self._bus.withdraw(robot)
+
+    def kill_after(self, robot: str, actions: int) -> None:
+        """End this robot's process once so many more of its actions have ended by themselves."""
+        self._actions_left[robot] = actions
+
+    def completed(self, robot: str) -> None:
+        """A robot has told the team how one of its actions ended."""
+        if robot in self._actions_left:
+            self._actions_left[robot] -= 1
+            if not self._actions_left[robot]:
+                del self._actions_left[robot]
+                self._bus.clock.at(self._bus.clock.now_us, partial(self.kill, robot))
