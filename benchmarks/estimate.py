@@ -17,23 +17,23 @@ from typing import Any
 
 from benchmarks.run import REPAIR, machine, say
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.sim.estimate import Experiment, Point, outcomes, run_one
-from mrbt_mesh.sim.world.failures import FailureModel
+from mrbt_mesh.sim.estimate import Experiment, outcomes, run_one
+from mrbt_mesh.sim.world.failures import NO_FAILURES
 
 
 def experiment(runs: int) -> Experiment:
     program = load_mission(REPAIR).program
     assert program is not None
-    return Experiment(str(REPAIR), program, (Point(FailureModel()),), runs)
+    return Experiment(str(REPAIR), program, NO_FAILURES, runs)
 
 
 def cpu_s(runs: int) -> float:
     """CPU seconds of one run."""
     what = experiment(runs)
-    run_one(what, what.points[0], 0)  # what is loaded once
+    run_one(what, 0)  # what is loaded once
     started_s = time.process_time()
     for number in range(runs):
-        run_one(what, what.points[0], number)
+        run_one(what, number)
     return (time.process_time() - started_s) / runs
 
 

@@ -1,11 +1,11 @@
-"""Many runs of a mission under failure models: how often it succeeds, and how long it takes."""
+"""Many runs of a mission under a failure model: how often it succeeds, and how long it takes."""
 
 from __future__ import annotations
 
 import functools
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import NormalDist, fmean, stdev
@@ -17,8 +17,7 @@ from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim.parallel import spread
 from mrbt_mesh.sim.run import SimulationResult, simulate
-from mrbt_mesh.sim.statistics.team_sizes import resized
-from mrbt_mesh.sim.world.failures import FailureModel
+from mrbt_mesh.sim.world.failures import NO_FAILURES, FailureModel
 from mrbt_mesh.sim.world.network import LinkKnobs, NetworkKnobs
 
 PERCENTILES = (5, 25, 50, 75, 95)
@@ -30,40 +29,26 @@ MILLION = 1_000_000
 
 
 @dataclass(frozen=True)
-class Point:
-    """One setting of which many runs are made: a failure model and a team's size (None: the
-    file's team). `values` say what of it was swept: (name, value as given).
-    """
-
-    failures: FailureModel
-    robots: int | None = None
-    values: tuple[tuple[str, str], ...] = ()
-
-
-@dataclass(frozen=True)
 class Experiment:
-    """`runs` runs of each point. Run k has the same seed at every point, so that points differ
-    by their settings and not by luck.
-    """
+    """`runs` runs of a mission file with a program, in which `failures` happen by chance."""
 
     mission: str
     program: str
-    points: tuple[Point, ...]
+    failures: FailureModel
     runs: int
     seed: int = 0
     speed: float = 1.0
     timeout_us: int = 600 * MILLION
 
     def seed_of(self, number: int) -> int:
-        """The seed of one run, which `mrbt sim --seed` takes as well."""
+        """The seed of one run, which `mrbt sim run --seed` takes as well."""
         return self.seed * MILLION + number
 
 
 @dataclass(frozen=True, slots=True)
 class RunOutcome:
-    """What came of one run; faults are counted until the mission was over."""
+    """The outcome of one run; faults are counted until the mission is over."""
 
-    point: int
     number: int
     result: str
     duration_us: int
@@ -72,18 +57,19 @@ class RunOutcome:
 
 
 @functools.cache
-def _load(path: str, program: str, size: int | None) -> tuple[Mission, RobotProgram]:
-    mission = load_mission(Path(path))
-    return mission if size is None else resized(mission, size), load_program(program)
+def _load(path: str, program: str) -> tuple[Mission, RobotProgram]:
+    return load_mission(Path(path)), load_program(program)
 
 
-def run_one(experiment: Experiment, point: Point, number: int) -> SimulationResult:
-    """One run of one point."""
-    mission, program = _load(experiment.mission, experiment.program, point.robots)
-    failures = point.failures
+def run_one(experiment: Experiment, number: int) -> SimulationResult:
+    """Run number `number` of an experiment."""
+    mission, program = _load(experiment.mission, experiment.program)
+    failures = experiment.failures
     if (failures.major_faults or failures.minor_faults) and not failures.within_us:
-        alone = (experiment.mission, experiment.program, experiment.seed, experiment.speed)
-        failures = replace(failures, within_us=undisturbed_us(*alone, point.robots))
+        within_us = _undisturbed_us(
+            experiment.mission, experiment.program, experiment.seed, experiment.speed
+        )
+        failures = replace(failures, within_us=within_us)
     return simulate(
         mission,
         program,
@@ -98,10 +84,9 @@ def run_one(experiment: Experiment, point: Point, number: int) -> SimulationResu
 
 
 @functools.cache
-def undisturbed_us(mission: str, program: str, seed: int, speed: float, robots: int | None) -> int:
-    """How long the mission takes a team to which nothing happens."""
-    point = Point(FailureModel(), robots)
-    return _duration_us(run_one(Experiment(mission, program, (), 1, seed, speed), point, 0))
+def _undisturbed_us(mission: str, program: str, seed: int, speed: float) -> int:
+    """How long the mission takes without failures."""
+    return _duration_us(run_one(Experiment(mission, program, NO_FAILURES, 1, seed, speed), 0))
 
 
 def _duration_us(result: SimulationResult) -> int:
@@ -109,23 +94,21 @@ def _duration_us(result: SimulationResult) -> int:
     return 0 if duration_s is None else round(duration_s * MILLION)
 
 
-def _outcome(experiment: Experiment, item: tuple[int, int]) -> RunOutcome:
-    index, number = item
-    result = run_one(experiment, experiment.points[index], number)
+def _outcome(experiment: Experiment, number: int) -> RunOutcome:
+    result = run_one(experiment, number)
     faults = result.fault_counts.get("Kill", 0), result.fault_counts.get("Lose", 0)
-    return RunOutcome(index, number, result.result, _duration_us(result), *faults)
+    return RunOutcome(number, result.result, _duration_us(result), *faults)
 
 
 def outcomes(experiment: Experiment, jobs: int) -> Iterator[RunOutcome]:
-    """The outcomes of all runs of all points, in the order in which they are done.
+    """The outcomes of all runs, in the order in which they end.
 
     Raises SimulationError if an agent or a robot's program breaks.
     """
-    items = ((i, k) for i in range(len(experiment.points)) for k in range(experiment.runs))
-    return spread(functools.partial(_outcome, experiment), items, jobs)
+    return spread(functools.partial(_outcome, experiment), range(experiment.runs), jobs)
 
 
-# -- what the outcomes say --------------------------------------------------------------------
+# -- statistics -------------------------------------------------------------------------------
 
 
 def wilson(successes: int, runs: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
@@ -150,9 +133,11 @@ def percentile(ordered: Sequence[float], percent: float) -> float:
 
 @dataclass(frozen=True)
 class Summary:
-    """What the runs of one point say; `durations_s` are those of the successes, sorted."""
+    """Statistics of the runs; `durations_s` are those of the successes, sorted.
 
-    point: Point
+    `by_faults`: (major, minor faults) -> (runs, successes, mean duration of these in s).
+    """
+
     runs: int
     results: Mapping[str, int]
     durations_s: tuple[float, ...]
@@ -206,7 +191,6 @@ class Summary:
                 "histogram": {"edges": [round(edge, 6) for edge in edges], "counts": counts},
             }
         return {
-            **dict(self.point.values),
             "runs": self.runs,
             "results": dict(self.results),
             "success": {
@@ -237,30 +221,27 @@ def _rounded(value: float | None) -> float | None:
     return None if value is None else round(value, 6)
 
 
-def summarise(experiment: Experiment, found: Sequence[RunOutcome]) -> list[Summary]:
-    """A summary for each point that has runs, in the order of points; in any order of outcomes."""
-    by_point: dict[int, list[RunOutcome]] = {}
-    for outcome in sorted(found, key=lambda outcome: (outcome.point, outcome.number)):
-        by_point.setdefault(outcome.point, []).append(outcome)
-    return [_summary(experiment.points[index], some) for index, some in by_point.items()]
-
-
-def _summary(point: Point, found: Sequence[RunOutcome]) -> Summary:
-    results = Counter(outcome.result for outcome in found)
-    durations = [o.duration_us / 1e6 for o in found if o.result == "success"]
+def summarise(found: Iterable[RunOutcome]) -> Summary:
+    """The statistics of at least one run, the same for any order of the outcomes."""
+    runs = sorted(found, key=lambda outcome: outcome.number)
+    results = Counter(outcome.result for outcome in runs)
     groups: dict[tuple[int, int], list[RunOutcome]] = {}
-    for outcome in found:
+    for outcome in runs:
         groups.setdefault((outcome.major_faults, outcome.minor_faults), []).append(outcome)
     by_faults = {}
-    for key in sorted(groups):
-        good = [o.duration_us / 1e6 for o in groups[key] if o.result == "success"]
-        by_faults[key] = (len(groups[key]), len(good), fmean(good) if good else 0.0)
+    for faults, group in sorted(groups.items()):
+        durations_s = _durations_s(group)
+        mean_s = fmean(durations_s) if durations_s else 0.0
+        by_faults[faults] = (len(group), len(durations_s), mean_s)
     return Summary(
-        point,
-        len(found),
-        {name: results[name] for name in sorted(results)},
-        tuple(sorted(durations)),
-        fmean(outcome.major_faults for outcome in found),
-        fmean(outcome.minor_faults for outcome in found),
+        len(runs),
+        dict(sorted(results.items())),
+        tuple(sorted(_durations_s(runs))),
+        fmean(outcome.major_faults for outcome in runs),
+        fmean(outcome.minor_faults for outcome in runs),
         by_faults,
     )
+
+
+def _durations_s(runs: Iterable[RunOutcome]) -> list[float]:
+    return [each.duration_us / MILLION for each in runs if each.result == "success"]

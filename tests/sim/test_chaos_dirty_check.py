@@ -20,7 +20,6 @@ from mrbt_mesh.sim import (
 )
 from mrbt_mesh.sim.chaos.campaign import Source
 from mrbt_mesh.sim.run import run_scenario
-from mrbt_mesh.sim.statistics.team_sizes import resized
 from tests.support.effort import seeds
 from tests.support.runs import EXAMPLES
 
@@ -46,7 +45,9 @@ def test_what_is_let_pass_would_have_had_no_effect(
 
 def large_team_log(seed: int) -> list[str]:
     """Ten robots in a ring: some die, freeze and come back, and messages are lost."""
-    mission = resized(load_mission(EXAMPLES / "vehicle_repair" / "mission.yaml"), 10)
+    mission = load_mission(EXAMPLES / "vehicle_repair" / "mission.yaml")
+    copies = {f"{name}-2": replace(mission.robots[name], id=f"{name}-2") for name in mission.robots}
+    mission = replace(mission, robots=dict(sorted({**mission.robots, **copies}.items())[:10]))
     assert mission.program is not None
     choose = random.Random(seed)
     schedule: list[tuple[int, Fault]] = []

@@ -8,13 +8,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from mrbt_mesh.core.mission.mission import Mission, performance
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.sim import simulate
 from mrbt_mesh.sim.estimate import (
     NETWORK,
     Experiment,
-    Point,
     RunOutcome,
     outcomes,
     percentile,
@@ -23,9 +21,7 @@ from mrbt_mesh.sim.estimate import (
     wilson,
 )
 from mrbt_mesh.sim.parallel import spread
-from mrbt_mesh.sim.statistics.sweeps import SweepError, parse_rates, parse_sweep, points_of
-from mrbt_mesh.sim.statistics.team_sizes import resized
-from mrbt_mesh.sim.world.failures import EVERYBODY, FailureModel, Rate
+from mrbt_mesh.sim.world.failures import EVERYBODY, NO_FAILURES, FailureModel, Rate
 from tests.support.effort import IS_LONG
 from tests.support.runs import EXAMPLES
 
@@ -33,15 +29,10 @@ REPAIR = str(EXAMPLES / "vehicle_repair" / "mission.yaml")
 EXPLORE = str(EXAMPLES / "explore" / "mission.yaml")
 
 
-def experiment(mission: str, runs: int, *points: Point) -> Experiment:
+def experiment(mission: str, runs: int, failures: FailureModel = NO_FAILURES) -> Experiment:
     program = load_mission(mission).program
     assert program is not None
-    return Experiment(mission, program, points, runs)
-
-
-@pytest.fixture(scope="module")
-def repair() -> Mission:
-    return load_mission(REPAIR)
+    return Experiment(mission, program, failures, runs)
 
 
 # -- reproducible -----------------------------------------------------------------------------
@@ -49,21 +40,21 @@ def repair() -> Mission:
 
 def test_the_same_figures_whatever_the_number_of_processes() -> None:
     shaky = FailureModel(major={EVERYBODY: Rate(per_action=0.2)}, minor_faults=1)
-    what = experiment(EXPLORE, 9, Point(FailureModel()), Point(shaky))
+    what = experiment(EXPLORE, 9, shaky)
     alone = list(outcomes(what, 1))
     together = list(outcomes(what, 2))
     assert sorted(alone, key=repr) == sorted(together, key=repr)
-    texts = [json.dumps([s.to_json() for s in summarise(what, o)]) for o in (alone, together)]
+    texts = [json.dumps(summarise(found).to_json()) for found in (alone, together)]
     assert texts[0] == texts[1]
 
 
 def test_a_run_can_be_looked_at_with_its_seed_alone() -> None:
-    what = experiment(REPAIR, 1, Point(FailureModel()))
+    what = experiment(REPAIR, 1)
     mission = load_mission(REPAIR)
     from mrbt_mesh.runtime.program_loader import load_program
 
     single = simulate(mission, load_program(what.program), seed=what.seed_of(7), network=NETWORK)
-    assert run_one(what, what.points[0], 7).summary == single.summary
+    assert run_one(what, 7).summary == single.summary
     assert single.violations == []
 
 
@@ -111,14 +102,13 @@ def test_percentiles_are_linear_between_values() -> None:
 
 
 def test_a_summary_counts_what_came_out() -> None:
-    what = experiment(EXPLORE, 4, Point(FailureModel()))
     found = [
-        RunOutcome(0, 3, "blocked", 60_000_000, 2, 0),
-        RunOutcome(0, 0, "success", 10_000_000, 0, 0),
-        RunOutcome(0, 1, "success", 20_000_000, 1, 0),
-        RunOutcome(0, 2, "success", 12_000_000, 0, 0),
+        RunOutcome(3, "blocked", 60_000_000, 2, 0),
+        RunOutcome(0, "success", 10_000_000, 0, 0),
+        RunOutcome(1, "success", 20_000_000, 1, 0),
+        RunOutcome(2, "success", 12_000_000, 0, 0),
     ]
-    (summary,) = summarise(what, found)
+    summary = summarise(found)
     assert summary.probability == 0.75
     assert summary.durations_s == (10.0, 12.0, 20.0)
     assert summary.mean_s == 14.0
@@ -131,99 +121,19 @@ def test_a_summary_counts_what_came_out() -> None:
     data = summary.to_json()
     assert data["duration_s"]["p50"] == 12.0
     assert data["by_faults"][2]["mean_duration_s"] is None
-    nothing = summarise(what, found[:1])[0].to_json()
+    nothing = summarise(found[:1]).to_json()
     assert nothing["duration_s"] is None
     assert nothing["success"]["probability"] == 0
 
 
 def test_more_faults_never_make_the_repair_more_likely() -> None:
     """Common seeds: the first k faults of a run are the same, so success can only be lost."""
-    points = [Point(FailureModel(major_faults=number)) for number in range(4)]
-    what = experiment(REPAIR, 5 if IS_LONG else 2, *points)
-    summaries = summarise(what, list(outcomes(what, 1)))
+    runs = 5 if IS_LONG else 2
+    summaries = [
+        summarise(outcomes(experiment(REPAIR, runs, FailureModel(major_faults=number)), 1))
+        for number in range(4)
+    ]
     chances = [summary.probability for summary in summaries]
     assert chances[0] == 1.0
     assert chances == sorted(chances, reverse=True)
     assert [summary.major_faults for summary in summaries][:2] == [0.0, 1.0]
-
-
-# -- teams of other sizes ---------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("size", [1, 2, 3, 4, 5, 6, 7, 12])
-def test_a_team_of_any_size_has_all_types_and_can_do_everything(repair: Mission, size: int) -> None:
-    team = resized(repair, size)
-    assert len(team.robots) == size
-    assert all(name == robot.id for name, robot in team.robots.items())
-    types = {part for robot in team.robots.values() for part in robot.type.split("-")}
-    assert types == {"A", "B", "C"}
-    for task in team.global_tasks.values():
-        for need in task.needs:
-            able = [r for r in team.robots.values() if performance(r.capabilities, need.local_task)]
-            assert len(able) >= need.min_robots >= 1
-
-
-def test_how_teams_are_formed(repair: Mission) -> None:
-    assert resized(repair, 6) is repair
-    assert sorted(resized(repair, 2).robots) == ["A1-B1-C1", "A2-B2-C2"]
-    one = resized(repair, 1)
-    (robot,) = one.robots.values()
-    assert robot.capabilities["do_diagnosis"] == 3_000_000  # A's, better than B's
-    assert one.global_tasks["remove_cover"].needs[0].min_robots == 1
-    assert resized(repair, 2).global_tasks["remove_cover"].needs[0].min_robots == 2
-    assert {"A1", "A1-2", "C2-2"} < set(resized(repair, 12).robots)
-    for size in (0, 100_000):
-        with pytest.raises(ValueError, match="robots, not"):
-            resized(repair, size)
-
-
-def test_ids_of_large_unions_stay_ids(repair: Mission) -> None:
-    crowd = resized(repair, 60)
-    assert sorted(resized(crowd, 2).robots) == ["R1", "R2"]
-
-
-# -- sweeps -----------------------------------------------------------------------------------
-
-
-def test_sweeps_are_lists_or_ranges() -> None:
-    assert parse_sweep("major=0:3") == ("major", ["0", "1", "2", "3"])
-    rates = ["0/hour", "0.1/hour", "0.2/hour", "0.3/hour"]
-    assert parse_sweep("fault-rate=0:0.3:0.1/hour") == ("fault-rate", rates)
-    assert parse_sweep("robots=1,2, 4") == ("robots", ["1", "2", "4"])
-
-
-def test_two_sweeps_make_a_grid_without_what_is_impossible(repair: Mission) -> None:
-    points = points_of(repair, FailureModel(), None, ["major=0:2", "robots=1,6"])
-    assert [point.values for point in points] == [
-        (("major", "0"), ("robots", "1")),
-        (("major", "1"), ("robots", "1")),
-        (("major", "0"), ("robots", "6")),
-        (("major", "1"), ("robots", "6")),
-        (("major", "2"), ("robots", "6")),
-    ]
-    assert [point.failures.major_faults for point in points] == [0, 1, 0, 1, 2]
-    assert [point.robots for point in points] == [1, 1, 6, 6, 6]
-
-
-def test_rates_of_a_robot_a_type_and_everybody(repair: Mission) -> None:
-    rates = parse_rates("fault-rate", ["0.1", "A:2/hour", "A:0.5/action", "C1:0"], repair)
-    assert rates == {"": Rate(0.1), "A": Rate(0.5, 2.0), "C1": Rate()}
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        *("major", "speed=1", "major=1.5", "major=-1", "major=3:1", "major=x", "major=0:1e9"),
-        *("major=7", "minor=0:9:0", "robots=0", "robots=5000"),
-        *("fault-rate=2", "fault-rate=0.1/day"),
-    ],
-)
-def test_sweeps_that_make_no_sense(repair: Mission, text: str) -> None:
-    with pytest.raises(SweepError):
-        points_of(repair, FailureModel(), None, [text])
-
-
-def test_at_most_two_sweeps_of_different_names(repair: Mission) -> None:
-    for texts in (["major=1", "major=2"], ["major=1", "minor=1", "robots=2"]):
-        with pytest.raises(SweepError, match="at most two"):
-            points_of(repair, FailureModel(), None, texts)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from mrbt_mesh.cli.framework.declare import Given, option
@@ -55,11 +54,18 @@ class ChanceOptions:
     return_after: Annotated[float | None, _seconds("Dead robots are started again.")] = None
     repair_after: Annotated[float | None, _seconds("Lost capabilities come back.")] = None
 
-    def model(self, mission: Mission) -> FailureModel:
-        """The same for the simulator; raises InputError."""
-        from mrbt_mesh.sim.statistics.sweeps import parse_chances, parse_rates
+    def model(self, mission: Mission, given: Given) -> FailureModel:
+        """The same for the simulator; raises InputError, also for options without effect."""
+        from mrbt_mesh.cli.virtual.settings import check_counts, parse_chances, parse_rates
         from mrbt_mesh.sim.world.failures import FailureModel
 
+        check_counts(mission, self.major, self.minor)
+        if not self.major and not self.minor:
+            given.refuse(["--within"], "for --major and --minor, of which there are none")
+        if not self.major and not self.fault_rate:
+            given.refuse(["--return-after"], "no robot dies: see --fault-rate and --major")
+        if not self.minor and not self.minor_rate:
+            given.refuse(["--repair-after"], "no capability is lost: see --minor-rate and --minor")
         return FailureModel(
             major=parse_rates("fault-rate", self.fault_rate, mission),
             minor=parse_rates("minor-rate", self.minor_rate, mission),
@@ -80,16 +86,7 @@ def _microseconds(seconds: float | None) -> int | None:
 class EstimateOptions:
     """Which runs are made, and how many."""
 
-    runs: Annotated[int, option("Runs of each setting.", least=1)] = 1_000
-    robots: Annotated[int | None, option("A team of another size than the file's.", least=1)] = None
-    sweep: Annotated[
-        tuple[str, ...],
-        option(
-            "Vary fault-rate, minor-rate, failure-rate, major, minor or robots; a second one "
-            "gives a curve for each of its values.",
-            "NAME=V,V,...|FIRST:LAST[:STEP]",
-        ),
-    ] = ()
+    runs: Annotated[int, option("Number of runs.", least=1)] = 1_000
     seed: SeedOption = 0
     jobs: JobsOption = None
     timeout: VirtualTimeoutOption = 600.0
@@ -102,53 +99,40 @@ def estimate(
     mission: MissionArgument,
     faults: ChanceOptions,
     which: EstimateOptions,
-    plot: Annotated[
-        Path | None, option("Draw curves, or a histogram (.png, .svg, .pdf).", "FILE")
-    ] = None,
     as_json: JsonOption = False,
     given: Given,
 ) -> None:
-    """Tell how likely a mission succeeds and how long it takes when robots fail by chance.
+    """Estimate how likely a mission succeeds and how long it takes when robots fail by chance.
 
     Makes many runs of the same agents in virtual time. A run that can never go on is ended early,
     as blocked. The same options and seed print the same figures, whatever --jobs. One run with
     faults that you name: `mrbt sim`.
 
-    WHO is a robot or a robot type; without it, everybody. A team of another size (--robots)
-    repeats the file's robots in turn, or unites them: see docs/estimate.md.
+    WHO is a robot or a robot type; without it, everybody.
 
     Exit status: 0 the runs were made, 1 an agent or a program broke, 2 bad input, 3 interrupted.
 
     Example: mrbt estimate examples/vehicle_repair/mission.yaml --fault-rate 0.05/action
 
-    Example: mrbt estimate examples/vehicle_repair/mission.yaml --sweep major=0:4
-    --sweep robots=1,2,4,6,12 --runs 200 --plot out.png
-
     Example: mrbt estimate MISSION --fault-rate A:2/hour --minor-rate 0.1 --repair-after 30
     """
     import os
 
-    from mrbt_mesh.cli.framework.terminal import check_folder
     from mrbt_mesh.cli.missions import checked_program
-    from mrbt_mesh.cli.virtual.estimating import estimate_and_tell
-    from mrbt_mesh.cli.virtual.settings import points
+    from mrbt_mesh.cli.virtual.estimating import run_and_print
     from mrbt_mesh.formats.mission_file import load_mission
     from mrbt_mesh.sim.estimate import Experiment
-    from mrbt_mesh.sim.statistics.plotting import check_picture
 
-    if plot is not None:
-        check_folder("--plot", plot)
-        check_picture(plot)
     loaded = load_mission(mission)
     program = checked_program(loaded, sorted(loaded.robots), which.program)
     experiment = Experiment(
         str(mission),
         program,
-        points(loaded, faults.model(loaded), which.robots, which.sweep, given),
+        faults.model(loaded, given),
         which.runs,
         which.seed,
         which.speed,
         round(which.timeout * 1e6),
     )
     jobs = which.jobs or os.cpu_count() or 1
-    estimate_and_tell(experiment, loaded, jobs, plot, as_json)
+    run_and_print(experiment, loaded, jobs, as_json)

@@ -1,8 +1,9 @@
-"""Success, durations and curves of many runs, for a terminal."""
+"""Success and durations of many runs, for a terminal."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator
 
 from rich.console import Group, RenderableType
 from rich.table import Table
@@ -10,49 +11,19 @@ from rich.text import Text
 
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.sim.estimate import PERCENTILES, Summary
-from mrbt_mesh.sim.statistics.team_sizes import describe, resized
 
 
-def render_estimate(
-    mission: Mission, summaries: Sequence[Summary], runs: int, took_s: float, jobs: int
-) -> RenderableType:
-    """All that the runs say: a table of settings, or one setting in detail."""
+def render_estimate(mission: Mission, summary: Summary, took_s: float, jobs: int) -> Group:
+    """How often the mission succeeded, how long it took, and by which faults."""
     where = f"{jobs} processes" if jobs > 1 else "one process"
-    text = f"{runs} runs in {took_s:.1f} s in {where}, {60 * runs / took_s:.0f} a minute"
-    team = describe(mission.robots)
-    size = summaries[0].point.robots
-    if size is not None and "robots" not in dict(summaries[0].point.values):
-        team = describe(resized(mission, size).robots)
-    head = Text.assemble((mission.name, "bold"), f"  {team}  ", (text, "dim"))
-    if summaries[0].point.values:
-        return Group(head, _settings(summaries))
-    return Group(head, *_one_setting(summaries[0]))
+    text = f"{summary.runs} runs in {took_s:.1f} s in {where}, {60 * summary.runs / took_s:.0f}"
+    types = Counter(robot.type for robot in mission.robots.values())
+    team = ", ".join(f"{count} {kind}" for kind, count in sorted(types.items()))
+    head = Text.assemble((mission.name, "bold"), f"  {team}  ", (f"{text} a minute", "dim"))
+    return Group(head, *_parts(summary))
 
 
-def _settings(summaries: Sequence[Summary]) -> Table:
-    table = Table(box=None, padding=(0, 1, 0, 0), header_style="dim")
-    names = [name for name, _ in summaries[0].point.values]
-    for name in (*names, "success", "", "95 % interval", "mean s", "p5", "median", "p95"):
-        table.add_column(name, justify="left" if name == "" else "right", no_wrap=True)
-    series = None
-    for summary in summaries:
-        values = dict(summary.point.values)
-        low, high = summary.interval
-        if series not in (None, summary.point.values[1:]):
-            table.add_row()
-        series = summary.point.values[1:]
-        table.add_row(
-            *(values[name] for name in names),
-            f"{summary.probability:.1%}",
-            f"[cyan]{_bar(summary.probability, 10):10}[/]",
-            f"{low * 100:.1f} to {high * 100:.1f}",
-            _seconds(summary.mean_s),
-            *(_seconds(summary.percentile_s(percent)) for percent in (5, 50, 95)),
-        )
-    return table
-
-
-def _one_setting(summary: Summary) -> Iterator[RenderableType]:
+def _parts(summary: Summary) -> Iterator[RenderableType]:
     low, high = summary.interval
     results = ", ".join(f"{count} {name}" for name, count in summary.results.items())
     table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)

@@ -1,82 +1,81 @@
-"""The settings of which `mrbt estimate` makes runs; options of no effect are refused."""
+"""How rates and chances of failures are written on the command line."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
-from mrbt_mesh.cli.framework.declare import Given
-from mrbt_mesh.cli.framework.terminal import note
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.sim.estimate import Point
-from mrbt_mesh.sim.statistics.sweeps import (
-    FAILURE_RATE,
-    FAULT_RATE,
-    MAJOR,
-    MINOR,
-    MINOR_RATE,
-    ROBOTS,
-    parse_sweep,
-    points_of,
-)
-from mrbt_mesh.sim.statistics.team_sizes import resized
-from mrbt_mesh.sim.world.failures import EVERYBODY, FailureModel
+from mrbt_mesh.sim.world.failures import Rate, losable
 
 
-def points(
-    mission: Mission, base: FailureModel, robots: int | None, sweeps: Sequence[str], given: Given
-) -> tuple[Point, ...]:
-    """The settings of which runs are made: one, or those of up to two sweeps.
-
-    Raises InputError for wrong sweeps, and for options that would be of no effect.
-    """
-    swept = dict(parse_sweep(text) for text in sweeps)
-    found = points_of(mission, base, robots, sweeps)
-    _refuse_swept(base, swept, given)
-    _refuse_idle(found, given)
-    _refuse_nobody(mission, base, found)
-    wanted = 1
-    for values in swept.values():
-        wanted *= len(values)
-    if len(found) < wanted:
-        less = wanted - len(found)
-        note(f"left out: {less} of {wanted} settings, of more faults than the team can suffer")
-    return found
+def parse_rates(option: str, texts: Sequence[str], mission: Mission) -> dict[str, Rate]:
+    """Robot, type or EVERYBODY -> rate, of texts like `0.1`, `0.1/action`, `A1:2/hour`."""
+    rates: dict[str, Rate] = {}
+    given: dict[object, str] = {}
+    known = [*sorted(mission.robots), *sorted({r.type for r in mission.robots.values()})]
+    for text in texts:
+        name, _, number = text.rpartition(":")
+        if name and name not in known:
+            raise InputError(f"--{option} {text}: no robot or type {name!r} ({', '.join(known)})")
+        unit = "hour" if number.endswith("/hour") else "action"
+        _refuse_second(option, text, (name, unit), given)
+        before, more = rates.get(name, Rate()), _parse_rate(option, number)
+        rates[name] = Rate(more.per_action or before.per_action, more.per_hour or before.per_hour)
+    return rates
 
 
-def _refuse_swept(base: FailureModel, swept: dict[str, list[str]], given: Given) -> None:
-    """Refuse what a sweep replaces."""
-    for name in (MAJOR, MINOR, ROBOTS):
-        if name in swept:
-            given.refuse([f"--{name}"], f"--sweep {name} gives its values")
-    for name, of_whom in (
-        (FAULT_RATE, base.major),
-        (MINOR_RATE, base.minor),
-        (FAILURE_RATE, base.actions),
+def parse_chances(option: str, texts: Sequence[str], mission: Mission) -> dict[str, float]:
+    """Local task or EVERYBODY -> chance, of texts like `0.1` or `move_frame:0.2`."""
+    chances: dict[str, float] = {}
+    given: dict[object, str] = {}
+    for text in texts:
+        name, _, number = text.rpartition(":")
+        value = _number(number)
+        if name and name not in mission.local_tasks:
+            known = ", ".join(sorted(mission.local_tasks))
+            raise InputError(f"--{option} {text}: no local task {name!r} ({known})")
+        if value is None or value > 1:
+            raise InputError(f"--{option} {text}: a chance is from 0 to 1")
+        _refuse_second(option, text, name, given)
+        chances[name] = value
+    return chances
+
+
+def check_counts(mission: Mission, major: int, minor: int) -> None:
+    """Raise InputError for more faults than the team has robots or capabilities."""
+    for option, number, most, what in (
+        ("major", major, len(mission.robots), "robots"),
+        ("minor", minor, len(losable(mission)), "capabilities"),
     ):
-        if name in swept and EVERYBODY in of_whom:
-            raise InputError(f"--{name} for everybody: --sweep {name} gives its values")
+        if number > most:
+            raise InputError(f"--{option} {number}: the team has only {most} {what} to lose")
 
 
-def _refuse_idle(found: Sequence[Point], given: Given) -> None:
-    """Refuse options about faults that no run can have."""
-    models = [point.failures for point in found]
-    if not any(m.major_faults or m.minor_faults for m in models):
-        given.refuse(["--within"], "for --major and --minor, of which there are none")
-    if not any(m.major_faults or m.major for m in models):
-        given.refuse(["--return-after"], "no robot dies: see --fault-rate and --major")
-    if not any(m.minor_faults or m.minor for m in models):
-        given.refuse(["--repair-after"], "no capability is lost: see --minor-rate and --minor")
+def _parse_rate(option: str, text: str) -> Rate:
+    """`0.1` and `0.1/action`: a chance per action; `2/hour`: a mean number per hour."""
+    number, _, unit = text.partition("/")
+    value = _number(number)
+    if value is None or unit not in ("", "action", "hour"):
+        raise InputError(f"--{option} {text}: expected e.g. 0.1/action or 2/hour")
+    if unit == "hour":
+        return Rate(per_hour=value)
+    if value > 1:
+        raise InputError(f"--{option} {text}: a chance per action is from 0 to 1")
+    return Rate(per_action=value)
 
 
-def _refuse_nobody(mission: Mission, base: FailureModel, found: Sequence[Point]) -> None:
-    """Refuse rates of robots and types that no team has: one of another size has other robots."""
-    teams = [
-        (mission if size is None else resized(mission, size)).robots
-        for size in {point.robots for point in found}
-    ]
-    known = {name for team in teams for robot in team.values() for name in (robot.id, robot.type)}
-    for option, of_whom in ((FAULT_RATE, base.major), (MINOR_RATE, base.minor)):
-        for who in sorted({*of_whom} - known - {EVERYBODY}):
-            listed = ", ".join(sorted(known))
-            raise InputError(f"--{option} {who}: not in a team of that size ({listed})")
+def _refuse_second(option: str, text: str, key: object, given: dict[object, str]) -> None:
+    if key in given:
+        raise InputError(f"--{option} {text}: given before, as {given[key]}")
+    given[key] = text
+
+
+def _number(text: str) -> float | None:
+    """A finite number that is not negative."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) and value >= 0 else None
