@@ -6,10 +6,10 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from mrbt_mesh.analysis.lift.mission import INDEPENDENT, LiftedMission, lifted_mission
-from mrbt_mesh.analysis.team_tree import translated
 from mrbt_mesh.analysis.lift.unit_tasks import UnitTasks
 from mrbt_mesh.analysis.lift.unit_team import UnitTeam
 from mrbt_mesh.analysis.lift.units import HandUnit, Knowledge, Piece, split
+from mrbt_mesh.analysis.team_tree import translated
 from mrbt_mesh.btcpp.files.document import Category, Document
 from mrbt_mesh.btcpp.files.expand import ExpandedNode, ExpandedTree, expand
 from mrbt_mesh.btcpp.files.library import Library

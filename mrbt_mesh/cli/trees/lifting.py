@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mrbt_mesh.analysis.lift.mission import LiftedMission, heading, lift_mission
 from mrbt_mesh.analysis.lift.in_units import LiftedUnits, UnitsByHand, lift_units
+from mrbt_mesh.analysis.lift.mission import LiftedMission, heading, lift_mission
 from mrbt_mesh.btcpp.files.document import SUBTREE, Document, read_document
 from mrbt_mesh.btcpp.files.folder import read_folder
 from mrbt_mesh.btcpp.files.library import Library, together
