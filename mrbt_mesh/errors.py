@@ -42,7 +42,7 @@ class Problem:
         return f"{place}: {self.path}: {self.message}" if self.path else f"{place}: {self.message}"
 
 
-class MissionError(InputError):
+class FileError(InputError):
     """A mission file that cannot be used; `str()` gives one line per problem."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
@@ -53,9 +53,9 @@ class MissionError(InputError):
         return "\n".join(str(problem) for problem in self.problems)
 
 
-def whole_file_error(file: str, message: str) -> MissionError:
-    """A MissionError that is about the file as a whole."""
-    return MissionError([Problem(file, 0, "", message)])
+def whole_file_error(file: str, message: str) -> FileError:
+    """A FileError that is about the file as a whole."""
+    return FileError([Problem(file, 0, "", message)])
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
@@ -73,7 +73,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
 
 
 def read_limited(path: Path, limit_bytes: int) -> bytes:
-    """The bytes of a file that people name; raises MissionError, also for one that is too large."""
+    """The bytes of a file that people name; raises FileError, also for one that is too large."""
     file = str(path)
     try:
         if not path.exists():

@@ -6,19 +6,19 @@ from pathlib import Path
 
 import pytest
 
-from mrbt_mesh.errors import MissionError, read_limited
+from mrbt_mesh.errors import FileError, read_limited
 
 
 def test_a_file_up_to_its_limit(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_bytes(b"12345")
     assert read_limited(path, 5) == b"12345"
-    with pytest.raises(MissionError, match="larger than the limit of 4 bytes"):
+    with pytest.raises(FileError, match="larger than the limit of 4 bytes"):
         read_limited(path, 4)
 
 
 def test_what_is_no_file(tmp_path: Path) -> None:
-    with pytest.raises(MissionError, match="there is no such file"):
+    with pytest.raises(FileError, match="there is no such file"):
         read_limited(tmp_path / "gone", 5)
-    with pytest.raises(MissionError, match="not a file"):
+    with pytest.raises(FileError, match="not a file"):
         read_limited(tmp_path, 5)

@@ -109,7 +109,7 @@ def to_team_tree(
     """Translate a tree with its SubTrees.
 
     A leaf without a model is refused, since it may be an action or a condition, unless
-    `unknown_leaves` says which, or it is one of `conditions`. Raises TreeFileError if the tree
+    `unknown_leaves` says which, or it is one of `conditions`. Raises FileError if the tree
     cannot be expanded.
     """
     return translated(library, expand(library, tree), unknown_leaves, conditions)

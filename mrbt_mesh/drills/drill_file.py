@@ -66,7 +66,7 @@ def drill_folder() -> Path:
 
 
 def drill_files(folder: Path) -> list[Path]:
-    """The drill files of a folder, sorted; raises MissionError if it has none."""
+    """The drill files of a folder, sorted; raises FileError if it has none."""
     paths = sorted(folder.glob("*.yaml"))
     if not paths:
         raise whole_file_error(str(folder), "the folder has no drill (*.yaml)")
@@ -76,7 +76,7 @@ def drill_files(folder: Path) -> list[Path]:
 def load_drills(path: Path) -> list[Drill]:
     """The drills of a file, in the order of its `for_each`.
 
-    Raises MissionError, and nothing else, for whatever may be wrong with it or its mission.
+    Raises FileError, and nothing else, for whatever may be wrong with it or its mission.
     """
     file = str(path)
     data, report = read_yaml(decode(read_limited(path, MAX_BYTES), file), file)

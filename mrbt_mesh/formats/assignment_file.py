@@ -32,7 +32,7 @@ MAX_BYTES = 256 << 20
 
 
 def problem_from_file(path: Path) -> AssignmentProblem:
-    """The problem in a JSON file; raises MissionError that says what would be right."""
+    """The problem in a JSON file; raises FileError that says what would be right."""
     content = read_limited(path, MAX_BYTES)
     try:
         data = json.loads(content)

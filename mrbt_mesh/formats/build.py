@@ -61,7 +61,7 @@ from mrbt_mesh.formats.yaml_source import read_yaml
 def mission_from_yaml(text: str, file: str, folder: Path) -> Mission:
     """The mission in `text`; `file` is for messages, `program` is relative to `folder`.
 
-    Raises MissionError with all problems that could be found.
+    Raises FileError with all problems that could be found.
     """
     data, report = read_yaml(text, file)
     model = validate(data, report)

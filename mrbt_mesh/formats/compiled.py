@@ -17,7 +17,7 @@ from mrbt_mesh.core.mission.mission import (
     mission_from_json,
 )
 from mrbt_mesh.core.mission.names import is_robot_id, split_call, type_name
-from mrbt_mesh.errors import MissionError, Problem, whole_file_error
+from mrbt_mesh.errors import FileError, Problem, whole_file_error
 
 
 def compile_mission(mission: Mission) -> str:
@@ -30,7 +30,7 @@ def compile_mission(mission: Mission) -> str:
 
 
 def mission_from_compiled(text: str, file: str) -> Mission:
-    """The mission in the JSON `text`. Raises MissionError if it was damaged or written by hand."""
+    """The mission in the JSON `text`. Raises FileError if it was damaged or written by hand."""
     try:
         data = json.loads(text)
         if not isinstance(data, dict) or "compiled" not in data:
@@ -40,7 +40,7 @@ def mission_from_compiled(text: str, file: str) -> Mission:
         compile_mission(mission)
     except json.JSONDecodeError as error:
         message = f"not valid JSON: {error.msg} (column {error.colno})"
-        raise MissionError([Problem(file, error.lineno, "", message)]) from None
+        raise FileError([Problem(file, error.lineno, "", message)]) from None
     except RecursionError:
         raise whole_file_error(file, "compiled mission is damaged: nested too deep") from None
     except (ValueError, TypeError, KeyError, AttributeError, IndexError) as error:

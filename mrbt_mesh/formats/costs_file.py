@@ -29,7 +29,7 @@ class _CostsModel(FileModel):
 def costs_from_file(path: Path, mission: Mission) -> Costs:
     """The mission's costs with those of the file in their place.
 
-    Raises MissionError with file and line for whatever is wrong with it.
+    Raises FileError with file and line for whatever is wrong with it.
     """
     data, report = read_yaml(decode(read_limited(path, MAX_BYTES), str(path)), str(path))
     if not isinstance(data, dict):

@@ -47,7 +47,7 @@ MAX_BYTES = 1 << 20
 def facts_from_file(mission: Mission, path: Path | None) -> TeamFacts:
     """The facts in `path`, as the mission's robots would have written them; None: at the start.
 
-    All robots of the mission are members; `ALIVE` is their incarnation. Raises MissionError with
+    All robots of the mission are members; `ALIVE` is their incarnation. Raises FileError with
     file and line for whatever is wrong with the facts.
     """
     builder = _Builder(mission)

@@ -129,7 +129,7 @@ def read_model(
 ) -> _Model:
     """The file's content as this model; for `explained` see `explain`.
 
-    Raises MissionError with all that is wrong with its shape.
+    Raises FileError with all that is wrong with its shape.
     """
     try:
         return kind.model_validate(data, context=report)

@@ -11,10 +11,10 @@ from pathlib import Path
 
 from mrbt_mesh.core.mission.mission import Mission, performance
 from mrbt_mesh.core.mission.names import type_name
-from mrbt_mesh.errors import MissionError, Problem, read_limited, whole_file_error
+from mrbt_mesh.errors import FileError, Problem, read_limited, whole_file_error
 from mrbt_mesh.formats.compiled import compile_mission, mission_from_compiled
 
-__all__ = ["MissionError", "Problem", "compile_mission", "load_mission", "mission_warnings"]
+__all__ = ["FileError", "Problem", "compile_mission", "load_mission", "mission_warnings"]
 
 MAX_YAML_BYTES = 1 << 20
 # A small file may unfold into a large tree.
@@ -24,7 +24,7 @@ MAX_COMPILED_BYTES = 16 << 20
 def load_mission(path: Path) -> Mission:
     """The mission in a `.yaml`, `.yml` or compiled `.json` file.
 
-    `program` becomes an absolute path, with its `:name` if it has one. Raises MissionError,
+    `program` becomes an absolute path, with its `:name` if it has one. Raises FileError,
     and nothing else, for whatever may be wrong with the file.
     """
     file = str(path)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
-from mrbt_mesh.errors import MAX_PATH_CHARACTERS, MAX_SHOWN_CHARACTERS, MissionError, Problem
+from mrbt_mesh.errors import MAX_PATH_CHARACTERS, MAX_SHOWN_CHARACTERS, FileError, Problem
 
 SourcePath: TypeAlias = tuple[str | int, ...]
 
@@ -42,13 +42,13 @@ class Report:
         return self.lines.get(path, 1)
 
     def raise_if_any(self) -> None:
-        """Raise MissionError with the problems in the order of the file, at most 100."""
+        """Raise FileError with the problems in the order of the file, at most 100."""
         if not self._found:
             return
         problems = sorted(list(self._found)[:MAX_PROBLEMS], key=lambda problem: problem.line)
         if self.is_full:
             problems.append(Problem(self.file, 0, "", "and more problems"))
-        raise MissionError(problems)
+        raise FileError(problems)
 
 
 def path_text(path: SourcePath) -> str:

@@ -12,9 +12,8 @@ from typing import Any
 from mrbt_mesh.btcpp.files.check import check_file
 from mrbt_mesh.btcpp.files.export import explicit
 from mrbt_mesh.btcpp.files.library import Library
-from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
 from mrbt_mesh.core.mission.program_trees import ProgramTree
-from mrbt_mesh.errors import nearest
+from mrbt_mesh.errors import FileError, nearest
 from mrbt_mesh.formats.expand import argument_text, call_text, split_template, substitute
 from mrbt_mesh.formats.mission_model import LocalTaskOrTreeModel, MissionModel
 from mrbt_mesh.formats.problems import Report
@@ -50,7 +49,7 @@ def _read(
     try:
         library, findings = check_file(folder / file)
         findings.raise_errors()
-    except TreeFileError as error:
+    except FileError as error:
         for problem in error.problems:
             report.add(place, str(problem))
         return None

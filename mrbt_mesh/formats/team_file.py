@@ -181,7 +181,7 @@ def _filled(text: str, values: Mapping[str, str]) -> str:
 
 
 def load_team(path: Path) -> TeamFile:
-    """Read a team file. Raises MissionError with all problems that could be found."""
+    """Read a team file. Raises FileError with all problems that could be found."""
     return read_team(decode(read_limited(path, MAX_YAML_BYTES), str(path)), str(path))
 
 

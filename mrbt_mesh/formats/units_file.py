@@ -32,7 +32,7 @@ class UnitsModel(FileModel):
 
 
 def load_units(path: Path) -> Mapping[str, list[str]]:
-    """Read a file of units. Raises MissionError with all problems that could be found."""
+    """Read a file of units. Raises FileError with all problems that could be found."""
     file = str(path)
     data, report = read_yaml(decode(read_limited(path, MAX_YAML_BYTES), file), file)
     if not isinstance(data, dict):

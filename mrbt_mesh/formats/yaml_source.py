@@ -15,7 +15,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from mrbt_mesh.errors import MissionError, Problem, whole_file_error
+from mrbt_mesh.errors import FileError, Problem, whole_file_error
 from mrbt_mesh.formats.problems import Report, SourcePath, found
 from mrbt_mesh.formats.yaml_syntax import explain_yaml
 
@@ -45,20 +45,20 @@ class _TooMuchError(Exception):
 
 
 def decode(content: bytes, file: str) -> str:
-    """The text of a file. Raises MissionError, with the line, if it is not UTF-8."""
+    """The text of a file. Raises FileError, with the line, if it is not UTF-8."""
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         message = f"not a text file in UTF-8 (byte {error.start} is {content[error.start]:#04x})"
-        raise MissionError([Problem(file, line, "", message)]) from None
+        raise FileError([Problem(file, line, "", message)]) from None
 
 
 def read_yaml(text: str, file: str) -> tuple[Any, Report]:
     """Plain data (mappings are SourceDict) and a report that knows all lines.
 
     Duplicate keys and unusable values are noted in the report and left out. Raises
-    MissionError where no data can be had: broken syntax, more than `MAX_LEVELS` levels or
+    FileError where no data can be had: broken syntax, more than `MAX_LEVELS` levels or
     `MAX_VALUES` values once aliases are unfolded.
     """
     node = _compose(text, file)
@@ -84,7 +84,7 @@ def _compose(text: str, file: str) -> Node | None:
             return node
     except YAMLError as error:
         line, said = explain_yaml(error, text)
-        raise MissionError([Problem(file, line, "", f"not valid YAML: {said}")]) from None
+        raise FileError([Problem(file, line, "", f"not valid YAML: {said}")]) from None
     except RecursionError:
         raise whole_file_error(file, _too_deep()) from None
     except Exception as error:

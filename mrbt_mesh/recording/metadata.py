@@ -94,7 +94,7 @@ class RunMetadata:
             raise ValueError(f"its metadata are damaged: {error!r}") from None
 
     def read_mission(self, file: str) -> Mission:
-        """The mission; raises MissionError if its text was damaged, ValueError if it is another."""
+        """The mission; raises FileError if its text was damaged, ValueError if it is another."""
         mission = mission_from_compiled(self.mission, file)
         if mission.digest != self.mission_digest:
             raise ValueError("the mission in its metadata is not that of its digest")

@@ -312,7 +312,7 @@ class RobotProgram:
                 await robot.run_tree(task, "fetch.xml", "Fetch", goal=where)
 
         Raises TaskFailedError unless it succeeds, with the reason of the leaf that failed last, and
-        TreeFileError.
+        FileError.
         """
         from mrbt_mesh.btcpp import BehaviorTree
         from mrbt_mesh.runtime.tree_programs import carry_out

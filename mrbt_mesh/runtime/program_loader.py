@@ -17,7 +17,7 @@ from typing import TypeAlias
 
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import ALL, split_call, type_name
-from mrbt_mesh.errors import InputError, MissionError, nearest
+from mrbt_mesh.errors import FileError, InputError, nearest
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_function import BackgroundFunction, ProgramError, ProgramFunction
 
@@ -182,7 +182,7 @@ def _import_file(path: Path) -> ModuleType:
 
 
 def _import_failure(path: Path, error: BaseException) -> str:
-    if isinstance(error, MissionError):
+    if isinstance(error, FileError):
         return str(error)  # of a file of bindings, with its own places
     if isinstance(error, SyntaxError):
         line = f":{error.lineno}" if error.lineno else ""

@@ -145,7 +145,7 @@ def _check_routers(routers: Sequence[str], transport: str) -> None:
 def address_of(run_dir: RunDir) -> TeamAddress:
     """Where an observer finds the team of a run directory.
 
-    Raises RunDirError or MissionError for a damaged one, TransportError without the team's key.
+    Raises RunDirError or FileError for a damaged one, TransportError without the team's key.
     """
     info = run_dir.info()
     mission = load_mission(run_dir.mission_path)

@@ -10,16 +10,15 @@ from mrbt_mesh.btcpp.files.document import parse_document
 from mrbt_mesh.btcpp.files.expand import constant_value
 from mrbt_mesh.btcpp.files.findings import Findings
 from mrbt_mesh.btcpp.files.library import library_of
-from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
 from mrbt_mesh.btcpp.scripts.values import ValueTypeError, as_truth
 from mrbt_mesh.core.mission.program_trees import ProgramTree
-from mrbt_mesh.errors import TaskFailedError
+from mrbt_mesh.errors import FileError, TaskFailedError
 
 
 def made_tree(
     program: ProgramTree, leaves: Leaves, given: Mapping[type, Any] | None = None
 ) -> BehaviorTree:
-    """The tree of a mission, with its entries set. Raises TreeFileError and BlackboardError."""
+    """The tree of a mission, with its entries set. Raises FileError and BlackboardError."""
     library = library_of(parse_document(program.xml, program.source), Findings())
     tree = BehaviorTree(library, program.tree, leaves, given=given)
     tree.check()  # so that ports' types are known
@@ -34,7 +33,7 @@ def lacking_leaves(program: ProgramTree, leaves: Leaves) -> list[str]:
     """What keeps a program from running this tree, each with file, line and node."""
     try:
         made_tree(program, leaves)
-    except TreeFileError as error:
+    except FileError as error:
         return [str(problem) for problem in error.problems]
     except BlackboardError as error:
         return [f"{program.source}: {program.tree}: {error}"]

@@ -24,7 +24,7 @@ _INNER = re.compile(r"\{(\w+_[0-9]+__)+")
 
 @lru_cache(maxsize=64)
 def program_tree(program: ProgramTree) -> ExpandedNode:
-    """The tree with its SubTrees in place. Raises TreeFileError for what no robot can run."""
+    """The tree with its SubTrees in place. Raises FileError for what no robot can run."""
     library = library_of(parse_document(program.xml, program.source), Findings())
     return expand(library, program.tree).root
 

@@ -16,8 +16,8 @@ from mrbt_mesh.btcpp.files.document import Category, parse_document
 from mrbt_mesh.btcpp.files.expand import expand
 from mrbt_mesh.btcpp.files.findings import Findings
 from mrbt_mesh.btcpp.files.library import Library, library_of
-from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec
+from mrbt_mesh.errors import FileError
 from tests.support.strategies import tree_specs
 
 MOVE = '<Action ID="Move"><input_port name="goal"/><input_port name="speed" default="1"/></Action>'
@@ -302,17 +302,17 @@ def test_expansion_is_limited() -> None:
         f'<SubTree ID="T{n + 1}"/></ReactiveSequence></BehaviorTree>'
         for n in range(20)
     )
-    with pytest.raises(TreeFileError, match="more than 20000 nodes"):
+    with pytest.raises(FileError, match="more than 20000 nodes"):
         expand(library('<SubTree ID="T0"/>', trees), "Main")
     chain = "".join(
         f'<BehaviorTree ID="T{n}"><SubTree ID="T{n + 1}"/></BehaviorTree>' for n in range(300)
     )
-    with pytest.raises(TreeFileError, match="258 levels"):
+    with pytest.raises(FileError, match="258 levels"):
         expand(library('<SubTree ID="T0"/>', chain), "Main")
 
 
 def test_trees_that_contain_themselves_do_not_expand() -> None:
     text = '<root BTCPP_format="4"><BehaviorTree ID="A"><SubTree ID="A"/></BehaviorTree></root>'
     found = library_of(parse_document(text, "m.xml"), Findings())
-    with pytest.raises(TreeFileError, match="A -> A"):
+    with pytest.raises(FileError, match="A -> A"):
         expand(found, "A")

@@ -8,7 +8,7 @@ import pytest
 
 from mrbt_mesh.drills.drill_file import drill_files, drill_folder, load_drills
 from mrbt_mesh.drills.model import RoleModel, StepModel
-from mrbt_mesh.errors import MissionError, Problem
+from mrbt_mesh.errors import FileError, Problem
 from tests.support.paths import ROOT, mission_file
 
 # Line numbers below count from the first line of this text, which is line 1.
@@ -62,7 +62,7 @@ def written(folder: Path, text: str) -> Path:
 
 
 def problems_of(folder: Path, text: str) -> list[Problem]:
-    with pytest.raises(MissionError) as caught:
+    with pytest.raises(FileError) as caught:
         load_drills(written(folder, text))
     return caught.value.problems
 
@@ -153,21 +153,21 @@ def test_a_mission_that_is_wrong_is_named_itself(tmp_path: Path) -> None:
     (tmp_path / "mission.yaml").write_text("mission: m\n")
     path = tmp_path / "drill.yaml"
     path.write_text("name: d\nmission: mission.yaml\n")
-    with pytest.raises(MissionError, match=r"mission.yaml:1: the key 'local_tasks' is missing"):
+    with pytest.raises(FileError, match=r"mission.yaml:1: the key 'local_tasks' is missing"):
         load_drills(path)
 
 
 def test_files_that_are_no_drills(tmp_path: Path) -> None:
-    with pytest.raises(MissionError, match="there is no such file"):
+    with pytest.raises(FileError, match="there is no such file"):
         load_drills(tmp_path / "none.yaml")
     path = tmp_path / "list.yaml"
     path.write_text("- a\n")
-    with pytest.raises(MissionError, match="a drill is expected"):
+    with pytest.raises(FileError, match="a drill is expected"):
         load_drills(path)
     path.write_text("for_each: {a: [1, 2, 3, 4, 5, 6, 7, 8, 9, 10]}\nname: d\n")
-    with pytest.raises(MissionError, match="'mission' is missing"):
+    with pytest.raises(FileError, match="'mission' is missing"):
         load_drills(path)
-    with pytest.raises(MissionError, match="the folder has no drill"):
+    with pytest.raises(FileError, match="the folder has no drill"):
         drill_files(tmp_path / "nowhere")
 
 

@@ -15,7 +15,7 @@ from mrbt_mesh.core.mission.mission import Mission, Need, SameRobotAs
 from mrbt_mesh.formats.assignment_file import problem_from_file
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.compiled import mission_from_compiled
-from mrbt_mesh.formats.mission_file import MissionError, compile_mission
+from mrbt_mesh.formats.mission_file import FileError, compile_mission
 from tests.support.paths import ROOT
 
 DOCUMENT = ROOT / "docs" / "solvers.md"
@@ -107,7 +107,7 @@ def test_same_robot_as_is_ground_and_survives_compiling() -> None:
 def test_what_is_wrong_is_told(old: str, new: str, message: str) -> None:
     text = CARRY + LIMITS
     assert old in text
-    with pytest.raises(MissionError) as caught:
+    with pytest.raises(FileError) as caught:
         load(text.replace(old, new, 1))
     assert message in str(caught.value), str(caught.value)
     assert re.match(r"m\.yaml:\d+: ", str(caught.value))
@@ -128,7 +128,7 @@ def test_what_is_wrong_is_told(old: str, new: str, message: str) -> None:
 def test_a_damaged_compiled_mission_is_refused(constraint: Any) -> None:
     data = json.loads(compile_mission(load(CARRY + LIMITS)))
     data["constraints"] = [constraint]
-    with pytest.raises(MissionError, match="compile the mission again"):
+    with pytest.raises(FileError, match="compile the mission again"):
         mission_from_compiled(json.dumps(data), "m.json")
 
 
@@ -136,7 +136,7 @@ def test_same_robot_as_in_a_damaged_compiled_mission_is_refused() -> None:
     text = compile_mission(load(CARRY))
     damaged = text.replace('["fetch(1)","pick(1)"]', '["fetch(1)","pick(2)"]')
     assert damaged != text
-    with pytest.raises(MissionError, match="same_robot_as"):
+    with pytest.raises(FileError, match="same_robot_as"):
         mission_from_compiled(damaged, "m.json")
 
 
@@ -199,6 +199,6 @@ def test_constraints_of_a_problem(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_wrong_with_a_problem(tmp_path: Path, constraints: Any, message: str) -> None:
-    with pytest.raises(MissionError) as caught:
+    with pytest.raises(FileError) as caught:
         problem(tmp_path, constraints)
     assert message in str(caught.value)

@@ -15,7 +15,7 @@ from mrbt_mesh.core.mission.names import split_call
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.compiled import mission_from_compiled
 from mrbt_mesh.formats.expand import argument_text, call_text, split_template, to_micro
-from mrbt_mesh.formats.mission_file import MissionError, compile_mission
+from mrbt_mesh.formats.mission_file import FileError, compile_mission
 
 HEAD = {
     "mission": "m",
@@ -97,7 +97,7 @@ def test_a_subtree_sees_its_parameters_and_those_of_the_mission_only() -> None:
     loop = {"for_each": {"last": [5]}, "do": {"SubTree": "mend($last)"}}
     assert expanded({"Sequence": loop})[1] == ("mend(5)", ("Fallback", "fix(5)", "fix(9)"))
     subtrees = {"s": {"tree": "fix($p)"}}
-    with pytest.raises(MissionError, match=r"unknown parameter \$p"):
+    with pytest.raises(FileError, match=r"unknown parameter \$p"):
         load({"Sequence": {"for_each": {"p": [1]}, "do": {"SubTree": "s"}}}, subtrees=subtrees)
 
 

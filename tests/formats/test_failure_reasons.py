@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.core.mission.failure_reasons import FailureReason
-from mrbt_mesh.errors import MissionError
+from mrbt_mesh.errors import FileError
 from mrbt_mesh.formats.build import mission_from_yaml
 
 # The condition stands on line 6.
@@ -65,7 +65,7 @@ def test_a_condition_of_a_global_task_with_a_parameter_of_the_mission() -> None:
     ],
 )
 def test_mistakes_are_told_with_their_line(given: str, message: str) -> None:
-    with pytest.raises(MissionError) as caught:
+    with pytest.raises(FileError) as caught:
         conditions(MISSION.replace(GIVEN, f"failure_reason: {given}"))
     lines = [line for line in str(caught.value).splitlines() if message in line]
     assert lines, str(caught.value)
@@ -89,7 +89,7 @@ def test_mistakes_are_told_with_their_line(given: str, message: str) -> None:
     ],
 )
 def test_who_else_may_say_it_is_nobody(old: str, new: str, message: str) -> None:
-    with pytest.raises(MissionError) as caught:
+    with pytest.raises(FileError) as caught:
         conditions(MISSION.replace(old, new))
     assert str(caught.value).startswith(message)
     assert "why something failed" in str(caught.value)

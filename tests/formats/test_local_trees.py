@@ -9,7 +9,7 @@ import pytest
 
 from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.errors import MissionError
+from mrbt_mesh.errors import FileError
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.compiled import compile_mission, mission_from_compiled
 
@@ -103,7 +103,7 @@ def test_it_is_compiled_and_part_of_the_digest() -> None:
 )
 def test_a_mistake_is_named_with_its_line(old: str, new: str, line: int, message: str) -> None:
     assert GOOD.count(old) == 1
-    with pytest.raises(MissionError) as caught:
+    with pytest.raises(FileError) as caught:
         mission(GOOD.replace(old, new))
     (problem,) = (each for each in caught.value.problems if message in each.message)
     assert (problem.file, problem.line) == ("m.yaml", line)
@@ -111,7 +111,7 @@ def test_a_mistake_is_named_with_its_line(old: str, new: str, line: int, message
 
 
 def test_a_mistake_in_a_tree_names_the_node() -> None:
-    with pytest.raises(MissionError) as caught:
+    with pytest.raises(FileError) as caught:
         mission(GOOD.replace("grasp($thing)]", "grap($thing)]"))
     (problem,) = caught.value.problems
     assert problem.path == "local_tasks/hold/tree/Fallback[2]"
@@ -123,7 +123,7 @@ def test_trees_without_end_are_stopped_at_the_limit_of_nodes() -> None:
         for i in range(20)
     )
     text = GOOD.replace("  hold:\n", f"{doubling}  t20: {{tree: grasp(x)}}\n  hold:\n")
-    with pytest.raises(MissionError, match="more than 20000 nodes once expanded"):
+    with pytest.raises(FileError, match="more than 20000 nodes once expanded"):
         mission(text.replace("SubTree: hold($part)", "SubTree: t0"))
 
 
@@ -140,6 +140,6 @@ def test_trees_without_end_are_stopped_at_the_limit_of_nodes() -> None:
 def test_a_damaged_compiled_mission_is_refused(change: str, message: str) -> None:
     data = json.loads(compile_mission(mission()))
     exec(change, {"d": data})
-    with pytest.raises(MissionError) as caught:
+    with pytest.raises(FileError) as caught:
         mission_from_compiled(json.dumps(data), "m.json")
     assert message in str(caught.value)

@@ -24,7 +24,7 @@ from mrbt_mesh.core.mission.mission import (
 from mrbt_mesh.formats.build import mission_from_yaml, resolve_program
 from mrbt_mesh.formats.compiled import mission_from_compiled
 from mrbt_mesh.formats.mission_file import (
-    MissionError,
+    FileError,
     compile_mission,
     load_mission,
     mission_warnings,
@@ -365,18 +365,18 @@ def _damaged(change: str) -> str:
     ],
 )
 def test_a_damaged_compiled_mission_is_refused(change: str, message: str) -> None:
-    with pytest.raises(MissionError) as caught:
+    with pytest.raises(FileError) as caught:
         mission_from_compiled(_damaged(change), "m.json")
     assert message in str(caught.value)
     assert str(caught.value).startswith("m.json: ")
 
 
 def test_broken_json_names_the_line() -> None:
-    with pytest.raises(MissionError, match=r"^m\.json:2: not valid JSON"):
+    with pytest.raises(FileError, match=r"^m\.json:2: not valid JSON"):
         mission_from_compiled('{"compiled": 1,\n oops}', "m.json")
-    with pytest.raises(MissionError, match="not a compiled mission"):
+    with pytest.raises(FileError, match="not a compiled mission"):
         mission_from_compiled("[]", "m.json")
-    with pytest.raises(MissionError, match=r"nested too deep|not valid JSON"):
+    with pytest.raises(FileError, match=r"nested too deep|not valid JSON"):
         mission_from_compiled("[" * 100_000 + "]" * 100_000, "m.json")
 
 
@@ -403,7 +403,7 @@ def test_no_damage_to_a_compiled_mission_raises_anything_else(
     place[key] = value
     try:
         mission = mission_from_compiled(json.dumps(compiled), "m.json")
-    except MissionError:
+    except FileError:
         return
     assert mission_from_compiled(compile_mission(mission), "m.json").digest == mission.digest
 
@@ -426,7 +426,7 @@ def test_nodes_with_memory_and_parallels_that_fail_early() -> None:
     parallel = nodes[nodes[0].children[2]]
     assert (parallel.limit, parallel.failures) == (1, 1)
     assert mission_from_json(mission.to_json()).tree == mission.tree
-    with pytest.raises(MissionError, match="failures: 3 is more than the 2 children"):
+    with pytest.raises(FileError, match="failures: 3 is more than the 2 children"):
         load_text(text.replace("failures: 1", "failures: 3"))
 
 
@@ -440,5 +440,5 @@ def test_a_solver_is_named_but_is_no_part_of_the_digest() -> None:
 
 @pytest.mark.parametrize("text", ["", "a b", "x:y:z", "../evil", "3"])
 def test_a_solver_that_could_be_no_name_is_refused(text: str) -> None:
-    with pytest.raises(MissionError, match=r"solver: (the name of a solver|text|a text|Input)"):
+    with pytest.raises(FileError, match=r"solver: (the name of a solver|text|a text|Input)"):
         load_text(f"solver: {text!r}\n" + SMALL)

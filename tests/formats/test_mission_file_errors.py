@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.errors import Problem
 from mrbt_mesh.formats.build import mission_from_yaml
-from mrbt_mesh.formats.mission_file import MAX_YAML_BYTES, MissionError, load_mission
+from mrbt_mesh.formats.mission_file import MAX_YAML_BYTES, FileError, load_mission
 from mrbt_mesh.formats.problems import MAX_PROBLEMS, found, path_text
 from mrbt_mesh.formats.yaml_source import decode
 
@@ -42,7 +42,7 @@ tree:
 
 
 def problems_of(text: str) -> list[Problem]:
-    with pytest.raises(MissionError) as caught:
+    with pytest.raises(FileError) as caught:
         mission_from_yaml(text, "m.yaml", Path("/nowhere"))
     lines = str(caught.value).splitlines()
     assert len(lines) == len(caught.value.problems)
@@ -372,23 +372,23 @@ def test_the_number_of_arguments_is_limited() -> None:
 )
 def test_unusable_files(tmp_path: Path, name: str, content: bytes, message: str) -> None:
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(MissionError) as caught:
+    with pytest.raises(FileError) as caught:
         load_mission(tmp_path / name)
     assert message in str(caught.value)
 
 
 def test_a_missing_file_and_a_folder(tmp_path: Path) -> None:
-    with pytest.raises(MissionError, match="there is no such file"):
+    with pytest.raises(FileError, match="there is no such file"):
         load_mission(tmp_path / "m.yaml")
-    with pytest.raises(MissionError, match="there is no such file"):
+    with pytest.raises(FileError, match="there is no such file"):
         load_mission(tmp_path / "no" / "m.json")
     folder = tmp_path / "folder.yaml"
     folder.mkdir()
-    with pytest.raises(MissionError, match="not a file; give the file itself"):
+    with pytest.raises(FileError, match="not a file; give the file itself"):
         load_mission(folder)
-    with pytest.raises(MissionError):
+    with pytest.raises(FileError):
         load_mission(Path("\0.yaml"))
-    with pytest.raises(MissionError, match="cannot be read"):
+    with pytest.raises(FileError, match="cannot be read"):
         load_mission(tmp_path / ("x" * 5000 + ".yaml"))
 
 
@@ -401,7 +401,7 @@ def test_a_file_that_may_not_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
     # Not by its mode, which does not stop root.
     monkeypatch.setattr(Path, "open", refuse)
-    with pytest.raises(MissionError, match="cannot be read: Permission denied"):
+    with pytest.raises(FileError, match="cannot be read: Permission denied"):
         load_mission(file)
 
 
@@ -419,7 +419,7 @@ def test_values_are_shown_short_and_on_one_line() -> None:
     assert len(found("x" * 1000)) < 80
 
 
-# Whatever is in the file, the only exception is MissionError.
+# Whatever is in the file, the only exception is FileError.
 
 _pieces = st.sampled_from(
     [
@@ -434,7 +434,7 @@ _pieces = st.sampled_from(
 
 @given(st.lists(_pieces, max_size=40).map("".join))
 def test_no_text_raises_anything_else(text: str) -> None:
-    with pytest.raises(MissionError):
+    with pytest.raises(FileError):
         mission_from_yaml(text, "m.yaml", Path("/nowhere"))
 
 
@@ -446,6 +446,6 @@ def test_no_damage_to_a_good_mission_raises_anything_else(data: st.DataObject) -
     message = ""
     try:
         mission_from_yaml(text, "m.yaml", Path("/nowhere"))
-    except MissionError as error:
+    except FileError as error:
         message = str(error)
     assert all(line.startswith("m.yaml") for line in message.splitlines())

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.core.mission.mission import FailurePolicy, Mission, MissionEnd, mission_from_json
-from mrbt_mesh.errors import MissionError
+from mrbt_mesh.errors import FileError
 from mrbt_mesh.formats.build import mission_from_yaml
 
 FILE = """
@@ -49,7 +49,7 @@ def test_whether_a_mission_ends() -> None:
     assert load(FILE.replace("mission: m", "mission: m\nends: once")).digest == once.digest
     assert never.digest != once.digest, "robots must agree on it"
     assert mission_from_json(json.loads(json.dumps(never.to_json()))) == never
-    with pytest.raises(MissionError, match="once or never is expected, found the text 'later'"):
+    with pytest.raises(FileError, match="once or never is expected, found the text 'later'"):
         load(FILE.replace("mission: m", "mission: m\nends: later"))
 
 
@@ -64,7 +64,7 @@ def test_whether_a_mission_ends() -> None:
     ],
 )
 def test_what_is_no_policy_is_refused(failure: str, message: str) -> None:
-    with pytest.raises(MissionError) as caught:
+    with pytest.raises(FileError) as caught:
         load(FILE.replace("{weld: {}}}\ntree", f"{{weld: {{}}}}, failure: {failure}}}\ntree"))
     assert message in str(caught.value)
     assert str(caught.value).startswith("m.yaml:7")
@@ -83,7 +83,7 @@ def test_what_local_tasks_set_is_ground_in_the_global_task() -> None:
     assert mission_from_json(json.loads(json.dumps(mission.to_json()))) == mission
     assert load(FILE).global_tasks["fix"].effects == ()
     for wrong, message in (("cold($p)", "'cold' is no declared condition"), ("hot($q)", "$q")):
-        with pytest.raises(MissionError) as caught:
+        with pytest.raises(FileError) as caught:
             load(text.replace("hot($p)", wrong))
         assert message in str(caught.value)
 
@@ -95,5 +95,5 @@ def test_what_the_file_says_of_blocked_tasks_is_for_those_that_do_not_say_it() -
     waits = text.replace("{weld: {}}}\ntree", "{weld: {}}, blocked: wait}\ntree")
     (task,) = load(waits).global_tasks.values()
     assert task.blocked_fail_after_us is None
-    with pytest.raises(MissionError, match="a number above 0 is expected"):
+    with pytest.raises(FileError, match="a number above 0 is expected"):
         load(text.replace("2}", "0}"))

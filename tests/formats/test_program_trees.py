@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.core.mission.mission import Mission, mission_from_json
-from mrbt_mesh.errors import MissionError
+from mrbt_mesh.errors import FileError
 from mrbt_mesh.formats.build import mission_from_yaml
 
 TREE = '<root BTCPP_format="4"><BehaviorTree ID="Go"><Move to="{to}"/></BehaviorTree></root>'
@@ -90,10 +90,10 @@ def test_a_damaged_compiled_mission_is_refused(tmp_path: Path, damage: str, valu
 def test_what_is_wrong_is_told_with_its_line(
     tmp_path: Path, old: str, new: str, message: str
 ) -> None:
-    with pytest.raises(MissionError, match=message):
+    with pytest.raises(FileError, match=message):
         read(tmp_path, TEXT.replace(old, new))
 
 
 def test_a_file_that_is_wrong_is_told_with_its_own_line(tmp_path: Path) -> None:
-    with pytest.raises(MissionError, match=r"go.xml:1: .*Sequence"):
+    with pytest.raises(FileError, match=r"go.xml:1: .*Sequence"):
         read(tmp_path, tree=TREE.replace('<Move to="{to}"/>', "<Sequence/>"))

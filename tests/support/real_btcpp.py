@@ -31,7 +31,7 @@ from mrbt_mesh.btcpp.files.document import (
 from mrbt_mesh.btcpp.files.findings import Findings
 from mrbt_mesh.btcpp.files.library import Library, load_library
 from mrbt_mesh.btcpp.files.upgrade import RENAMED_NODES
-from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
+from mrbt_mesh.errors import FileError
 
 INSTALL = "BehaviorTree.CPP is not installed: make test-interop"
 _SERVER = """
@@ -133,7 +133,7 @@ def staged(path: Path, folder: Path, library: Library | None = None) -> Staged:
     target.write_bytes(path.read_bytes())
     try:
         read = load_library(path, Findings())
-    except TreeFileError:
+    except FileError:
         return Staged(target, {}, [])
     nodes: dict[str, str] = {}
     for document in read.documents:

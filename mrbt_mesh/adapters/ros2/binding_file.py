@@ -24,7 +24,7 @@ from mrbt_mesh.adapters.ros2.bindings import (
 )
 from mrbt_mesh.adapters.ros2.expression import MessageExpression, MessageExpressionError
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.errors import MissionError, nearest, read_limited, whole_file_error
+from mrbt_mesh.errors import FileError, nearest, read_limited, whole_file_error
 from mrbt_mesh.formats.file_model import EXPLAINED, FileModel, Name, RobotName, one_of, read_model
 from mrbt_mesh.formats.mission_file import MAX_YAML_BYTES
 from mrbt_mesh.formats.problems import Report, SourcePath
@@ -139,14 +139,14 @@ class BindingFile:
     position: TopicBinding | None
 
     def robot_values(self, robot: str) -> Mapping[str, str]:
-        """What `$name` stands for on this robot. Raises MissionError if the file lacks it."""
+        """What `$name` stands for on this robot. Raises FileError if the file lacks it."""
         if self.robots and robot not in self.robots:
             text = f"robots has no {robot}{nearest(robot, self.robots)}"
             raise whole_file_error(self.file, text)
         return {ROBOT: robot, **self.robots.get(robot, {})}
 
     def check_mission(self, mission: Mission, robots: Collection[str]) -> None:
-        """Raise MissionError if it does not fit a mission and the robots that take part."""
+        """Raise FileError if it does not fit a mission and the robots that take part."""
         report = Report(self.file, self.report.lines)
         tasks = {name: task.parameters for name, task in self.tasks.items()}
         told: list[tuple[SourcePath, str]] = [(("conditions", c), c) for c in self.conditions]
@@ -157,20 +157,20 @@ class BindingFile:
             note_missing_robots(report, "robots", self.robots, robots)
         report.raise_if_any()
 
-    def told(self, problems: list[dict[str, Any]]) -> MissionError:
+    def told(self, problems: list[dict[str, Any]]) -> FileError:
         """What the bridge has found in the file, with the lines."""
         report = Report(self.file, self.report.lines)
         for problem in problems:
             report.add(tuple(problem["place"]), problem["text"])
         try:
             report.raise_if_any()
-        except MissionError as error:
+        except FileError as error:
             return error
         raise ValueError("no problems")
 
 
 def load_bindings(path: Path) -> BindingFile:
-    """Read a binding file. Raises MissionError with all problems that could be found."""
+    """Read a binding file. Raises FileError with all problems that could be found."""
     file = str(path)
     data, report = read_yaml(decode(read_limited(path, MAX_YAML_BYTES), file), file)
     if not isinstance(data, dict):

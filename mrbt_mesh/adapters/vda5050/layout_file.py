@@ -147,7 +147,7 @@ class LayoutFile:
     report: Report
 
     def check_mission(self, mission: Mission, robots: Collection[str]) -> None:
-        """Raise MissionError if it does not fit a mission and the robots that take part."""
+        """Raise FileError if it does not fit a mission and the robots that take part."""
         report = Report(self.file, self.report.lines)
         tasks = {name: task.parameters for name, task in self.tasks.items()}
         sets: list[tuple[SourcePath, str]] = [
@@ -159,7 +159,7 @@ class LayoutFile:
 
 
 def load_layout(path: Path) -> LayoutFile:
-    """Read a layout file. Raises MissionError with all problems that could be found."""
+    """Read a layout file. Raises FileError with all problems that could be found."""
     file = str(path)
     data, report = read_yaml(decode(read_limited(path, MAX_YAML_BYTES), file), file)
     if not isinstance(data, dict):

@@ -15,7 +15,7 @@ from mrbt_mesh.btcpp.files.expand import ExpandedNode, ExpandedTree, expand
 from mrbt_mesh.btcpp.files.library import Library
 from mrbt_mesh.btcpp.scripts.values import read_boolean
 from mrbt_mesh.core.mission.mission import MICRO
-from mrbt_mesh.errors import MissionError, Problem, nearest
+from mrbt_mesh.errors import FileError, Problem, nearest
 from mrbt_mesh.formats.declaration import Declaration
 from mrbt_mesh.formats.team_file import TeamFile, UnitTaskModel
 
@@ -49,7 +49,7 @@ def lift_units(
 ) -> LiftedUnits:
     """Lift the tree called `tree` in units; `file` is where their trees will be.
 
-    Raises MissionError for whatever does not fit, with its place.
+    Raises FileError for whatever does not fit, with its place.
     """
     expanded = expand(library, tree)
     check_subtrees(expanded)
@@ -72,7 +72,7 @@ def lift_units(
 
 
 def check_subtrees(tree: ExpandedTree) -> None:
-    """Nobody can carry out a SubTree that is in none of the files: raises MissionError."""
+    """Nobody can carry out a SubTree that is in none of the files: raises FileError."""
     problems = [
         Problem(
             node.file,
@@ -85,7 +85,7 @@ def check_subtrees(tree: ExpandedTree) -> None:
         if node.category is Category.SUBTREE and not node.children
     ]
     if problems:
-        raise MissionError(problems)
+        raise FileError(problems)
 
 
 def _declare_independent(tree: ExpandedTree, names: Collection[str]) -> list[str]:
@@ -130,7 +130,7 @@ def _by_hand(tree: ExpandedTree, by_hand: UnitsByHand) -> dict[int, HandUnit]:
                     message = f"{node.path} is in the unit {other.name!r}, too"
                     problems.append(Problem(by_hand.file, 0, f"units/{unit}", message))
     if problems:
-        raise MissionError(problems)
+        raise FileError(problems)
     return found
 
 
@@ -148,7 +148,7 @@ def _check_apart(found: Piece, by_hand: Mapping[int, HandUnit], file: str) -> No
             message = f"{listed} cannot be told apart: {'; '.join(unit.reasons)}"
             problems.append(Problem(file, 0, "units", message))
     if problems:
-        raise MissionError(problems)
+        raise FileError(problems)
 
 
 # -- the team that does units -----------------------------------------------------------------
@@ -221,7 +221,7 @@ def _check_capable(tasks: UnitTasks, team: UnitTeam, units: TeamFile) -> None:
         message = f"no robot can do all of the unit {use.call}: {'; '.join(rows[:8])}{why}"
         problems.append(Problem(first.file, first.line, first.path, message))
     if problems:
-        raise MissionError(problems)
+        raise FileError(problems)
 
 
 def _notes(tasks: UnitTasks, team: UnitTeam) -> list[Problem]:

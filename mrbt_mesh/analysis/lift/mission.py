@@ -18,7 +18,7 @@ from mrbt_mesh.btcpp.files.library import Library, TreeSource
 from mrbt_mesh.btcpp.scripts.values import read_boolean
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec
 from mrbt_mesh.core.mission.names import split_call, type_name
-from mrbt_mesh.errors import MissionError, Problem, nearest
+from mrbt_mesh.errors import FileError, Problem, nearest
 from mrbt_mesh.formats.declaration import Declaration
 from mrbt_mesh.formats.mission_model import FailureReasonModel
 from mrbt_mesh.formats.mission_writer import tree_data
@@ -43,7 +43,7 @@ def lift_mission(
     """Lift the tree called `tree` for a team.
 
     `independent` names nodes by path or name whose children do not depend on one another.
-    Raises MissionError with the node's path and line for whatever a team cannot carry out.
+    Raises FileError with the node's path and line for whatever a team cannot carry out.
     """
     found = to_team_tree(library, tree, Category.ACTION, team.model.conditions)
     mission = lifted_mission(found, team, library.trees[tree], independent, name)
@@ -73,7 +73,7 @@ def lifted_mission(
 ) -> LiftedMission:
     """As `lift_mission`, of a tree that has been translated; its tasks are those of `team`."""
     if found.spec is None:
-        raise MissionError(found.refusals)
+        raise FileError(found.refusals)
     spec = found.spec
     _check_tasks(spec, team, source)
     declared = _declarations(spec, found, team)
@@ -136,7 +136,7 @@ def _check_capable(actions: Collection[str], found: Collection[Follows], team: T
                 Problem(team.file, 0, "robots", f"{text}, but none can do both ({able})")
             )
     if problems:
-        raise MissionError(problems)
+        raise FileError(problems)
 
 
 def _whose(each: Follows, left: Collection[Follows]) -> str:
@@ -178,7 +178,7 @@ def _check_tasks(spec: NodeSpec, team: TeamFile, source: TreeSource) -> None:
         problems.append(
             Problem(where, source.element.line, source.id, "is the tree with these actions")
         )
-        raise MissionError(problems)
+        raise FileError(problems)
 
 
 def _declarations(spec: NodeSpec, found: TeamTree, team: TeamFile) -> dict[str, Declaration]:
@@ -206,7 +206,7 @@ def _independent(spec: NodeSpec, found: TeamTree, named: Collection[str]) -> fro
             message = f"no node has the path or name {name!r}{nearest(name, known)}"
             unknown.append(Problem("--assume-independent", 0, "", message))
     if unknown:
-        raise MissionError(unknown)
+        raise FileError(unknown)
     for node in nodes:
         attributes = found.annotations.get(node.place, {})
         if read_boolean(attributes.get(INDEPENDENT, "false")):

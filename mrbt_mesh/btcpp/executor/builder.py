@@ -41,11 +41,11 @@ from mrbt_mesh.btcpp.files.document import (
 from mrbt_mesh.btcpp.files.elements import Element
 from mrbt_mesh.btcpp.files.expand import MAX_NODES, constant_value
 from mrbt_mesh.btcpp.files.library import Library
-from mrbt_mesh.btcpp.files.xml_reader import MAX_LEVELS, TreeFileError
+from mrbt_mesh.btcpp.files.xml_reader import MAX_LEVELS
 from mrbt_mesh.btcpp.scripts.parser import parse
 from mrbt_mesh.btcpp.scripts.script import ScriptError
 from mrbt_mesh.btcpp.scripts.values import ANY_TYPE, read_boolean
-from mrbt_mesh.errors import Problem, nearest
+from mrbt_mesh.errors import FileError, Problem, nearest
 
 NODE_TYPES: Mapping[str, type[TreeNode]] = {
     **CONTROLS,
@@ -80,11 +80,11 @@ class _Where:
 def build_nodes(
     library: Library, tree: str, leaves: Leaves, world: TreeWorld, board: Blackboard
 ) -> list[TreeNode]:
-    """All nodes of the tree, in preorder, ready to be ticked. Raises TreeFileError."""
+    """All nodes of the tree, in preorder, ready to be ticked. Raises FileError."""
     builder = _Builder(library, leaves, world)
     builder.tree(tree, Element("root"), _Where(library.documents[0].file, tree, board, ()))
     if builder.problems:
-        raise TreeFileError(builder.problems)
+        raise FileError(builder.problems)
     for node in builder.nodes:
         if isinstance(node, Reactive):
             for guard in node.children[:-1]:
@@ -97,7 +97,7 @@ def build_nodes(
                 Problem(node.place.file, node.place.line, node.place.path, str(error))
             )
     if builder.problems:
-        raise TreeFileError(builder.problems)
+        raise FileError(builder.problems)
     return builder.nodes
 
 
@@ -144,7 +144,7 @@ class _Builder:
     def node(self, element: Element, where: _Where) -> TreeNode | None:
         if len(self.nodes) >= MAX_NODES or where.depth > MAX_LEVELS:
             message = f"more than {MAX_NODES} nodes or {MAX_LEVELS} levels"
-            raise TreeFileError([Problem(where.file, element.line, where.path, message)])
+            raise FileError([Problem(where.file, element.line, where.path, message)])
         name = SUBTREE if element.tag == SUBTREE else type_id(element)
         leaf = None if self._node_type(name) else self.leaves.find(name)
         node = self._made(name, leaf, element, where)

@@ -28,8 +28,7 @@ from mrbt_mesh.btcpp.files.check import check_library
 from mrbt_mesh.btcpp.files.document import parse_document
 from mrbt_mesh.btcpp.files.findings import Findings
 from mrbt_mesh.btcpp.files.library import Library, library_of, load_library
-from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
-from mrbt_mesh.errors import Problem, nearest
+from mrbt_mesh.errors import FileError, Problem, nearest
 
 RATE_HZ = 10.0
 F = TypeVar("F", bound=Callable[..., Any])
@@ -90,7 +89,7 @@ class BehaviorTree:
         given: Mapping[type, Any] | None = None,
         package_folders: Sequence[Path] = (),
     ) -> BehaviorTree:
-        """Read a file with all that it includes. Raises TreeFileError.
+        """Read a file with all that it includes. Raises FileError.
 
         `tree` is a tree's ID, by default the main tree; `package_folders` are where `ros_pkg` of
         an <include> is looked for.
@@ -111,7 +110,7 @@ class BehaviorTree:
         exact: bool = False,
         enums: Mapping[str, int] | None = None,
     ) -> BehaviorTree:
-        """As `from_file`, from memory; includes are not followed. Raises TreeFileError."""
+        """As `from_file`, from memory; includes are not followed. Raises FileError."""
         findings = Findings()
         library = library_of(parse_document(text, "tree.xml"), findings)
         check_library(library, findings)
@@ -140,7 +139,7 @@ class BehaviorTree:
 
     @property
     def engine(self) -> TickEngine:
-        """The tree's engine, made when it is needed first. Raises TreeFileError.
+        """The tree's engine, made when it is needed first. Raises FileError.
 
         From then on the leaves are fixed. Who ticks by himself needs nothing else of this class.
         """
@@ -154,7 +153,7 @@ class BehaviorTree:
         return self._engine
 
     def check(self) -> None:
-        """Raise TreeFileError, with all that is missing, unless the tree can be run."""
+        """Raise FileError, with all that is missing, unless the tree can be run."""
         _ = self.engine
 
     async def run(
@@ -164,7 +163,7 @@ class BehaviorTree:
 
         It is ticked when an action ends, a program sets an entry, a node's time is over or `wake`
         is called, and `rate_hz` times a second for what changes unheard: conditions. 0: never.
-        Cancelled, it cancels its actions and waits for them. Raises TreeFileError, TickError, and
+        Cancelled, it cancels its actions and waits for them. Raises FileError, TickError, and
         what a leaf raises but for TaskFailedError.
         """
         if self._runner is not None:
@@ -189,7 +188,7 @@ class BehaviorTree:
             watcher()
 
     def view(self) -> Iterator[NodeView]:
-        """All nodes in preorder with their statuses as of the last tick. Raises TreeFileError."""
+        """All nodes in preorder with their statuses as of the last tick. Raises FileError."""
         engine = self.engine
         statuses = engine.statuses()
         waiting = [(engine.root, 0)]
@@ -209,7 +208,7 @@ class BehaviorTree:
 
 
 def _chosen(library: Library, tree: str | None) -> str:
-    """The tree to run. Raises TreeFileError if it is not there, or not clear."""
+    """The tree to run. Raises FileError if it is not there, or not clear."""
     name = tree or library.main_tree
     if name is not None and name in library.trees:
         return name
@@ -218,4 +217,4 @@ def _chosen(library: Library, tree: str | None) -> str:
         message = f"main_tree_to_execute names none of the trees; name one of: {known}"
     else:
         message = f"there is no tree {tree!r}{nearest(tree, list(library.trees))}"
-    raise TreeFileError([Problem(document.file, document.root.line, "root", message)])
+    raise FileError([Problem(document.file, document.root.line, "root", message)])

@@ -39,7 +39,7 @@ def check_file(
 ) -> tuple[Library, Findings]:
     """Read and check a file; trees and models of `others` are known.
 
-    Raises TreeFileError if it is not even a <root> of XML.
+    Raises FileError if it is not even a <root> of XML.
     """
     findings = Findings(is_strict)
     library = load_library(path, findings, package_folders, others)

@@ -11,14 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mrbt_mesh.btcpp.files.elements import Content, Element, write_content
-from mrbt_mesh.btcpp.files.xml_reader import (
-    MAX_BYTES,
-    TreeFileError,
-    XmlContent,
-    parse_xml,
-    read_xml,
-)
-from mrbt_mesh.errors import Problem
+from mrbt_mesh.btcpp.files.xml_reader import MAX_BYTES, XmlContent, parse_xml, read_xml
+from mrbt_mesh.errors import FileError, Problem
 
 PRECONDITIONS = ("_failureIf", "_successIf", "_skipIf", "_while")
 POSTCONDITIONS = ("_onSuccess", "_onFailure", "_onHalted", "_post")
@@ -195,7 +189,7 @@ def _model(element: Element) -> NodeManifest:
 
 
 def read_document(path: Path, limit_bytes: int = MAX_BYTES) -> Document:
-    """Read a BehaviorTree.CPP file. Raises TreeFileError, and nothing else."""
+    """Read a BehaviorTree.CPP file. Raises FileError, and nothing else."""
     return _document(str(path), read_xml(path, limit_bytes))
 
 
@@ -209,5 +203,5 @@ def _document(file: str, found: XmlContent) -> Document:
     root = document.root
     if root.tag != "root":
         message = f"the first element must be <root>, this is <{root.tag}>"
-        raise TreeFileError([Problem(file, root.line, root.tag, message)])
+        raise FileError([Problem(file, root.line, root.tag, message)])
     return document

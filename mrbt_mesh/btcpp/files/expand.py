@@ -24,12 +24,12 @@ from mrbt_mesh.btcpp.files.document import (
 )
 from mrbt_mesh.btcpp.files.elements import Element
 from mrbt_mesh.btcpp.files.library import Library
-from mrbt_mesh.btcpp.files.xml_reader import MAX_LEVELS, TreeFileError
+from mrbt_mesh.btcpp.files.xml_reader import MAX_LEVELS
 from mrbt_mesh.btcpp.scripts.evaluator import Value
 from mrbt_mesh.btcpp.scripts.parser import parse
 from mrbt_mesh.btcpp.scripts.script import ScriptError, renamed
 from mrbt_mesh.btcpp.scripts.values import read_boolean
-from mrbt_mesh.errors import Problem
+from mrbt_mesh.errors import FileError, Problem
 
 MAX_NODES = 20_000
 _INTEGER = re.compile(r"[+-]?[0-9]{1,20}", re.ASCII)
@@ -131,7 +131,7 @@ def constant_value(text: str) -> Value:
 def expand(library: Library, tree: str) -> ExpandedTree:
     """The tree called `tree` with all its SubTrees.
 
-    Raises TreeFileError for trees that contain themselves, and for more than `MAX_NODES` nodes.
+    Raises FileError for trees that contain themselves, and for more than `MAX_NODES` nodes.
     """
     expansion = _Expansion(library)
     root = expansion.tree(tree, Scope(""), (tree,), tree, 1)
@@ -153,7 +153,7 @@ class _Expansion:
         file = source.document.file
         if len(children) != 1:
             message = f"the tree needs exactly one child, it has {len(children)}"
-            raise TreeFileError([Problem(file, source.element.line, path, message)])
+            raise FileError([Problem(file, source.element.line, path, message)])
         return self.node(children[0], scope, trees, path, file, depth)
 
     def node(
@@ -173,7 +173,7 @@ class _Expansion:
         if self.nodes > MAX_NODES or depth > MAX_LEVELS:
             limit = f"{MAX_NODES} nodes or {MAX_LEVELS} levels"
             message = f"the tree has more than {limit} once its SubTrees are in place"
-            raise TreeFileError([Problem(file, element.line, path, message)])
+            raise FileError([Problem(file, element.line, path, message)])
         node = ExpandedNode(
             name,
             category,
@@ -195,7 +195,7 @@ class _Expansion:
             if name in trees:
                 cycle = " -> ".join([*trees, name])
                 message = f"a tree cannot contain itself: {cycle}"
-                raise TreeFileError([Problem(file, element.line, path, message)])
+                raise FileError([Problem(file, element.line, path, message)])
             if name in self.library.trees:
                 inner = self.inner_scope(element, name, scope)
                 node.children.append(self.tree(name, inner, (*trees, name), path, depth + 1))

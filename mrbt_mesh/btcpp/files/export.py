@@ -21,8 +21,7 @@ from mrbt_mesh.btcpp.files.document import (
 from mrbt_mesh.btcpp.files.elements import Content, Element, Text
 from mrbt_mesh.btcpp.files.expand import expand
 from mrbt_mesh.btcpp.files.library import Library, TreeSource
-from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
-from mrbt_mesh.errors import Problem
+from mrbt_mesh.errors import FileError, Problem
 
 
 def explicit(library: Library, *, is_merged: bool = False) -> Document:
@@ -128,14 +127,14 @@ def with_ids(library: Library) -> Document:
     """One <BehaviorTree> per SubTree in use, with `_fullpath`, and `_uid` at every node.
 
     As BehaviorTree.CPP tells a monitor which node is which: nodes are numbered from 1, depth first,
-    those of a SubTree right after it. Raises TreeFileError without a main tree, and for a tree that
+    those of a SubTree right after it. Raises FileError without a main tree, and for a tree that
     cannot be expanded.
     """
     first = library.documents[0]
     main = library.main_tree
     if main is None:
         message = "main_tree_to_execute has to name a tree"
-        raise TreeFileError([Problem(first.file, first.root.line, "root", message)])
+        raise FileError([Problem(first.file, first.root.line, "root", message)])
     # Refuses trees that contain themselves, or that are too large.
     expand(library, main)
     root = Element("root", {"BTCPP_format": "4", "main_tree_to_execute": main})

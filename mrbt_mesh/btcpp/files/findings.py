@@ -6,8 +6,7 @@ import enum
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
-from mrbt_mesh.errors import Problem
+from mrbt_mesh.errors import FileError, Problem
 
 MAX_FINDINGS = 500
 
@@ -92,6 +91,6 @@ class Findings:
         return sorted(self.found, key=lambda f: (order[f.problem.file], f.problem.line))
 
     def raise_errors(self) -> None:
-        """Raise TreeFileError if there is any error."""
+        """Raise FileError if there is any error."""
         if self.errors:
-            raise TreeFileError(finding.problem for finding in self.errors)
+            raise FileError(finding.problem for finding in self.errors)

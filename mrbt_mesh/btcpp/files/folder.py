@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mrbt_mesh.btcpp.files.document import INCLUDE, MODELS, TREE, Document, read_document
-from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
-from mrbt_mesh.errors import InputError
+from mrbt_mesh.errors import FileError, InputError
 
 MAX_FOLDER_FILES = 5_000
 _OF_A_TREE = frozenset({TREE, MODELS, INCLUDE})
@@ -20,7 +19,7 @@ class TreeFolder:
 
     path: Path
     documents: dict[Path, Document] = field(default_factory=dict)
-    unreadable: dict[Path, TreeFileError] = field(default_factory=dict)
+    unreadable: dict[Path, FileError] = field(default_factory=dict)
     skipped: list[Path] = field(default_factory=list)
 
 
@@ -34,7 +33,7 @@ def read_folder(folder: Path) -> TreeFolder:
     for path in paths:
         try:
             document = read_document(path)
-        except TreeFileError as error:
+        except FileError as error:
             if _speaks_of_trees(path):
                 found.unreadable[path] = error
             else:

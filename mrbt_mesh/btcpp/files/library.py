@@ -11,8 +11,8 @@ from mrbt_mesh.btcpp.files.document import SUBTREE, Category, Document, NodeMani
 from mrbt_mesh.btcpp.files.elements import Element
 from mrbt_mesh.btcpp.files.findings import Findings
 from mrbt_mesh.btcpp.files.upgrade import upgrade
-from mrbt_mesh.btcpp.files.xml_reader import MAX_BYTES, TreeFileError
-from mrbt_mesh.errors import nearest
+from mrbt_mesh.btcpp.files.xml_reader import MAX_BYTES
+from mrbt_mesh.errors import FileError, nearest
 
 MAX_FILES = 100
 
@@ -122,7 +122,7 @@ def load_library(
 
     `package_folders` are searched for the packages of `ros_pkg`. Trees and models of `others` are
     known besides. Includes that cannot be read,
-    and what was changed, are noted in `findings`. Raises TreeFileError if the file itself cannot
+    and what was changed, are noted in `findings`. Raises FileError if the file itself cannot
     be read.
     """
     loader = _Loader(Library(), findings, package_folders)
@@ -194,7 +194,7 @@ class _Loader:
             return
         try:
             included = read_document(target, MAX_BYTES - self.total_bytes)
-        except TreeFileError as error:
+        except FileError as error:
             self.library.missing_files.append(named)
             self.loaded.add(resolved)
             if target.is_file():

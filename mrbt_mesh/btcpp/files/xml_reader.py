@@ -15,7 +15,7 @@ from xml.parsers import expat
 
 from mrbt_mesh.btcpp.files.elements import Comment, Content, Element, Instruction, Text
 from mrbt_mesh.btcpp.files.lenient_xml import mended
-from mrbt_mesh.errors import MissionError, Problem, read_limited
+from mrbt_mesh.errors import FileError, Problem, read_limited
 
 MAX_BYTES = 8 << 20
 # BehaviorTree.CPP allows 256 levels below <BehaviorTree>, which is the second.
@@ -36,10 +36,6 @@ _HINTS = {
 }
 
 
-class TreeFileError(MissionError):
-    """A BehaviorTree.CPP file that cannot be used; `str()` gives one line per problem."""
-
-
 @dataclass
 class XmlContent:
     """The root element of a file, with the comments and instructions around it.
@@ -53,19 +49,15 @@ class XmlContent:
 
 
 def read_xml(path: Path, limit_bytes: int = MAX_BYTES) -> XmlContent:
-    """Raises TreeFileError, and nothing else, for whatever may be wrong with the file."""
-    try:
-        content = read_limited(path, limit_bytes)
-    except MissionError as error:
-        raise TreeFileError(error.problems) from None
-    return parse_xml(content, str(path))
+    """Raises FileError, and nothing else, for whatever may be wrong with the file."""
+    return parse_xml(read_limited(path, limit_bytes), str(path))
 
 
 def parse_xml(content: bytes | str, file: str) -> XmlContent:
     """As `read_xml`, from memory; `file` is for messages."""
     try:
         return _Reader(file).read(content)
-    except TreeFileError:
+    except FileError:
         text = content if isinstance(content, str) else _decoded(content)
         kept, raw = mended(text) if text is not None else ("", [])
         if not raw:
@@ -124,12 +116,12 @@ class _Reader:
     def refuse(self, line: int, message: str) -> None:
         self.found.refused.append(Problem(self.file, line, "", message))
 
-    def error(self, message: str, line: int = 0) -> TreeFileError:
+    def error(self, message: str, line: int = 0) -> FileError:
         path = "/".join(element.tag for element in self.open[:6])
         if len(self.open) > 6:
             path += "/..."
         line = line or self.parser.CurrentLineNumber
-        return TreeFileError([Problem(self.file, line, path, message)])
+        return FileError([Problem(self.file, line, path, message)])
 
     def why(self, error: expat.ExpatError) -> str:
         text = expat.ErrorString(error.code)

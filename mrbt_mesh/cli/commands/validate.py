@@ -35,7 +35,7 @@ def validate(
         write_file,
     )
     from mrbt_mesh.cli.missions import chosen_robots, fitting_program
-    from mrbt_mesh.errors import InputError, MissionError
+    from mrbt_mesh.errors import FileError, InputError
     from mrbt_mesh.formats.mission_file import compile_mission, load_mission, mission_warnings
     from mrbt_mesh.runtime.solver_loader import solver_for
 
@@ -49,7 +49,7 @@ def validate(
         code = fitting_program(loaded, team, reference)
         try:
             code.check_computer()
-        except MissionError:
+        except FileError:
             raise
         except InputError as error:
             # Missions are also checked where no robot runs.

@@ -11,12 +11,11 @@ from mrbt_mesh.btcpp.files.document import Category
 from mrbt_mesh.btcpp.files.findings import Finding, Findings, Severity
 from mrbt_mesh.btcpp.files.folder import read_folder
 from mrbt_mesh.btcpp.files.library import Library, together
-from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
 from mrbt_mesh.cli.framework.exits import BAD_INPUT
 from mrbt_mesh.cli.framework.terminal import console, errors, labelled, print_json
 from mrbt_mesh.cli.trees.files import read_tree_file
 from mrbt_mesh.cli.views.finding_view import check_lines, line
-from mrbt_mesh.errors import InputError, Problem
+from mrbt_mesh.errors import FileError, InputError, Problem
 from mrbt_mesh.formats.mission_file import load_mission, mission_warnings
 
 
@@ -67,7 +66,7 @@ def check_tree_file(file: Path, asked: Asked) -> None:
     """
     try:
         checked = _checked(file, asked, None)
-    except TreeFileError as error:
+    except FileError as error:
         if not asked.as_json:
             raise
         print_json(_unreadable_json(file, error))
@@ -92,7 +91,7 @@ def check_tree_folder(folder: Path, asked: Asked) -> None:
     for path in sorted({*found.documents, *found.unreadable}):
         try:
             checked = _checked(path, asked, known)
-        except TreeFileError as error:
+        except FileError as error:
             everything.append(_unreadable_json(path, error))
             if not asked.as_json:
                 errors.print(line("error:", "bold red", str(error)), soft_wrap=True)
@@ -157,7 +156,7 @@ def _json(file: Path, checked: _Checked) -> dict[str, Any]:
     return data
 
 
-def _unreadable_json(file: Path, error: TreeFileError) -> dict[str, Any]:
+def _unreadable_json(file: Path, error: FileError) -> dict[str, Any]:
     found = [Finding(Severity.ERROR, problem).to_json() for problem in error.problems]
     data = {"file": str(file), "valid": False, "files": 0, "trees": 0, "nodes": 0}
     return {**data, "findings": found}
@@ -173,7 +172,7 @@ def _reason_json(problem: Problem) -> dict[str, str | int]:
 
 
 def check_mission(file: Path, as_json: bool) -> None:
-    """Print what a mission's file warns of; raises MissionError if it cannot be used."""
+    """Print what a mission's file warns of; raises FileError if it cannot be used."""
     mission = load_mission(file)
     warnings = mission_warnings(mission)
     nodes = len(mission.tree.nodes)

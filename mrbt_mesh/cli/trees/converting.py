@@ -13,12 +13,11 @@ from mrbt_mesh.btcpp.files.findings import Findings
 from mrbt_mesh.btcpp.files.folder import read_folder
 from mrbt_mesh.btcpp.files.library import Library, load_library, together
 from mrbt_mesh.btcpp.files.loadable import compact, loadable
-from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
 from mrbt_mesh.cli.framework.exits import BAD_INPUT
 from mrbt_mesh.cli.framework.terminal import console, errors, reason, write_file
 from mrbt_mesh.cli.trees.files import is_mission, package_folders
 from mrbt_mesh.cli.views.finding_view import finding_line, line
-from mrbt_mesh.errors import InputError
+from mrbt_mesh.errors import FileError, InputError
 from mrbt_mesh.formats.mission_file import load_mission
 
 
@@ -97,7 +96,7 @@ def convert_folder(source: Path, target: Path, wanted: Wanted) -> None:
             raise InputError(f"{to.parent}: cannot be made: {reason(problem)}") from None
         try:
             convert_file(path, to, wanted, known)
-        except TreeFileError as problem:
+        except FileError as problem:
             failed.append(problem)
     for each in failed:
         errors.print(line("error:", "bold red", str(each)), soft_wrap=True)

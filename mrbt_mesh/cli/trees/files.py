@@ -34,6 +34,6 @@ def read_tree_file(
 ) -> tuple[Library, Findings]:
     """A BehaviorTree.CPP file and what is wrong with it; trees and models of `others` are known.
 
-    Raises TreeFileError for a file that cannot be read at all.
+    Raises FileError for a file that cannot be read at all.
     """
     return check_file(path, is_strict, package_folders(), others)

@@ -15,7 +15,7 @@ from mrbt_mesh.btcpp.files.folder import read_folder
 from mrbt_mesh.btcpp.files.library import Library, together
 from mrbt_mesh.btcpp.files.nav2_nodes import know_nav2
 from mrbt_mesh.cli.trees.files import read_tree_file
-from mrbt_mesh.errors import InputError, MissionError, Problem
+from mrbt_mesh.errors import FileError, InputError, Problem
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.mission_writer import mission_text
 from mrbt_mesh.formats.team_file import TeamFile, load_team
@@ -49,14 +49,14 @@ class LiftedFiles:
 
 
 def lift_files(request: LiftRequest) -> LiftedFiles:
-    """Read, lift and check. Raises InputError, TreeFileError and MissionError."""
+    """Read, lift and check. Raises InputError and FileError."""
     others = known_besides(request.models, request.folders)
     library, tree = library_and_tree(request.file, request.tree, others, request.actions)
     return lift_tree(library, tree, load_team(request.robots), request)
 
 
 def lift_tree(library: Library, tree: str, team: TeamFile, request: LiftRequest) -> LiftedFiles:
-    """Lift a tree for a team, both of which have been read. Raises InputError and MissionError."""
+    """Lift a tree for a team, both of which have been read. Raises InputError and FileError."""
     file, output = request.file, request.output
     name, independent = mission_name(file.stem), request.independent
     if request.units is None:
@@ -114,7 +114,7 @@ def library_and_tree(
 
 
 def units_by_hand(units: str) -> UnitsByHand | None:
-    """What `--units` names: a file, or None for `auto`. Raises MissionError and InputError."""
+    """What `--units` names: a file, or None for `auto`. Raises FileError and InputError."""
     if units == "auto":
         return None
     if Path(units).suffix.lower() not in (".yaml", ".yml"):
@@ -138,7 +138,7 @@ def checked_text(
 ) -> str:
     """The mission file's text, with `program` relative to where it is written.
 
-    `units` are the trees that will be beside it. Raises MissionError if the team file does not fit
+    `units` are the trees that will be beside it. Raises FileError if the team file does not fit
     the tree.
     """
     data = dict(found.data)
@@ -154,10 +154,10 @@ def checked_text(
             if units is not None:
                 (Path(folder) / units.file).write_text(units.text(), encoding="utf-8")
             mission_from_yaml(text, str(output or "the mission"), Path(folder))
-    except MissionError as error:
+    except FileError as error:
         first = Problem(
             str(robots), 0, "", "does not fit the tree; the mission would have these problems"
         )
         here = [replace(p, message=p.message.replace(f"{folder}/", "")) for p in error.problems]
-        raise MissionError([first, *here]) from None
+        raise FileError([first, *here]) from None
     return text

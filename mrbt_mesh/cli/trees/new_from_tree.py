@@ -61,7 +61,7 @@ def files_from_tree(
 
     `folder` is where they will be; `others` has SubTrees and models. `actions`: SubTrees that are
     in no file and become actions of the program. An <include> that cannot be read is left out if
-    no tree of it is needed. Raises InputError, TreeFileError and MissionError.
+    no tree of it is needed. Raises InputError and FileError.
     """
     library, main = library_and_tree(file, tree_id, others, actions)
     library.take_in(main)

@@ -13,7 +13,7 @@ from mrbt_mesh.adapters.ros2.binding_file import (
     bind_message,
     load_bindings,
 )
-from mrbt_mesh.errors import MissionError
+from mrbt_mesh.errors import FileError
 from mrbt_mesh.formats.template import TEMPLATES
 
 FILE = TEMPLATES / "ros2/ros2.yaml"
@@ -68,7 +68,7 @@ def load(folder: Path, text: str) -> BindingFile:
 def problems(folder: Path, old: str, new: str) -> str:
     """What is said of the file with a change."""
     assert EVERYTHING.count(old) >= 1, old
-    with pytest.raises(MissionError) as error:
+    with pytest.raises(FileError) as error:
         load(folder, EVERYTHING.replace(old, new, 1))
     return str(error.value).replace(str(folder), "")
 
@@ -137,7 +137,7 @@ def test_another_python(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_a_robot_that_the_file_lacks(tmp_path: Path) -> None:
     file = load(tmp_path, EVERYTHING)
-    with pytest.raises(MissionError, match="robots has no A3; "):
+    with pytest.raises(FileError, match="robots has no A3; "):
         file.robot_values("A3")
 
 
@@ -171,7 +171,7 @@ def test_mistakes(tmp_path: Path, old: str, new: str, said: str) -> None:
 
 
 def test_what_is_no_mapping(tmp_path: Path) -> None:
-    with pytest.raises(MissionError, match="bindings are expected"):
+    with pytest.raises(FileError, match="bindings are expected"):
         load(tmp_path, "- go")
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.btcpp import BehaviorTree, Leaves, NodeStatus, Out
-from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
+from mrbt_mesh.errors import FileError
 
 
 def problems(body: str, trees: str = "", exact: bool = False) -> list[str]:
@@ -26,7 +26,7 @@ def problems(body: str, trees: str = "", exact: bool = False) -> list[str]:
     tree = BehaviorTree.from_text(text, leaves=leaves, exact=exact)
     try:
         tree.check()
-    except TreeFileError as error:
+    except FileError as error:
         return [str(problem) for problem in error.problems]
     return []
 
@@ -65,7 +65,7 @@ def test_what_is_wrong_is_told_with_its_place(body: str, message: str) -> None:
     )
     try:
         (found,) = problems(body, trees)
-    except TreeFileError as error:
+    except FileError as error:
         found = str(error)
     assert message in found
     assert found.startswith("tree.xml:2: Main/")
@@ -104,7 +104,7 @@ def test_an_exact_tree_refuses_a_port_of_another_type(value: Any, port: str, ref
         tree.action("Act")(_act)
         tree.blackboard["k"] = value
         if refused and exact:
-            with pytest.raises(TreeFileError, match=refused):
+            with pytest.raises(FileError, match=refused):
                 tree.check()
         else:
             tree.check()

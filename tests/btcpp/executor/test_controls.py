@@ -6,7 +6,7 @@ import pytest
 
 from mrbt_mesh.btcpp import NodeStatus, TickError
 from mrbt_mesh.btcpp.executor.node import FAILURE, RUNNING, SKIPPED, SUCCESS
-from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
+from mrbt_mesh.errors import FileError
 from tests.support.btcpp.ticked import Ticked
 
 SKIP = '<Leaf says="SUCCESS" _skipIf="true"/>'
@@ -149,7 +149,7 @@ def test_if_then_else_asks_once_while_do_else_at_every_tick() -> None:
 @pytest.mark.parametrize("kind", ["IfThenElse", "WhileDoElse"])
 def test_without_an_else_branch(kind: str) -> None:
     assert control(kind, "FAILURE", "SUCCESS").run() == [FAILURE]
-    with pytest.raises(TreeFileError, match=r"children"):
+    with pytest.raises(FileError, match=r"children"):
         control(kind, "FAILURE")
     with pytest.raises(TickError, match="the condition was skipped"):
         Ticked(f"<{kind}>{SKIP}{leaf('SUCCESS')}</{kind}>").run()

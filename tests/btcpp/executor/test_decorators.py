@@ -8,7 +8,7 @@ import pytest
 
 from mrbt_mesh.btcpp import TickError
 from mrbt_mesh.btcpp.executor.node import FAILURE, RUNNING, SKIPPED, SUCCESS
-from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
+from mrbt_mesh.errors import FileError
 from tests.support.btcpp.ticked import Ticked
 
 ALL = '<Leaf says="SUCCESS FAILURE RUNNING"/>'
@@ -150,7 +150,7 @@ def test_constant_queues_have_items_of_their_kind(kind: str, queue: str, items: 
 
 
 def test_a_queue_that_cannot_be_read_is_told_with_its_place() -> None:
-    with pytest.raises(TreeFileError, match=r"tree.xml:1: Main/LoopInt: .*'queue'.*'b'"):
+    with pytest.raises(FileError, match=r"tree.xml:1: Main/LoopInt: .*'queue'.*'b'"):
         Ticked('<LoopInt queue="1;b" value="{v}"><AlwaysSuccess/></LoopInt>')
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from mrbt_mesh.btcpp import TickError
 from mrbt_mesh.btcpp.executor.node import FAILURE, RUNNING, SKIPPED, SUCCESS
-from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
+from mrbt_mesh.errors import FileError
 from tests.support.btcpp.ticked import Ticked
 
 
@@ -125,7 +125,7 @@ def test_speed_controller_is_faster_the_faster_the_robot_is() -> None:
 
 
 def test_sources_that_are_missing_are_told_before_the_first_tick() -> None:
-    with pytest.raises(TreeFileError, match="the source 'robot_pose'"):
+    with pytest.raises(FileError, match="the source 'robot_pose'"):
         Ticked(f"<DistanceController>{leaves('SUCCESS')}</DistanceController>")
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.btcpp import BehaviorTree, Leaves, NodeStatus
-from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
+from mrbt_mesh.errors import FileError
 from tests.support.btcpp.running import in_virtual_time
 from tests.support.paths import ROOT
 
@@ -40,11 +40,11 @@ def test_a_file_with_what_it_includes(tmp_path: Path) -> None:
 
 def test_which_tree() -> None:
     assert in_virtual_time(BehaviorTree.from_text(TWO, "Stay").run)[0] is NodeStatus.FAILURE
-    with pytest.raises(TreeFileError, match=r"main_tree_to_execute names none.*Go, Stay"):
+    with pytest.raises(FileError, match=r"main_tree_to_execute names none.*Go, Stay"):
         BehaviorTree.from_text(TWO)
-    with pytest.raises(TreeFileError, match=r"no tree 'Stya'; did you mean 'Stay'"):
+    with pytest.raises(FileError, match=r"no tree 'Stya'; did you mean 'Stay'"):
         BehaviorTree.from_text(TWO, "Stya")
-    with pytest.raises(TreeFileError, match=r"exactly one child|children"):
+    with pytest.raises(FileError, match=r"exactly one child|children"):
         BehaviorTree.from_text('<root><BehaviorTree ID="A"/></root>').check()
 
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from mrbt_mesh.btcpp import TickError
-from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
+from mrbt_mesh.errors import FileError
 from tests.support.btcpp.random_trees import Case, real_trees
 from tests.support.btcpp.random_trees import ours as our_story
 from tests.support.btcpp.ticked import Ticked
@@ -139,7 +139,7 @@ def theirs(body: str) -> list[tuple[str, dict[str, str]]]:
 def ours(body: str) -> list[tuple[str, dict[str, str]]]:
     try:
         tree = Ticked(body, ENTRIES, trees=INNER, exact=True)
-    except TreeFileError:
+    except FileError:
         return [("NOT LOADED", {})]
     found = []
     for _ in range(4):

@@ -22,9 +22,8 @@ from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN, children_allowed
 from mrbt_mesh.btcpp.files.check import check_file
 from mrbt_mesh.btcpp.files.document import Category, Document, read_document
 from mrbt_mesh.btcpp.files.elements import Content, Element
-from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
 from mrbt_mesh.cli.trees.converting import Wanted, convert_file
-from mrbt_mesh.errors import InputError
+from mrbt_mesh.errors import FileError, InputError
 from tests.support.paths import EXAMPLES, ROOT
 from tests.support.real_btcpp import RealLibrary, real_library, staged
 
@@ -51,7 +50,7 @@ def real() -> Iterator[RealLibrary]:
 def strict_errors(path: Path) -> list[str]:
     try:
         _, findings = check_file(path, is_strict=True)
-    except TreeFileError as error:
+    except FileError as error:
         return [problem.message for problem in error.problems]
     return [finding.problem.message for finding in findings.errors]
 

@@ -9,7 +9,7 @@ from mrbt_mesh.btcpp.files.document import parse_document
 from mrbt_mesh.btcpp.files.export import with_ids
 from mrbt_mesh.btcpp.files.findings import MAX_FINDINGS, Findings
 from mrbt_mesh.btcpp.files.library import Library, library_of
-from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
+from mrbt_mesh.errors import FileError
 
 
 def checked(trees: dict[str, str]) -> tuple[Library, Findings]:
@@ -51,12 +51,12 @@ def test_each_tree_of_a_diamond_is_looked_at_once() -> None:
     }
     library, findings = checked({**trees, "T60": "<AlwaysSuccess/>"})
     assert not findings.in_order()
-    with pytest.raises(TreeFileError, match="more than 20000 nodes"):
+    with pytest.raises(FileError, match="more than 20000 nodes"):
         with_ids(library)
 
 
 def test_numbering_refuses_recursion() -> None:
     library, findings = checked({"T0": '<SubTree ID="T0"/>'})
     assert len(findings.errors) == 1
-    with pytest.raises(TreeFileError, match="cannot contain itself"):
+    with pytest.raises(FileError, match="cannot contain itself"):
         with_ids(library)

@@ -12,9 +12,8 @@ from click.testing import CliRunner
 
 from mrbt_mesh.btcpp.files.check import check_file
 from mrbt_mesh.btcpp.files.findings import Severity
-from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
 from mrbt_mesh.cli.app import app
-from mrbt_mesh.errors import Problem
+from mrbt_mesh.errors import FileError, Problem
 
 FOLDER = Path(__file__).parent / "malformed"
 FOLDER_OF_ODD = FOLDER.parent / "odd"
@@ -147,7 +146,7 @@ def found(name: str, is_strict: bool, folder: Path = FOLDER) -> dict[Problem, Se
     """What is found in a file."""
     try:
         _, findings = check_file(folder / f"{name}.xml", is_strict)
-    except TreeFileError as error:
+    except FileError as error:
         return dict.fromkeys(error.problems, Severity.ERROR)
     return {finding.problem: finding.severity for finding in findings.in_order()}
 

@@ -17,16 +17,10 @@ from mrbt_mesh.btcpp.files.findings import Findings
 from mrbt_mesh.btcpp.files.library import library_of
 from mrbt_mesh.btcpp.files.loadable import compact, loadable
 from mrbt_mesh.btcpp.files.upgrade import upgrade
-from mrbt_mesh.btcpp.files.xml_reader import (
-    MAX_BYTES,
-    MAX_ITEMS,
-    TreeFileError,
-    parse_xml,
-    read_xml,
-)
+from mrbt_mesh.btcpp.files.xml_reader import MAX_BYTES, MAX_ITEMS, parse_xml, read_xml
 from mrbt_mesh.cli.views.tree_shapes import file_shapes
 from mrbt_mesh.cli.views.tree_svg import render_svg
-from mrbt_mesh.errors import Problem
+from mrbt_mesh.errors import FileError, Problem
 
 FOLDER = Path(__file__).parent
 FILES = sorted([*(FOLDER / "corpus").glob("**/*.xml"), *(FOLDER / "malformed").glob("*.xml")])
@@ -109,7 +103,7 @@ def use(content: bytes) -> None:
         problems: list[Problem] = []
         try:
             step(content)
-        except TreeFileError as error:
+        except FileError as error:
             problems = error.problems
             message = str(error)
         else:
@@ -202,21 +196,21 @@ def test_pointers() -> None:
 def test_size_limit(tmp_path: Path) -> None:
     path = tmp_path / "large.xml"
     path.write_bytes(b"<root>" + b" " * MAX_BYTES + b"</root>")
-    with pytest.raises(TreeFileError, match=f"larger than the limit of {MAX_BYTES} bytes"):
+    with pytest.raises(FileError, match=f"larger than the limit of {MAX_BYTES} bytes"):
         read_xml(path)
-    with pytest.raises(TreeFileError, match="larger than the limit of 10 bytes"):
+    with pytest.raises(FileError, match="larger than the limit of 10 bytes"):
         read_xml(path, 10)
 
 
 def test_element_limit() -> None:
     for item in (b"<a/>", b"<!---->", b"<?a?>"):
-        with pytest.raises(TreeFileError, match=f"more than {MAX_ITEMS} elements, comments"):
+        with pytest.raises(FileError, match=f"more than {MAX_ITEMS} elements, comments"):
             parse_xml(b"<root>" + item * MAX_ITEMS + b"</root>", "a.xml")
 
 
 def test_unreadable_files(tmp_path: Path) -> None:
     for path in (tmp_path / "none.xml", tmp_path):
-        with pytest.raises(TreeFileError):
+        with pytest.raises(FileError):
             read_document(path)
 
 
@@ -224,6 +218,6 @@ def test_nothing_outside_the_file_is_opened(tmp_path: Path) -> None:
     secret = tmp_path / "secret"
     secret.write_text("SECRET")
     text = f'<!DOCTYPE root [<!ENTITY s SYSTEM "{secret.as_uri()}">]><root>&s;</root>'
-    with pytest.raises(TreeFileError) as caught:
+    with pytest.raises(FileError) as caught:
         parse_document(text, "a.xml")
     assert "SECRET" not in str(caught.value)

@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 import pytest
 
 from mrbt_mesh.btcpp import BehaviorTree, BlackboardError, Leaves, NodeStatus, TickError, TreeNode
-from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
+from mrbt_mesh.errors import FileError
 from tests.support.real_btcpp import INSTALL
 
 TICKS = 6
@@ -247,7 +247,7 @@ def ours(case: Case) -> Told:
         for name, value in ENTRIES.items():
             tree.blackboard[name] = value
         engine = tree.engine
-    except (TreeFileError, BlackboardError) as error:
+    except (FileError, BlackboardError) as error:
         return ["not loaded", str(error)]
     for changes in case.sets:
         try:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from mrbt_mesh.btcpp import BehaviorTree, Leaves, NodeStatus, TickError
 from mrbt_mesh.btcpp.executor.leaf_nodes import ActionLeaf
-from mrbt_mesh.btcpp.files.xml_reader import TreeFileError
+from mrbt_mesh.errors import FileError
 from tests.support.btcpp.conformance import Shown, Trace
 
 MAX_TICKS = 4  # in each step, as measured
@@ -82,6 +82,6 @@ def told(trace: Trace, exact: bool) -> tuple[tuple[Shown, ...], bool]:
     try:
         for step in Teller(trace, exact).steps():
             shown.append(step)
-    except (TickError, TreeFileError):
+    except (TickError, FileError):
         return tuple(shown), True
     return tuple(shown), False

@@ -19,7 +19,7 @@ import pytest
 from mrbt_mesh.adapters.ros2.binding_file import PYTHON_VARIABLE, load_bindings
 from mrbt_mesh.adapters.ros2.bridge_process import bridge_command, check_bindings
 from mrbt_mesh.adapters.ros2.program import ConnectedRobot
-from mrbt_mesh.errors import MissionError, TaskFailedError
+from mrbt_mesh.errors import FileError, TaskFailedError
 from mrbt_mesh.runtime.program import TaskContext
 from tests.support.paths import ROOT
 from tests.support.ros2.virtual_robots import free_domain, lacking
@@ -264,7 +264,7 @@ def test_mistakes_that_only_ros_knows(tmp_path: Path) -> None:
         assert BINDINGS.count(old) >= 1, old
         text = BINDINGS.replace(old, new, 1)
         path.write_text(text)
-        with pytest.raises(MissionError) as error:
+        with pytest.raises(FileError) as error:
             check_bindings(load_bindings(path))
         line = text[: text.index(new)].count("\n") + 1
         assert f"ros2.yaml:{line}: " in str(error.value)
