@@ -202,7 +202,7 @@ bench-recording: $(READY)
 
 # Recordings of good runs, proved: simulated ones and those of real processes; 200 falsified ones, found.
 verify-recordings: $(READY)
-	MRBT_LONG=1 $(BIN)/pytest -n auto tests/replay/test_verify.py
+	MRBT_LONG=1 $(BIN)/pytest -n auto tests/views/replay/test_verify.py
 	$(BIN)/python -m benchmarks.verified_drills
 
 walk: $(READY)

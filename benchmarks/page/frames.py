@@ -19,10 +19,10 @@ from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, Mission, Need, Robot
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.runtime.fencing import boottime_us
-from mrbt_mesh.viewmodel.team_view import TeamView
-from mrbt_mesh.web.app import Page
-from mrbt_mesh.web.feed import Feed
-from mrbt_mesh.web.protection import hosts
+from mrbt_mesh.views.model.team_view import TeamView
+from mrbt_mesh.views.web.app import Page
+from mrbt_mesh.views.web.feed import Feed
+from mrbt_mesh.views.web.protection import hosts
 
 ROBOTS, SECTIONS, LEAVES = 64, 133, 14
 CHANGES_PER_S, NODES_PER_CHANGE = 10, 200

@@ -17,7 +17,7 @@ from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.viewmodel.own_trees import OwnTrees
+from mrbt_mesh.views.model.own_trees import OwnTrees
 
 T_A, T_G, T_LI = "T_A", "T_G", "T_Li"
 

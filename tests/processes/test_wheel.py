@@ -103,7 +103,7 @@ def test_it_holds_what_a_user_needs_and_nothing_else(wheel: Path) -> None:
     for folder in ("agents", "drills", "examples"):
         files = [path for path in (ROOT / folder).rglob("*") if path.suffix in (".py", ".yaml")]
         assert {f"mrbt_mesh/share/{path.relative_to(ROOT)}" for path in files} <= set(names)
-    page = [path for path in (ROOT / "mrbt_mesh/web/static").rglob("*") if path.is_file()]
+    page = [path for path in (ROOT / "mrbt_mesh/views/web/static").rglob("*") if path.is_file()]
     assert {str(path.relative_to(ROOT)) for path in page} <= set(names)
     assert license_text == (ROOT / "LICENSE").read_text()
     assert metadata["License-Expression"] == "Apache-2.0"

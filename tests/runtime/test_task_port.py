@@ -9,7 +9,7 @@ import pytest
 
 from mrbt_mesh.core.membership.wire import Position
 from mrbt_mesh.runtime.task_port import milli_position
-from mrbt_mesh.viewmodel.team_view import TeamView
+from mrbt_mesh.views.model.team_view import TeamView
 from tests.support.runs import run_example
 
 

@@ -13,7 +13,7 @@ Tree = Callable[[dict[str, str]], Path]
 
 PACKAGES = (
     *("adapters", "analysis", "btcpp", "cli", "core", "drills", "formats"),
-    *("recording", "replay", "runtime", "sim", "top", "viewmodel", "web"),
+    *("recording", "runtime", "sim", "views"),
 )
 HOMES = {name: f"mrbt_mesh/{name}" for name in PACKAGES}
 HOMES |= {name: name for name in ("agents", "benchmarks", "examples", "paper")}

@@ -34,7 +34,7 @@ def verify(
     from mrbt_mesh.cli.framework.terminal import console, print_json
     from mrbt_mesh.cli.recordings.files import chosen, signature_check
     from mrbt_mesh.cli.views.verdict_view import render_verdict
-    from mrbt_mesh.replay.verify import verify as verify_recordings
+    from mrbt_mesh.views.replay.verify import verify as verify_recordings
 
     recordings, folder = chosen(paths)
     verdict = verify_recordings(recordings, signature_check(keys or folder))

@@ -19,15 +19,15 @@ from mrbt_mesh.cli.views.report_markdown import report_markdown
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import observer_files, robot_files
 from mrbt_mesh.recording.reader import read_recording
-from mrbt_mesh.replay.report.model import CampaignReport, RunReport, RunsReport
-from mrbt_mesh.replay.report.recorded import report_recording
-from mrbt_mesh.replay.report.told import (
+from mrbt_mesh.runtime.run_dir import SUMMARY_FILE
+from mrbt_mesh.views.report.model import CampaignReport, RunReport, RunsReport
+from mrbt_mesh.views.report.recorded import report_recording
+from mrbt_mesh.views.report.told import (
     drill_expectations,
     report_campaign,
     report_drill,
     report_summary,
 )
-from mrbt_mesh.runtime.run_dir import SUMMARY_FILE
 
 TELLERS = "`mrbt sim`, `up`, `drill` or `chaos`"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")

@@ -7,10 +7,10 @@ import anyio
 from mrbt_mesh.cli.framework.exits import SUCCESS
 from mrbt_mesh.cli.recordings.replaying import time_of
 from mrbt_mesh.cli.team.page import say_addresses, until_stopped
-from mrbt_mesh.replay.player import Player
-from mrbt_mesh.replay.shown_recording import ShownRecording
-from mrbt_mesh.web.projector import show_recording
-from mrbt_mesh.web.server import PageOptions
+from mrbt_mesh.views.replay.player import Player
+from mrbt_mesh.views.replay.shown_recording import ShownRecording
+from mrbt_mesh.views.web.projector import show_recording
+from mrbt_mesh.views.web.server import PageOptions
 
 
 async def serve(

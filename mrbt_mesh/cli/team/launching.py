@@ -29,7 +29,7 @@ from mrbt_mesh.runtime.settings import MIB, START_S_PER_ROBOT
 from mrbt_mesh.runtime.team import Team, address_of
 
 if TYPE_CHECKING:
-    from mrbt_mesh.web.server import PageOptions
+    from mrbt_mesh.views.web.server import PageOptions
 
 
 # What the slowest machine takes to start few robots.

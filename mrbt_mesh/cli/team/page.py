@@ -17,7 +17,7 @@ from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.runtime.watcher import Watcher, watching
-from mrbt_mesh.web.server import PageOptions, follow, serving
+from mrbt_mesh.views.web.server import PageOptions, follow, serving
 
 
 async def serve(

@@ -9,7 +9,7 @@ from mrbt_mesh.cli.framework.declare import Given, option
 from mrbt_mesh.errors import InputError
 
 if TYPE_CHECKING:
-    from mrbt_mesh.web.server import PageOptions
+    from mrbt_mesh.views.web.server import PageOptions
 
 PANEL = "The page"
 EXTRA = "web"
@@ -32,7 +32,7 @@ class PageAddress:
         """What the server is given; raises InputError without the extra, or for a busy port."""
         if not has_extra():
             raise InputError(f"the page needs more: pip install 'mrbt-mesh[{EXTRA}]'")
-        from mrbt_mesh.web.server import PageOptions, bound
+        from mrbt_mesh.views.web.server import PageOptions, bound
 
         options = PageOptions(self.host, self.port)
         # Before a team is started, or waited for.

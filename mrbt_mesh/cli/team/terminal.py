@@ -14,7 +14,7 @@ from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.runtime.watcher import Watcher, watching
-from mrbt_mesh.top.app import LOOK_S, Orders, TeamTop
+from mrbt_mesh.views.terminal.app import LOOK_S, Orders, TeamTop
 
 
 async def show(address: TeamAddress, has_control: bool) -> int:

@@ -30,8 +30,8 @@ from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.runtime.watcher import Watcher, watching
 
 if TYPE_CHECKING:
-    from mrbt_mesh.web.feed import Feed
-    from mrbt_mesh.web.server import PageOptions
+    from mrbt_mesh.views.web.feed import Feed
+    from mrbt_mesh.views.web.server import PageOptions
 
 FRAME_S = 0.1
 CATCH_UP_S = 1.0
@@ -89,7 +89,7 @@ async def _page(
     if options is None:
         yield "", None
         return
-    from mrbt_mesh.web.server import serving
+    from mrbt_mesh.views.web.server import serving
 
     async with serving(watcher, team, options) as (shown, feed):
         click.echo(f"page: {shown}", err=show.as_json)

@@ -20,9 +20,9 @@ from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.run_record import RunRecord
-from mrbt_mesh.top.lanes import Window, axis, lane, latest_fault
-from mrbt_mesh.top.marks import MARKS
-from mrbt_mesh.top.past import Past, RecordedPast
+from mrbt_mesh.views.terminal.lanes import Window, axis, lane, latest_fault
+from mrbt_mesh.views.terminal.marks import MARKS
+from mrbt_mesh.views.terminal.past import Past, RecordedPast
 
 STATE_STYLES = {
     State.ALIVE: "green",

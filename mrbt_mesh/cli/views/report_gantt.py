@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from html import escape
 
 from mrbt_mesh.core.observer.episodes import lost_text
-from mrbt_mesh.replay.report.model import ReportedFault, ReportedWork, RunReport
+from mrbt_mesh.views.report.model import ReportedFault, ReportedWork, RunReport
 
 LEFT, WIDTH, LANE, BAR, TOP = 74, 1000, 30, 20, 26
 # Text is 11 px high; a letter takes about so much.

@@ -23,7 +23,7 @@ from mrbt_mesh.cli.views.report_tables import (
     use_table,
     wait_table,
 )
-from mrbt_mesh.replay.report.model import CampaignReport, RunReport, RunsReport
+from mrbt_mesh.views.report.model import CampaignReport, RunReport, RunsReport
 
 GOOD, BAD = ("success", "green"), ("failure", "red")
 LONG = ("why", "who could", "found")

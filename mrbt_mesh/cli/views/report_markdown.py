@@ -19,7 +19,7 @@ from mrbt_mesh.cli.views.report_tables import (
     use_table,
     wait_table,
 )
-from mrbt_mesh.replay.report.model import RunReport, RunsReport
+from mrbt_mesh.views.report.model import RunReport, RunsReport
 
 _SPECIAL = re.compile(r"([\\`*_{}\[\]<>|#~&@])")
 

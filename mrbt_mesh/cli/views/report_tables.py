@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from mrbt_mesh.core.observer.episodes import lost_text
-from mrbt_mesh.replay.report.model import ReportedPlan, RunReport, Wait, WaitKind, spread
+from mrbt_mesh.views.report.model import ReportedPlan, RunReport, Wait, WaitKind, spread
 
 # Waits are told that take at least so long, so many of each kind; `--json` has all.
 LEAST_WAIT_S, MOST_WAITS = 0.02, 12

@@ -24,8 +24,8 @@ from mrbt_mesh.core.bt.robot_tree import assignment_tree
 from mrbt_mesh.core.bt.tree import CONTROLS, Kind, NodeSpec, Tree
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.mission.names import type_name
-from mrbt_mesh.viewmodel.own_trees import local_tree_of
-from mrbt_mesh.viewmodel.program_trees import node_label, program_tree, programs_by_type
+from mrbt_mesh.views.model.own_trees import local_tree_of
+from mrbt_mesh.views.model.program_trees import node_label, program_tree, programs_by_type
 
 MAX_NOTE = 60
 

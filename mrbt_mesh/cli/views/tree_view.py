@@ -9,7 +9,7 @@ from rich.tree import Tree as RichTree
 
 from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.tree import LEAVES, Kind, Node, Status, Tree
-from mrbt_mesh.top.marks import MARKS
+from mrbt_mesh.views.terminal.marks import MARKS
 
 
 def mark(status: Status, text: str = "") -> Text:

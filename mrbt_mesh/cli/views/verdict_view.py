@@ -6,7 +6,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from mrbt_mesh.replay.findings import Verification
+from mrbt_mesh.views.replay.findings import Verification
 
 # So many findings are told; `--json` has all.
 MOST_FINDINGS = 20

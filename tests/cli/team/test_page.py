@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.cli.team import page
-from mrbt_mesh.web.server import PageOptions
+from mrbt_mesh.views.web.server import PageOptions
 
 URL = "http://127.0.0.1:8000/"
 

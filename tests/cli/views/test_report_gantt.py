@@ -11,7 +11,7 @@ import pytest
 from mrbt_mesh.cli.views.report_gantt import LEFT, WIDTH, gantt, kinds, ticks
 from mrbt_mesh.cli.views.report_html import report_html
 from mrbt_mesh.cli.views.report_markdown import report_markdown
-from mrbt_mesh.replay.report.model import (
+from mrbt_mesh.views.report.model import (
     Disagreement,
     ReportedFailure,
     ReportedFault,

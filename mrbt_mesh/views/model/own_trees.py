@@ -1,0 +1,131 @@
+"""T_A and T_Li of one robot, with the statuses of their nodes as far as they can be seen.
+
+A robot tells the others the statuses of the roots, and of the tree that carries out its local task
+if one does; the rest follows from the facts that all hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from mrbt_mesh.core.bt.evaluation import OwnFacts
+from mrbt_mesh.core.bt.evaluator import Evaluator
+from mrbt_mesh.core.bt.robot_tree import (
+    ASSIGN_AGENTS,
+    ASSIGNED,
+    CHECK_CONSISTENCY,
+    NEW_GLOBAL_TASK_EXECUTED,
+    assignment_tree,
+    local_tree,
+)
+from mrbt_mesh.core.bt.tree import Status, Tree
+from mrbt_mesh.core.facts.records import Phase
+from mrbt_mesh.core.mission.mission import Mission, performance
+from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.views.model.mission_view import tree_view
+from mrbt_mesh.views.model.program_trees import with_programs
+
+
+class OwnTrees:
+    """T_A and T_Li of one robot."""
+
+    def __init__(self, robot: str, local: Tree) -> None:
+        self._robot = robot
+        self._assignment = Evaluator(assignment_tree())
+        self._local = Evaluator(local)
+
+    @property
+    def assignment(self) -> Tree:
+        """T_A."""
+        return self._assignment.tree
+
+    @property
+    def local(self) -> Tree:
+        """T_Li, as it was given."""
+        return self._local.tree
+
+    def statuses(self, observer: Observer) -> tuple[bytes, bytes]:
+        """T_A's as of the last plan, T_Li's as of the robot's claim and what it tells of the tree
+        that it runs; all idle unless it lives.
+        """
+        plan = observer.plan
+        if plan is None or not observer.robot_state(self._robot).is_member:
+            return bytes(len(self.assignment.nodes)), bytes(len(self.local.nodes))
+        assignment = self._assignment.evaluate(_assignment_facts(plan))
+        local = self._local.evaluate(_local_facts(observer, self._robot)).statuses
+        return assignment.statuses, self._with_inner(local, running_tree(observer, self._robot))
+
+    def _with_inner(self, statuses: bytes, running: RunningTree) -> bytes:
+        """With the nodes of the local task that runs, where it is a tree of the mission file."""
+        nodes, names = self.local.nodes, _assigned_names(running.local_task)
+        for node in nodes:
+            if running.statuses and node.subject in names:
+                first = node.index + 1  # what is done when it is assigned stands beside that
+                after = (n.index for n in nodes[first + 1 :] if n.parent < first)
+                last = next(after, len(nodes))
+                if last - first == len(running.statuses):
+                    return statuses[:first] + running.statuses + statuses[last:]
+        return statuses
+
+
+class RunningTree(NamedTuple):
+    """The tree that carries out a robot's local task: the statuses of its nodes in preorder; empty
+    if none does.
+    """
+
+    local_task: str
+    statuses: bytes
+
+
+def running_tree(observer: Observer, robot: str) -> RunningTree:
+    """As the robot has told it last."""
+    claim, peer = observer.claim(robot), observer.membership.peers.get(robot)
+    beat = peer.heartbeat if peer is not None and peer.state.is_member else None
+    if claim is None or beat is None or claim.phase is not Phase.RUNNING:
+        return RunningTree("", b"")
+    return RunningTree(claim.local_task, beat.tree_statuses)
+
+
+def _assignment_facts(plan: Plan) -> OwnFacts:
+    """What the leaves of T_A returned when this plan was made."""
+    holding = {NEW_GLOBAL_TASK_EXECUTED, *([CHECK_CONSISTENCY] if plan.consistent else [])}
+    solved = Status.SUCCESS if plan.feasible else Status.FAILURE
+    return OwnFacts(frozenset(holding), {ASSIGN_AGENTS: solved})
+
+
+def _local_facts(observer: Observer, robot: str) -> OwnFacts:
+    claim = observer.claim(robot)
+    if claim is None:
+        return OwnFacts(frozenset())
+    return OwnFacts(frozenset({ASSIGNED, *_assigned_names(claim.local_task)}))
+
+
+def _assigned_names(local_task: str) -> set[str]:
+    """The conditions of T_Li that say that this one is assigned."""
+    return {f"{ASSIGNED}({name})" for name in (local_task, type_name(local_task))}
+
+
+def local_tree_of(mission: Mission, capabilities: Mapping[str, int]) -> Tree:
+    """T_Li of a robot that can do this; local tasks that are trees of their own are spelt out."""
+    trees = {name: tree.spec() for name, tree in mission.local_trees.items()}
+    trees = {name: spec for name, spec in trees.items() if performance(capabilities, name)}
+    able = {type_name(name) for name in capabilities}
+    names = able - {type_name(name) for name in mission.local_trees} | trees.keys()
+    return local_tree(names, trees)
+
+
+def own_trees(observer: Observer, robot: str) -> dict[str, Any]:
+    """`T_A` and `T_Li`: nodes and statuses. Raises KeyError for a robot without a description."""
+    member = observer.facts.members[robot].member
+    trees = OwnTrees(robot, local_tree_of(observer.mission, member.capabilities))
+    assignment, local = trees.statuses(observer)
+    running = running_tree(observer, robot)
+    rows, statuses = with_programs(tree_view(trees.local), local, observer.mission, running)
+    return {
+        "robot": robot,
+        "T_A": {"tree": tree_view(trees.assignment), "statuses": list(assignment)},
+        "T_Li": {"tree": rows, "statuses": statuses},
+    }

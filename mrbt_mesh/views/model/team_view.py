@@ -1,0 +1,240 @@
+"""A running team as items that change: the team, its robots, its tasks, the nodes of its tree."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts.problems import problem_text
+from mrbt_mesh.core.facts.records import Phase
+from mrbt_mesh.core.membership.peer import Peer, State
+from mrbt_mesh.core.mission.mission import MissionEnd
+from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.formats.mission_map import place_states, told_places
+from mrbt_mesh.views.model.agreement import AgreementView
+from mrbt_mesh.views.model.changes import ChangeLog
+from mrbt_mesh.views.model.mission_view import in_units
+from mrbt_mesh.views.model.own_trees import running_tree
+from mrbt_mesh.views.model.timeline import TimelineView
+from mrbt_mesh.views.model.why import why_takeover
+
+
+class TeamState:
+    """The team as it is now, as its observer knows it. Puts these items into `changes`:
+
+    `team`: result, order, agreement, what is blocked. `robot/ID`: one robot. `task/NAME`: a global
+    task. `node/N`: `[status, robots, note, activations]` of a node of T_G that was ever ticked.
+    `place/NAME`: a place of the map. `position/ID`: where a robot says it is.
+    """
+
+    def __init__(self, observer: Observer, changes: ChangeLog) -> None:
+        self.observer = observer
+        self.changes = changes
+        self._agreement = AgreementView()
+        self._statuses = bytes(len(observer.mission.tree.nodes))
+        self._marked: set[int] = set()
+        self._activations: dict[int, set[str]] = {}
+        self._counted: Plan | None = None
+        self._told_places = told_places(observer.mission)
+        # What tasks and nodes follow from; a new plan follows from a change of the others.
+        self._causes: tuple[int, int, int] = (-1, -1, 0)
+
+    def update(self, now_us: int) -> None:
+        """Look at the observer, which is up to date."""
+        observer = self.observer
+        agreement = self._agreement.look(observer, now_us)
+        self.changes.put("team", self._team(agreement))
+        for robot in observer.robots():
+            self.changes.put(f"robot/{robot}", self._robot(robot, agreement["differ"]))
+            self.changes.put(f"position/{robot}", self._position(robot))
+        causes = (observer.facts.changes, observer.membership.member_changes, id(observer.plan))
+        if causes != self._causes:
+            self._causes = causes
+            self._what_follows_from_facts()
+
+    def count_activations(self) -> None:
+        """Look at the observer's plan; for whoever goes on by several plans before `update`."""
+        plan = self.observer.plan
+        if plan is not None and plan is not self._counted:
+            self._counted = plan
+            for request in plan.evaluation.requests:
+                self._activations.setdefault(request.node, set()).add(request.activation)
+
+    def _what_follows_from_facts(self) -> None:
+        """Tasks, nodes, places: most of the time there is nothing new of them."""
+        observer, working = self.observer, self._working()
+        self._tasks(working)
+        if observer.plan is not None:
+            self._nodes(observer.plan, working)
+        has_succeeded = observer.record.task_log.has_succeeded
+        states = place_states(self._told_places, observer.facts, has_succeeded)
+        for name, state in states.items():
+            self.changes.put(f"place/{name}", state)
+
+    def _team(self, agreement: dict[str, Any]) -> dict[str, Any]:
+        observer, record = self.observer, self.observer.record
+        plan = observer.plan
+        return {
+            "result": plan.result.name.lower() if plan is not None else None,
+            "ended": record.result.name.lower() if record.result is not None else None,
+            "ended_s": record.seconds(record.ended_us),
+            "order": str(observer.facts.order()),
+            "started": record.started_us is not None,
+            "agreement": agreement,
+            "rounds": len(record.rounds.all),
+            "stands_by": self._stands_by,
+            "blocked": [
+                {
+                    "request": episode.request,
+                    "reason": episode.reason,
+                    "since_s": record.seconds(episode.from_us),
+                }
+                for episode in record.blocked
+                if episode.to_us is None
+            ],
+        }
+
+    @property
+    def _stands_by(self) -> bool:
+        plan, ends = self.observer.plan, self.observer.mission.ends
+        has_ended = plan is not None and plan.result in (Status.SUCCESS, Status.FAILURE)
+        return ends is MissionEnd.NEVER and has_ended
+
+    def _robot(self, robot: str, differ: dict[str, Any]) -> dict[str, Any]:
+        observer = self.observer
+        peer = observer.membership.peers.get(robot)
+        known = observer.facts.members.get(robot)
+        claim, plan = observer.claim(robot), observer.plan
+        beat = peer.heartbeat if peer is not None else None
+        is_here = peer is not None and peer.state.is_member
+        runs = claim is not None and claim.phase is Phase.RUNNING
+        return {
+            "state": self._state(robot, peer),
+            "type": known.member.type if known else None,
+            "host": known.member.host if known else None,
+            "pid": known.member.pid if known else None,
+            "capabilities": in_units(known.member.capabilities) if known else {},
+            "lost": dict(known.member.lost) if known else {},
+            "pending": dict(known.member.pending) if known else {},
+            "problems": [
+                problem_text(subject, each.problem)
+                for (of, subject), each in observer.record.problems.items()
+                if of == robot and each.to_us is None
+            ],
+            "local_task": claim.local_task if claim else None,
+            "global_task": claim.global_task if claim else None,
+            "phase": claim.phase.name.lower() if claim else None,
+            "progress": beat.progress if beat is not None and runs else None,
+            "tree": list(running_tree(observer, robot).statuses),
+            "statuses": [Status(s).name.lower() for s in beat.statuses] if beat and is_here else [],
+            "idle": plan.idle.get(robot, "") if plan is not None and is_here else "",
+            "differs_since_s": differ.get(robot),
+        }
+
+    def _position(self, robot: str) -> dict[str, Any] | None:
+        """Where it has said it is, last."""
+        peer = self.observer.membership.peers.get(robot)
+        where = peer.position if peer is not None else None
+        return where.in_units() if where is not None else None
+
+    def _state(self, robot: str, peer: Peer | None) -> str:
+        """As `State`, or `joining`, or `leaving`: it has said so and is still there."""
+        state = self.observer.robot_state(robot)
+        if peer is not None and peer.state.is_healthy:
+            if state is State.LEFT:
+                return "leaving"
+            if not peer.report.has_joined:
+                return "joining"
+        return str(state)
+
+    def _working(self) -> dict[str, list[str]]:
+        """Activation -> robots that have claimed it."""
+        working: dict[str, list[str]] = {}
+        for robot in self.observer.robots():
+            claim = self.observer.claim(robot)
+            if claim is not None:
+                working.setdefault(claim.activation, []).append(robot)
+        return working
+
+    def _tasks(self, working: dict[str, list[str]]) -> None:
+        plan = self.observer.plan
+        requests = plan.evaluation.requests if plan is not None else ()
+        waiting = {w.activation: w for w in plan.waiting} if plan is not None else {}
+        robots: dict[str, list[str]] = {}
+        reasons: dict[str, str] = {}
+        for request in requests:
+            robots.setdefault(request.subject, []).extend(working.get(request.activation, ()))
+            if request.activation in waiting:
+                reasons[request.subject] = waiting[request.activation].reason
+        for name, task in self.observer.record.task_log.tasks.items():
+            row = {
+                "state": str(task.state),
+                "robots": robots.get(name, []),
+                "took_part": sorted(task.robots),
+                "reason": reasons.get(name, ""),
+            }
+            self.changes.put(f"task/{name}", row)
+
+    def _nodes(self, plan: Plan, working: dict[str, list[str]]) -> None:
+        """Only nodes that may have changed are looked at: a tree may have thousands."""
+        self.count_activations()
+        statuses = plan.evaluation.statuses
+        waiting = {w.activation: w for w in plan.waiting}
+        marks: dict[int, tuple[list[str], str]] = {}
+        for request in plan.evaluation.requests:
+            found = waiting.get(request.activation)
+            note = "" if found is None else ("blocked" if found.is_blocked else "waits")
+            marks[request.node] = working.get(request.activation, []), note
+        changed = {*marks, *self._marked}
+        if statuses != self._statuses:
+            pairs = zip(statuses, self._statuses, strict=True)
+            changed.update(index for index, (new, old) in enumerate(pairs) if new != old)
+        for index in sorted(changed):
+            robots, note = marks.get(index, ([], ""))
+            count = len(self._activations.get(index, ()))
+            self.changes.put(f"node/{index}", [statuses[index], robots, note, count])
+        self._statuses, self._marked = statuses, set(marks)
+
+
+class TakeoversView:
+    """Puts `why/N` into a log: the explanation of takeover N.
+
+    It is made when that has happened: later its reasons are others.
+    """
+
+    def __init__(self, observer: Observer) -> None:
+        self._observer = observer
+        self._explained: set[int] = set()
+
+    def put(self, log: ChangeLog) -> None:
+        """Explain what has happened since."""
+        for index, fault in enumerate(self._observer.record.major):
+            if index not in self._explained and fault.reassigned_us is not None:
+                self._explained.add(index)
+                log.put(f"why/{index}", why_takeover(self._observer, fault))
+
+
+class TeamView:
+    """Follows one observer of a running team. `changes` has the items of `TeamState`,
+    `TimelineView` and `TakeoversView`.
+    """
+
+    def __init__(self, observer: Observer) -> None:
+        self.observer = observer
+        self.changes = ChangeLog()
+        self._state = TeamState(observer, self.changes)
+        self._timeline = TimelineView(observer.record)
+        self._takeovers = TakeoversView(observer)
+
+    def update(self, now_us: int) -> bool:
+        """Look at the observer, which is up to date; whether anything has changed."""
+        before = self.changes.version
+        self._state.update(now_us)
+        self._timeline.put(self.changes)
+        self._takeovers.put(self.changes)
+        return self.changes.version != before
+
+    def seconds(self, at_us: int) -> float | None:
+        """A time of the observer's clock as the page tells it."""
+        return self.observer.record.seconds(at_us)

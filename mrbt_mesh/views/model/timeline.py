@@ -1,0 +1,97 @@
+"""A run as people read it afterwards: who did what from when to when, faults, what happened.
+
+All of it only grows, so a page that is opened late gets the whole past.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mrbt_mesh.core.observer.episodes import MajorFault, MinorFault
+from mrbt_mesh.core.observer.run_record import RunRecord
+from mrbt_mesh.core.observer.work_log import WorkSpan
+from mrbt_mesh.views.model.changes import ChangeLog
+
+
+class TimelineView:
+    """Puts the items `work/N`, `fault/N`, `loss/N`, `event/N` and `unwatched/N` of a record into a
+    log.
+
+    Times in seconds from the start of the run; `_ms` count from the fault. `has_ended`: the
+    robot's process is known to have ended. `older`: it is from before the run was watched, so when
+    it began is not known. `unwatched`: a time of which nothing is known, `from_s` None: all before.
+    """
+
+    def __init__(self, record: RunRecord) -> None:
+        self._record = record
+        self._open_work: list[int] = []
+        self._works = self._events = 0
+
+    def put(self, log: ChangeLog) -> None:
+        """Bring the log up to date."""
+        spans = self._record.work_log.spans
+        self._open_work += range(self._works, len(spans))
+        self._works = len(spans)
+        for index in self._open_work:
+            log.put(f"work/{index}", self._work(spans[index]))
+        # Until all has been said of it: how it ended may be heard of after its end.
+        self._open_work = [i for i in self._open_work if not self._is_settled(spans, i)]
+        for index, fault in enumerate(self._record.major):
+            log.put(f"fault/{index}", self._major(fault))
+        for index, loss in enumerate(self._record.minor):
+            log.put(f"loss/{index}", self._minor(loss))
+        for index, (from_us, to_us) in enumerate(self._record.unwatched):
+            seconds = self._record.seconds
+            log.put(f"unwatched/{index}", {"from_s": seconds(from_us), "to_s": seconds(to_us)})
+        for index in range(self._events, len(self._record.timeline)):
+            at_us, text = self._record.timeline[index]
+            log.put(f"event/{index}", {"at_s": self._record.seconds(at_us), "text": text})
+        self._events = len(self._record.timeline)
+
+    def _is_settled(self, spans: list[WorkSpan], index: int) -> bool:
+        span = spans[index]
+        return span.ended_us is not None and any(
+            later.robot == span.robot for later in spans[index + 1 :]
+        )
+
+    def _work(self, span: WorkSpan) -> dict[str, Any]:
+        seconds = self._record.seconds
+        return {
+            "robot": span.robot,
+            "global_task": span.global_task,
+            "local_task": span.local_task,
+            "claimed_s": seconds(span.claimed_us),
+            "running_s": seconds(span.running_us),
+            "ended_s": seconds(span.ended_us),
+            "end": None if span.end is None else str(span.end),
+            "older": span.is_older,
+            "reason": span.reason,
+        }
+
+    def _major(self, fault: MajorFault) -> dict[str, Any]:
+        seconds = self._record.seconds
+        return {
+            "robot": fault.robot,
+            "at_s": seconds(fault.at_us),
+            "until_s": seconds(fault.until_us),
+            "has_ended": fault.exact,
+            "detected_ms": _since_ms(fault, fault.detected_us),
+            "taken_over_ms": _since_ms(fault, fault.reassigned_us),
+            "held": fault.held.local_task if fault.held else None,
+            "global_task": fault.held.global_task if fault.held else None,
+            "replacement": fault.replacement,
+            "older": fault.is_older,
+        }
+
+    def _minor(self, fault: MinorFault) -> dict[str, Any]:
+        return {
+            "robot": fault.robot,
+            "local_tasks": list(fault.local_tasks),
+            "reason": fault.reason,
+            "at_s": self._record.seconds(fault.at_us),
+            "until_s": self._record.seconds(fault.until_us),
+        }
+
+
+def _since_ms(fault: MajorFault, at_us: int | None) -> float | None:
+    return None if at_us is None else round(max(0, at_us - fault.at_us) / 1e3, 1)

@@ -1,0 +1,115 @@
+"""One recording checked by itself: its facts, its plans, and whether its robot followed them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.membership.authorship import AuthorshipCheck
+from mrbt_mesh.recording import channels
+from mrbt_mesh.recording.packing import pack_alive, pack_nodes, pack_plan, same
+from mrbt_mesh.recording.reader import RecordedMessage, Recording
+from mrbt_mesh.views.replay.check_work import WorkCheck
+from mrbt_mesh.views.replay.checked_state import CheckedState
+from mrbt_mesh.views.replay.plan_again import PlanAgain
+from mrbt_mesh.views.replay.recorded_state import NothingNewError
+
+
+class RecordingCheck(CheckedState):
+    """Call `run` once. `said` are the facts in the recording, each with its message."""
+
+    def __init__(
+        self, recording: Recording, plans: PlanAgain, authorship: AuthorshipCheck | None
+    ) -> None:
+        super().__init__(recording, plans.mission)
+        self.said: list[tuple[RecordedMessage, Entry]] = []
+        self._plans = plans
+        self._authorship = authorship
+        self._work = WorkCheck(self) if recording.metadata.robot else None
+        # Author and name of a fact -> the record that told it last.
+        self._told: dict[tuple[str, str], RecordedMessage] = {}
+        self._to_drop: list[tuple[str, str]] = []
+        self._made = 0
+
+    def run(self) -> None:
+        """Check every record, in order."""
+        for damage in self.recording.damage:
+            self.say(RecordedMessage(damage.number, "", 0, {}), damage.text)
+        for record in self.recording.records:
+            try:
+                self._check(record)
+            except ValueError as error:
+                self.say(record, str(error))
+                if isinstance(error, NothingNewError):
+                    self._doubt_what_was_told(record)
+
+    def _check(self, record: RecordedMessage) -> None:
+        topic, data = record.topic, record.data
+        if topic != channels.DROPPED and self._to_drop:
+            names = ", ".join(name for _, name in self._to_drop)
+            self._to_drop.clear()
+            raise ValueError(f"{names}: should have been dropped before, with others")
+        if self._work is not None:
+            self._work.before(record)
+        if topic == channels.DROPPED:
+            self._dropped(data)
+        if topic == channels.ALIVE and data["robots"] == pack_alive(self.state.alive):
+            raise ValueError("the alive set is told anew, but has not changed")
+        if topic == channels.PLANS:
+            self._planned(data)
+        if topic == channels.STATUSES:
+            self._statuses(data)
+        entry = self.state.apply(record)
+        if entry is not None:
+            self._fact(record, entry)
+        if self._work is not None:
+            self._work.after(record, entry)
+
+    def _doubt_what_was_told(self, record: RecordedMessage) -> None:
+        """A fact changes nothing where an earlier record has a version that was not there yet."""
+        before = self._told[record.data["author"], record.data["name"]]
+        self.say(before, f"it does not fit record {record.number}: one of them is false")
+
+    def _fact(self, record: RecordedMessage, entry: Entry) -> None:
+        self.said.append((record, entry))
+        self._told[entry.author, entry.name] = record
+        self.counts["facts"] += 1
+        if self._authorship is not None:
+            self.counts["signatures"] += 1
+            if not self._authorship.is_authentic(entry):
+                raise ValueError(f"{entry.name} was not signed by {entry.author}")
+
+    def _dropped(self, data: Mapping[str, Any]) -> None:
+        self.counts["dropped"] += 1
+        if not self._to_drop:
+            self._to_drop = self._plans.obsolete(self.state.facts)
+        wanted = self._to_drop.pop(0) if self._to_drop else None
+        if wanted != (data["author"], data["name"]):
+            self._to_drop.clear()
+            raise ValueError(f"{data['author']}'s {data['name']} is dropped, and still needed")
+
+    def _planned(self, data: Mapping[str, Any]) -> None:
+        """The plan must follow from the facts before it, and from its alive set."""
+        state = self.state
+        self.counts["plans"] += 1
+        self._made += 1
+        if data["alive"] != pack_alive(state.alive):
+            raise ValueError("the plan's alive set is not the one that was told before")
+        if self._plans.obsolete(state.facts):
+            raise ValueError("the plan was made with facts that should have been dropped")
+        self.plan = self._plans.plan(state.facts, state.alive)
+        digest = state.facts.map.digest()
+        wanted = pack_plan(self.plan, self._made, state.changes, digest, state.alive)
+        self._made = data["number"]
+        differing = [key for key in wanted if not same(wanted[key], data.get(key))]
+        if differing:
+            what = ", ".join(differing)
+            raise ValueError(f"the plan does not follow from its facts: other {what}")
+
+    def _statuses(self, data: Mapping[str, Any]) -> None:
+        self.counts["statuses"] += 1
+        if self.plan is None or data["plan"] != self._made:
+            raise ValueError("statuses of a plan that was not made just before")
+        if data["nodes"] != pack_nodes(self.plan):
+            raise ValueError("the statuses of T_G's nodes do not follow from the facts")

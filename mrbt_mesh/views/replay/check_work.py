@@ -1,0 +1,185 @@
+"""Whether a robot did what its plans said, and why it took over what others had been at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from mrbt_mesh.core.facts.records import CLAIM, Claim, Outcome, Phase
+from mrbt_mesh.core.facts.store import Entry, Incarnation
+from mrbt_mesh.core.facts.team_facts import capability
+from mrbt_mesh.core.planning.plan import Line
+from mrbt_mesh.recording import channels
+from mrbt_mesh.recording.packing import read_incarnation
+from mrbt_mesh.recording.reader import RecordedMessage
+from mrbt_mesh.views.replay.checked_state import CheckedState
+from mrbt_mesh.views.replay.findings import ProvedTakeover
+
+Place = tuple[str, str]
+
+
+class WorkCheck:
+    """Follows one robot's recording: its claims and actions against its line of each plan.
+
+    `_at_work`: for a local task of an activation, the robots that were seen to run it, with the
+    incarnation. `_planned`: the plan of the facts as they are.
+    `_is_out`: the robot joins again, catches up, leaves or has stopped.
+    """
+
+    def __init__(self, check: CheckedState) -> None:
+        self._check = check
+        self._me = check.recording.metadata.robot
+        self._at_work: dict[Place, dict[str, Incarnation]] = {}
+        self._planned: RecordedMessage | None = None
+        self._is_out = False
+
+    def before(self, record: RecordedMessage) -> None:
+        """Before a record is applied: until facts or alive set change, the newest plan stands.
+
+        One of the same instant as the change was not followed: another one was due already.
+        """
+        is_own = record.data.get("author") == self._me and record.data.get("name") == CLAIM
+        changes = record.topic in (channels.FACTS, channels.DROPPED, channels.ALIVE)
+        if self._planned is not None and changes and not is_own:
+            planned, self._planned = self._planned, None
+            if record.at_us > planned.at_us:
+                self._follows(planned)
+
+    def after(self, record: RecordedMessage, entry: Entry | None) -> None:
+        """After a record is applied. Raises ValueError for what no plan of the robot says."""
+        if record.topic == channels.PLANS:
+            self._planned = record
+        elif record.topic == channels.LIFE:
+            self._is_out = record.data["event"] not in ("joined", "caught_up")
+        elif record.topic == channels.ACTIONS:
+            self._action(record)
+        if entry is not None and isinstance(entry.record, Claim):
+            self._claimed(entry, entry.record)
+
+    @property
+    def _line(self) -> Line | None:
+        plan = self._check.plan
+        return plan.lines.get(self._me) if plan is not None else None
+
+    def _claimed(self, entry: Entry, claim: Claim) -> None:
+        place = (claim.activation, claim.local_task)
+        if claim.phase is Phase.RUNNING:
+            self._at_work.setdefault(place, {})[entry.author] = entry.version.incarnation
+        mine = self._check.state.alive.get(self._me)
+        if entry.author != self._me or entry.version.incarnation != mine:
+            return
+        self._check.counts["claims"] += 1
+        line = self._line
+        if line is None or (line.activation, line.local_task) != place:
+            said = f"{line.local_task} of {line.activation}" if line else "nothing"
+            raise ValueError(
+                f"{self._me} claims {claim.local_task} of {claim.activation}; "
+                f"its plan gives it {said}"
+            )
+        if line.global_task != claim.global_task:
+            raise ValueError(f"{claim.activation} is one of {line.global_task}")
+
+    def _follows(self, planned: RecordedMessage) -> None:
+        """The robot has claimed what its plan gives it, unless it has ended it, or is out."""
+        check, line = self._check, self._line
+        check.counts["lines"] += 1
+        facts, mine = check.state.facts, check.state.alive.get(self._me)
+        held = facts.claims.get(self._me)
+        claim = held.claim if held is not None and held.incarnation == mine else None
+        wanted = (line.activation, line.local_task) if line is not None else None
+        found = (claim.activation, claim.local_task) if claim is not None else None
+        if wanted == found or self._is_out:
+            return
+        if wanted is not None and self._has_ended(*wanted):
+            return
+        check.say(planned, f"{self._me} holds {_told(found)}, and its plan says {_told(wanted)}")
+
+    def _has_ended(self, activation: str, local_task: str) -> bool:
+        """Whether an outcome of this robot stands there, of any of its coalitions."""
+        said = self._check.state.facts.activations.get(activation)
+        keys = said.keys if said is not None else ()
+        start = f"outcome/{activation}/{local_task}"
+        return any(author == self._me and name.startswith(start) for author, name in keys)
+
+    # -- actions ------------------------------------------------------------------------------
+
+    def _action(self, record: RecordedMessage) -> None:
+        data = record.data
+        if data["event"] == "started":
+            self._check.counts["actions"] += 1
+            self._started(record, data)
+
+    def _started(self, record: RecordedMessage, data: Mapping[str, Any]) -> None:
+        place, line = (data["activation"], data["local_task"]), self._line
+        entry = self._check.state.facts.map.get(self._me, CLAIM)
+        claim = entry.record if entry is not None else None
+        if line is None or (line.activation, line.local_task) != place:
+            raise ValueError(f"{self._me} starts {_told(place)}, which its plan does not give it")
+        if (
+            not isinstance(claim, Claim)
+            or claim.phase is not Phase.RUNNING
+            or (claim.activation, claim.local_task, claim.global_task, claim.coalition)
+            != (*place, data["global_task"], data["coalition"])
+        ):
+            raise ValueError(f"{self._me} starts {_told(place)}, and claims something else")
+        at_us = record.at_us - self._check.recording.begin_us
+        for robot, incarnation in sorted(self._at_work.get(place, {}).items()):
+            if robot == self._me:
+                continue
+            cause = self._cause(robot, incarnation, place)
+            if cause:
+                of = (robot, *place)
+                self._check.takeovers.append(ProvedTakeover(at_us, self._me, *of, cause))
+
+    def _cause(self, robot: str, incarnation: Incarnation, place: Place) -> str:
+        """Why a robot that was at work there is not any more; empty where it still is, or is done.
+
+        Raises ValueError if the recording has no cause.
+        """
+        state = self._check.state
+        local_task = place[1]
+        outcome = self._outcome(robot, place)
+        if outcome is not None:
+            return "" if outcome.success else f"{robot} failed"
+        if state.alive.get(robot) != incarnation:
+            return self._gone(robot, incarnation)
+        member = state.facts.members.get(robot)
+        if member is not None and capability(member.member, local_task) is None:
+            return f"{robot} lost {local_task}"
+        claim = state.facts.valid_claim(robot)
+        if claim is None or (claim.activation, claim.local_task) != place:
+            return f"{robot} had given it up"
+        line = self._check.plan.lines.get(robot) if self._check.plan is not None else None
+        if line is None or (line.activation, line.local_task) != place:
+            return f"the plan moved {robot}"
+        return ""
+
+    def _outcome(self, robot: str, place: Place) -> Outcome | None:
+        said = self._check.state.facts.activations.get(place[0])
+        start = f"outcome/{place[0]}/{place[1]}"
+        found: Outcome | None = None
+        for author, name in sorted(said.keys) if said is not None else ():
+            entry = self._check.state.facts.map.get(author, name)
+            fits = author == robot and (name == start or name.startswith(f"{start}/"))
+            if fits and entry is not None and isinstance(entry.record, Outcome):
+                found = entry.record if found is None or entry.record.success else found
+        return found
+
+    def _gone(self, robot: str, incarnation: Incarnation) -> str:
+        state = self._check.state
+        known = state.robots.get(robot)
+        if known is None:
+            return f"{robot} was not heard since {self._me} began"
+        newest = read_incarnation(known["incarnation"])
+        member = state.facts.members.get(robot)
+        if member is not None and member.incarnation == incarnation and member.member.is_leaving:
+            return f"{robot} left"
+        if newest == incarnation and known["state"] in ("alive", "suspect") and known["joined"]:
+            raise ValueError(f"{robot} is not in the alive set, and is {known['state']}")
+        if newest != incarnation:
+            return f"{robot} began a new life"
+        return f"{robot} is {known['state']}"
+
+
+def _told(place: Place | None) -> str:
+    return f"{place[1]} of {place[0]}" if place is not None else "nothing"

@@ -1,0 +1,79 @@
+"""What happened in a run before somebody came to watch it, from the recordings in its folder."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.recording.folder import observer_files, robot_files
+from mrbt_mesh.recording.reader import RecordingError, read_recording
+from mrbt_mesh.runtime.engine_choice import chosen_engine
+from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.views.replay.player import Player
+
+# What was written so much later than another one is the one that goes on.
+STILL_WRITTEN_S = 10.0
+
+
+def tell_past(
+    observer: Observer, run_dir: Path, started_unix_s: float, living: Collection[str]
+) -> None:
+    """Tell an observer that hears nothing yet what was recorded of its run, which began then.
+
+    `living`: the robots whose processes run now; what they and who launched them record is whole
+    until now, also where nothing has happened for a while. What no recording holds, from the
+    start of the run until now, is noted as not watched.
+    """
+    epoch_us = round(time.time() * 1e6) - boottime_us()
+    record, until_us, problem = observer.record, None, ""
+    for path in _by_worth(run_dir):
+        try:
+            until_us = _tell(observer, path, epoch_us, living)
+        except RecordingError as error:
+            problem = problem or str(error)
+        if until_us is not None:
+            break
+    if until_us is None and problem:
+        record.say(boottime_us(), f"what happened before is not known: {problem}")
+    if record.started_us is None:
+        record.started_us = round(started_unix_s * 1e6) - epoch_us
+    if record.result is None:
+        observer.watch_from(boottime_us(), record.started_us if until_us is None else until_us)
+
+
+def _tell(observer: Observer, path: Path, epoch_us: int, living: Collection[str]) -> int | None:
+    """Until when the recording tells; None if it is of another run, or tells nothing.
+
+    `epoch_us`: the Unix time at which this machine's clock was 0. Raises RecordingError.
+    """
+    recording = read_recording(path)
+    said = recording.metadata
+    is_of_run = (said.run, said.mission_digest) == (observer.facts.run, observer.mission.digest)
+    if not is_of_run or not recording.records:
+        return None
+    # It may be of another machine, or of before this one was started again.
+    shift_us = said.epoch_ns // 1_000 - epoch_us
+    records = (replace(each, at_us=each.at_us + shift_us) for each in recording.records)
+    recording = replace(recording, records=tuple(records))
+    now_us = boottime_us()
+    player = Player(recording, lambda: observer, chosen_engine())
+    player.seek(player.end_us)
+    is_whole = recording.cut_off_at is not None and (said.robot in living or not said.robot)
+    return now_us if is_whole and living else player.end_us
+
+
+def _by_worth(run_dir: Path) -> Iterator[Path]:
+    """The recordings of a folder, the one that tells most first.
+
+    One who watched has heard all robots; of robots it is the one that was there longest.
+    """
+    watched, robots = observer_files(run_dir), robot_files(run_dir)
+    times = {path: path.stat().st_mtime for path in (*watched, *robots)}
+    newest = max(times.values(), default=0.0)
+    fresh = [path for path in times if times[path] > newest - STILL_WRITTEN_S]
+    for some in (watched, robots):
+        yield from sorted((p for p in some if p in fresh), key=lambda p: -p.stat().st_size)
+    yield from sorted((p for p in times if p not in fresh), key=lambda p: -times[p])

@@ -1,0 +1,199 @@
+"""Plays a recording: what its owner knew at any time, and the team as one who watched would see it.
+
+The team is shown by an observer to which the recording is told, as messages would tell it.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+from mrbt_mesh.core.assignment.solvers import default_solver
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.engine import FASTEST, Engine
+from mrbt_mesh.core.membership.arrival_history import ArrivalHistory
+from mrbt_mesh.core.membership.peer import Peer, State
+from mrbt_mesh.core.membership.timing import NEVER_US
+from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport
+from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.core.observer.summary import run_summary
+from mrbt_mesh.recording import channels
+from mrbt_mesh.recording.packing import read_incarnation
+from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError
+from mrbt_mesh.views.replay.recorded_state import RecordedState
+
+_NO_DIGEST = bytes(8)
+
+
+class Player:
+    """`state` and `observer` are as they were at `now_us`, which is the time of the recording.
+
+    Raises RecordingError where the recording is damaged: `mrbt verify` tells how.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        make_observer: Callable[[], Observer] | None = None,
+        engine: Engine = FASTEST,
+    ) -> None:
+        """`make_observer`: of whoever is told the recording, with the engine; by default anew."""
+        self.recording = recording
+        self._engine = engine
+        self._make_observer = make_observer or self._new_observer
+        if recording.damage:
+            first = recording.damage[0]
+            self._refuse(f"record {first.number}: {first.text}")
+        try:
+            self.mission = recording.metadata.read_mission(str(recording.path))
+        except ValueError as error:
+            self._refuse(str(error))
+        self._times = [record.at_us for record in recording.records]
+        self._rewind()
+
+    def _refuse(self, text: str) -> None:
+        raise RecordingError(f"{self.recording.path}: {text}: `mrbt verify` tells all")
+
+    def _new_observer(self) -> Observer:
+        metadata = self.recording.metadata
+        return Observer(self.mission, metadata.run, metadata.timing, default_solver, self._engine)
+
+    def _rewind(self) -> None:
+        self.observer = self._make_observer()
+        self.state = RecordedState(self.observer.facts)
+        evaluator = self.observer.evaluator
+        self._plan = self._engine.plan_making(self.mission, evaluator, default_solver)
+        # Since when robots have been missed: the best that is known of when they died.
+        self._missed_us: dict[str, int] = {}
+        self._next = 0
+        self.now_us = self.begin_us
+
+    @property
+    def begin_us(self) -> int:
+        """When the recording begins."""
+        return self.recording.begin_us
+
+    @property
+    def end_us(self) -> int:
+        """The time of its last record."""
+        return max(self._times, default=0)
+
+    def seek(self, at_us: int) -> None:
+        """Go to a time of the recording, forwards or back."""
+        for _ in self.play_to(at_us):
+            pass
+
+    def play_to(self, at_us: int) -> Iterator[None]:
+        """Go there record by record: whoever iterates can look at the team after each, or stop."""
+        wanted = bisect_right(self._times, at_us)
+        if wanted < self._next:
+            self._rewind()
+        while self._next < wanted:
+            record = self.recording.records[self._next]
+            self._next += 1
+            try:
+                self._play(record)
+            except ValueError as error:
+                self._refuse(f"record {record.number}: {error}")
+            self.now_us = record.at_us
+            yield
+        self.now_us = at_us
+
+    def _play(self, record: RecordedMessage) -> None:
+        at_us, data, seen = record.at_us, record.data, self.observer.record
+        entry = self.state.apply(record)
+        if entry is not None:
+            seen.fact(entry, at_us)
+        elif record.topic == channels.ROBOTS:
+            self._robot(data["robot"], data, at_us)
+        elif record.topic == channels.ROBOT_TREES:
+            self._tree_ticked(data["robot"])
+        elif record.topic == channels.PLANS:
+            self._planned(data, at_us)
+        elif record.topic in (channels.STATUSES, channels.ACTIONS):
+            self._myself(at_us)
+        elif record.topic in (channels.SCENE, channels.POSITIONS):
+            self._placed()
+        elif record.topic == channels.FAULTS:
+            self._fault(data, at_us)
+
+    def _fault(self, data: Mapping[str, Any], at_us: int) -> None:
+        robot, event = data["robot"], data["event"]
+        if event in ("suspect", "token_lost"):
+            self._missed_us.setdefault(robot, at_us)
+        elif event in ("alive", "token_shown"):
+            self._missed_us.pop(robot, None)
+        elif event == "dead":
+            self.observer.record.verdict(robot, read_incarnation(data["incarnation"]), at_us)
+
+    def _planned(self, data: Mapping[str, Any], at_us: int) -> None:
+        observer = self.observer
+        plan = self._plan(observer.facts, self.state.alive)
+        if plan.digest.hex() != data["digest"]:
+            raise ValueError("its plan does not follow from its facts")
+        self._myself(at_us)
+        observer.follow(plan, at_us, bool(self.state.alive))
+
+    def summary(self) -> dict[str, Any]:
+        """The summary of the run as far as it was played, as `mrbt up` tells it at the end."""
+        peers = self.observer.membership.peers.values()
+        result = self.observer.result(anybody_lives=any(peer.state.is_member for peer in peers))
+        return run_summary(self.observer.record, result, self.now_us)
+
+    def _placed(self) -> None:
+        """Robots are somewhere else; one that has left stays where it was seen last."""
+        for robot, peer in self.observer.membership.peers.items():
+            if peer.state is not State.LEFT:
+                peer.position = self.state.positions.get(robot)
+
+    # -- the robots ---------------------------------------------------------------------------
+
+    def _myself(self, at_us: int) -> None:
+        """The robot that recorded is one of the team, too."""
+        me, state = self.recording.metadata.robot, self.state
+        if not me or me not in state.alive:
+            return
+        said = state.statuses or {}
+        data = {
+            "incarnation": str(state.alive[me]),
+            "state": "alive",
+            "joined": True,
+            "plan": state.plan["digest"] if state.plan is not None else "",
+            "statuses": [said[name] for name in ("T_i", "T_A", "T_G", "T_Li") if name in said],
+            "percent": state.percent,
+        }
+        self._robot(me, data, at_us)
+
+    def _tree_ticked(self, robot: str) -> None:
+        peer = self.observer.membership.peers.get(robot)
+        if peer is not None and peer.heartbeat is not None:
+            statuses = self.state.trees[robot]
+            peer.heartbeat = replace(peer.heartbeat, tree_statuses=statuses)
+
+    def _robot(self, robot: str, data: Mapping[str, Any], at_us: int) -> None:
+        incarnation, state = read_incarnation(data["incarnation"]), State(data["state"])
+        # A robot does not record what others report.
+        own = self.state.plan["digest"] if self.state.plan is not None else ""
+        digest = bytes.fromhex(data.get("plan", own))
+        report = SelfReport(incarnation, 0, digest, data["joined"], int(Status.RUNNING))
+        known = self.observer.membership.peers.get(robot)
+        if known is None or known.incarnation != incarnation:
+            timing = self.recording.metadata.timing
+            history = ArrivalHistory.of_new_robot(timing)
+            known = Peer(incarnation, report, at_us, history, NEVER_US, NEVER_US)
+            known.position = self.state.positions.get(robot)
+            self.observer.membership.peers[robot] = known
+        if "statuses" in data:
+            statuses = tuple(int(Status[name.upper()]) for name in data["statuses"])
+            known.heartbeat = Heartbeat(
+                *(report, False, _NO_DIGEST, statuses, data["percent"], (), {}),
+                tree_statuses=self.state.trees.get(robot, b""),
+            )
+        before, known.state, known.report = known.state, state, report
+        if data["joined"]:
+            self.observer.record.robot_seen(robot, incarnation, at_us)
+        if before is not state:
+            evidence_us = self._missed_us.get(robot, at_us)
+            self.observer.record.state(robot, state, evidence_us, at_us)

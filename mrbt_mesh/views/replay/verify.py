@@ -1,0 +1,165 @@
+"""Whether the recordings of one run prove what the team did: each by itself, and against the rest.
+
+Proved is: the same facts led to the same plan, by the plain definitions; each robot did what its
+plans said; every takeover had a cause; and no recording tells what another one contradicts.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+
+from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
+from mrbt_mesh.core.membership.authorship import AuthorshipCheck, WasSigned
+from mrbt_mesh.recording import channels
+from mrbt_mesh.recording.packing import read_incarnation
+from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError
+from mrbt_mesh.views.replay.check_recording import RecordingCheck
+from mrbt_mesh.views.replay.findings import ProvedTakeover, RecordingFinding, Verification
+from mrbt_mesh.views.replay.plan_again import PlanAgain
+
+_Key = tuple[str, str, Version]
+
+
+def verify(recordings: Sequence[Recording], was_signed: WasSigned | None = None) -> Verification:
+    """Verify recordings of one run, at least one; `was_signed` knows who signed what.
+
+    Raises RecordingError if they are not of one run of one mission, or the mission cannot be read.
+    """
+    first = recordings[0]
+    for each in recordings:
+        if _run(each) != _run(first):
+            raise RecordingError(f"{each.path} and {first.path} are of different runs")
+    try:
+        mission = first.metadata.read_mission(str(first.path))
+    except ValueError as error:
+        raise RecordingError(f"{first.path}: {error}") from None
+    plans = PlanAgain(mission)
+    authorship = AuthorshipCheck(was_signed, first.metadata.run) if was_signed else None
+    checks = [RecordingCheck(each, plans, authorship) for each in recordings]
+    for check in checks:
+        check.run()
+    counts: Counter[str] = Counter()
+    findings: list[RecordingFinding] = []
+    takeovers: list[ProvedTakeover] = []
+    for check in checks:
+        counts.update(check.counts)
+        findings += check.findings
+        takeovers += check.takeovers
+    findings += _contradictions(checks) + _unsaid(checks)
+    return Verification(
+        tuple(each.name for each in recordings),
+        dict(sorted(counts.items())),
+        tuple(findings),
+        tuple(sorted(takeovers, key=lambda each: (each.at_us, each.robot, each.of))),
+        tuple(_notes(recordings, was_signed is not None)),
+    )
+
+
+def _run(recording: Recording) -> tuple[str, str, str]:
+    metadata = recording.metadata
+    return metadata.run, metadata.mission_digest, metadata.mission
+
+
+def _notes(recordings: Sequence[Recording], has_keys: bool) -> list[str]:
+    notes = [
+        f"{each.name}: ends without its end, at byte {each.cut_off_at}: its writer was killed"
+        for each in recordings
+        if each.cut_off_at is not None
+    ]
+    if not has_keys and any(each.metadata.has_keys for each in recordings):
+        notes.append("the facts are signed; without --keys their signatures are not checked")
+    return notes
+
+
+def _contradictions(checks: Sequence[RecordingCheck]) -> list[RecordingFinding]:
+    """A fact of one author, name and version is the same in all recordings, with one proof."""
+    holders: dict[_Key, dict[tuple[int, bytes], list[tuple[RecordingCheck, RecordedMessage]]]] = {}
+    for check in checks:
+        for record, entry in check.said:
+            key = (entry.author, entry.name, entry.version)
+            proof = entry.proof.hashes + entry.proof.signature if entry.proof is not None else b""
+            said = holders.setdefault(key, {}).setdefault((entry.hash, proof), [])
+            said.append((check, record))
+    findings = []
+    for (author, name, _), by_hash in holders.items():
+        if len(by_hash) == 1:
+            continue
+        told = max(by_hash.values(), key=lambda each: _weight(author, each))
+        for rows in by_hash.values():
+            if rows is not told:
+                check, record = rows[0]
+                against = {other.recording.name for other, _ in told}
+                text = f"{author}'s {name} says something else than elsewhere"
+                findings.append(_finding(check, record, text, against))
+    return findings
+
+
+def _weight(
+    author: str, rows: Sequence[tuple[RecordingCheck, RecordedMessage]]
+) -> tuple[int, bool]:
+    """Most recordings are believed; of as many, its author's."""
+    names = {check.recording.name for check, _ in rows}
+    return len(names), any(check.recording.metadata.robot == author for check, _ in rows)
+
+
+def _unsaid(checks: Sequence[RecordingCheck]) -> list[RecordingFinding]:
+    """What others have of a robot, it has written down itself before it told anybody.
+
+    Where it has not, what it has in that place, and nobody else, is told as well.
+    """
+    lives: dict[tuple[str, Incarnation], list[str]] = {}
+    own: set[tuple[str, str, Version, int]] = set()
+    heard: set[tuple[str, str, Version, int]] = set()
+    for check in checks:
+        me = check.recording.metadata.robot
+        for incarnation in _lives(check.recording):
+            lives.setdefault((me, incarnation), []).append(check.recording.name)
+        for _, entry in check.said:
+            (own if entry.author == me else heard).add(_whole(entry))
+    findings: list[RecordingFinding] = []
+    missing: dict[tuple[str, str, Incarnation], set[str]] = {}
+    for check, record, entry in _all_said(checks):
+        authors = lives.get((entry.author, entry.version.incarnation), [])
+        if authors and _whole(entry) not in own and not check.recording.damage:
+            text = f"{entry.author} has not recorded that it said {entry.name}"
+            findings.append(_finding(check, record, text, authors))
+            missing.setdefault(_place(entry), set()).add(check.recording.name)
+    for check, record, entry in _all_said(checks):
+        others = missing.get(_place(entry))
+        is_own = entry.author == check.recording.metadata.robot
+        if others is not None and is_own and _whole(entry) not in heard:
+            text = f"nobody else has heard this {entry.name}, and others heard something else"
+            findings.append(_finding(check, record, text, others))
+    return findings
+
+
+def _all_said(
+    checks: Sequence[RecordingCheck],
+) -> Iterator[tuple[RecordingCheck, RecordedMessage, Entry]]:
+    return ((check, record, entry) for check in checks for record, entry in check.said)
+
+
+def _finding(
+    check: RecordingCheck, record: RecordedMessage, text: str, against: Iterable[str]
+) -> RecordingFinding:
+    at_us = record.at_us - check.recording.begin_us
+    name = check.recording.name
+    return RecordingFinding(name, record.number, at_us, text, tuple(sorted(against)))
+
+
+def _place(entry: Entry) -> tuple[str, str, Incarnation]:
+    return entry.author, entry.name, entry.version.incarnation
+
+
+def _whole(entry: Entry) -> tuple[str, str, Version, int]:
+    return entry.author, entry.name, entry.version, entry.hash
+
+
+def _lives(recording: Recording) -> set[Incarnation]:
+    """The incarnations that a robot had while it recorded."""
+    found = set()
+    for record in recording.records:
+        if record.topic == channels.LIFE and record.data["event"] == "joined":
+            found.add(read_incarnation(record.data["incarnation"]))
+    return found

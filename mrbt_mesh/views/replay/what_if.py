@@ -1,0 +1,119 @@
+"""Goes on in the simulator from a place of a recording, with faults that did not happen.
+
+What a recording does not say is assumed, and told: `ASSUMED`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from mrbt_mesh.core.facts.records import Claim, NoClaim, Phase
+from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.facts.team_facts import TeamFacts, changed_performances
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.recording.reader import Recording, RecordingError
+from mrbt_mesh.runtime.program import RobotProgram
+from mrbt_mesh.sim.run import SimulationResult, simulate
+from mrbt_mesh.sim.world.faults import ChangePerformance, Fault, Lose
+from mrbt_mesh.sim.world.setup import Beginning
+from mrbt_mesh.views.replay.player import Player
+
+# In the simulator the team joins first; then it is as late as in the recording.
+JOIN_US = 300_000
+ASSUMED = (
+    "all robots know the same facts: those of this recording",
+    "robots that are alive join anew, within 0.3 s that are not counted, and plan anew",
+    "work under way goes on where it was if the same robot is given it again, else from its begin",
+    "robots work as the program says for simulated ones; the network is a good one",
+)
+
+
+@dataclass(frozen=True)
+class Continuation:
+    """How it would have gone on, from `at_us` of the recording: `result`, its times from 0 on.
+
+    `under_way`: who was at which local task then.
+    """
+
+    at_us: int
+    under_way: dict[str, str]
+    result: SimulationResult
+
+    def recorded_us(self, simulated_us: int) -> int:
+        """A time of the result as one of the recording."""
+        return self.at_us + max(0, simulated_us - JOIN_US)
+
+
+def what_if(
+    recording: Recording,
+    at_us: int,
+    program: RobotProgram,
+    faults: Iterable[tuple[int, Fault]],
+    *,
+    seed: int = 0,
+    timeout_us: int,
+) -> Continuation:
+    """Go on from a time of the recording; faults have times of the recording, not before `at_us`.
+
+    Raises RecordingError where nobody is alive then or the recording is damaged, ValueError for
+    faults of robots that the mission does not have, SimulationError.
+    """
+    player = Player(recording)
+    player.seek(at_us)
+    facts, mission = player.state.facts, player.mission
+    robots = sorted(robot for robot in player.state.alive if robot in mission.robots)
+    if not robots:
+        raise RecordingError(f"{recording.path}: no robot of the mission is alive at that time")
+    running = _running(player, at_us)
+    schedule = [(JOIN_US + each_us - at_us, fault) for each_us, fault in faults]
+    result = simulate(
+        mission,
+        program,
+        seed=seed,
+        robots=robots,
+        schedule=sorted([*_described(mission, facts, robots), *schedule], key=lambda each: each[0]),
+        timeout_us=JOIN_US + timeout_us,
+        speed=recording.metadata.speed,
+        inspect=False,
+        begin=Beginning(
+            recording.metadata.run,
+            _kept(facts),
+            {
+                (robot, claim.activation, claim.local_task): elapsed_us
+                for robot, (claim, elapsed_us) in running.items()
+            },
+        ),
+    )
+    under_way = {robot: claim.local_task for robot, (claim, _) in running.items()}
+    return Continuation(at_us, under_way, result)
+
+
+def _running(player: Player, at_us: int) -> dict[str, tuple[Claim, int]]:
+    """Robot -> the claim that it runs, and for how long it has."""
+    claims = player.observer.record.claims
+    found: dict[str, tuple[Claim, int]] = {}
+    for since_us, robot, claim in claims:
+        now = player.state.facts.valid_claim(robot)
+        if claim == now and claim.phase is Phase.RUNNING and robot in player.state.alive:
+            found[robot] = (claim, at_us - since_us)
+    return found
+
+
+def _kept(facts: TeamFacts) -> tuple[Entry, ...]:
+    """What robots know that start again: their claims were those of their last lives."""
+    return tuple(e for e in facts.map if not isinstance(e.record, Claim | NoClaim))
+
+
+def _described(
+    mission: Mission, facts: TeamFacts, robots: Iterable[str]
+) -> Iterable[tuple[int, Fault]]:
+    """What robots had lost, or did better or worse, before."""
+    for robot in robots:
+        known = facts.members.get(robot)
+        if known is None:
+            continue
+        for name, reason in known.member.lost.items():
+            yield 0, Lose(robot, name, reason)
+        for name, value in changed_performances(mission, robot, known.member).items():
+            yield 0, ChangePerformance(robot, name, value)

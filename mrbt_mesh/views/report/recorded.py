@@ -1,0 +1,209 @@
+"""The figures of a run, from its recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from mrbt_mesh.core.observer.run_record import RunRecord
+from mrbt_mesh.core.observer.work_log import WorkEnd, WorkSpan
+from mrbt_mesh.recording.reader import Recording
+from mrbt_mesh.views.replay.player import Player
+from mrbt_mesh.views.report.following import Following
+from mrbt_mesh.views.report.model import (
+    ReportedFault,
+    ReportedWork,
+    RobotUse,
+    RunReport,
+    TaskEnd,
+    Wait,
+    WaitKind,
+    milliseconds,
+)
+from mrbt_mesh.views.report.told import reported_failures, seconds
+
+AGREED = "until all had agreed on the plan"
+NOT_READY = "its partners were not there yet"
+TIMES_UNKNOWN = (
+    "when robots died is not in a recording: give the run directory, whose summary.json tells how "
+    "long detection and takeover took"
+)
+
+
+def report_recording(
+    recording: Recording, title: str, told: Mapping[str, Any] | None = None
+) -> RunReport:
+    """Play the recording once and count; `told` is the run's summary, if there is one. `takeovers`
+    in it may have no `at_s`, where its times count from something else.
+
+    Raises RecordingError for a recording that is damaged; for a strange summary as `told`.
+    """
+    player, following = Player(recording), Following()
+    record = player.observer.record
+    for at_us in sorted({each.at_us for each in recording.records}):
+        player.seek(at_us)
+        if record.ended_us is None:
+            following.look(player.observer, at_us)
+    end_us = player.end_us if record.ended_us is None else record.ended_us
+    following.end(end_us)
+    summary = player.summary()
+    result = summary["result"]
+    robot = recording.metadata.robot
+    notes = [f"as {robot} saw it; what others reported of their plans is in run.mcap"] * bool(robot)
+    if record.major and told is None:
+        notes.append(TIMES_UNKNOWN)
+    if record.started_us is None:
+        notes.append("no robot had joined")
+        return RunReport(title, summary["mission"], result, 0.0, notes=tuple(notes))
+    start_us = record.started_us
+    spans = record.work_log.spans
+    waits = [*following.waits(start_us), *_starts(spans, start_us, end_us)]
+    return RunReport(
+        title,
+        summary["mission"],
+        result,
+        summary["duration_s"],
+        tuple(_use(record, name, following, end_us) for name in sorted(record.joined_us)),
+        _faults(record, following, told),
+        tuple(
+            TaskEnd(name, task["status"], tuple(task["robots"]))
+            for name, task in summary["global_tasks"].items()
+        ),
+        tuple(_work(span, start_us, end_us) for span in spans if span.claimed_us <= end_us),
+        tuple(sorted(waits, key=lambda wait: (wait.from_s, wait.kind, wait.who))),
+        None if robot else following.plans_held.plans(start_us),
+        None if robot else following.differences(start_us),
+        notes=tuple(notes),
+        failures=reported_failures(summary),
+    )
+
+
+def _work(span: WorkSpan, start_us: int, end_us: int) -> ReportedWork:
+    running = span.running_us is not None and span.running_us <= end_us
+    ended_us = end_us if span.ended_us is None else min(span.ended_us, end_us)
+    return ReportedWork(
+        span.robot,
+        span.global_task,
+        span.local_task,
+        (span.claimed_us - start_us) / 1e6,
+        (span.running_us - start_us) / 1e6 if running and span.running_us is not None else None,
+        (ended_us - start_us) / 1e6,
+        None if span.end is None else str(span.end),
+    )
+
+
+def _starts(spans: list[WorkSpan], start_us: int, end_us: int) -> list[Wait]:
+    """Robots that held a claim and could not start yet: for partners whose claims came later."""
+    found = []
+    for span in spans:
+        until_us = min(x for x in (span.running_us, span.ended_us, end_us) if x is not None)
+        if until_us <= span.claimed_us:
+            continue
+        later = {
+            other.robot
+            for other in spans
+            if other.activation == span.activation
+            and other.robot != span.robot
+            and span.claimed_us < other.claimed_us <= until_us
+        }
+        found.append(
+            Wait(
+                WaitKind.START,
+                span.robot,
+                (span.claimed_us - start_us) / 1e6,
+                (until_us - start_us) / 1e6,
+                f"{span.local_task} for {span.global_task}: {NOT_READY if later else AGREED}",
+                tuple(sorted(later)),
+            )
+        )
+    return found
+
+
+def _faults(
+    record: RunRecord, following: Following, told: Mapping[str, Any] | None
+) -> tuple[ReportedFault, ...]:
+    """A recording has the word of a death; when it was, only whoever watched the process told."""
+    exact: dict[str, list[Mapping[str, Any]]] = {}
+    for takeover in (told or {}).get("takeovers", ()):
+        exact.setdefault(takeover["robot"], []).append(takeover)
+    major = []
+    for index, fault in enumerate(record.major):
+        known = exact.get(fault.robot, [])
+        timed = known.pop(0) if known else {}
+        at_s, detected_s = seconds(timed.get("at_s")), seconds(timed.get("detected_s"))
+        if at_s is None:
+            # The word of it came when it was detected.
+            word_s = record.seconds(fault.at_us) or 0.0
+            at_s = max(0.0, word_s - (detected_s or 0.0))
+        major.append(
+            ReportedFault(
+                fault.robot,
+                at_s,
+                record.seconds(fault.until_us),
+                (),
+                milliseconds(detected_s),
+                milliseconds(seconds(timed.get("reassigned_s"))),
+                fault.held.local_task if fault.held else None,
+                fault.replacement,
+                following.takeovers.get(index, ""),
+            )
+        )
+    minor = [
+        ReportedFault(
+            fault.robot,
+            record.seconds(fault.at_us) or 0.0,
+            record.seconds(fault.until_us),
+            fault.local_tasks,
+            reason=fault.reason,
+        )
+        for fault in record.minor
+    ]
+    return tuple(sorted([*major, *minor], key=lambda fault: (fault.at_s, fault.robot)))
+
+
+def _use(record: RunRecord, robot: str, following: Following, end_us: int) -> RobotUse:
+    away = [
+        *following.left_us(robot),
+        *((f.at_us, f.until_us or end_us) for f in record.major if f.robot == robot),
+    ]
+    joined_us = record.joined_us[robot]
+    spans = [span for span in record.work_log.spans if span.robot == robot]
+    present = without([(joined_us, max(joined_us, end_us))], away)
+    ended = [(span, span.ended_us if span.ended_us is not None else end_us) for span in spans]
+    worked = [(s.running_us, to_us) for s, to_us in ended if s.running_us is not None]
+    starting = [
+        (s.claimed_us, to_us if s.running_us is None else s.running_us) for s, to_us in ended
+    ]
+    known = record.robots[robot]
+    return RobotUse(
+        robot,
+        str(known.get("type") or ""),
+        str(known.get("state") or ""),
+        _length_s(present),
+        _length_s(_both(present, worked)),
+        _length_s(_both(present, starting)),
+        sum(span.end is WorkEnd.DONE for span in spans),
+    )
+
+
+def without(spans: list[tuple[int, int]], cut: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """What is left of time spans without others; all as (from, to)."""
+    for begin, end in cut:
+        if end > begin:
+            spans = [
+                part
+                for a, b in spans
+                for part in ((a, min(b, begin)), (max(a, end), b))
+                if part[1] > part[0]
+            ]
+    return spans
+
+
+def _both(first: list[tuple[int, int]], second: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """What is in both; the spans of each do not overlap."""
+    met = ((max(a, c), min(b, d)) for a, b in first for c, d in second)
+    return [span for span in met if span[1] > span[0]]
+
+
+def _length_s(spans: list[tuple[int, int]]) -> float:
+    return sum(end - begin for begin, end in spans) / 1e6

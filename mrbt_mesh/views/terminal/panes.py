@@ -1,0 +1,318 @@
+"""The panes of `mrbt top`; each is told when the team has changed."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar
+
+from rich.markup import escape
+from rich.text import Text
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Vertical, VerticalScroll
+from textual.widgets import Static
+
+from mrbt_mesh.core.bt.tree import Kind, Status
+from mrbt_mesh.views.model.why import why_robot, why_task
+from mrbt_mesh.views.terminal.lanes import LEAST_S, Window, axis, lane, latest_fault
+from mrbt_mesh.views.terminal.marks import MARKS
+from mrbt_mesh.views.terminal.robot_rows import (
+    capabilities_text,
+    problems_text,
+    robot_text,
+    trees_text,
+)
+from mrbt_mesh.views.terminal.robot_tree import RobotRows
+from mrbt_mesh.views.terminal.rows import Rows
+from mrbt_mesh.views.terminal.team import ShownTeam
+from mrbt_mesh.views.terminal.tree_rows import FoldingTree
+from mrbt_mesh.views.terminal.why_text import why_text
+
+ZOOM = 1.5
+# A step to the side is such a part of what is shown.
+SIDE = 4
+# No window is shorter: below that columns are shorter than a message takes.
+SHORTEST_S = 0.5
+ORDERS = {"pause": "paused", "abort": "aborted"}
+
+
+def head_text(shown: ShownTeam) -> Text:
+    """The team in a line: mission, time, result, agreement, order, what is blocked."""
+    team = shown.team
+    status = Status[(team["ended"] or team["result"] or "idle").upper()]
+    sign, style = MARKS[status]
+    text = Text(no_wrap=True, overflow="ellipsis")
+    text.append(f" {shown.mission['name']} ", "bold reverse")
+    text.append(f" {shown.now_s:.1f} s  " if team["started"] else " not begun  ")
+    text.append(f"{sign} {status.name.lower()}  ", style)
+    differ = team["agreement"]["differ"]
+    if not team["agreement"]["robots"]:
+        text.append("waiting for robots  ", "dim")
+    elif differ:
+        text.append(f"○ {', '.join(differ)} with another plan  ", "yellow")
+    else:
+        text.append(f"● all {team['agreement']['robots']} agree  ", "green")
+    if team["order"] != "resume":
+        text.append(f"{ORDERS[team['order']]}  ", "bold yellow")
+    if team["rounds"] > 1:
+        text.append(f"round {team['rounds']}  ")
+    for episode in team["blocked"]:
+        text.append(f"✘ {episode['request']} {episode['reason']}  ", "red")
+    return text
+
+
+class TreePane(Rows):
+    """T_G, or T_i of a robot."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("left", "fold(True)", "Fold", show=False),
+        Binding("right", "fold(False)", "Unfold", show=False),
+        Binding("space,enter", "turn", "Fold or unfold", show=False),
+    ]
+
+    def __init__(self, shown: ShownTeam) -> None:
+        super().__init__(id="tree")
+        self.border_title = "T_G"
+        self._shown = shown
+        self._team_rows = self.tree_rows = FoldingTree(shown.mission["tree"])
+        self._own: RobotRows | None = None
+        # The row of T_G that was selected before.
+        self._team_row = 0
+
+    @property
+    def robot(self) -> str | None:
+        """The robot whose T_i is shown; None: T_G is."""
+        return None if self._own is None else self._own.robot
+
+    def show_own(self, robot: str | None) -> bool:
+        """Show a robot's T_i, or T_G again; whether that can be: it may not have joined yet."""
+        if robot is None:
+            self._own, self.tree_rows, self.border_title = None, self._team_rows, "T_G"
+            self.look()
+            self.select(self._team_row)
+            return True
+        try:
+            found = RobotRows(self._shown.observer, robot)
+        except KeyError:
+            return False
+        if self._own is None:
+            self._team_row = self.selected or 0
+        self._own, self.tree_rows = found, FoldingTree(found.rows)
+        self.border_title = escape(f"T_i of {robot}  Esc: T_G")
+        self.look()
+        self.select(0)
+        return True
+
+    def look(self) -> None:
+        """Draw what is now."""
+        if self._own is not None and not self._own.is_current():
+            self.show_own(self._own.robot)
+            return
+        nodes = self._told_nodes()
+        rows = self.tree_rows.visible(nodes)
+        texts = [self.tree_rows.text(index, depth, nodes) for index, depth in rows]
+        self.show([index for index, _ in rows], texts)
+
+    def _told_nodes(self) -> dict[int, list[Any]]:
+        if self._own is None:
+            return self._shown.nodes
+        return self._own.nodes(self._shown.robots[self._own.robot]["statuses"])
+
+    def action_fold(self, is_folded: bool) -> None:
+        """Fold or unfold the selected row; if it is folded already, the row above."""
+        index = self.selected
+        if index is None:
+            return
+        rows, nodes = self.tree_rows, self._told_nodes()
+        if is_folded and (rows.is_folded(index, nodes) or not rows.children(index)):
+            self.select(rows.parent(index))
+        else:
+            rows.fold(index, is_folded)
+            self.look()
+
+    def action_turn(self) -> None:
+        """Fold what is open, unfold what is not."""
+        if self.selected is not None:
+            is_folded = self.tree_rows.is_folded(self.selected, self._told_nodes())
+            self.tree_rows.fold(self.selected, not is_folded)
+            self.look()
+
+    def fold_resting(self) -> bool:
+        """Fold what does not run, or unfold everything; whether it is folded now."""
+        self.tree_rows.fold_resting(not self.tree_rows.folds_resting)
+        self.look()
+        return self.tree_rows.folds_resting
+
+    def search(self, words: str, step: int = 1) -> bool:
+        """Select the next row with these words; whether there is one."""
+        index = self.tree_rows.find(words, -1 if self.selected is None else self.selected, step)
+        if index is None:
+            return False
+        self.tree_rows.reveal(index)
+        self.look()
+        self.select(index)
+        return True
+
+    def global_task(self) -> str | None:
+        """The global task of the selected row; a robot's own tree has none."""
+        if self._own is not None or not self.keys:
+            return None
+        row = self._shown.mission["tree"][self.selected]
+        return row["subject"] if row["kind"] == str(Kind.ACTION) else None
+
+
+class RobotsPane(Rows):
+    """A row per robot."""
+
+    def __init__(self, shown: ShownTeam) -> None:
+        super().__init__(id="robots")
+        self.border_title = "robots"
+        self._shown = shown
+
+    def look(self) -> None:
+        """Draw what is now."""
+        robots = self._shown.robots
+        width = max(map(len, robots), default=0)
+        self.show(list(robots), [robot_text(name, robots[name], width) for name in robots])
+
+
+class Lanes(Rows):
+    """The lanes of the timeline."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("left", "side(-1)", "Back", show=False),
+        Binding("right", "side(1)", "On", show=False),
+    ]
+
+    def action_side(self, steps: int) -> None:
+        """Scroll in time; whoever scrolls follows the run no longer."""
+        assert isinstance(self.parent, TimelinePane)
+        self.parent.go_to_the_side(steps)
+
+
+class TimelinePane(Vertical):
+    """A lane per robot and the seconds below them."""
+
+    def __init__(self, shown: ShownTeam) -> None:
+        super().__init__(id="timeline")
+        self._shown = shown
+        self.lanes = Lanes(id="lanes")
+        self._axis = Static(id="axis")
+        # Seconds that are shown; None: as many as usual; infinite: the whole run. Where they end;
+        # None: now.
+        self.span_s: float | None = None
+        self.to_s: float | None = None
+
+    def compose(self) -> ComposeResult:
+        """Lanes and axis."""
+        yield self.lanes
+        yield self._axis
+
+    def window(self, width: int) -> Window:
+        """What is shown, in so many columns."""
+        now_s = self._shown.now_s
+        usual = Window.latest(now_s, width)
+        if self.span_s is None and self.to_s is None:
+            return usual
+        span_s = self.span_s or usual.to_s - usual.from_s
+        if span_s == math.inf:
+            span_s = max(now_s, LEAST_S)
+        to_s = max(span_s, now_s if self.to_s is None else self.to_s)
+        return Window(to_s - span_s, to_s, width)
+
+    def look(self) -> None:
+        """Draw what is now."""
+        robots = list(self._shown.robots)
+        name_width = max(map(len, robots), default=0) + 1
+        # A sign for the selected row before, a column free behind.
+        window = self.window(max(self.lanes.size.width - name_width - 2, 1))
+        texts = []
+        for robot in robots:
+            text = Text(no_wrap=True).append(f"{robot:{name_width}}", "bold")
+            text.append_text(lane(self._shown.past, robot, window, self._shown.now_s))
+            texts.append(text)
+        self.lanes.show(robots, texts)
+        line = Text(" " * (name_width + 1), no_wrap=True)
+        self._axis.update(line.append_text(axis(window)))
+        how = "follows" if self.to_s is None else "l: follow again"
+        title = f"timeline  {window.to_s - window.from_s:.3g} s, {how}"
+        self.border_title = escape(f"{title}  {latest_fault(self._shown.past)}")
+
+    def zoom(self, steps: int) -> None:
+        """Larger by so many steps; negative: smaller."""
+        window = self.window(1)
+        span_s = (window.to_s - window.from_s) / ZOOM**steps
+        self.span_s = min(max(span_s, SHORTEST_S), max(self._shown.now_s, LEAST_S))
+        self.look()
+
+    def go_to_the_side(self, steps: int) -> None:
+        """Scroll in time. At the end of the run it follows again."""
+        window = self.window(1)
+        to_s = window.to_s + steps * (window.to_s - window.from_s) / SIDE
+        self.span_s = window.to_s - window.from_s
+        self.to_s = max(to_s, self.span_s) if to_s < self._shown.now_s else None
+        self.look()
+
+    def follow(self) -> None:
+        """Show the end of the run, as it grows."""
+        self.span_s = self.to_s = None
+        self.look()
+
+    def whole(self) -> None:
+        """Show the run from its start until now."""
+        self.span_s, self.to_s = math.inf, None
+        self.look()
+
+
+class WhyPane(VerticalScroll):
+    """Why a robot or a global task does what it does; of a robot also what it can do."""
+
+    def __init__(self, shown: ShownTeam) -> None:
+        super().__init__(id="why")
+        self._shown = shown
+        self._text = Static(id="why-text")
+        self.subject: tuple[str, str] | None = None
+
+    def compose(self) -> ComposeResult:
+        """The text."""
+        yield self._text
+
+    def ask(self, kind: str, name: str) -> None:
+        """Explain a `robot` or a `task`, and keep the explanation up to date."""
+        if self.subject != (kind, name):
+            self.scroll_home(animate=False)
+        self.subject = kind, name
+        self.look()
+
+    def look(self) -> None:
+        """Draw what is now."""
+        if self.subject is None:
+            self.border_title = "why"
+            self._text.update(Text("Select a task, or with Tab a robot.", "dim"))
+            return
+        kind, name = self.subject
+        self.border_title = escape(f"why {name}")
+        if kind == "task":
+            self._text.update(why_text(why_task(self._shown.observer, name)))
+            return
+        self._text.update(self._robot(name))
+
+    def _robot(self, name: str) -> Text:
+        item: dict[str, Any] = self._shown.robots[name]
+        answer, takeover = why_robot(self._shown.observer, name), self._shown.takeover_of(name)
+        if takeover is not None and takeover["sentence"].startswith(answer["sentence"]):
+            # It is dead: the takeover tells that too.
+            answer, takeover = takeover, None
+        text = why_text(answer)
+        if takeover is not None:
+            text.append(f"\n{takeover['subject']}: ", "bold")
+            text.append_text(why_text(takeover))
+        text.append("\n")
+        text.append_text(capabilities_text(item))
+        if item["problems"]:
+            text.append("\n")
+            text.append_text(problems_text(item))
+        if item["statuses"]:
+            text.append("\n")
+            text.append_text(trees_text(item))
+        return text

@@ -1,0 +1,79 @@
+"""Robots as rows: state, task, progress, capabilities with what is lost struck out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.text import Text
+
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts.values import texts_by_reason
+from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.views.terminal.marks import MARKS, STATE_MARKS
+
+BAR_COLUMNS = 8
+TREES = ("T_i", "T_A", "T_G", "T_Li")
+
+
+def robot_text(robot: str, item: dict[str, Any], name_width: int) -> Text:
+    """State, what it works on and how far it is; `item` as `TeamView` tells it."""
+    sign, style = STATE_MARKS[item["state"]]
+    text = Text(no_wrap=True)
+    text.append(f"{robot:{name_width}} ", "bold")
+    text.append(f"{sign} {item['state']:<8}", style)
+    if item["local_task"] is not None:
+        runs = item["phase"] == "running"
+        text.append(item["local_task"], "" if runs else "dim")
+        if item["progress"] is not None:
+            text.append(f" {bar(item['progress'])} {item['progress']}%", "cyan")
+        elif not runs:
+            text.append(f" ({item['phase']})", "dim")
+        text.append(" ")
+    for reason, names in texts_by_reason(item["lost"]).items():
+        text.append("✘", "red")
+        text.append(", ".join(names), "red strike")
+        text.append(f": {reason} " if reason else " ", "red")
+    for reason, names in texts_by_reason(item["pending"]).items():
+        text.append(f"{', '.join(names)} not yet: {reason} ", "yellow")
+    if item["differs_since_s"] is not None:
+        text.append(f"other plan since {item['differs_since_s']:.1f} s ", "yellow")
+    if item["local_task"] is None:
+        text.append(f"free: {item['idle']}" if item["idle"] else "", "dim")
+    return text
+
+
+def problems_text(item: dict[str, Any]) -> Text:
+    """What is wrong with its program and its journal, a line for each part."""
+    return Text("\n".join(item["problems"]), "red")
+
+
+def bar(percent: int) -> str:
+    """Progress, 0 to 100."""
+    full = BAR_COLUMNS * min(max(percent, 0), 100) // 100
+    return "▰" * full + "▱" * (BAR_COLUMNS - full)
+
+
+def capabilities_text(item: dict[str, Any]) -> Text:
+    """Everything that it can do with how well; what is lost is struck out, behind a cross."""
+    text = Text().append("can ", "dim")
+    lost = item["lost"]
+    for number, (name, value) in enumerate(item["capabilities"].items()):
+        text.append(", " if number else "", "dim")
+        if name in lost or type_name(name) in lost:
+            text.append("✘", "red")
+            text.append(name, "red strike")
+            reason = lost.get(name) or lost.get(type_name(name))
+            text.append(f" (lost: {reason})" if reason else " (lost)", "red")
+        else:
+            text.append(f"{name} ({value:g})")
+    return text
+
+
+def trees_text(item: dict[str, Any]) -> Text:
+    """The statuses of T_i and its parts, as the robot reports them."""
+    text = Text()
+    for name, word in zip(TREES, item["statuses"], strict=False):
+        sign, style = MARKS[Status[word.upper()]]
+        text.append(f"{name} ", "dim")
+        text.append(f"{sign} {word}  ", style)
+    return text

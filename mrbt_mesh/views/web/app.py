@@ -1,0 +1,179 @@
+"""The page's routes: its files, what happens as a stream, explanations, metrics, and orders."""
+
+from __future__ import annotations
+
+import json
+import mimetypes
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol
+
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, JSONResponse, Response, StreamingResponse
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
+
+from mrbt_mesh.drills.control import Control, OrderError
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.metrics.server import written
+from mrbt_mesh.runtime.metrics.team_page import team_page
+from mrbt_mesh.views.model.mission_view import mission_view
+from mrbt_mesh.views.model.own_trees import own_trees
+from mrbt_mesh.views.model.why import why_robot, why_task
+from mrbt_mesh.views.web.feed import Feed
+from mrbt_mesh.views.web.protection import Protection, policy, why_no_order
+
+STATIC = Path(__file__).with_name("static")
+MAX_ORDER_BYTES = 4_096
+
+# Not every system knows them, and a browser runs no module of another type.
+mimetypes.add_type("text/javascript", ".mjs")
+
+
+class Projector(Protocol):
+    """What shows a recording, as those who look on wish."""
+
+    def to_json(self) -> Mapping[str, Any]:
+        """What the page needs to know of the recording once."""
+
+    def carry_out(self, wish: Any) -> None:
+        """Pause, go on, go somewhere, faster or slower; raises ValueError for anything else."""
+
+
+class Page:
+    """What the routes answer with. `control` is None where nothing may be steered, `projector`
+    where a team is shown that runs.
+    """
+
+    def __init__(
+        self,
+        feed: Feed,
+        own_hosts: frozenset[str],
+        control: Control | None = None,
+        token: str = "",
+        projector: Projector | None = None,
+    ) -> None:
+        self._feed = feed
+        self._hosts = own_hosts
+        self._control = control
+        self._token = token
+        self._projector = projector
+        self._html = (STATIC / "index.html").read_bytes()
+
+    def application(self) -> Starlette:
+        """The ASGI application."""
+        routes = [
+            Route("/", self._index),
+            Route("/mission", self._mission),
+            Route("/events", self._events),
+            Route("/why/robot/{name}", self._why_robot),
+            Route("/why/task/{name:path}", self._why_task),
+            Route("/trees/{name}", self._trees),
+            Route("/drills", self._drills),
+            Route("/orders", self._order, methods=["POST"]),
+            Route("/metrics", self._metrics),
+            Route("/playback", self._playback, methods=["POST"]),
+            Mount("/static", StaticFiles(directory=STATIC)),
+        ]
+        protection = Middleware(
+            Protection, own_hosts=self._hosts, content_policy=policy(self._html)
+        )
+        return Starlette(routes=routes, middleware=[protection])
+
+    async def _index(self, request: Request) -> Response:
+        return HTMLResponse(self._html)
+
+    async def _mission(self, request: Request) -> Response:
+        control = self._control.offers() if self._control is not None else None
+        told = mission_view(self._feed.observer.mission)
+        recording = self._projector.to_json() if self._projector is not None else None
+        return JSONResponse(told | {"control": control, "recording": recording})
+
+    async def _events(self, request: Request) -> Response:
+        last = request.headers.get("last-event-id", "")
+        address = request.client.host if request.client is not None else ""
+        messages = self._feed.messages(last, address)
+        return StreamingResponse(messages, media_type="text/event-stream")
+
+    def _told(self, tell: Callable[[str], Mapping[str, Any]], name: str) -> Response:
+        try:
+            return JSONResponse(tell(name))
+        except KeyError:
+            raise HTTPException(404, f"nothing is known of {name[:80]}") from None
+
+    async def _why_robot(self, request: Request) -> Response:
+        observer = self._feed.observer
+        return self._told(lambda name: why_robot(observer, name), request.path_params["name"])
+
+    async def _why_task(self, request: Request) -> Response:
+        observer = self._feed.observer
+        return self._told(lambda name: why_task(observer, name), request.path_params["name"])
+
+    async def _trees(self, request: Request) -> Response:
+        observer = self._feed.observer
+        return self._told(lambda name: own_trees(observer, name), request.path_params["name"])
+
+    async def _metrics(self, request: Request) -> Response:
+        """The team for Prometheus; a recording is past, and nothing to be measured."""
+        if self._projector is not None:
+            raise HTTPException(404, "a recording has no metrics")
+        try:
+            text, content_type = written(
+                partial(team_page, self._feed.observer), request.headers.get("accept", "")
+            )
+        except InputError as error:
+            raise HTTPException(501, str(error)) from error
+        return Response(text, headers={"content-type": content_type})
+
+    # -- orders ---------------------------------------------------------------------------
+
+    def _controlled(self, request: Request) -> Control:
+        """Who carries orders out, for a request that may give them."""
+        if self._control is None:
+            raise HTTPException(403, "this page only watches: start it with --control")
+        refusal = why_no_order(request.headers, self._hosts, self._token)
+        if refusal is not None:
+            raise HTTPException(403, refusal)
+        return self._control
+
+    async def _drills(self, request: Request) -> Response:
+        try:
+            return JSONResponse(await self._controlled(request).drills())
+        except OrderError as error:
+            raise HTTPException(409, str(error)) from error
+
+    async def _order(self, request: Request) -> Response:
+        control = self._controlled(request)
+        body = await _body(request)
+        try:
+            told = await control.carry_out(json.loads(body))
+        except (OrderError, ValueError, RecursionError) as error:
+            return JSONResponse({"done": False, "text": str(error)}, status_code=400)
+        return JSONResponse({"done": True, "text": told})
+
+    async def _playback(self, request: Request) -> Response:
+        """A wish of who looks at a recording: everybody may, from this page."""
+        if self._projector is None:
+            raise HTTPException(404, "this page shows a team that runs, no recording")
+        refusal = why_no_order(request.headers, self._hosts)
+        if refusal is not None:
+            raise HTTPException(403, refusal)
+        body = await _body(request)
+        try:
+            self._projector.carry_out(json.loads(body))
+        except (ValueError, RecursionError) as error:
+            raise HTTPException(400, str(error)) from error
+        return Response(status_code=204)
+
+
+async def _body(request: Request) -> bytes:
+    body = b""
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > MAX_ORDER_BYTES:
+            raise HTTPException(413, "the order is too long")
+    return body

@@ -1,0 +1,136 @@
+"""What a page is told while the team runs: a stream that merges, so that no page lags behind."""
+
+from __future__ import annotations
+
+import json
+import secrets
+from collections.abc import AsyncGenerator, Callable
+from typing import Any, Protocol
+
+import anyio
+
+from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.views.model.changes import ChangeLog
+from mrbt_mesh.views.web.connections import gives_way
+
+# A page hears at least so often how late it is, and so notices a connection that is gone.
+TICK_S = 1.0
+# Each hears all that happens: so many are told at once.
+MAX_PAGES = 64
+# So often, at most, pages are told something.
+FRAME_US = 80_000
+
+
+class Shown(Protocol):
+    """What pages show: a team that runs (`TeamView`), or a recording of one."""
+
+    changes: ChangeLog
+
+    @property
+    def observer(self) -> Observer:
+        """The team as it is shown now."""
+
+    def update(self, now_us: int) -> bool:
+        """Bring `changes` up to date; whether anything has changed."""
+
+    def seconds(self, at_us: int) -> float | None:
+        """A time of the clock as seconds from the start of the run; None: it has not begun."""
+
+
+class _Page:
+    """One that follows; each is equal to itself alone."""
+
+    is_served = True
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+
+
+class Feed:
+    """Pages follow one view. `clock_us` is the clock of its observer."""
+
+    def __init__(self, view: Shown, clock_us: Callable[[], int]) -> None:
+        self.view = view
+        # Whoever has followed for the longest time first.
+        self._pages: list[_Page] = []
+        # Versions are those of this feed; a page of an earlier one begins anew.
+        self.epoch = secrets.token_hex(4)
+        self._clock_us = clock_us
+        self._changed = anyio.Event()
+        self._is_closed = False
+        self._next_us = 0
+
+    @property
+    def observer(self) -> Observer:
+        """The team as it is shown now."""
+        return self.view.observer
+
+    @property
+    def pages(self) -> int:
+        """How many follow."""
+        return len(self._pages)
+
+    def update(self) -> None:
+        """Look at the observer, which is up to date, and tell the pages; call it often."""
+        now_us = self._clock_us()
+        if now_us >= self._next_us:
+            self._next_us = now_us + FRAME_US
+            self.show()
+
+    def show(self) -> None:
+        """Look now, however short it is since the last time, and tell the pages."""
+        if self.view.update(self._clock_us()):
+            self.wake()
+
+    def close(self) -> None:
+        """Tell the pages that nothing more comes."""
+        self.view.update(self._clock_us())
+        self._is_closed = True
+        self.wake()
+
+    def wake(self) -> None:
+        """Have the pages look for what has changed."""
+        self._changed.set()
+        self._changed = anyio.Event()
+
+    def messages(self, last: str, address: str = "") -> AsyncGenerator[str, None]:
+        """Server-sent events; `last` is the id of the last one that the page has, or empty.
+
+        It counts as a page from now on. Beyond `MAX_PAGES` an older one ends, of the `address` that
+        has the most; a browser then asks again.
+        """
+        page = _Page(address)
+        if len(self._pages) >= MAX_PAGES:
+            self._pages.remove(gives_way(self._pages))
+            self.wake()
+        self._pages.append(page)
+        return self._messages(self._version_of(last), page)
+
+    async def _messages(self, version: int, page: _Page) -> AsyncGenerator[str, None]:
+        try:
+            while page in self._pages:
+                changed, is_last = self._changed, self._is_closed
+                news = self.view.changes.since(version)
+                is_new = version == 0
+                version = self.view.changes.version
+                yield self._message("begin" if is_new else "news", version, news)
+                if is_last:
+                    yield self._message("over", version, {})
+                    return
+                if self._is_closed:
+                    continue
+                with anyio.move_on_after(TICK_S):
+                    await changed.wait()
+        finally:
+            if page in self._pages:
+                self._pages.remove(page)
+
+    def _version_of(self, last: str) -> int:
+        epoch, _, number = last.partition(".")
+        known = epoch == self.epoch and number.isascii() and number.isdigit() and len(number) < 16
+        return min(int(number), self.view.changes.version) if known else 0
+
+    def _message(self, event: str, version: int, items: dict[str, Any]) -> str:
+        now_s = self.view.seconds(self._clock_us())
+        data = json.dumps({"now_s": now_s, "items": items}, separators=(",", ":"))
+        return f"id: {self.epoch}.{version}\nevent: {event}\ndata: {data}\n\n"

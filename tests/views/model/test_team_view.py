@@ -1,0 +1,121 @@
+"""A team as a page sees it: held against what the observer and the robots say themselves."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from mrbt_mesh.core.observer.summary import run_summary
+from mrbt_mesh.views.model.team_view import TeamView
+from tests.support.runs import run_example
+from tests.support.watched import COVER, watched
+
+
+class Page:
+    """What a page holds that asks after every command."""
+
+    def __init__(self, *commands: str) -> None:
+        self.script, self.observer = watched(COVER)
+        self.view = TeamView(self.observer)
+        self.items: dict[str, Any] = {}
+        self._seen = 0
+        self.look()
+        self.do(*commands)
+
+    def do(self, *commands: str) -> None:
+        for command in commands:
+            self.script.block([command])
+            self.look()
+
+    def look(self) -> None:
+        self.view.update(self.script.team.now_us)
+        self.items |= self.view.changes.since(self._seen)
+        self._seen = self.view.changes.version
+
+
+def test_who_works_where_and_how_nodes_stand() -> None:
+    page = Page()
+    assert page.items["robot/A"]["local_task"] == "weld"
+    assert page.items["robot/A"]["phase"] == "running"
+    assert page.items["robot/C"]["idle"] == "no request needs what it can do"
+    assert page.items["node/0"] == [1, [], "", 0]
+    assert page.items["node/1"] == [1, ["A"], "", 1]
+    assert "node/2" not in page.items, "not ticked yet"
+    page.do("succeed A", "pass 300")
+    assert page.items["node/1"] == [2, [], "", 1]
+    assert page.items["node/2"] == [1, ["A", "B"], "", 1]
+    assert page.items["task/weld"]["state"] == "success"
+    assert page.items["task/weld"]["took_part"] == ["A"]
+
+
+def test_all_agree() -> None:
+    page = Page()
+    assert page.items["team"]["agreement"] == {"equal": True, "robots": 3, "differ": {}}
+
+
+def test_statuses_are_those_of_the_heartbeats() -> None:
+    page = Page()
+    assert page.items["robot/A"]["statuses"] == ["running", "success", "running", "running"]
+    page.do("kill A", "pass 1500")
+    assert page.items["robot/A"]["statuses"] == []
+
+
+def test_a_kill_its_detection_and_the_takeover() -> None:
+    page = Page("kill A", "pass 300")
+    (told,) = run_summary(page.observer.record, "", page.script.team.now_us)["takeovers"]
+    fault = page.items["fault/0"]
+    assert (fault["robot"], fault["held"], fault["replacement"]) == ("A", "weld", "B")
+    assert fault["at_s"] == told["at_s"]
+    assert fault["detected_ms"] == pytest.approx(told["detected_s"] * 1e3, abs=0.1)
+    assert fault["taken_over_ms"] == pytest.approx(told["reassigned_s"] * 1e3, abs=0.1)
+    assert page.items["robot/A"]["state"] == "dead"
+    why = page.items["why/0"]
+    assert f"B took over its weld after {fault['taken_over_ms']:.0f} ms" in why["sentence"]
+    chosen = why["groups"][0]["candidates"][0]
+    assert (chosen["robot"], chosen["reason"]) == ("B", "has taken over")
+
+
+def test_work_of_the_dead_ends_with_them() -> None:
+    page = Page("kill A", "pass 300", "succeed B", "pass 100")
+    first, second = page.items["work/0"], page.items["work/1"]
+    assert (first["robot"], first["end"]) == ("A", "died")
+    assert first["ended_s"] == page.items["fault/0"]["at_s"]
+    assert (second["robot"], second["end"]) == ("B", "done")
+    assert second["running_s"] >= first["ended_s"]
+
+
+def test_a_blocked_task_says_so_and_why() -> None:
+    page = Page("succeed A", "kill B", "pass 1500")
+    assert page.items["task/cover"]["reason"] == "blocked: lift needs 2, 1 alive"
+    assert page.items["node/2"][2] == "blocked"
+    (blocked,) = page.items["team"]["blocked"]
+    assert blocked["request"] == "cover"
+    page.do("start B", "pass 1500")
+    assert page.items["team"]["blocked"] == []
+
+
+def test_a_page_that_comes_late_has_the_whole_past() -> None:
+    page = Page("kill A", "pass 300", "succeed B", "pass 300")
+    assert page.view.changes.since(0) == {k: v for k, v in page.items.items() if v is not None}
+
+
+def test_nothing_is_told_twice() -> None:
+    page = Page("kill A", "pass 1000")
+    version = page.view.changes.version
+    assert not page.view.update(page.script.team.now_us)
+    assert page.view.changes.version == version
+
+
+def test_spans_of_a_run_are_what_the_robots_did() -> None:
+    """The robots' own record of the run knows every start and end."""
+    result = run_example("vehicle_repair", 3)
+    view = TeamView(result.observer)
+    view.update(result.duration_us)
+    items = view.changes.since(0)
+    spans = [item for key, item in items.items() if key.startswith("work/")]
+    done = sorted((s["robot"], s["global_task"]) for s in spans if s["end"] == "done")
+    ends = [event for event in result.events if event["outcome"] == "success"]
+    assert done == sorted((event["robot"], event["global_task"]) for event in ends)
+    assert len(done) > 10
+    assert items["team"]["ended"] == "success"

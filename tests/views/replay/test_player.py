@@ -1,0 +1,142 @@
+"""Seeking in a recording: any way to a time leads to the same state."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from rich.console import Console
+
+from mrbt_mesh.cli.views.live_view import LiveNotes, LiveView
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.membership.peer import State
+from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.recording.folder import observer_file, robot_file
+from mrbt_mesh.recording.reader import Recording, RecordingError, parse_recording, read_recording
+from mrbt_mesh.runtime.program_loader import load_program
+from mrbt_mesh.sim import Kill, Restart, Schedule, SimulationResult, simulate
+from mrbt_mesh.views.model.own_trees import RunningTree, running_tree
+from mrbt_mesh.views.replay.player import Player
+from mrbt_mesh.views.replay.recorded_state import state_text
+from tests.support.paths import EXAMPLES
+from tests.support.recorded import record_example
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run in which a robot dies at work."""
+    made = tmp_path_factory.mktemp("played")
+    record_example(made, "vehicle_repair", 7, [(12_500_000, Kill("A1"))])
+    return made
+
+
+@pytest.fixture(scope="module")
+def watched(folder: Path) -> Recording:
+    return read_recording(observer_file(folder))
+
+
+@settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=4))
+def test_any_way_leads_to_the_same_state(watched: Recording, places: list[float]) -> None:
+    player = Player(watched)
+    length_us = player.end_us - player.begin_us
+    for place in places:
+        player.seek(player.begin_us + round(place * length_us))
+    fresh = Player(watched)
+    fresh.seek(player.now_us)
+    assert state_text(player.state.to_json()) == state_text(fresh.state.to_json())
+    assert player.observer.record.timeline == fresh.observer.record.timeline
+
+
+def test_before_and_after_a_death(folder: Path, watched: Recording) -> None:
+    for recording in (watched, read_recording(robot_file(folder, "B1"))):
+        player = Player(recording)
+        player.seek(12_400_000)
+        assert player.observer.robot_state("A1") is State.ALIVE
+        claim = player.observer.claim("A1")
+        assert claim is not None
+        player.seek(13_000_000)
+        assert player.observer.robot_state("A1") is State.DEAD
+        assert player.observer.claim("A1") is None
+        (fault,) = player.observer.record.major
+        assert (fault.robot, fault.replacement) == ("A1", "B1")
+        player.seek(player.end_us)
+        assert player.observer.record.result is Status.SUCCESS
+
+
+def recorded(folder: Path, mission: str, schedule: Schedule, seconds: int) -> SimulationResult:
+    read = load_mission(EXAMPLES / mission)
+    program = load_program(read.program or "")
+    timeout_us = seconds * 1_000_000
+    return simulate(read, program, seed=3, schedule=schedule, record=folder, timeout_us=timeout_us)
+
+
+@pytest.mark.parametrize("whose", ["", "B1"])
+def test_the_rounds_of_a_mission_that_never_ends(
+    tmp_path_factory: pytest.TempPathFactory, whose: str
+) -> None:
+    folder = tmp_path_factory.mktemp("rounds")
+    result = recorded(folder, "vehicle_repair/standing_by.yaml", [], 32)
+    path = robot_file(folder, whose) if whose else observer_file(folder)
+    player = Player(read_recording(path))
+    player.seek(player.end_us)
+    summary = player.summary()
+    assert summary["result"] == result.summary["result"] == "success"
+    assert len(summary["rounds"]) == 2
+    for found, live in zip(summary["rounds"], result.summary["rounds"], strict=True):
+        assert (found["result"], found["robots"]) == (live["result"], live["robots"])
+        assert found["from_s"] == pytest.approx(live["from_s"], abs=0.05)
+
+
+def test_a_team_that_is_dead_to_the_last_robot_is_blocked(tmp_path: Path) -> None:
+    schedule: Schedule = [(2_000_000, Kill("R1")), (2_000_000, Kill("R2"))]
+    result = recorded(tmp_path, "explore/mission.yaml", [*schedule, (50_000_000, Restart("R1"))], 9)
+    player = Player(read_recording(observer_file(tmp_path)))
+    player.seek(player.end_us)
+    assert player.observer.robot_state("R1") is State.DEAD
+    assert player.summary()["result"] == result.summary["result"] == "blocked"
+
+
+def running_trees(path: Path, robot: str) -> list[RunningTree]:
+    """What a recording shows, one after the other, of the trees that a robot runs."""
+    player, seen = Player(read_recording(path)), [RunningTree("", b"")]
+    for record in player.recording.records:
+        player.seek(record.at_us)
+        running = running_tree(player.observer, robot)
+        if running.statuses != seen[-1].statuses:
+            seen.append(running)
+    return seen
+
+
+def test_the_trees_that_robots_run(tmp_path: Path) -> None:
+    result = recorded(tmp_path, "inspection/mission.yaml", [], 60)
+    assert result.summary["result"] == "success"
+    for robot in result.summary["robots"]:
+        own = running_trees(robot_file(tmp_path, robot), robot)
+        watched = running_trees(observer_file(tmp_path), robot)
+        # Whoever watches hears a tree with the next heartbeat, and sees nothing that was not.
+        assert set(watched) <= set(own)
+        assert len(watched) > 3
+        assert own[-1].statuses == watched[-1].statuses == b"", "none runs after its local task"
+
+
+def test_the_live_view_shows_a_recording(folder: Path) -> None:
+    player = Player(read_recording(robot_file(folder, "B1")))
+    player.seek(13_000_000)
+    console = Console(width=140, height=40, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    with console.file:
+        notes = LiveNotes(warning="paused")
+        frame = LiveView().render(player.observer, player.now_us, (140, 40), notes)
+        console.print(frame)
+        shown = console.export_text()
+    for wanted in ("vehicle_repair", "A1 ", "dead", "B1: replace_hw(2)", "paused"):
+        assert wanted in shown
+
+
+def test_a_damaged_recording_is_refused(watched: Recording) -> None:
+    content = bytearray(watched.path.read_bytes())
+    content[content.index(b'"lines"') + 20] ^= 1
+    with pytest.raises(RecordingError, match=r"run\.mcap: record \d+: .* `mrbt verify` tells all"):
+        Player(parse_recording(bytes(content), watched.path))

@@ -1,0 +1,308 @@
+"""`mrbt top` without a terminal, by textual's pilot, over simulated runs."""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+import os
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import pytest
+
+pytest.importorskip("textual", reason="pip install 'mrbt-mesh[top]'")
+
+from textual.pilot import Pilot
+from textual.widgets import Footer
+
+from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.sim import Kill, Lose
+from mrbt_mesh.views.terminal.app import Orders, TeamTop
+from mrbt_mesh.views.terminal.panes import Lanes, TimelinePane, TreePane
+from tests.support.runs import run_example
+from tests.support.watched import ALONE, watched
+
+SECOND = 1_000_000
+FAULTS = [(7 * SECOND, Kill("A1")), (2 * SECOND, Lose("B1", "do_diagnosis"))]
+SMALL, LARGE = (80, 24), (160, 50)
+NOT_ALL = tuple(line.replace("start A C", "start A") for line in ALONE)
+ROBOT_ORDERS = {"kill": "Ends it.", "freeze": "Silences it.", "thaw": "Wakes it."}
+TEAM_ORDERS = {"pause": "Stops all.", "resume": "Goes on.", "abort": "Ends all."}
+
+
+@functools.cache
+def observed(until_s: float) -> Observer:
+    """The repair until then; nobody changes it."""
+    until_us = round(until_s * SECOND)
+    return run_example(
+        "vehicle_repair", 1, expect=None, schedule=FAULTS, timeout_us=until_us
+    ).observer
+
+
+@asynccontextmanager
+async def opened(
+    until_s: float = 13.0, size: tuple[int, int] = SMALL, orders: Orders | None = None
+) -> AsyncIterator[tuple[TeamTop, Pilot[None]]]:
+    # The simulator has an event loop of its own.
+    observer = await asyncio.to_thread(observed, until_s)
+    app = TeamTop(observer, lambda: round(until_s * SECOND), orders)
+    async with app.run_test(size=size) as pilot:
+        await pilot.pause()
+        await pilot.pause()
+        yield app, pilot
+
+
+def on_screen(app: TeamTop) -> list[str]:
+    strips = app.screen._compositor.render_strips()
+    return ["".join(segment.text for segment in strip) for strip in strips]
+
+
+def line_of(app: TeamTop, part: str) -> str:
+    return next(line for line in on_screen(app) if part in line)
+
+
+@pytest.mark.parametrize("size", [SMALL, (120, 40), LARGE])
+async def test_all_panes_are_on_screen(size: tuple[int, int]) -> None:
+    async with opened(size=size) as (app, _):
+        lines = on_screen(app)
+        assert len(lines) == size[1]
+        assert "vehicle_repair  13.0 s  ▶ running  ● all 5 agree" in lines[0]
+        assert "▾ ▶ Fallback  running" in lines[2]
+        assert "A1 ✖ dead" in lines[2]
+        assert "✘do_diagnosis" in line_of(app, "B1 ● alive")
+        assert "✖ A1 at 7.0 s: known +" in line_of(app, "timeline")
+        assert "━✖···" in line_of(app, "›A1  ")
+        for robot in ("A1", "A2", "B1", "B2", "C1", "C2"):
+            assert sum(line[1:4] == f"{robot} " for line in lines) == 1, "a lane each"
+        assert "q quit ? help / find o fold" in lines[-1]
+
+
+async def test_who_only_watches_has_no_orders() -> None:
+    async with opened() as (app, pilot):
+        assert "kill" not in on_screen(app)[-1]
+        await pilot.press("k", "p", "a")
+        assert len(app.screen_stack) == 1
+        await pilot.press("question_mark")
+        assert "mrbt top --control" in "".join(on_screen(app))
+
+
+class Deeds:
+    """Orders that are written down."""
+
+    def __init__(self, is_done: bool = True) -> None:
+        self.given: list[dict[str, str]] = []
+        self._is_done = is_done
+
+    async def carry_out(self, order: dict[str, str]) -> tuple[bool, str]:
+        self.given.append(order)
+        return self._is_done, "that was said"
+
+    def orders(self) -> Orders:
+        return Orders(self.carry_out, ROBOT_ORDERS, TEAM_ORDERS)
+
+
+@pytest.mark.parametrize(("key", "act"), [("k", "kill"), ("f", "freeze"), ("t", "thaw")])
+async def test_an_order_to_a_robot_is_asked_once_and_carried_out(key: str, act: str) -> None:
+    deeds = Deeds()
+    async with opened(orders=deeds.orders()) as (app, pilot):
+        assert f"{key} {act}" in on_screen(app)[-1]
+        await pilot.press("tab", "down", "down", key)
+        assert f"{act} B1?" in line_of(app, f"{act} B1")
+        assert ROBOT_ORDERS[act] in "".join(on_screen(app))
+        assert deeds.given == [], "nothing is done before the answer"
+        await pilot.press("y")
+        await app.workers.wait_for_complete()
+        assert deeds.given == [{"act": act, "robot": "B1"}]
+        assert [told.message for told in app._notifications] == ["that was said"]
+
+
+@pytest.mark.parametrize(("key", "act"), [("p", "pause"), ("r", "resume"), ("a", "abort")])
+async def test_an_order_to_the_team(key: str, act: str) -> None:
+    deeds = Deeds(is_done=False)
+    async with opened(orders=deeds.orders()) as (app, pilot):
+        await pilot.press(key, "y")
+        await app.workers.wait_for_complete()
+        assert deeds.given == [{"act": act}]
+        await pilot.pause()
+        (told,) = app._notifications
+        assert told.severity == "error", "what was not done is told as such"
+
+
+@pytest.mark.parametrize("answer", ["n", "escape", "enter", "k"])
+async def test_every_other_answer_is_no(answer: str) -> None:
+    deeds = Deeds()
+    async with opened(orders=deeds.orders()) as (app, pilot):
+        await pilot.press("k", answer)
+        await app.workers.wait_for_complete()
+        assert deeds.given == []
+        assert len(app.screen_stack) == 1
+
+
+async def test_only_what_is_offered_has_a_key() -> None:
+    deeds = Deeds()
+    async with opened(orders=Orders(deeds.carry_out, {}, TEAM_ORDERS)) as (app, pilot):
+        assert "kill" not in on_screen(app)[-1]
+        assert "p pause" in on_screen(app)[-1]
+        await pilot.press("k")
+        assert len(app.screen_stack) == 1
+
+
+async def test_why_is_told_of_robots_and_tasks() -> None:
+    async with opened(size=LARGE) as (app, pilot):
+        await pilot.press("tab", "down")
+        text = "\n".join(on_screen(app))
+        assert "why A2" in text
+        assert "A2 took over its do_diagnosis(1)" in text
+        assert line_of(app, "›A2  ").count("↳") == 1, "the lane is selected as well"
+        await pilot.press("shift+tab", *["down"] * 10)
+        text = "\n".join(on_screen(app))
+        assert "diagnose_part(5) is carried out by B2" in text
+        assert "It needs 1 for do_diagnosis(5)" in text
+
+
+async def test_capabilities_of_the_robot_that_is_selected() -> None:
+    async with opened(size=LARGE) as (app, pilot):
+        await pilot.press("tab", "down", "down")
+        assert "can ✘do_diagnosis (lost: injected), " in line_of(app, "(lost: ")
+
+
+async def test_search_unfolds_and_goes_on() -> None:
+    async with opened() as (app, pilot):
+        tree = app.query_one(TreePane)
+        await pilot.press("slash", *"solder", "enter")
+        assert tree.tree_rows.rows[tree.selected]["label"] == "solder(1)"
+        assert "›" in line_of(app, "solder(1)")
+        await pilot.press("n")
+        assert tree.tree_rows.rows[tree.selected]["label"] == "solder(2)"
+        await pilot.press("N", "N")
+        assert tree.tree_rows.rows[tree.selected]["label"] == "solder(5)"
+        await pilot.press("slash", *"xyz", "enter")
+        assert [n.severity for n in app._notifications] == ["warning"]
+        await pilot.press("slash", "q", "escape")
+        assert app.focused is tree, "q was a letter there"
+
+
+async def test_a_robots_own_tree() -> None:
+    async with opened(size=LARGE) as (app, pilot):
+        tree = app.query_one(TreePane)
+        await pilot.press("down", "down", "tab", "down", "down", "down", "i")
+        assert "T_i of B2  Esc: T_G" in on_screen(app)[1]
+        assert "▾ ▶ T_i: Parallel 3/3  running" in on_screen(app)[2]
+        assert "✔ T_A, how it plans: Sequence  success" in line_of(app, "T_A, ")
+        assert "▶ do_diagnosis  running" in line_of(app, "▶ do_diagnosis")
+        # It is that of the robot that is selected, whichever that is.
+        await pilot.press("up", "up", "up")
+        assert "T_i of A1" in on_screen(app)[1]
+        assert "· T_Li, its own tasks" in line_of(app, "T_Li, "), "a dead robot ticks nothing"
+        assert "why A1" in line_of(app, "why")
+        # It folds and is searched as T_G is.
+        await pilot.press("slash", *"assign_agents", "enter")
+        assert tree.tree_rows.rows[tree.selected]["label"] == "assign_agents"
+        await pilot.press("left", "left")
+        assert "assign_agents" not in "".join(on_screen(app))
+        await pilot.press("escape")
+        assert "T_G" in on_screen(app)[1]
+        assert tree.selected == 2, "where one was before"
+        await pilot.press("i", "i")
+        assert tree.robot is None
+
+
+async def test_a_robot_that_has_not_joined_has_no_tree_yet() -> None:
+    script, observer = watched(NOT_ALL)
+    app = TeamTop(observer, lambda: script.team.now_us)
+    async with app.run_test(size=SMALL) as pilot:
+        await pilot.pause()
+        await pilot.press("i")
+        await pilot.pause()
+        assert app.query_one(TreePane).robot is None
+        assert [told.message for told in app._notifications] == ["A has not joined yet"]
+        script.block(["start C", "pass 300"])
+        app.look()
+        await pilot.press("i")
+        await pilot.pause()
+        assert app.query_one(TreePane).robot == "A"
+
+
+async def test_folding() -> None:
+    async with opened(size=LARGE) as (app, pilot):
+        tree = app.query_one(TreePane)
+        folded = len(tree.keys)
+        await pilot.press("o")
+        assert len(tree.keys) > folded
+        await pilot.press("o", "space")
+        assert tree.keys == [0]
+        await pilot.press("right")
+        assert len(tree.keys) == folded
+        await pilot.press("down", "left")
+        assert tree.selected == 0, "from a leaf to what is above"
+
+
+async def test_zoom_scroll_follow() -> None:
+    async with opened() as (app, pilot):
+        pane = app.query_one(TimelinePane)
+        await pilot.press("plus", "plus")
+        assert "5.77 s, follows" in line_of(app, "timeline")
+        app.query_one(Lanes).focus()
+        await pilot.press("left", "left")
+        assert "l: follow again" in line_of(app, "timeline")
+        early = pane.window(50)
+        assert early.to_s < app.shown.now_s
+        await pilot.press(*["left"] * 20)
+        assert pane.window(50).from_s == 0.0, "back to the start, and no further"
+        await pilot.press(*["right"] * 30)
+        assert pane.to_s is None, "at the end it follows again"
+        await pilot.press("left", "w")
+        assert (pane.window(50).from_s, pane.window(50).to_s) == (0.0, app.shown.now_s)
+        await pilot.press("minus", "l")
+        assert pane.span_s is None
+
+
+async def test_one_pane_alone() -> None:
+    async with opened() as (app, pilot):
+        await pilot.press("m")
+        assert app.query_one(TreePane).size.height > SMALL[1] - 4
+        await pilot.press("m")
+        assert "robots" in on_screen(app)[1]
+
+
+async def test_what_is_new_is_drawn() -> None:
+    script, observer = watched(ALONE)
+    app = TeamTop(observer, lambda: script.team.now_us)
+    async with app.run_test(size=SMALL) as pilot:
+        await pilot.pause()
+        assert "▶ weld  A  running" in on_screen(app)[2]
+        assert "A ● alive   weld ▱▱▱▱▱▱▱▱ 0%" in on_screen(app)[2]
+        script.block(["succeed A", "pass 300"])
+        app.look()
+        await pilot.pause()
+        assert "✔ weld  success" in on_screen(app)[2]
+        assert "✔ success" in on_screen(app)[0]
+        assert app.shown.now_s > 0
+        title = on_screen(app).index(line_of(app, "timeline"))
+        assert "✔" in on_screen(app)[title + 1], "its lane too"
+
+
+async def test_without_colours_everything_is_still_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NO_COLOR", "1")
+    async with opened() as (app, pilot):
+        assert os.environ["NO_COLOR"]
+        colours: set[Any] = set()
+        await pilot.press("tab")
+        for strip in app.screen._compositor.render_strips():
+            for segment in strip:
+                for colour in (segment.style.color, segment.style.bgcolor) if segment.style else ():
+                    if colour is not None and colour.triplet is not None:
+                        colours.add(colour.triplet)
+        assert colours
+        assert all(c.red == c.green == c.blue for c in colours), "greys alone"
+        assert "›A1 ✖ dead" in line_of(app, "dead"), "what is selected has a sign"
+        assert "┏━ robots━━" in on_screen(app)[1], "so has the pane that keys go to"
+
+
+async def test_q_ends_it() -> None:
+    async with opened() as (app, pilot):
+        assert app.query_one(Footer).display
+        await pilot.press("q")
+        await pilot.pause()
+        assert app.return_code == 0
