@@ -10,9 +10,10 @@ import anyio
 import pytest
 
 from mrbt_mesh import RobotProgram, TaskContext
+from mrbt_mesh.analysis.lift import belonging
 from mrbt_mesh.analysis.lift.belonging import Ownership
 from mrbt_mesh.analysis.lift.effects import Declarations
-from mrbt_mesh.analysis.lift.lifter import Lifter, belonging
+from mrbt_mesh.analysis.lift.lifter import Lifter
 from mrbt_mesh.analysis.lift.mission import lift_with_owners
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec, Status
 from mrbt_mesh.core.mission.conditions import ConditionType

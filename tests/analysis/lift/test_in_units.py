@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mrbt_mesh.analysis.lift.lifter import units as units_module
+from mrbt_mesh.analysis.lift import units as units_module
 from mrbt_mesh.sim import Kill, Schedule, simulate
 from tests.support.unit_trees import Story, UnitGrower, alone, in_units, program
 
