@@ -14,36 +14,34 @@ def report(
         tuple[Path, ...],
         argument(
             "FILE|RUN_DIR",
-            "Recordings, run directories, and what sim, up, drill or chaos told with --json. "
+            "Recordings, run directories, and what sim, up, drill or chaos print with --json. "
             "Default: the last run's directory.",
         ),
     ] = (),
-    output: Annotated[
-        Path | None,
-        option("Write it there: .html, .md, .pdf or .png.", "FILE", short="-o"),
-    ] = None,
+    output: Annotated[Path, option("Write the page to this file.", "FILE.html", short="-o")] = Path(
+        "report.html"
+    ),
     as_json: JsonOption = False,
 ) -> None:
-    """Report on runs: what came of them, who worked and waited when, faults and takeovers.
+    """Report on runs: results, who worked and waited when, faults and takeovers.
 
-    One page that needs nothing else; several runs are compared. Without -o and --json it prints
-    Markdown. PDF and PNG are made by Chromium, where it is installed.
+    It writes one HTML page that needs nothing else, and that any browser prints; several runs are
+    compared. With --json it prints the figures instead.
 
-    Example: mrbt report RUN_DIR -o report.html; mrbt report run.mcap drills.json -o report.md
+    Example: mrbt report RUN_DIR -o report.html
     """
-    from mrbt_mesh.cli.framework.terminal import print_json
-    from mrbt_mesh.cli.recordings.reporting import check_output, read_report, write_report
-    from mrbt_mesh.cli.views.report_markdown import report_markdown
-    from mrbt_mesh.runtime.run_dir import RunDir
+    import click
 
-    if output is not None:
-        check_output(output)
+    from mrbt_mesh.cli.framework.terminal import check_outputs, print_json, write_file
+    from mrbt_mesh.runtime.run_dir import RunDir
+    from mrbt_mesh.views.report.page import report_html
+    from mrbt_mesh.views.report.sources import read_report
+
+    if not as_json:
+        check_outputs(None, {"-o": output})
     found = read_report(paths or (RunDir.find(None).path,))
-    if output is not None:
-        write_report(found, output)
     if as_json:
         print_json(found.to_json())
-    elif output is None:
-        import click
-
-        click.echo(report_markdown(found), nl=False)
+    else:
+        write_file(output, report_html(found))
+        click.echo(f"wrote {output}")

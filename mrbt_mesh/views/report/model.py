@@ -32,7 +32,7 @@ class ReportedFault:
     """A robot's death (`lost` is empty), or the capabilities that it lost, for which `reason`.
 
     `until_s` None: for good.
-    `why` tells of the takeover in sentences, as things stood when it happened.
+    `why`: which robots could take over, and the state of each of them at that time.
     """
 
     robot: str
@@ -49,7 +49,7 @@ class ReportedFault:
 
 @dataclass(frozen=True)
 class ReportedFailure:
-    """A robot that failed at a local task; `reason`: what its program said, or empty."""
+    """A robot that failed at a local task; `reason`: what its program gave, or empty."""
 
     robot: str
     global_task: str
@@ -200,10 +200,10 @@ class RunReport:
     def to_json(self) -> dict[str, Any]:
         """Plain data, with what follows from it."""
         data = asdict(self)
-        for robot, told in zip(self.robots, data["robots"], strict=True):
-            told["utilisation"] = None if self.work is None else robot.utilisation
-        for wait, told in zip(self.waits or (), data["waits"] or (), strict=True):
-            told["seconds"] = wait.seconds
+        for robot, row in zip(self.robots, data["robots"], strict=True):
+            row["utilisation"] = None if self.work is None else robot.utilisation
+        for wait, row in zip(self.waits or (), data["waits"] or (), strict=True):
+            row["seconds"] = wait.seconds
         return {
             **data,
             "utilisation": self.utilisation,

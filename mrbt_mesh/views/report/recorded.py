@@ -9,7 +9,7 @@ from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.core.observer.work_log import WorkEnd, WorkSpan
 from mrbt_mesh.recording.reader import Recording
 from mrbt_mesh.views.replay.player import Player
-from mrbt_mesh.views.report.following import Following
+from mrbt_mesh.views.report.history import History
 from mrbt_mesh.views.report.model import (
     ReportedFault,
     ReportedWork,
@@ -20,59 +20,59 @@ from mrbt_mesh.views.report.model import (
     WaitKind,
     milliseconds,
 )
-from mrbt_mesh.views.report.told import reported_failures, seconds
+from mrbt_mesh.views.report.summaries import reported_failures, seconds
 
 AGREED = "until all had agreed on the plan"
 NOT_READY = "its partners were not there yet"
 TIMES_UNKNOWN = (
-    "when robots died is not in a recording: give the run directory, whose summary.json tells how "
-    "long detection and takeover took"
+    "a recording does not have the times of deaths: give the run directory, whose summary.json has "
+    "how long detection and takeover took"
 )
 
 
 def report_recording(
-    recording: Recording, title: str, told: Mapping[str, Any] | None = None
+    recording: Recording, title: str, known: Mapping[str, Any] | None = None
 ) -> RunReport:
-    """Play the recording once and count; `told` is the run's summary, if there is one. `takeovers`
+    """Play the recording once and count; `known` is the run's summary, if there is one. `takeovers`
     in it may have no `at_s`, where its times count from something else.
 
-    Raises RecordingError for a recording that is damaged; for a strange summary as `told`.
+    Raises RecordingError for a damaged recording; for other data in `known` as `summaries` does.
     """
-    player, following = Player(recording), Following()
+    player, history = Player(recording), History()
     record = player.observer.record
     for at_us in sorted({each.at_us for each in recording.records}):
         player.seek(at_us)
         if record.ended_us is None:
-            following.look(player.observer, at_us)
+            history.look(player.observer, at_us)
     end_us = player.end_us if record.ended_us is None else record.ended_us
-    following.end(end_us)
+    history.end(end_us)
     summary = player.summary()
     result = summary["result"]
     robot = recording.metadata.robot
     notes = [f"as {robot} saw it; what others reported of their plans is in run.mcap"] * bool(robot)
-    if record.major and told is None:
+    if record.major and known is None:
         notes.append(TIMES_UNKNOWN)
     if record.started_us is None:
         notes.append("no robot had joined")
         return RunReport(title, summary["mission"], result, 0.0, notes=tuple(notes))
     start_us = record.started_us
     spans = record.work_log.spans
-    waits = [*following.waits(start_us), *_starts(spans, start_us, end_us)]
+    waits = [*history.waits(start_us), *_starts(spans, start_us, end_us)]
     return RunReport(
         title,
         summary["mission"],
         result,
         summary["duration_s"],
-        tuple(_use(record, name, following, end_us) for name in sorted(record.joined_us)),
-        _faults(record, following, told),
+        tuple(_use(record, name, history, end_us) for name in sorted(record.joined_us)),
+        _faults(record, history, known),
         tuple(
             TaskEnd(name, task["status"], tuple(task["robots"]))
             for name, task in summary["global_tasks"].items()
         ),
         tuple(_work(span, start_us, end_us) for span in spans if span.claimed_us <= end_us),
         tuple(sorted(waits, key=lambda wait: (wait.from_s, wait.kind, wait.who))),
-        None if robot else following.plans_held.plans(start_us),
-        None if robot else following.differences(start_us),
+        None if robot else history.plans_held.plans(start_us),
+        None if robot else history.differences(start_us),
         notes=tuple(notes),
         failures=reported_failures(summary),
     )
@@ -120,21 +120,20 @@ def _starts(spans: list[WorkSpan], start_us: int, end_us: int) -> list[Wait]:
 
 
 def _faults(
-    record: RunRecord, following: Following, told: Mapping[str, Any] | None
+    record: RunRecord, history: History, known: Mapping[str, Any] | None
 ) -> tuple[ReportedFault, ...]:
-    """A recording has the word of a death; when it was, only whoever watched the process told."""
+    """Recordings have declarations of deaths; exact times come from the summary."""
     exact: dict[str, list[Mapping[str, Any]]] = {}
-    for takeover in (told or {}).get("takeovers", ()):
+    for takeover in (known or {}).get("takeovers", ()):
         exact.setdefault(takeover["robot"], []).append(takeover)
     major = []
     for index, fault in enumerate(record.major):
-        known = exact.get(fault.robot, [])
-        timed = known.pop(0) if known else {}
+        times = exact.get(fault.robot, [])
+        timed = times.pop(0) if times else {}
         at_s, detected_s = seconds(timed.get("at_s")), seconds(timed.get("detected_s"))
         if at_s is None:
-            # The word of it came when it was detected.
-            word_s = record.seconds(fault.at_us) or 0.0
-            at_s = max(0.0, word_s - (detected_s or 0.0))
+            # It was declared when it was detected.
+            at_s = max(0.0, (record.seconds(fault.at_us) or 0.0) - (detected_s or 0.0))
         major.append(
             ReportedFault(
                 fault.robot,
@@ -145,7 +144,7 @@ def _faults(
                 milliseconds(seconds(timed.get("reassigned_s"))),
                 fault.held.local_task if fault.held else None,
                 fault.replacement,
-                following.takeovers.get(index, ""),
+                history.takeovers.get(index, ""),
             )
         )
     minor = [
@@ -161,9 +160,9 @@ def _faults(
     return tuple(sorted([*major, *minor], key=lambda fault: (fault.at_s, fault.robot)))
 
 
-def _use(record: RunRecord, robot: str, following: Following, end_us: int) -> RobotUse:
+def _use(record: RunRecord, robot: str, history: History, end_us: int) -> RobotUse:
     away = [
-        *following.left_us(robot),
+        *history.left_us(robot),
         *((f.at_us, f.until_us or end_us) for f in record.major if f.robot == robot),
     ]
     joined_us = record.joined_us[robot]
@@ -174,11 +173,11 @@ def _use(record: RunRecord, robot: str, following: Following, end_us: int) -> Ro
     starting = [
         (s.claimed_us, to_us if s.running_us is None else s.running_us) for s, to_us in ended
     ]
-    known = record.robots[robot]
+    about = record.robots[robot]
     return RobotUse(
         robot,
-        str(known.get("type") or ""),
-        str(known.get("state") or ""),
+        str(about.get("type") or ""),
+        str(about.get("state") or ""),
         _length_s(present),
         _length_s(_both(present, worked)),
         _length_s(_both(present, starting)),

@@ -8,16 +8,15 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.cli.views.report_html import report_html
-from mrbt_mesh.cli.views.report_markdown import report_markdown
 from mrbt_mesh.drills.physical import spans
 from mrbt_mesh.recording.folder import observer_file, robot_file
 from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.sim import Kill, Restart, Schedule, SimulationResult
 from mrbt_mesh.views.replay.player import Player
 from mrbt_mesh.views.report.model import ReportedWork, RunReport, RunsReport, WaitKind
+from mrbt_mesh.views.report.page import report_html
 from mrbt_mesh.views.report.recorded import TIMES_UNKNOWN, report_recording, without
-from mrbt_mesh.views.report.told import report_summary
+from mrbt_mesh.views.report.summaries import report_summary
 from tests.support.recorded import record_example
 
 # How long an observer may learn of something later than it was, and each robot's tasks are few.
@@ -224,5 +223,4 @@ def test_failures_are_told_with_their_reasons(tmp_path: Path) -> None:
     report = report_recording(read_recording(observer_file(tmp_path)), "run")
     assert {each.reason for each in report.failures} >= {"the large screwdriver does not fit"}
     assert report.failures == report_summary(result.summary, "run").failures
-    assert "the large screwdriver does not fit" in report_markdown(RunsReport((report,)))
     assert "the large screwdriver does not fit" in report_html(RunsReport((report,)))

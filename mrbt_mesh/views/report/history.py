@@ -1,4 +1,4 @@
-"""Follows a recording that is played: who waits for whom, who differs, who has left."""
+"""What is observed while a recording is played: who waits, who differs, which plans robots hold."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Waiting
 from mrbt_mesh.views.model.agreement import AgreementView, reported_plans
 from mrbt_mesh.views.model.why import candidates, why_takeover
-from mrbt_mesh.views.report.model import Disagreement, Wait, WaitKind
-from mrbt_mesh.views.report.plans_held import PlansHeld
+from mrbt_mesh.views.report.model import Disagreement, ReportedPlan, Wait, WaitKind
 
 MOST_CANDIDATES = 6
+DIGEST_BYTES = 4
 
 
 @dataclass
@@ -22,23 +22,68 @@ class Episodes:
     """Times during which something held, by what it is: (from, to, robots), in µs."""
 
     ended: list[tuple[tuple[str, str], int, int, tuple[str, ...]]] = field(default_factory=list)
-    _open: dict[tuple[str, str], tuple[int, tuple[str, ...]]] = field(default_factory=dict)
-
-    def has(self, key: tuple[str, str]) -> bool:
-        """Whether it holds already."""
-        return key in self._open
+    open: dict[tuple[str, str], tuple[int, tuple[str, ...]]] = field(default_factory=dict)
 
     def look(self, found: Mapping[tuple[str, str], tuple[str, ...]], now_us: int) -> None:
         """These hold now, and no others; those robots count that were there when it began."""
-        for key in [key for key in self._open if key not in found]:
-            from_us, robots = self._open.pop(key)
+        for key in [key for key in self.open if key not in found]:
+            from_us, robots = self.open.pop(key)
             if now_us > from_us:
                 self.ended.append((key, from_us, now_us, robots))
         for key, robots in found.items():
-            self._open.setdefault(key, (now_us, robots))
+            self.open.setdefault(key, (now_us, robots))
 
 
-class Following:
+@dataclass
+class _HeldPlan:
+    """A plan while robots report it. `since_us`: robot -> when it did first."""
+
+    digest: bytes
+    from_us: int
+    since_us: dict[str, int] = field(default_factory=dict)
+    all_us: int | None = None
+    to_us: int = 0
+
+
+class PlansHeld:
+    """Which plans robots reported, and when each of them and all of them did."""
+
+    def __init__(self) -> None:
+        self._all: list[_HeldPlan] = []
+        # By digest, as long as a robot reports it: a team may return to an earlier plan.
+        self._open: dict[bytes, _HeldPlan] = {}
+
+    def look(self, digests: Mapping[str, bytes], now_us: int) -> None:
+        """Robots in good standing report these; no digest: the robot has no plan."""
+        reported = set(digests.values())
+        for digest in [each for each in self._open if each not in reported]:
+            self._open.pop(digest).to_us = now_us
+        for robot, digest in sorted(digests.items()):
+            if not digest:
+                continue
+            if digest not in self._open:
+                self._open[digest] = _HeldPlan(digest, now_us)
+                self._all.append(self._open[digest])
+            self._open[digest].since_us.setdefault(robot, now_us)
+        if len(reported) == 1 and (held := self._open.get(min(reported))) is not None:
+            held.all_us = now_us if held.all_us is None else held.all_us
+
+    def plans(self, start_us: int) -> tuple[ReportedPlan, ...]:
+        """In the order in which they began; all have ended."""
+        return tuple(
+            ReportedPlan(
+                number,
+                held.digest[:DIGEST_BYTES].hex(),
+                (held.from_us - start_us) / 1e6,
+                None if held.all_us is None else (held.all_us - start_us) / 1e6,
+                (held.to_us - start_us) / 1e6,
+                {robot: (at_us - start_us) / 1e6 for robot, at_us in held.since_us.items()},
+            )
+            for number, held in enumerate(self._all, start=1)
+        )
+
+
+class History:
     """Call `look` after each step of the player, and `end` once."""
 
     def __init__(self) -> None:
@@ -49,7 +94,7 @@ class Following:
         self._differing, self._left = Episodes(), Episodes()
 
     def look(self, observer: Observer, now_us: int) -> None:
-        """See how things are now."""
+        """Take in the present state."""
         plan = observer.plan
         if observer.record.started_us is None:
             return
@@ -57,18 +102,18 @@ class Following:
         # Whom a task waits for is looked up once, when it begins to wait.
         self._tasks.look(
             {
-                key: () if self._tasks.has(key) else _awaited(observer, each)
+                key: () if key in self._tasks.open else _awaited(observer, each)
                 for key, each in waiting.items()
             },
             now_us,
         )
-        alive = {r for r in observer.robots() if observer.robot_state(r).is_member}
-        idle = plan.idle if plan else {}
-        self._idle.look({(r, why): () for r, why in idle.items() if r in alive}, now_us)
+        states = {robot: observer.robot_state(robot) for robot in observer.robots()}
+        idle = plan.idle.items() if plan else ()
+        members = {robot for robot, state in states.items() if state.is_member}
+        self._idle.look({(r, why): () for r, why in idle if r in members}, now_us)
         self.plans_held.look(reported_plans(observer), now_us)
         differ = tuple(sorted(self._agreement.look(observer, now_us)["differ"]))
         self._differing.look({(", ".join(differ), ""): differ} if differ else {}, now_us)
-        states = {robot: observer.robot_state(robot) for robot in observer.robots()}
         self._left.look({(r, ""): () for r, s in states.items() if s is State.LEFT}, now_us)
         for index, fault in enumerate(observer.record.major):
             if fault.replacement and fault.held and index not in self.takeovers:
@@ -78,14 +123,14 @@ class Following:
         """The run is over: what holds, held until now."""
         for episodes in (self._tasks, self._idle, self._differing, self._left):
             episodes.look({}, now_us)
-        self.plans_held.end(now_us)
+        self.plans_held.look({}, now_us)
 
     def left_us(self, robot: str) -> list[tuple[int, int]]:
         """When the robot had left the team."""
         return [(a, b) for (name, _), a, b, _ in self._left.ended if name == robot]
 
     def waits(self, start_us: int) -> list[Wait]:
-        """Of tasks and of robots without one."""
+        """Of tasks, and of robots without a task."""
         return [
             Wait(kind, who, (a - start_us) / 1e6, (b - start_us) / 1e6, reason, robots)
             for kind, episodes in ((WaitKind.TASK, self._tasks), (WaitKind.IDLE, self._idle))
@@ -105,20 +150,17 @@ def _awaited(observer: Observer, waiting: Waiting) -> tuple[str, ...]:
     if waiting.awaited or waiting.is_blocked or observer.plan is None:
         return tuple(waiting.awaited)
     lines = observer.plan.lines
-    return tuple(
-        sorted(
-            {
-                each.robot
-                for need in observer.mission.global_tasks[waiting.global_task].needs
-                for each in candidates(observer, waiting.activation, need.local_task)
-                if each.robot in lines and not each.is_chosen and each.performance is not None
-            }
-        )
-    )
+    could = {
+        each.robot
+        for need in observer.mission.global_tasks[waiting.global_task].needs
+        for each in candidates(observer, waiting.activation, need.local_task)
+        if each.robot in lines and not each.is_chosen and each.performance is not None
+    }
+    return tuple(sorted(could))
 
 
 def _could(observer: Observer, fault: MajorFault) -> str:
-    """Who could take over what it held, and how things stood with each of them."""
+    """Which robots could take over what it held, and the state of each of them."""
     groups = why_takeover(observer, fault)["groups"]
     found = [each for group in groups for each in group["candidates"]]
     texts = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.views.report.plans_held import PlansHeld
+from mrbt_mesh.views.report.history import PlansHeld
 
 A, B = b"\xaa" * 16, b"\xbb" * 16
 LOOKS = st.lists(
@@ -18,7 +18,7 @@ def held(*looks: dict[str, bytes], start_us: int = 0) -> PlansHeld:
     found = PlansHeld()
     for number, digests in enumerate(looks):
         found.look(digests, start_us + number * 1_000_000)
-    found.end(start_us + len(looks) * 1_000_000)
+    found.look({}, start_us + len(looks) * 1_000_000)
     return found
 
 

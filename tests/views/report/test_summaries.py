@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.views.report.model import milliseconds, spread
-from mrbt_mesh.views.report.told import report_campaign, report_drill, report_summary
+from mrbt_mesh.views.report.summaries import report_campaign, report_drill, report_summary
 
 TAKEOVER: dict[str, Any] = {
     "robot": "A1",

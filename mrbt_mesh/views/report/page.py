@@ -1,0 +1,413 @@
+"""A report as one HTML file that needs nothing else: no scripts, no fonts, no network."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from pathlib import Path
+
+from mrbt_mesh.core.observer.episodes import lost_text
+from mrbt_mesh.views.report.gantt import HUES, gantt, kinds
+from mrbt_mesh.views.report.model import (
+    CampaignReport,
+    ReportedFault,
+    ReportedPlan,
+    RunReport,
+    RunsReport,
+    Wait,
+    WaitKind,
+    spread,
+)
+
+STYLE = Path(__file__).with_name("style.css")
+# Shorter waits and disagreements are counted together, as are those beyond the longest `MOST_ROWS`;
+# `--json` has all.
+LEAST_S, MOST_ROWS = 0.02, 12
+WAITS = {
+    WaitKind.TASK: "Tasks that were requested and not served",
+    WaitKind.START: "Robots with a claim that they could not start",
+    WaitKind.IDLE: "Robots without a task",
+}
+CHIPS = {"success": "good", "green": "good", "failure": "bad", "red": "bad"}
+SIGNS = {"good": "✔", "bad": "✘", "": "…"}
+# Columns of sentences; one that is longer than `LONGEST` letters gets a wider column.
+SENTENCES, LONGEST = ("why", "who could", "found"), 100
+# Cells of a table that begin with a bar: (row, column) -> its length, 0 to 1.
+Bars = Mapping[tuple[int, int], float]
+
+
+def report_html(report: RunsReport) -> str:
+    """The whole page."""
+    titles = [run.title for run in report.runs] + [each.title for each in report.campaigns]
+    title = titles[0] if len(titles) == 1 else f"{len(titles)} reports"
+    parts = [_comparison(report.runs)] if len(report.runs) > 1 else []
+    parts += [_campaign(each) for each in report.campaigns]
+    parts += [_run(run) for run in report.runs]
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{escape(title)}: report</title>\n<style>\n{STYLE.read_text()}</style></head>\n"
+        f"<body><main>\n{''.join(parts)}\n</main></body></html>\n"
+    )
+
+
+def _comparison(runs: tuple[RunReport, ...]) -> str:
+    """Several runs side by side."""
+    longest_s = max(run.duration_s for run in runs) or 1.0
+    rows = [
+        (
+            run.title,
+            run.mission,
+            run.result if run.verdict is None else f"{run.result}, {run.verdict}",
+            _seconds(run.duration_s),
+            str(len(run.deaths)),
+            _spread(fault.detected_ms for fault in run.deaths),
+            _spread(fault.taken_over_ms for fault in run.deaths),
+            _percent(run.utilisation),
+            _seconds(run.waited_s(WaitKind.TASK)),
+            _agreed_share(run),
+        )
+        for run in runs
+    ]
+    head = ("run", "mission", "result", "duration", "deaths", "detected after", "taken over after")
+    bars = {(n, 3): run.duration_s / longest_s for n, run in enumerate(runs)}
+    table = _table((*head, "utilisation", "tasks waited", "one plan"), rows, bars=bars)
+    return f"{_header(f'{len(runs)} runs')}{_section('Comparison', table)}"
+
+
+def _run(run: RunReport) -> str:
+    about = "" if run.title == run.mission else f'<span class="soft">{escape(run.mission)}</span>'
+    verdict = "" if run.verdict in (None, run.result) else _chip(run.verdict or "")
+    parts = [
+        _header(run.title, about + _chip(run.result) + verdict),
+        "".join(f'<p class="soft">Note: {escape(note)}.</p>' for note in run.notes),
+        _cards(run),
+        _section("What the drill expected", _expectations(run)),
+        _section("Who did what when", _chart(run)),
+        _section("Faults", _faults(run)),
+        _section("Failures", _failures(run)),
+        _pair(_section("Robots", _robots(run)), _section("Global tasks", _tasks(run))),
+        _section("What waited for whom", _waits(run)),
+        _section("Agreement", _agreement(run)),
+    ]
+    return "\n".join(part for part in parts if part)
+
+
+def _cards(run: RunReport) -> str:
+    held = [fault for fault in run.deaths if fault.held]
+    taken = [fault for fault in held if fault.replacement]
+    died, lost = len(run.deaths), len(run.faults) - len(run.deaths)
+    cards = [
+        (_seconds(run.duration_s), "from the first robot's joining to the result"),
+        (f"{died} + {lost}", "deaths (major faults) and losses of capabilities (minor)"),
+    ]
+    if died:
+        cards.append((_spread(f.detected_ms for f in run.deaths), "until a death was detected"))
+        known = _spread(fault.taken_over_ms for fault in taken)
+        cards.append((known, f"until its task ran again: {len(taken)} of {len(held)} taken over"))
+    if run.work is not None:
+        cards.append((_percent(run.utilisation), "utilisation of the robots while they lived"))
+    if run.differences is not None:
+        cards.append((_agreed_share(run), "of the time all robots reported the same plan"))
+    listed = "".join(
+        f'<div class="card"><b>{escape(value)}</b><i>{escape(text)}</i></div>'
+        for value, text in cards
+    )
+    return f'<div class="cards">{listed}</div>'
+
+
+def _expectations(run: RunReport) -> str:
+    rows = "".join(
+        f'<tr><td class="{"good" if e.holds else "bad"}">{"✔" if e.holds else "✘"}</td>'
+        f'<td>{escape(e.expected)}</td><td class="long">{escape(e.found)}</td></tr>'
+        for e in run.expectations
+    )
+    head = "<tr><th></th><th>expected</th><th>found</th></tr>"
+    return _wide(f"<table>{head}{rows}</table>", "Expected") if rows else ""
+
+
+def _chart(run: RunReport) -> str:
+    chart = gantt(run)
+    if not chart:
+        return ""
+    keys = [(f"h{n % HUES}", kind) for n, kind in enumerate(kinds(run))]
+    keys += [("starting", "claimed, not started")]
+    if run.deaths:
+        keys += [("away", "dead"), ("takeover", "taken over (arrow)")]
+    legend = "".join(
+        f'<span><span class="key {name}"></span>{escape(text)}</span>' for name, text in keys
+    )
+    lost = " ▲ lost a capability" if any(fault.lost for fault in run.faults) else ""
+    signs = f"<span>✝ died ✘ failed ↷ given up{lost}</span>"
+    return f'{_wide(chart, "Gantt chart")}<div class="legend">{legend}{signs}</div>'
+
+
+def _faults(run: RunReport) -> str:
+    """Deaths and lost capabilities."""
+    head = ("at", "robot", "fault", "detected after", "it held", "taken over by", "after")
+    return _table((*head, "who could"), map(_fault_row, run.faults))
+
+
+def _fault_row(fault: ReportedFault) -> tuple[str, ...]:
+    until = "" if fault.until_s is None else f"; back at {_seconds(fault.until_s)}"
+    return (
+        _seconds(fault.at_s),
+        fault.robot,
+        (lost_text(fault.lost, fault.reason) if fault.lost else "died") + until,
+        "" if fault.lost else _ms(fault.detected_ms),
+        fault.held or "",
+        fault.replacement or ("nobody" if fault.held else ""),
+        _ms(fault.taken_over_ms) if fault.held else "",
+        fault.why,
+    )
+
+
+def _failures(run: RunReport) -> str:
+    """Local tasks that failed, and why, as far as programs gave a reason."""
+    rows = (
+        (_seconds(each.at_s), each.robot, each.local_task, each.global_task, each.reason or "–")
+        for each in run.failures
+    )
+    return _table(("at", "robot", "failed at", "for", "why"), rows)
+
+
+def _robots(run: RunReport) -> str:
+    """How each robot spent its time; from a summary only its type and state."""
+    if run.work is None:
+        return _table(("robot", "type", "state"), ((r.robot, r.type, r.state) for r in run.robots))
+    rows = [
+        (
+            each.robot,
+            each.type,
+            each.state,
+            _percent(each.utilisation),
+            _seconds(each.working_s),
+            _seconds(each.starting_s),
+            _seconds(max(0.0, each.present_s - each.working_s - each.starting_s)),
+            str(each.done),
+        )
+        for each in run.robots
+    ]
+    head = ("robot", "type", "at the end", "utilisation", "worked", "starting", "idle", "done")
+    bars = {(n, 3): robot.utilisation or 0.0 for n, robot in enumerate(run.robots)}
+    return _table(head, rows, bars=bars)
+
+
+def _tasks(run: RunReport) -> str:
+    """What became of the global tasks that were ever needed."""
+    needed = [task for task in run.tasks if task.status != "idle"]
+    left = len(run.tasks) - len(needed)
+    rows = ((task.name, task.status, ", ".join(task.robots)) for task in needed)
+    note = f"{left} were not needed" if left else ""
+    return _table(("global task", "result", "robots"), rows, note)
+
+
+def _waits(run: RunReport) -> str:
+    if run.waits is None:
+        return ""
+    parts = []
+    for kind, title in WAITS.items():
+        waits = [wait for wait in run.waits if wait.kind is kind]
+        table = _idle(waits) if kind is WaitKind.IDLE else _longest_waits(kind, waits)
+        if table:
+            parts.append(_subsection(f"{title}: {_seconds(run.waited_s(kind))} together", table))
+    return "".join(parts) or '<p class="soft">Nothing waited.</p>'
+
+
+def _longest_waits(kind: WaitKind, waits: list[Wait]) -> str:
+    """In the order in which they began."""
+    longest = sorted(waits, key=lambda wait: (-wait.seconds, wait.from_s, wait.who))[:MOST_ROWS]
+    shown = [wait for wait in longest if wait.seconds >= LEAST_S]
+    left = len(waits) - len(shown)
+    left_s = sum(wait.seconds for wait in waits) - sum(wait.seconds for wait in shown)
+    rows = (
+        (_seconds(w.from_s), _seconds(w.seconds), w.who, ", ".join(w.robots) or "–", w.reason)
+        for w in sorted(shown, key=lambda wait: (wait.from_s, wait.who))
+    )
+    who = "global task" if kind is WaitKind.TASK else "robot"
+    note = f"{left} shorter ones, {left_s:.2f} s together" if left else ""
+    return _table(("from", "for", who, "waited for", "why"), rows, note)
+
+
+def _idle(waits: list[Wait]) -> str:
+    """How long robots were idle, by reason."""
+    reasons: dict[str, dict[str, float]] = {}
+    for wait in waits:
+        robots = reasons.setdefault(wait.reason, {})
+        robots[wait.who] = robots.get(wait.who, 0.0) + wait.seconds
+    totals = sorted(((sum(each.values()), why) for why, each in reasons.items()), reverse=True)
+    rows = [
+        (
+            _seconds(total_s),
+            why,
+            ", ".join(f"{r} {s:.1f} s" for r, s in sorted(reasons[why].items())),
+        )
+        for total_s, why in totals[:MOST_ROWS]
+        if total_s >= LEAST_S
+    ]
+    left = totals[len(rows) :]
+    left_s = sum(total_s for total_s, _ in left)
+    note = f"{len(left)} other reasons, {left_s:.2f} s together" if left else ""
+    return _table(("for", "why", "robots"), rows, note)
+
+
+def _agreement(run: RunReport) -> str:
+    """On how many plans all robots agreed, and how long they differed."""
+    if run.differences is None:
+        return ""
+    plans = run.plans or ()
+    agreed = [plan for plan in plans if plan.agreed_s is not None]
+    took = _spread(1e3 * _agreeing_s(plan) for plan in agreed)
+    text = f"{len(plans)} plans; all robots agreed on {len(agreed)} of them, after {took}. "
+    if run.differences:
+        longest_s = max(each.to_s - each.from_s for each in run.differences)
+        text += (
+            f"{len(run.differences)} times some reported another plan than most, "
+            f"{_ms(1e3 * (run.differing_s or 0))} in all, {_ms(1e3 * longest_s)} at most. "
+            "A robot starts a task only once those whom it concerns agree."
+        )
+    else:
+        text += "They reported the same plan all the time."
+    return (
+        f"<p>{escape(text)}</p>"
+        + _subsection("Plans on which the team agreed last", _slow_plans(plans))
+        + _subsection("Longest times with different plans", _differences(run))
+    )
+
+
+def _slow_plans(plans: Sequence[ReportedPlan]) -> str:
+    """Those on which the team agreed last, or not at all, in the order in which they began."""
+    slow = sorted(plans, key=lambda plan: (-_agreeing_s(plan), plan.number))[:MOST_ROWS]
+    rows = []
+    for plan in sorted(slow, key=lambda plan: plan.number):
+        until_s = math.inf if plan.agreed_s is None else plan.agreed_s
+        last_s = max(at_s for at_s in plan.since_s.values() if at_s <= until_s)
+        first = [robot for robot, at_s in plan.since_s.items() if at_s == plan.from_s]
+        last = [robot for robot, at_s in plan.since_s.items() if at_s == last_s > plan.from_s]
+        agreed = "not before the next plan"
+        if plan.agreed_s is not None:
+            agreed = _ms(1e3 * _agreeing_s(plan))
+        name = f"{plan.number} ({plan.digest})"
+        rows.append((name, _seconds(plan.from_s), ", ".join(first), agreed, ", ".join(last) or "–"))
+    left = len(plans) - len(rows)
+    note = f"{left} other plans, on which all agreed sooner" if left else ""
+    return _table(("plan", "first reported", "by", "all agreed after", "the last"), rows, note)
+
+
+def _differences(run: RunReport) -> str:
+    """The longest times in which robots reported different plans."""
+    found = sorted(run.differences or (), key=lambda each: each.from_s - each.to_s)
+    shown = [each for each in found[:MOST_ROWS] if each.to_s - each.from_s >= LEAST_S]
+    rows = (
+        (_seconds(each.from_s), _ms(1e3 * (each.to_s - each.from_s)), ", ".join(each.robots))
+        for each in sorted(shown, key=lambda each: each.from_s)
+    )
+    left = len(found) - len(shown)
+    note = f"{left} shorter ones" if left and shown else ""
+    return _table(("from", "for", "who differed"), rows, note)
+
+
+def _campaign(each: CampaignReport) -> str:
+    failed = len(each.failures)
+    words = f"{failed} {'seed' if failed == 1 else 'seeds'} failed"
+    chip = _chip(words if failed else "no invariant broken", "bad" if failed else "good")
+    results = ", ".join(f"{count} {name}" for name, count in sorted(each.results.items()))
+    text = f"<p>{each.seeds} seeds in {each.took_s:.1f} s: {escape(results)}.</p>"
+    broken = ((str(seed), text) for seed, texts in each.failures.items() for text in texts)
+    checks = ((name, f"{count:,}") for name, count in each.checks.items())
+    return (
+        _header(each.title, chip)
+        + text
+        + _section("Broken", _table(("seed", "found"), broken))
+        + _section("Checks", _table(("invariant", "checks"), checks))
+    )
+
+
+def _agreeing_s(plan: ReportedPlan) -> float:
+    return math.inf if plan.agreed_s is None else plan.agreed_s - plan.from_s
+
+
+def _agreed_share(run: RunReport) -> str:
+    """For how much of the run all robots reported the same plan."""
+    if run.differences is None or run.differing_s is None:
+        return "–"
+    if not run.differences:
+        return "always"
+    share = 1 - run.differing_s / run.duration_s if run.duration_s > 0 else 1.0
+    return f"{100 * max(0.0, share):.2f} %"
+
+
+def _seconds(value: float | None) -> str:
+    return "–" if value is None else f"{value:.2f} s"
+
+
+def _ms(value: float | None) -> str:
+    if value is None:
+        return "–"
+    if value >= 10_000:
+        return f"{value / 1e3:.1f} s"
+    return f"{value:.0f} ms" if value >= 100 else f"{value:.1f} ms"
+
+
+def _percent(share: float | None) -> str:
+    return "–" if share is None else f"{100 * share:.0f} %"
+
+
+def _spread(values: Iterable[float | None]) -> str:
+    """The median and, of several, the largest, of milliseconds."""
+    found = spread(values)
+    if found is None:
+        return "–"
+    text = _ms(found["median"])
+    return text if found["least"] == found["most"] else f"{text} (≤ {_ms(found['most'])})"
+
+
+def _header(title: str, chips: str = "") -> str:
+    return f'<header class="run"><h1>{escape(title)}</h1>{chips}</header>'
+
+
+def _chip(words: str, kind: str | None = None) -> str:
+    kind = CHIPS.get(words, "") if kind is None else kind
+    return f'<span class="chip {kind}">{SIGNS[kind]} {escape(words)}</span>'
+
+
+def _section(title: str, body: str) -> str:
+    return f"<section><h2>{escape(title)}</h2>{body}</section>" if body else ""
+
+
+def _subsection(title: str, body: str) -> str:
+    return f"<h3>{escape(title)}</h3>{body}" if body else ""
+
+
+def _pair(first: str, second: str) -> str:
+    """Side by side where there is room."""
+    return f'<div class="pair">{first}{second}</div>' if first and second else first or second
+
+
+def _table(
+    head: Sequence[str], rows: Iterable[Sequence[str]], note: str = "", bars: Bars | None = None
+) -> str:
+    """A table of texts, with a note below it; empty if there is neither a row nor a note."""
+    below = f'<p class="soft">{escape(note)}</p>' if note else ""
+    lines = []
+    for n, row in enumerate(rows):
+        cells = ""
+        for column, text in enumerate(row):
+            kind = ' class="n"' if len(text) < 16 else ""
+            if head[column] in SENTENCES:
+                kind = f' class="{"longest" if len(text) > LONGEST else "long"}"'
+            bar = (bars or {}).get((n, column))
+            width = "" if bar is None else f'<i style="width:{100 * bar:.1f}%"></i>'
+            meter = f'<span class="meter">{width}</span>' if width else ""
+            cells += f"<td{kind}>{meter}{escape(text)}</td>"
+        lines.append(f"<tr>{cells}</tr>")
+    if not lines:
+        return below
+    names = "".join(f"<th>{escape(name)}</th>" for name in head)
+    return _wide(f"<table><tr>{names}</tr>{''.join(lines)}</table>", head[-1]) + below
+
+
+def _wide(body: str, name: str) -> str:
+    """May be scrolled sideways, also by keyboard."""
+    return f'<div class="wide" tabindex="0" role="group" aria-label="{escape(name)}">{body}</div>'

@@ -1,0 +1,109 @@
+"""What a report is made of: recordings, run directories, and the JSON that commands print."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.recording.folder import observer_files, robot_files
+from mrbt_mesh.recording.reader import read_recording
+from mrbt_mesh.runtime.run_dir import SUMMARY_FILE
+from mrbt_mesh.views.report.model import CampaignReport, RunReport, RunsReport
+from mrbt_mesh.views.report.recorded import report_recording
+from mrbt_mesh.views.report.summaries import (
+    drill_expectations,
+    report_campaign,
+    report_drill,
+    report_summary,
+)
+
+NOT_OURS = "is not what `mrbt sim`, `up` or `drill` print with --json"
+MOST_BYTES = 1 << 28
+
+
+def read_report(paths: Iterable[Path]) -> RunsReport:
+    """Recordings, run directories, and the output of commands; raises InputError."""
+    runs: list[RunReport] = []
+    campaigns: list[CampaignReport] = []
+    for path in paths:
+        if path.is_dir():
+            runs.append(_run_dir(path))
+        elif path.suffix == ".mcap":
+            runs.append(report_recording(read_recording(path), path.stem))
+        else:
+            data = _json_object(path)
+            with _refusing(f"{path}: {NOT_OURS}"):
+                if "runs" in data and "green" in data:
+                    runs += map(_drill, data["runs"])
+                elif "checks" in data and "seeds" in data:
+                    campaigns.append(report_campaign(data, path.stem))
+                else:
+                    runs.append(report_summary(data, path.stem))
+    return RunsReport(tuple(_named_apart(runs)), tuple(campaigns))
+
+
+def _run_dir(path: Path) -> RunReport:
+    summary = path / SUMMARY_FILE
+    data = _json_object(summary) if summary.exists() else None
+    title, file = path.resolve().name, _recording_of(path)
+    with _refusing(f"{summary}: is no summary of a run"):
+        if file is not None:
+            return report_recording(read_recording(file), title, data)
+        if data is not None:
+            return report_summary(data, title)
+    raise InputError(f"{path} holds neither recordings nor {SUMMARY_FILE}: it is no run directory")
+
+
+def _recording_of(run_dir: Path) -> Path | None:
+    """The newest recording of an observer, else of a robot: it has most of the run."""
+    files = observer_files(run_dir) or robot_files(run_dir)
+    return max(files, key=lambda file: file.stat().st_mtime_ns, default=None)
+
+
+def _drill(data: Mapping[str, Any]) -> RunReport:
+    """A drill's run, by its recording where that is still there."""
+    title = f"{data['drill']} ({data['transport']})"
+    file = _recording_of(Path(data["run_dir"])) if data["run_dir"] else None
+    if file is None:
+        return report_drill(data, title)
+    # A drill counts its times from its own begin: only how long things took is of use.
+    lengths = [{**each, "at_s": None} for each in data["takeovers"]]
+    found = report_recording(read_recording(file), title, {"takeovers": lengths})
+    return replace(found, verdict=str(data["verdict"]), expectations=drill_expectations(data))
+
+
+@contextlib.contextmanager
+def _refusing(what: str) -> Iterator[None]:
+    """Raise InputError for data that lacks what it should have."""
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"{what}: {error!r}") from None
+
+
+def _json_object(path: Path) -> Mapping[str, Any]:
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise InputError(f"{path}: more than {MOST_BYTES >> 20} MiB of JSON")
+        data = json.loads(path.read_text(encoding="utf-8"))
+        # Neither numbers that are none, nor texts that are no Unicode.
+        json.dumps(data, ensure_ascii=False, allow_nan=False).encode()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: is neither a recording (.mcap) nor JSON: {error}") from None
+    if not isinstance(data, dict):
+        raise InputError(f"{path}: {NOT_OURS}")
+    return data
+
+
+def _named_apart(runs: list[RunReport]) -> Iterator[RunReport]:
+    seen: dict[str, int] = {}
+    for run in runs:
+        seen[run.title] = number = seen.get(run.title, 0) + 1
+        yield run if number == 1 else replace(run, title=f"{run.title} ({number})")

@@ -1,0 +1,133 @@
+"""The figures in what `mrbt sim`, `up`, `drill` and `chaos` print with --json.
+
+All functions raise KeyError, TypeError, ValueError or AttributeError for other data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from mrbt_mesh.views.report.model import (
+    CampaignReport,
+    Expectation,
+    ReportedFailure,
+    ReportedFault,
+    RobotUse,
+    RunReport,
+    TaskEnd,
+    milliseconds,
+)
+
+# No run takes longer, so this is no time that a command has printed.
+MOST_S = 1e9
+NO_RECORDING = "from a summary: who worked when, and who waited, is in the run's recording"
+
+
+def report_summary(data: Mapping[str, Any], title: str) -> RunReport:
+    """A run's summary."""
+    minor = [
+        ReportedFault(
+            str(each["robot"]),
+            seconds(each["at_s"]) or 0.0,
+            seconds(each["until_s"]),
+            _names(each["local_tasks"]),
+            reason=str(each["reason"]),
+        )
+        for each in data["faults"]
+        if each["kind"] == "minor"
+    ]
+    until = [seconds(each["until_s"]) for each in data["faults"] if each["kind"] == "major"]
+    order = sorted(data["takeovers"], key=lambda each: (each["at_s"] or 0, each["robot"]))
+    major = [_takeover(each, end) for each, end in zip(order, until, strict=True)]
+    return RunReport(
+        title,
+        str(data["mission"]),
+        str(data["result"]),
+        seconds(data["duration_s"]) or 0.0,
+        tuple(
+            RobotUse(name, str(each["type"] or ""), str(each["state"] or ""), 0.0, 0.0, 0.0, 0)
+            for name, each in data["robots"].items()
+        ),
+        tuple(sorted([*major, *minor], key=lambda fault: (fault.at_s, fault.robot))),
+        tuple(
+            TaskEnd(name, str(task["status"]), _names(task["robots"]))
+            for name, task in data["global_tasks"].items()
+        ),
+        notes=(NO_RECORDING, *_names(data.get("violations", ()))),
+        failures=reported_failures(data),
+    )
+
+
+def reported_failures(data: Mapping[str, Any]) -> tuple[ReportedFailure, ...]:
+    """Those of a summary; one of an earlier version has none."""
+    return tuple(
+        ReportedFailure(
+            str(each["robot"]),
+            str(each["global_task"]),
+            str(each["local_task"]),
+            seconds(each["at_s"]),
+            str(each["reason"]),
+        )
+        for each in data.get("failures", ())
+    )
+
+
+def report_drill(data: Mapping[str, Any], title: str) -> RunReport:
+    """One run of `mrbt drill --json`, without its recording."""
+    return RunReport(
+        title,
+        str(data["drill"]),
+        str(data["result"] or data["verdict"]),
+        seconds(data["duration_s"]) or 0.0,
+        faults=tuple(_takeover(each, None) for each in data["takeovers"]),
+        verdict=str(data["verdict"]),
+        expectations=drill_expectations(data),
+        notes=(str(data["skipped"]) if data["skipped"] else NO_RECORDING,),
+    )
+
+
+def drill_expectations(data: Mapping[str, Any]) -> tuple[Expectation, ...]:
+    """What one run of a drill had to show."""
+    return tuple(
+        Expectation(str(each["expected"]), bool(each["holds"]), str(each["found"]))
+        for each in data["expectations"]
+    )
+
+
+def report_campaign(data: Mapping[str, Any], title: str) -> CampaignReport:
+    """What `mrbt chaos --json` prints."""
+    return CampaignReport(
+        title,
+        int(data["seeds"]),
+        seconds(data["took_s"]) or 0.0,
+        {str(name): int(count) for name, count in data["results"].items()},
+        {str(name): int(count) for name, count in data["checks"].items()},
+        {int(each["seed"]): _names(each["violations"]) for each in data["failures"]},
+    )
+
+
+def _takeover(data: Mapping[str, Any], until_s: float | None) -> ReportedFault:
+    return ReportedFault(
+        str(data["robot"]),
+        seconds(data["at_s"]) or 0.0,
+        until_s,
+        (),
+        milliseconds(seconds(data["detected_s"])),
+        milliseconds(seconds(data["reassigned_s"])),
+        None if data["held"] is None else str(data["held"]),
+        None if data["replacement"] is None else str(data["replacement"]),
+    )
+
+
+def seconds(data: Any) -> float | None:
+    """A time of a summary; raises TypeError or ValueError for anything else."""
+    if data is None:
+        return None
+    if not isinstance(data, int | float) or not abs(data) <= MOST_S:
+        raise ValueError(f"{data!r} is no time in seconds")
+    return float(data)
+
+
+def _names(data: Any) -> tuple[str, ...]:
+    return tuple(map(str, data))
