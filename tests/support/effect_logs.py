@@ -10,10 +10,14 @@ that checkout's Python and folder: `cd OTHER && .venv/bin/python THIS/tests/supp
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
+
+# Where code stands in a file is no behaviour.
+_FRAMES = re.compile(r"Traceback \(most recent call last\):\\n(?:  .*?\\n)+(?=\w)")
 
 
 def write_log(folder: Path, seed: int) -> None:
@@ -24,7 +28,8 @@ def write_log(folder: Path, seed: int) -> None:
     source = Source()
     mission, program = source.load(seed)
     result = run_scenario(mission, program, source.scenario(seed, mission), keep_log=True)
-    lines = [f"{result.result} {result.duration_us} us", *result.violations, *result.effect_log]
+    lines = [f"{result.result} {result.duration_us} us", *result.violations]
+    lines += [_FRAMES.sub("", line) for line in result.effect_log]
     (folder / f"{seed:05}.log").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
