@@ -18,7 +18,7 @@ from typing import Any
 from benchmarks.run import REPAIR, machine, say
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.sim.estimate import Experiment, outcomes, run_one
-from mrbt_mesh.sim.world.failures import NO_FAILURES
+from mrbt_mesh.sim.world.setup import NO_FAILURES
 
 
 def experiment(runs: int) -> Experiment:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextvars import copy_context
 from dataclasses import replace
 from functools import partial
 
@@ -32,11 +33,10 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.runtime.actions import RobotIdentity
+from mrbt_mesh.runtime.actions import ActionRunner
 from mrbt_mesh.runtime.program import RobotProgram
-from mrbt_mesh.sim.world.inspection import Inspection
 from mrbt_mesh.sim.world.network import Network, NetworkKnobs
-from mrbt_mesh.sim.world.process import SimProcess
+from mrbt_mesh.sim.world.process import Inspection, SimProcess
 from mrbt_mesh.sim.world.setup import AgentOptions, Setup
 from mrbt_mesh.sim.world.sharing import HandedOver, shared_engine
 from mrbt_mesh.sim.world.world import World
@@ -115,11 +115,11 @@ class SteppedTeam:
 
     def freeze(self, robot: str) -> None:
         """SIGSTOP."""
-        self._world.robots.processes[robot].freeze()
+        self._world.robots.processes[robot].pace.freeze()
 
     def thaw(self, robot: str) -> None:
         """SIGCONT."""
-        self._world.robots.processes[robot].thaw()
+        self._world.robots.processes[robot].pace.thaw()
 
     def runs(self, robot: str) -> bool:
         """Whether it lives and is not frozen."""
@@ -158,14 +158,14 @@ class SteppedTeam:
 
     # -- inside -------------------------------------------------------------------------------
 
-    def _start(self, process: SimProcess, _: RobotIdentity) -> None:
+    def _start(self, process: SimProcess) -> None:
         program = self._programs[process.robot] = _HeldActions(process)
-        process.boot(program)
+        process.boot(program, copy_context(), program.end)
         if self._round_us:
             # All of them in step, so that they mostly know the same.
             clock = self._world.clock
             at_us = -(-clock.now_us // self._round_us) * self._round_us
-            clock.at(at_us, partial(process.slow, self._round_us))
+            clock.at(at_us, partial(process.pace.slow, self._round_us))
 
     def count(self, process: SimProcess, effect: Effect) -> None:
         """What an agent has sent."""
@@ -185,16 +185,15 @@ class SteppedTeam:
                 self.sent_bytes += sum(map(len, pages))
 
 
-class _HeldActions:
-    """A program whose actions go on until they are cancelled. `action`: the ticket that runs."""
-
-    runs_by_itself = False
+class _HeldActions(ActionRunner):
+    """Actions that go on until they are cancelled, without a program. `action`: the ticket."""
 
     def __init__(self, process: SimProcess) -> None:
         self.action: int | None = None
+        self.backgrounds = 0
         self._process = process
 
-    def begin(self) -> None:
+    def start_background(self) -> None:
         pass
 
     def carry_out(self, effect: StartAction | CancelAction | RequestBid) -> None:

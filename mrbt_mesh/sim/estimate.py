@@ -17,8 +17,8 @@ from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim.parallel import spread
 from mrbt_mesh.sim.run import SimulationResult, simulate
-from mrbt_mesh.sim.world.failures import NO_FAILURES, FailureModel
 from mrbt_mesh.sim.world.network import LinkKnobs, NetworkKnobs
+from mrbt_mesh.sim.world.setup import NO_FAILURES, FailureModel
 
 PERCENTILES = (5, 25, 50, 75, 95)
 BINS = 20

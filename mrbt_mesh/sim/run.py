@@ -23,12 +23,11 @@ from mrbt_mesh.runtime.user_code import UserCall, place_of
 from mrbt_mesh.sim.checkers.comparison import PlanComparison
 from mrbt_mesh.sim.checkers.inspection import FullInspection
 from mrbt_mesh.sim.world.clock import VirtualLoop
-from mrbt_mesh.sim.world.failures import NO_FAILURES, FailureModel
 from mrbt_mesh.sim.world.faults import EndRouter, Schedule, StartRouter
-from mrbt_mesh.sim.world.inspection import Inspection
 from mrbt_mesh.sim.world.network import NetworkKnobs
+from mrbt_mesh.sim.world.process import Inspection
 from mrbt_mesh.sim.world.scenario import Scenario
-from mrbt_mesh.sim.world.setup import AgentOptions, Beginning, Setup
+from mrbt_mesh.sim.world.setup import NO_FAILURES, AgentOptions, Beginning, FailureModel, Setup
 from mrbt_mesh.sim.world.sharing import shared_engine
 from mrbt_mesh.sim.world.world import LookOn, World
 
@@ -217,9 +216,9 @@ def _blocked(frames: list[tuple[str, int]]) -> None:
 
 def _result(world: World) -> SimulationResult:
     observer, now_us = world.observer, world.clock.now_us
-    if world.ending.gave_up and not world.cut_off and world.network.is_reliable_at(now_us):
+    if world.gave_up and not world.cut_off and world.network.is_reliable_at(now_us):
         world.inspection.never_stopped()
-    if world.ending.timed_out and observer.record.result is None:
+    if world.timed_out and observer.record.result is None:
         world.inspection.timed_out()
     result = observer.result(anybody_lives=bool(world.living()))
     processes = world.robots.processes

@@ -21,7 +21,7 @@ from mrbt_mesh.sim.estimate import (
     wilson,
 )
 from mrbt_mesh.sim.parallel import spread
-from mrbt_mesh.sim.world.failures import EVERYBODY, NO_FAILURES, FailureModel, Rate
+from mrbt_mesh.sim.world.setup import EVERYBODY, NO_FAILURES, FailureModel, Rate
 from tests.support.effort import IS_LONG
 from tests.support.runs import EXAMPLES
 

@@ -19,7 +19,7 @@ from mrbt_mesh.cli.options import (
 
 if TYPE_CHECKING:
     from mrbt_mesh.core.mission.mission import Mission
-    from mrbt_mesh.sim.world.failures import FailureModel
+    from mrbt_mesh.sim.world.setup import FailureModel
 
 _fault = partial(option, panel="What befalls the team")
 _seconds = partial(_fault, metavar="SECONDS", above=0)
@@ -57,7 +57,7 @@ class ChanceOptions:
     def model(self, mission: Mission, given: Given) -> FailureModel:
         """The same for the simulator; raises InputError, also for options without effect."""
         from mrbt_mesh.cli.virtual.settings import check_counts, parse_chances, parse_rates
-        from mrbt_mesh.sim.world.failures import FailureModel
+        from mrbt_mesh.sim.world.setup import FailureModel
 
         check_counts(mission, self.major, self.minor)
         if not self.major and not self.minor:

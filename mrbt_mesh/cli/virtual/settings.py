@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.sim.world.failures import Rate, losable
+from mrbt_mesh.sim.world.setup import Rate, losable
 
 
 def parse_rates(option: str, texts: Sequence[str], mission: Mission) -> dict[str, Rate]:

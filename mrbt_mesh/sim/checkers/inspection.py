@@ -11,9 +11,8 @@ from mrbt_mesh.sim.checkers.comparison import PlanComparison
 from mrbt_mesh.sim.checkers.findings import View
 from mrbt_mesh.sim.world.effect_log import EffectLog
 from mrbt_mesh.sim.world.faults import Block, Fault, Unblock, fault_text
-from mrbt_mesh.sim.world.inspection import Inspection
 from mrbt_mesh.sim.world.journal import Changes
-from mrbt_mesh.sim.world.process import SimProcess
+from mrbt_mesh.sim.world.process import Inspection, SimProcess
 
 
 class FullInspection(Inspection):

@@ -21,9 +21,8 @@ from mrbt_mesh.core.facts.records import OrderKind
 from mrbt_mesh.core.membership.wire import MessageKind, encode
 from mrbt_mesh.sim.world import faults
 from mrbt_mesh.sim.world.garbage import Forger
-from mrbt_mesh.sim.world.inspection import Inspection
 from mrbt_mesh.sim.world.message_bus import MessageBus
-from mrbt_mesh.sim.world.process import SimProcess
+from mrbt_mesh.sim.world.process import Inspection, SimProcess
 from mrbt_mesh.sim.world.robots import Robots
 from mrbt_mesh.sim.world.setup import Setup
 
@@ -160,15 +159,15 @@ class Injector:
         """What a process can only suffer while there is one."""
         match fault:
             case faults.Freeze():
-                process.freeze()
+                process.pace.freeze()
             case faults.Suspend():
                 process.local.suspend()
-                process.freeze()
+                process.pace.freeze()
             case faults.Thaw():
                 process.local.resume()
-                process.thaw()
+                process.pace.thaw()
             case faults.Slow(_, lag_us):
-                process.slow(lag_us)
+                process.pace.slow(lag_us)
             case faults.LoseToken(robot, seen_by):
                 if robot in self._bus.tokens:
                     token = self._bus.tokens[robot]
@@ -212,8 +211,8 @@ class Injector:
             process.local.set_rate(0)
             process.local.resume()
             if not process.is_over:
-                process.slow(0)
-                process.thaw()
+                process.pace.slow(0)
+                process.pace.thaw()
                 process.deliver(CapabilityChanged("all", False, source=OPERATOR))
         for robot in robots:
             if robot not in processes or processes[robot].is_over:

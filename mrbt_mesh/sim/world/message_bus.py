@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Protocol
 
 from mrbt_mesh.core.agent.effects import Ask, AskRouter, Publish, Reply
 from mrbt_mesh.core.agent.inputs import (
@@ -18,19 +19,27 @@ from mrbt_mesh.core.agent.inputs import (
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.sim.world.clock import VirtualClock
-from mrbt_mesh.sim.world.network import Network
-from mrbt_mesh.sim.world.process import SimProcess
-from mrbt_mesh.sim.world.routers import RETRY_US, Routers
+from mrbt_mesh.sim.world.network import RETRY_US, Network, Routers
 
-# A robot's token appeared (true) or is gone.
+# A robot's token has appeared (true) or disappeared.
 OnToken = Callable[[str, Incarnation, bool], None]
+
+
+class Endpoint(Protocol):
+    """A robot's process, as far as the bus has to do with it."""
+
+    robot: str
+
+    @property
+    def is_over(self) -> bool: ...
+    def deliver(self, event: Input) -> None: ...
 
 
 @dataclass(slots=True)
 class _Question:
     """A query on its way: who asked whom; the answer comes once."""
 
-    asker: SimProcess
+    asker: Endpoint
     peer: str
     answered: bool = False
 
@@ -38,8 +47,8 @@ class _Question:
 class MessageBus:
     """Carries what processes send over a faulty network; the simulator's Zenoh.
 
-    `processes`: robot -> its latest process. `tokens`: those that are held. `on_token` is told of
-    every change of them, besides the robots.
+    `endpoints`: robot -> its latest process. `tokens`: those that are held. `on_token` is called
+    at every change of them, as the robots are notified.
     """
 
     def __init__(
@@ -48,14 +57,14 @@ class MessageBus:
         self.clock = clock
         self.network = network
         self.routers = routers
-        self.processes: dict[str, SimProcess] = {}
+        self.endpoints: dict[str, Endpoint] = {}
         self.tokens: dict[str, Incarnation] = {}
         self._on_token = on_token
         self._questions: dict[int, _Question] = {}
 
     def deliver(self, target: str, event: Input) -> None:
         """Hand an input to a robot's process."""
-        process = self.processes.get(target)
+        process = self.endpoints.get(target)
         if process is not None:  # else it has not been started yet
             process.deliver(event)
 
@@ -73,10 +82,10 @@ class MessageBus:
             return event
         if effect.to is not None:
             for target in effect.to:
-                if target in self.processes:
+                if target in self.endpoints:
                     self._send(source, target, event)
             return event
-        arrivals = self.network.arrivals_at_all(source, self.processes, self.clock.now_us)
+        arrivals = self.network.arrivals_at_all(source, self.endpoints, self.clock.now_us)
         for arrival_us, targets in arrivals.items():
             self.clock.at(arrival_us, partial(self._deliver_to_all, targets, event))
         return event
@@ -90,11 +99,11 @@ class MessageBus:
             for arrival_us in self.network.arrivals_us(source, target, self.clock.now_us):
                 self.clock.at(arrival_us, partial(self._arrive, target, event))
 
-    def ask(self, asker: SimProcess, effect: Ask) -> None:
+    def ask(self, asker: Endpoint, effect: Ask) -> None:
         """Send a question to one robot; without an answer it times out."""
         number = len(self._questions) + 1
         question = self._questions[number] = _Question(asker, effect.peer)
-        if effect.peer in self.processes:
+        if effect.peer in self.endpoints:
             query = QueryReceived(number, MessageKind.PULL, effect.data)
             self._send(asker.robot, effect.peer, query)
         timeout_us = self.clock.now_us + self.network.knobs.query_timeout_us
@@ -144,7 +153,7 @@ class MessageBus:
         if not self.routers.link(newcomer) and self.routers.names:
             self.clock.at(self.clock.now_us + RETRY_US, partial(self._link_again, newcomer))
             return
-        for robot in self.processes:
+        for robot in self.endpoints:
             if robot != newcomer and robot in self.tokens:
                 self._tell(robot, self.tokens[robot], True, newcomer)
 
@@ -152,7 +161,7 @@ class MessageBus:
         delay_us = self.network.knobs.token_delay_us
         if delay_us is None and not held:
             return
-        targets = self.processes if self.routers.reaches(robot) else ()
+        targets = self.endpoints if self.routers.reaches(robot) else ()
         for target in targets:
             if target != robot and (robot, target) not in self.network.blocked:
                 self._tell(robot, incarnation, held, target)
@@ -172,14 +181,14 @@ class MessageBus:
         clients = self.routers.end(router)
         for robot, incarnation in self.tokens.items():
             event = TokenChanged(robot, incarnation, False, named[robot])
-            for target in self.processes:
+            for target in self.endpoints:
                 if target != robot and (robot in clients or target in clients):
                     self.deliver(target, event)
         for robot, without_us in clients.items():
             self.clock.at(self.clock.now_us + without_us, partial(self._link_again, robot))
 
     def _link_again(self, robot: str) -> None:
-        process = self.processes[robot]
+        process = self.endpoints[robot]
         if process.is_over or self.routers.reaches(robot):
             return  # ended, or it is another process by now
         if not self.routers.link(robot):
@@ -187,11 +196,11 @@ class MessageBus:
             return
         if robot in self.tokens:
             self._tell_everybody(robot, self.tokens[robot], True)
-        for other in self.processes:
+        for other in self.endpoints:
             if other != robot and other in self.tokens and self.routers.reaches(other):
                 self._tell(other, self.tokens[other], True, robot)
 
-    def ask_router(self, asker: SimProcess, effect: AskRouter) -> None:
+    def ask_router(self, asker: Endpoint, effect: AskRouter) -> None:
         """Ask a router for its link to a robot; a dead one gives no answer."""
         found: list[bool | None] = []
         there_us = self.clock.now_us + self.network.knobs.link.delay_us

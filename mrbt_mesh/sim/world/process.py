@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextvars
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, Protocol
+
+import anyio
 
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.effects import (
@@ -24,93 +28,146 @@ from mrbt_mesh.core.agent.effects import (
     Stop,
 )
 from mrbt_mesh.core.agent.inputs import ActionFinished, Input, PlanMade, TimerFired
-from mrbt_mesh.core.facts.store import Incarnation
-from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
-from mrbt_mesh.runtime.journal_writer import JournalNews
-from mrbt_mesh.sim.world.clock import MICRO, Gate, LocalClock, VirtualClock
+from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
+from mrbt_mesh.sim.world.clock import MICRO, Gate, LocalClock, VirtualClock, current_gate
+from mrbt_mesh.sim.world.faults import Fault
 from mrbt_mesh.sim.world.journal import Changes, SimJournal, SimJournalWriter
+from mrbt_mesh.sim.world.message_bus import MessageBus
 from mrbt_mesh.sim.world.pace import Pace
+from mrbt_mesh.sim.world.setup import Setup
 
 TIMER_FIRED = TimerFired()
+# How long a program's code may go on after its process has ended.
+END_LIMIT_S = 3.0
 
 
-class ProcessListener(Protocol):
-    """Is told what processes do."""
+class Surroundings(Protocol):
+    """The world, as far as a process has to do with it."""
 
-    @property
-    def watches_steps(self) -> bool: ...
-
-    def booted(self, process: SimProcess) -> None: ...
-    def synced(self, process: SimProcess, changes: Changes) -> None: ...
-    def handling(self, process: SimProcess, event: Input) -> None: ...
-    def handled(self, process: SimProcess, event: Input, effects: Sequence[Effect]) -> None: ...
-    def logged(self, robot: str, effect: Effect) -> None: ...
-
-
-class Environment(Protocol):
-    """What a process needs of the world around it."""
-
-    @property
-    def clock(self) -> VirtualClock: ...
-    @property
-    def inspection(self) -> ProcessListener: ...
-    @property
-    def timing(self) -> Timing: ...
-    @property
-    def plan_delay_us(self) -> int: ...
+    setup: Setup
+    clock: VirtualClock
+    bus: MessageBus
+    inspection: Inspection
+    events: list[dict[str, Any]]
 
     def published(self, process: SimProcess, effect: Publish) -> None: ...
-    def asked(self, process: SimProcess, effect: Ask) -> None: ...
-    def asked_router(self, process: SimProcess, effect: AskRouter) -> None: ...
-    def replied(self, process: SimProcess, effect: Reply) -> None: ...
     def outcome(self, process: SimProcess, event: ActionFinished) -> Input: ...
     def completed(self, process: SimProcess) -> None: ...
-    def declared(self, process: SimProcess, incarnation: Incarnation) -> None: ...
     def stopped(self, process: SimProcess) -> None: ...
-    def recorded(self, process: SimProcess, event: Mapping[str, Any]) -> None: ...
     def recorder_of(self, process: SimProcess) -> RobotRecorder | None: ...
     def begun_before_us(self, process: SimProcess, effect: StartAction) -> int: ...
 
 
-class Program(Protocol):
-    """What carries out a robot's local tasks."""
+class Inspection:
+    """Called at the moments of a run at which something may be checked; this one checks nothing.
+
+    What it does has no influence on the run.
+    `violations` are the invariants that did not hold, `checks` how often each one was checked.
+    `watches_steps`: whether `handling` and `handled` are called, for each step of each agent.
+    `is_settled`: nothing more will come of the run. `done_twice` counts local tasks that
+    succeeded more often than their `max`, `exclusive_done_twice` exclusive tasks that did.
+    """
+
+    violations: Sequence[str] = ()
+    checks: Mapping[str, int] = {}
+    effect_log: Sequence[str] = ()
+    watches_steps = False
 
     @property
-    def runs_by_itself(self) -> bool: ...
-    def begin(self) -> None: ...
-    def carry_out(self, effect: StartAction | CancelAction | RequestBid) -> None: ...
-    def end(self) -> None: ...
+    def effect_log_digest(self) -> str:
+        return ""
+
+    @property
+    def is_settled(self) -> bool:
+        return False
+
+    @property
+    def done_twice(self) -> int:
+        return 0
+
+    @property
+    def exclusive_done_twice(self) -> int:
+        return 0
+
+    def lost_journal(self, robot: str) -> None:
+        """A robot is launched with an empty journal."""
+
+    def booted(self, process: SimProcess) -> None:
+        """A process has read its journal and has an agent."""
+
+    def synced(self, process: SimProcess, changes: Changes) -> None:
+        """A process has put this on its disk."""
+
+    def handling(self, process: SimProcess, event: Input) -> None:
+        """Before a step of an agent."""
+
+    def handled(self, process: SimProcess, event: Input, effects: Sequence[Effect]) -> None:
+        """After a step of an agent; its effects have been carried out."""
+
+    def logged(self, robot: str, effect: Effect) -> None:
+        """A robot's program, or what runs it, has written to the log."""
+
+    def published_facts(self) -> None:
+        """A robot has published facts."""
+
+    def fault_comes(self, fault: Fault) -> None:
+        """A fault is about to happen."""
+
+    def stopped(self) -> None:
+        """A robot has stopped by itself."""
+
+    def garbage(self, process: SimProcess, event: Input) -> None:
+        """Something malformed, foreign or forged arrives."""
+        process.deliver(event)
+
+    def sample(self) -> None:
+        """Called once per beat period."""
+
+    def never_stopped(self) -> None:
+        """Some time after robots stopped because the mission is over, others still run."""
+
+    def timed_out(self) -> None:
+        """The run has ended without a result."""
 
 
 class SimProcess:
     """Drives one agent and its program; the simulator's counterpart of the runtime's driver.
 
     `make_agent` is called at boot with the time on the robot's own clock, `local`. `killed`:
-    nothing of it has any effect any more, not even its own records. `stop`: its agent's last
-    word.
+    nothing of it has any effect any more, not even its own records. `stop`: why its agent stopped.
+    `pace`: when it runs.
     """
 
     def __init__(
         self,
-        environment: Environment,
-        robot: str,
+        world: Surroundings,
+        identity: RobotIdentity,
         journal: SimJournal,
         local: LocalClock,
         make_agent: Callable[[int], Agent],
     ) -> None:
-        self.robot = robot
+        self.robot = identity.robot
         self.local = local
         self.agent: Agent | None = None
         self.stop: Stop | None = None
         self.killed = False
-        self._environment = environment
+        self._world = world
+        self._clock = world.clock
+        self._identity = identity
         self._make_agent = make_agent
-        self._program: Program | None = None
-        self._pace = Pace(environment.clock, Gate(local), self._handle)
+        self.pace = Pace(self._clock, Gate(local), self._handle)
         self._journal = SimJournalWriter(
-            journal, environment.clock, self._pace, self._tell, self._synced
+            journal,
+            self._clock,
+            self.pace,
+            # In an event of its own: the journal's thread does not wait for the agent.
+            lambda news: self._clock.at(self._clock.now_us, partial(self.deliver, news)),
+            lambda changes: world.inspection.synced(self, changes),
         )
+        self._runner: ActionRunner | None = None
+        self._end_program: Callable[[], object] = lambda: None
+        self._context = contextvars.copy_context()
         self._ran_us = 0
         self._timer_us: int | None = None
         self._recorder: RobotRecorder | None = None
@@ -118,16 +175,16 @@ class SimProcess:
     @property
     def runs_by_itself(self) -> bool:
         """Whether its program does something that is no local task."""
-        return self._program is not None and self._program.runs_by_itself
+        return self._runner is not None and self._runner.backgrounds > 0
 
     @property
     def is_over(self) -> bool:
         """Whether it was killed, or its agent has stopped."""
-        return self._pace.is_over
+        return self.pace.is_over
 
     @property
     def is_slow(self) -> bool:
-        return self._pace.is_slow
+        return self.pace.is_slow
 
     @property
     def has_read_journal(self) -> bool:
@@ -137,92 +194,117 @@ class SimProcess:
     @property
     def runs(self) -> bool:
         """Whether it is booted, alive and not frozen, though maybe slow."""
-        return self.agent is not None and not self._pace.is_over and not self._pace.is_frozen
+        return self.agent is not None and not self.pace.is_over and not self.pace.is_frozen
 
-    @property
-    def gate(self) -> Gate:
-        return self._pace.gate
+    # -- beginning and end --------------------------------------------------------------------
 
-    def boot(self, program: Program) -> None:
-        """The agent comes to life, and with it the robot's program."""
-        self._program = program
+    async def run(self) -> None:
+        """Boot, and run the robot's program until the process ends: real code, virtual time."""
+        current_gate.set(self.pace.gate)
+        setup = self._world.setup
+        async with anyio.create_task_group() as group:
+            runner = ActionRunner(group, setup.program, setup.mission, self._identity, self)
+            boot = partial(self.boot, runner, contextvars.copy_context(), group.cancel_scope.cancel)
+            self._clock.at(self._clock.now_us, boot)
+            try:
+                await anyio.sleep_forever()
+            finally:
+                # Apart from the robot's clock, which may stand still.
+                loop = asyncio.get_running_loop()
+                contextvars.Context().run(loop.call_later, END_LIMIT_S, runner.abandon)
+
+    def boot(
+        self, runner: ActionRunner, context: contextvars.Context, end: Callable[[], object]
+    ) -> None:
+        """The agent comes to life, and its program's runner with it, until `end` is called."""
+        self._runner, self._context, self._end_program = runner, context, end
         if self.is_over:
-            program.end()
+            end()
             return
         self._ran_us = self.local.boottime_us
         self.agent = self._make_agent(self._ran_us)
-        self._recorder = self._environment.recorder_of(self)
+        self._recorder = self._world.recorder_of(self)
         self._journal.start()
-        program.begin()
-        self._environment.inspection.booted(self)
+        context.run(runner.start_background)
+        self._world.inspection.booted(self)
         self.deliver(TIMER_FIRED)
 
-    # -- inputs -------------------------------------------------------------------------------
+    def kill(self) -> None:
+        """SIGKILL."""
+        self.killed = True
+        self._end()
+
+    def _end(self) -> None:
+        self._end_program()
+        self.pace.end()
+
+    # -- inputs and effects -------------------------------------------------------------------
 
     def deliver(self, event: Input) -> None:
         """Hand an input to the agent; it waits while the process is frozen or slow."""
-        if not self._pace.is_held:
+        if not self.pace.is_held:
             self._handle(event)
         elif self.agent is not None and not self.is_over:
-            self._pace.keep(event)
+            self.pace.keep(event)
 
     def _handle(self, event: Input) -> None:
-        agent, pace = self.agent, self._pace
-        if agent is None or pace.is_over:
+        agent, world = self.agent, self._world
+        if agent is None or self.pace.is_over:
             return
         now_us = self.local.boottime_us
         gap_us, self._ran_us = now_us - self._ran_us, now_us
-        if gap_us > self._environment.timing.detection_us and not isinstance(event, TimerFired):
+        if gap_us > world.setup.timing.detection_us and not isinstance(event, TimerFired):
             self._handle(TIMER_FIRED)  # as runtime.fencing does
-        inspection = self._environment.inspection
+        inspection = world.inspection
         if inspection.watches_steps:
             inspection.handling(self, event)
         effects = agent.handle(event, now_us)
         if self._recorder is not None:
-            self._recorder.step(event, effects, self._environment.clock.now_us)
+            self._recorder.step(event, effects, self._clock.now_us)
         for effect in effects:
             self._carry_out(effect)
         if inspection.watches_steps:
             inspection.handled(self, event, effects)
         if isinstance(event, ActionFinished):
-            self._environment.completed(self)
-        if not pace.is_over:
+            world.completed(self)
+        if not self.pace.is_over:
             self._set_timer(agent, now_us)
 
     def _carry_out(self, effect: Effect) -> None:
+        world = self._world
         match effect:
             case Publish():
-                self._environment.published(self, effect)
+                world.published(self, effect)
             case Persist(entries, at_once, number):
                 self._journal.put(entries, number, at_once)
             case Forget(keys):
                 self._journal.forget(keys)
             case Ask():
-                self._environment.asked(self, effect)
+                world.bus.ask(self, effect)
             case AskRouter():
-                self._environment.asked_router(self, effect)
+                world.bus.ask_router(self, effect)
             case Reply():
-                self._environment.replied(self, effect)
+                world.bus.reply(self.robot, effect)
             case MakePlan():
-                due_us = self._environment.clock.now_us + self._environment.plan_delay_us
-                self._environment.clock.at(due_us, partial(self._make_plan, effect))
+                due_us = self._clock.now_us + (world.setup.agents.plan_delay_us or 0)
+                self._clock.at(due_us, partial(self._make_plan, effect))
             case StartAction() | CancelAction() | RequestBid():
                 self._work(effect)
             case DeclareToken(incarnation):
-                self._environment.declared(self, incarnation)
+                world.bus.declare(self.robot, incarnation)
             case Stop():
                 self.stop = effect
                 self._journal.end()
                 self._end()
-                self._environment.stopped(self)
+                world.stopped(self)
             case Log():
                 pass  # it is in the effect log
 
     def _work(self, effect: StartAction | CancelAction | RequestBid) -> None:
-        assert self._program is not None
+        assert self._runner is not None
         if isinstance(effect, StartAction):
-            self.gate.ahead_us = self._environment.begun_before_us(self, effect)
-        self._program.carry_out(effect)
+            self.pace.gate.ahead_us = self._world.begun_before_us(self, effect)
+        self._context.run(self._runner.carry_out, effect)
 
     def _make_plan(self, effect: MakePlan) -> None:
         awaited = self.agent.view.awaited_plan if self.agent is not None else None
@@ -234,7 +316,7 @@ class SimProcess:
         if self._timer_us is None or due_us < self._timer_us:
             self._timer_us = due_us
             at_us = self.local.when_us(self.local.monotonic_us + due_us - now_us)
-            self._environment.clock.at(at_us, lambda: self._timer(due_us))
+            self._clock.at(at_us, lambda: self._timer(due_us))
 
     def _timer(self, due_us: int) -> None:
         if self._timer_us != due_us:
@@ -243,44 +325,12 @@ class SimProcess:
         if self.runs:
             self.deliver(TIMER_FIRED)
 
-    def _tell(self, news: JournalNews) -> None:
-        """In an event of its own: the journal's thread does not wait for the agent."""
-        self._environment.clock.at(self._environment.clock.now_us, partial(self.deliver, news))
-
-    def _synced(self, changes: Changes) -> None:
-        self._environment.inspection.synced(self, changes)
-
-    # -- faults -------------------------------------------------------------------------------
-
-    def kill(self) -> None:
-        """SIGKILL."""
-        self.killed = True
-        self._end()
-
-    def freeze(self) -> None:
-        """SIGSTOP, or the process' part in a suspend."""
-        self._pace.freeze()
-
-    def thaw(self) -> None:
-        """SIGCONT."""
-        self._pace.thaw()
-
-    def slow(self, lag_us: int) -> None:
-        """Come round only every `lag_us` from now on; 0: be fast again after the next time."""
-        self._pace.slow(lag_us)
-
-    def _end(self) -> None:
-        if self._program is not None:
-            self._program.end()
-        self._pace.end()
-
-    # -- what its program needs (runtime.actions.Host) ----------------------------------------
+    # -- what its program needs (runtime.task_port.Host) --------------------------------------
 
     def submit(self, event: Input) -> None:
-        clock = self._environment.clock
         if isinstance(event, ActionFinished):
-            event = self._environment.outcome(self, event)
-        clock.at(clock.now_us, partial(self.deliver, event))
+            event = self._world.outcome(self, event)
+        self._clock.at(self._clock.now_us, partial(self.deliver, event))
 
     def read_condition(self, name: str) -> bool:
         view = self.agent.view if self.agent is not None else None
@@ -288,11 +338,11 @@ class SimProcess:
 
     def record_event(self, event: Mapping[str, Any]) -> None:
         if not self.killed:
-            self._environment.recorded(self, event)
+            self._world.events.append(dict(event))
 
     def unix_time_s(self) -> float:
-        return self._environment.clock.now_us / MICRO
+        return self._clock.now_us / MICRO
 
     def log(self, level: str, event: str, **fields: Any) -> None:
         if not self.killed:
-            self._environment.inspection.logged(self.robot, Log(level, event, fields))
+            self._world.inspection.logged(self.robot, Log(level, event, fields))

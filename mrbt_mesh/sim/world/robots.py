@@ -5,43 +5,38 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Protocol
 
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.runtime.actions import RobotIdentity
 from mrbt_mesh.sim.world.clock import LocalClock
 from mrbt_mesh.sim.world.journal import FULL, SimJournal
-from mrbt_mesh.sim.world.message_bus import MessageBus
-from mrbt_mesh.sim.world.process import Environment, SimProcess
-from mrbt_mesh.sim.world.setup import Setup
+from mrbt_mesh.sim.world.process import SimProcess, Surroundings
 
 FIRST_PID = 1_000
 
 
-# Starts a robot's program, which boots the process: at once, or a little later.
-StartProgram: TypeAlias = Callable[[SimProcess, RobotIdentity], None]
+class TeamSurroundings(Surroundings, Protocol):
+    """The world, as far as the team has to do with it."""
 
-
-class TeamEnvironment(Environment, Protocol):
-    """What the team needs of the world around it."""
-
-    def without_journal(self, robot: str) -> None: ...
     def launched(self, process: SimProcess) -> None: ...
     def killed(self, process: SimProcess) -> None: ...
 
 
 class Robots:
-    """The robots' processes, one life after the other.
+    """The robots' processes, one life after the other; `processes`: robot -> its latest one.
 
     `to_launch`: how many of the first ones are still to come.
     """
 
-    def __init__(self, setup: Setup, environment: TeamEnvironment, bus: MessageBus) -> None:
+    def __init__(self, world: TeamSurroundings) -> None:
+        setup = world.setup
+        self.processes: dict[str, SimProcess] = {}
         self.to_launch = len(setup.robots)
         self._setup = setup
-        self._environment = environment
-        self._bus = bus
+        self._world = world
+        self._bus = world.bus
         self._lives = 0
         # Robots that were killed before they had a process.
         self._never: set[str] = set()
@@ -49,16 +44,11 @@ class Robots:
         self._actions_left: dict[str, int] = {}
         self._journals: dict[str, SimJournal] = {}
         self._clocks: dict[str, LocalClock] = {}
-        self._start_program: StartProgram | None = None
+        self._start_program: Callable[[SimProcess], object] | None = None
         if setup.begin is not None:
             for robot in setup.robots:
                 journal = self._journals[robot] = SimJournal()
                 journal.write({(e.author, e.name): e for e in setup.begin.facts})
-
-    @property
-    def processes(self) -> dict[str, SimProcess]:
-        """Robot -> its latest process."""
-        return self._bus.processes
 
     def living(self) -> list[SimProcess]:
         """Processes that run and are not frozen, sorted by robot."""
@@ -77,8 +67,8 @@ class Robots:
 
     # -- starting -----------------------------------------------------------------------------
 
-    def launch_all(self, start_program: StartProgram) -> None:
-        """Start the team, each robot a little later than the other."""
+    def launch_all(self, start_program: Callable[[SimProcess], object]) -> None:
+        """Start the team within a short time; `start_program` runs a process."""
         self._start_program = start_program
         for robot in self._setup.robots:
             offset = self._random_bytes("start", robot)
@@ -95,7 +85,7 @@ class Robots:
         self._lives += 1
         if robot not in self._journals or not keeps_journal:
             self._journals[robot] = SimJournal()
-            self._environment.without_journal(robot)
+            self._world.inspection.lost_journal(robot)
         journal = self._journals[robot]
         setup = self._setup
         description = setup.mission.robots[robot]
@@ -109,11 +99,11 @@ class Robots:
             return Agent(setup.mission, config, now_us)
 
         local = self.local_clock(robot)
-        process = SimProcess(self._environment, robot, journal, local, make_agent)
-        self.processes[robot] = process
+        process = SimProcess(self._world, identity, journal, local, make_agent)
+        self.processes[robot] = self._bus.endpoints[robot] = process
         assert self._start_program is not None
-        self._start_program(process, identity)
-        self._environment.launched(process)
+        self._start_program(process)
+        self._world.launched(process)
 
     def change_disk(self, robot: str, sync_us: int, fails: bool, is_locked: bool) -> None:
         """What the disk of a robot is like from now on, for this process and those after it."""
@@ -154,11 +144,11 @@ class Robots:
             self._never.add(robot)  # it dies before it has said a word
         elif not process.is_over:
             process.kill()
-            self._environment.killed(process)
+            self._world.killed(process)
             self._bus.withdraw(robot)
 
     def kill_after(self, robot: str, actions: int) -> None:
-        """End this robot's process once so many more of its actions have ended by themselves."""
+        """End this robot's process once it has reported how `actions` more of its actions ended."""
         self._actions_left[robot] = actions
 
     def completed(self, robot: str) -> None:

@@ -2,61 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import anyio
-import anyio.abc
 
-from mrbt_mesh.core.agent.effects import Ask, AskRouter, Publish, Reply, StartAction
+from mrbt_mesh.core.agent.effects import Publish, StartAction
 from mrbt_mesh.core.agent.inputs import ActionFinished
-from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import OrderKind
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import MessageKind
-from mrbt_mesh.core.mission.mission import Mission, MissionEnd
+from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
-from mrbt_mesh.runtime.actions import RobotIdentity
 from mrbt_mesh.sim.world.clock import VirtualClock
-from mrbt_mesh.sim.world.ending import GIVE_UP_DETECTIONS, Ending
+from mrbt_mesh.sim.world.failures import RandomFailures
 from mrbt_mesh.sim.world.injector import Injector
-from mrbt_mesh.sim.world.inspection import Inspection
 from mrbt_mesh.sim.world.message_bus import MessageBus
-from mrbt_mesh.sim.world.network import Network
-from mrbt_mesh.sim.world.process import SimProcess
-from mrbt_mesh.sim.world.program_tasks import run_program
-from mrbt_mesh.sim.world.random_failures import RandomFailures
+from mrbt_mesh.sim.world.network import Network, Routers
+from mrbt_mesh.sim.world.process import Inspection, SimProcess
 from mrbt_mesh.sim.world.recordings import Recordings
 from mrbt_mesh.sim.world.robots import Robots
-from mrbt_mesh.sim.world.routers import Routers
 from mrbt_mesh.sim.world.setup import Setup
+
+# How long, in detection times, robots that were cut off may outlive the end of the mission.
+GIVE_UP_DETECTIONS = 5
 
 
 class World:
     """Everything that is there, and what happens when. One instance is one run.
 
-    It stands between the parts: a process tells it what it does, and it tells those whom that
-    concerns. `inspect` makes what checks it. `events`: what the robots have recorded themselves.
-    `look_on` is shown the observer whenever that has seen something.
+    `inspect` makes what checks it. `look_on` is called with the observer and the virtual time in
+    microseconds whenever the observer has been brought up to date. `events`: what the robots have
+    recorded themselves. `over`: the run has ended; `timed_out`: at its timeout; `gave_up`: robots
+    outlived the end of the mission; `error`: what broke.
     """
 
     def __init__(self, setup: Setup, inspect: Inspect, look_on: LookOn | None = None) -> None:
         self.setup = setup
-        self._look_on = look_on
+        self.mission = setup.mission
         self.timing = setup.timing
+        self.plan_delay_us = setup.agents.plan_delay_us or 0
+        self.speed = setup.speed
+        self.solver = default_solver
+        self._look_on = look_on
         self.clock = VirtualClock()
         self.network = Network(setup.network, setup.seed)
         routers = Routers(setup.network.routers, setup.seed)
         self.bus = MessageBus(self.clock, self.network, routers, self._token_changed)
-        self.robots = Robots(setup, self, self.bus)
+        self.robots = Robots(self)
         self.observer = Observer(
             setup.mission, setup.run, self.timing, default_solver, setup.agents.engine
         )
-        self.ending = Ending(setup, self.robots, self.observer, self._is_awaiting)
         self.events: list[dict[str, Any]] = []
         self._under_way: dict[tuple[str, str, str], int] = {}
         if setup.begin is not None:
@@ -69,44 +68,28 @@ class World:
         self.inspection = inspect(self)
         self.injector = Injector(setup, self.bus, self.robots, self.inspection, self._has_result)
         self.failures = RandomFailures(setup, self.clock, self.robots, self.injector.inject)
+        self.over = anyio.Event()
+        self.timed_out = False
+        self.gave_up = False
+        self.error: Exception | None = None
+        # The number of changes of the facts, and since when it is the same.
+        self._stuck_since: tuple[int, int] = (0, 0)
 
     async def main(self) -> None:
         """Run until the mission is over, nothing can happen any more, or the timeout."""
-        self.clock.on_error = self.ending.fail
+        self.clock.on_error = self._fail
         async with anyio.create_task_group() as group:
-            self.robots.launch_all(partial(self._start_program, group))
+            self.robots.launch_all(lambda process: group.start_soon(process.run))
             self.injector.begin()
             self.failures.begin()
-            self.clock.at(self.setup.timeout_us, self.ending.time_out)
+            self.clock.at(self.setup.timeout_us, self._time_out)
             self.clock.at(0, self._observe_regularly)
-            await self.ending.over.wait()
+            await self.over.wait()
             group.cancel_scope.cancel()
-        if self.ending.error is not None:
-            raise self.ending.error
+        if self.error is not None:
+            raise self.error
 
-    def _start_program(
-        self, group: anyio.abc.TaskGroup, process: SimProcess, identity: RobotIdentity
-    ) -> None:
-        program, mission = self.setup.program, self.setup.mission
-        group.start_soon(run_program, process, program, mission, identity, self.clock)
-
-    # -- what others see of it (checkers.findings.View) ---------------------------------------
-
-    @property
-    def mission(self) -> Mission:
-        return self.setup.mission
-
-    @property
-    def plan_delay_us(self) -> int:
-        return self.setup.agents.plan_delay_us or 0
-
-    @property
-    def solver(self) -> Solver:
-        return default_solver
-
-    @property
-    def speed(self) -> float:
-        return self.setup.speed
+    # -- what checkers see --------------------------------------------------------------------
 
     @property
     def cut_off(self) -> bool:
@@ -122,17 +105,7 @@ class World:
         """Processes that run and are not frozen, sorted by robot."""
         return self.robots.living()
 
-    def _has_result(self) -> bool:
-        return self.ending.has_result
-
-    def _is_awaiting(self) -> bool:
-        """Whether something is still to come that could help the team."""
-        return bool(self.injector.pending or self.failures.awaited)
-
-    # -- what processes do (robots.TeamEnvironment) -------------------------------------------
-
-    def without_journal(self, robot: str) -> None:
-        self.inspection.lost_journal(robot)
+    # -- what processes do (robots.TeamSurroundings) ------------------------------------------
 
     def launched(self, process: SimProcess) -> None:
         self.failures.launched(process)
@@ -148,18 +121,6 @@ class World:
             self.inspection.published_facts()
         self._observe_soon()
 
-    def asked(self, process: SimProcess, effect: Ask) -> None:
-        self.bus.ask(process, effect)
-
-    def asked_router(self, process: SimProcess, effect: AskRouter) -> None:
-        self.bus.ask_router(process, effect)
-
-    def replied(self, process: SimProcess, effect: Reply) -> None:
-        self.bus.reply(process.robot, effect)
-
-    def declared(self, process: SimProcess, incarnation: Incarnation) -> None:
-        self.bus.declare(process.robot, incarnation)
-
     def stopped(self, process: SimProcess) -> None:
         plan = process.agent.view.plan if process.agent else None
         stands_by = (
@@ -169,8 +130,7 @@ class World:
             # It has seen the whole team agree. Robots that it could not reach may never learn it.
             now_us = self.clock.now_us
             self.observer.record.over(plan.result, now_us)
-            give_up_us = now_us + GIVE_UP_DETECTIONS * self.timing.detection_us
-            self.clock.at(give_up_us, self.ending.give_up)
+            self.clock.at(now_us + GIVE_UP_DETECTIONS * self.timing.detection_us, self._give_up)
         self.bus.withdraw(process.robot)
         self.inspection.stopped()
 
@@ -180,9 +140,6 @@ class World:
     def completed(self, process: SimProcess) -> None:
         self.robots.completed(process.robot)
         self.failures.completed(process)
-
-    def recorded(self, process: SimProcess, event: Mapping[str, Any]) -> None:
-        self.events.append(dict(event))
 
     def recorder_of(self, process: SimProcess) -> RobotRecorder | None:
         if self.recordings is None or process.agent is None:
@@ -211,19 +168,71 @@ class World:
             self.recordings.observed(self.clock.now_us)
         if self._look_on is not None:
             self._look_on(self.observer, self.clock.now_us)
-        self.ending.look()
+        if self._nothing_left():
+            self.over.set()
 
     def _observe_regularly(self) -> None:
         self._observe()
         self.inspection.sample()
-        if self.inspection.is_settled:
-            self.ending.over.set()
-        else:
-            self.ending.look_whether_stuck(self.clock.now_us)
+        if self.inspection.is_settled or (self.setup.stop_when_stuck and self._is_stuck()):
+            self.over.set()
         self.clock.at(self.clock.now_us + self.timing.heartbeat_us, self._observe_regularly)
+
+    # -- the end ------------------------------------------------------------------------------
+
+    def _time_out(self) -> None:
+        self.timed_out = True
+        self.over.set()
+
+    def _give_up(self) -> None:
+        self.gave_up = True
+        self.over.set()
+
+    def _fail(self, error: Exception) -> None:
+        self.error = error
+        self.over.set()
+
+    def _has_result(self) -> bool:
+        return self.observer.record.result is not None
+
+    def _is_awaiting(self) -> bool:
+        """Whether something is still to come that could help the team."""
+        return bool(self.injector.pending or self.failures.awaited)
+
+    def _nothing_left(self) -> bool:
+        if self.robots.to_launch:
+            return False  # they are still being launched
+        if self._has_result():
+            return not self.living()
+        return not self._is_awaiting() and all(p.is_over for p in self.robots.processes.values())
+
+    def _is_stuck(self) -> bool:
+        """Whether nothing more will happen: for as long as it may take to declare a robot dead,
+        nobody has worked or had anything to do, no deadline ran, and no fact has changed.
+        """
+        now_us, changes = self.clock.now_us, self.observer.facts.changes
+        if self._is_awaiting() or not all(map(_rests, self.living())):
+            changes = -1
+        if changes != self._stuck_since[0]:
+            self._stuck_since = (changes, now_us)
+        patience_us = self.timing.max_detection_us + self.timing.detection_us
+        return changes >= 0 and self._stuck_since[1] + patience_us <= now_us
+
+
+def _rests(process: SimProcess) -> bool:
+    agent = process.agent.view if process.agent else None
+    return not process.runs_by_itself and (
+        agent is None
+        or (
+            not agent.is_joining
+            and agent.plan is not None
+            and not agent.plan.lines
+            and agent.action is None
+            and not agent.waits_for_deadline
+        )
+    )
 
 
 # Makes what checks a world: nothing, or the checkers.
 Inspect: TypeAlias = Callable[[World], Inspection]
-# Is told at which virtual time, in microseconds, the observer has seen what it has.
 LookOn: TypeAlias = Callable[[Observer, int], None]

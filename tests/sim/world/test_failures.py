@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.sim import SimulationResult, simulate
-from mrbt_mesh.sim.world.failures import EVERYBODY, FailureModel, Rate, losable, rate_of
+from mrbt_mesh.sim.world.setup import EVERYBODY, FailureModel, Rate, losable, rate_of
 from tests.support.effort import seeds
 from tests.support.runs import example
 

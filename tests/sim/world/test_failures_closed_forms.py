@@ -27,7 +27,7 @@ from mrbt_mesh.core.bt.tree import Kind, NodeSpec, build_tree
 from mrbt_mesh.core.mission.local_tasks import LocalTask
 from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, Mission, Need, Robot
 from mrbt_mesh.sim import simulate
-from mrbt_mesh.sim.world.failures import FailureModel
+from mrbt_mesh.sim.world.setup import FailureModel
 from tests.support.effort import IS_LONG
 
 RUNS = 400 if IS_LONG else 100

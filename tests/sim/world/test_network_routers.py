@@ -18,7 +18,7 @@ from mrbt_mesh.sim import (
     SimulationResult,
     StartRouter,
 )
-from mrbt_mesh.sim.world.routers import FAILOVER_US, Routers
+from mrbt_mesh.sim.world.network import FAILOVER_US, Routers
 from tests.support.runs import Run, undisturbed
 
 MS = 1_000
