@@ -20,8 +20,8 @@ from mrbt_mesh.runtime.engine_choice import chosen_engine
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.robot_loop import LoopWatchdog
 from mrbt_mesh.runtime.user_code import UserCall, place_of
+from mrbt_mesh.sim.checkers.checkers import Checkers
 from mrbt_mesh.sim.checkers.comparison import PlanComparison
-from mrbt_mesh.sim.checkers.inspection import FullInspection
 from mrbt_mesh.sim.world.clock import VirtualLoop
 from mrbt_mesh.sim.world.faults import EndRouter, Schedule, StartRouter
 from mrbt_mesh.sim.world.network import NetworkKnobs
@@ -131,7 +131,14 @@ def simulate(
         record=record,
         begin=begin,
     )
-    world = _inspected(setup, keep_log, look_on) if inspect else _unseen(setup, look_on)
+    if inspect:
+        # What is checked, each robot must have computed for itself.
+        comparison = PlanComparison(setup.agents.engine)
+        setup = _with_engine(setup, comparison.engine)
+        world = World(setup, lambda world: Checkers(world, comparison, keep_log), look_on)
+    else:
+        setup = _with_engine(setup, shared_engine(setup.header, setup.agents.engine))
+        world = World(setup, lambda _: Inspection(), look_on)
     _run(world)
     return _result(world)
 
@@ -166,18 +173,6 @@ def run_scenario(
         record=record,
         look_on=look_on,
     )
-
-
-def _inspected(setup: Setup, keep_log: bool, look_on: LookOn | None) -> World:
-    """What is checked, each robot must have computed for itself."""
-    comparison = PlanComparison(setup.agents.engine)
-    checked = _with_engine(setup, comparison.engine)
-    return World(checked, lambda world: FullInspection(world, comparison, keep_log), look_on)
-
-
-def _unseen(setup: Setup, look_on: LookOn | None) -> World:
-    shared = _with_engine(setup, shared_engine(setup.header, setup.agents.engine))
-    return World(shared, lambda world: Inspection(), look_on)
 
 
 def _with_engine(setup: Setup, engine: Engine) -> Setup:

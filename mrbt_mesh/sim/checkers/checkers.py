@@ -1,8 +1,7 @@
-"""All checkers of a run, each told what concerns it."""
+"""All checkers of a run, each called with what concerns it."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 
 from mrbt_mesh.core.agent.effects import CancelAction, Effect, Log, StartAction, Stop
@@ -10,22 +9,33 @@ from mrbt_mesh.core.agent.inputs import Input
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.sim.checkers.comparison import PlanComparison
 from mrbt_mesh.sim.checkers.exclusive import Exclusive
 from mrbt_mesh.sim.checkers.facts import Convergence, GarbageChangesNothing, NothingUndone
-from mrbt_mesh.sim.checkers.findings import RunFindings, View, components, joined
+from mrbt_mesh.sim.checkers.findings import RunFindings, components, joined
 from mrbt_mesh.sim.checkers.plans import BidsFirst, OptimalAssignment, SamePlan
 from mrbt_mesh.sim.checkers.renewals import Renewals
 from mrbt_mesh.sim.checkers.restarts import Resumption
 from mrbt_mesh.sim.checkers.work import Progress, WorkWithinBounds
-from mrbt_mesh.sim.world.process import SimProcess
+from mrbt_mesh.sim.world.effect_log import EffectLog
+from mrbt_mesh.sim.world.faults import Block, Fault, Unblock, fault_text
+from mrbt_mesh.sim.world.journal import Changes
+from mrbt_mesh.sim.world.process import Inspection, SimProcess
+from mrbt_mesh.sim.world.world import World
 
 
-class Checkers:
-    """Tells each checker what happens, at the moments that could break its invariant."""
+class Checkers(Inspection):
+    """Calls each checker at the moments that could break its invariant, and logs every effect."""
 
-    def __init__(self, world: View) -> None:
+    watches_steps = True
+
+    def __init__(
+        self, world: World, comparison: PlanComparison | None = None, keep_log: bool = False
+    ) -> None:
         self.world = world
         self.findings = RunFindings(world)
+        self.violations = self.findings.violations
+        self.checks = self.findings.checks
         self.i1 = SamePlan(self.findings)
         self.i2 = Convergence(self.findings)
         self.i3 = NothingUndone(self.findings)
@@ -37,28 +47,67 @@ class Checkers:
         self.bids = BidsFirst(self.findings)
         self.i8 = GarbageChangesNothing(self.findings)
         self.i9 = Resumption(self.findings)
+        self._log = EffectLog(keep_log)
+        self.effect_log = self._log.lines
+        if comparison is not None:
+            comparison.findings = self.findings
         self._sampled: list[tuple[str, int, int]] = []
         self._claim: Claim | None = None
         self._running: Claim | None = None
         self._life: Incarnation | None = None
 
     @property
-    def violations(self) -> list[str]:
-        return self.findings.violations
+    def effect_log_digest(self) -> str:
+        return self._log.digest
 
     @property
-    def checks(self) -> Counter[str]:
-        return self.findings.checks
+    def is_settled(self) -> bool:
+        return self.i6.is_settled
+
+    @property
+    def done_twice(self) -> int:
+        return self.i6.done_twice
+
+    @property
+    def exclusive_done_twice(self) -> int:
+        return self.i5.done_twice
+
+    def lost_journal(self, robot: str) -> None:
+        self.i9.lost_journal(robot)
 
     def booted(self, process: SimProcess) -> None:
-        """A process has read its journal and has an agent."""
         assert process.agent is not None
         self.i9.booted(process, process.agent.view)
 
+    def synced(self, process: SimProcess, changes: Changes) -> None:
+        self.i5.synced(process, changes)
+        self.i9.synced(process, changes)
+
+    def logged(self, robot: str, effect: Effect) -> None:
+        self._log.write(self.world.clock.now_us, robot, effect)
+
+    def published_facts(self) -> None:
+        self.findings.changed_us = self.world.clock.now_us
+
+    def fault_comes(self, fault: Fault) -> None:
+        self.findings.fault_came(fault.links if isinstance(fault, Block | Unblock) else None)
+        self._log.note(self.world.clock.now_us, "-", f'{{"fault":"{fault_text(fault)}"}}')
+
+    def stopped(self) -> None:
+        self.findings.fault_came()  # the others have to notice
+
+    def garbage(self, process: SimProcess, event: Input) -> None:
+        self.i8.arrives(process, event)
+
+    def never_stopped(self) -> None:
+        self.i6.never_stopped()
+
+    def timed_out(self) -> None:
+        self.i6.timed_out()
+
     def handling(self, process: SimProcess, event: Input) -> None:
-        """Before a step of an agent."""
-        agent = process.agent.view if process.agent is not None else None
-        assert agent is not None
+        assert process.agent is not None
+        agent = process.agent.view
         self.i5.handling(process, agent, event)
         self.i6.finishing(agent, event)
         self._claim = agent.claim
@@ -66,9 +115,10 @@ class Checkers:
         self._life = agent.incarnation
 
     def handled(self, process: SimProcess, event: Input, effects: Sequence[Effect]) -> None:
-        """After every step of an agent."""
-        agent = process.agent.view if process.agent is not None else None
-        assert agent is not None
+        assert process.agent is not None
+        agent = process.agent.view
+        for effect in effects:
+            self.logged(process.robot, effect)
         for effect in effects:
             fenced = agent.incarnation != self._life
             if isinstance(effect, CancelAction) and self._running is not None and not fenced:
@@ -93,7 +143,7 @@ class Checkers:
         self.renewals.check(process, agent)
 
     def sample(self) -> None:
-        """Now and then: what can only be seen of the team as a whole."""
+        """Check what can only be seen of the team as a whole."""
         agents = joined(self.world)
         versions = [(a.robot, *a.version) for a in agents]
         if versions != self._sampled:

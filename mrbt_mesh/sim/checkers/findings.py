@@ -1,48 +1,20 @@
-"""What all checkers share: their view of the world, and where they note what they find."""
+"""What all checkers share: where they note what they find, and how long things may take."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from typing import Protocol
 
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.facts.coalitions import majority
-from mrbt_mesh.core.membership.timing import Timing
-from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.core.planning.steps import PlanningSteps
-from mrbt_mesh.sim.world.clock import VirtualClock
-from mrbt_mesh.sim.world.network import Link, Network
-from mrbt_mesh.sim.world.process import SimProcess
+from mrbt_mesh.sim.world.network import Link
+from mrbt_mesh.sim.world.world import World
 
 MAX_VIOLATIONS = 50
-
-
-class View(Protocol):
-    """What the checkers see of a world."""
-
-    @property
-    def clock(self) -> VirtualClock: ...
-    @property
-    def network(self) -> Network: ...
-    @property
-    def mission(self) -> Mission: ...
-    @property
-    def timing(self) -> Timing: ...
-    @property
-    def plan_delay_us(self) -> int: ...
-    @property
-    def solver(self) -> Solver: ...
-    @property
-    def speed(self) -> float: ...
-    @property
-    def cut_off(self) -> bool: ...
-    @property
-    def healed_us(self) -> int | None: ...
-    def living(self) -> list[SimProcess]: ...
 
 
 class RunFindings:
@@ -55,7 +27,7 @@ class RunFindings:
     was never checked means nothing.
     """
 
-    def __init__(self, world: View) -> None:
+    def __init__(self, world: World) -> None:
         self.world = world
         self.changed_us = 0
         self.fault_us = 0
@@ -126,7 +98,7 @@ def current_plan(agent: AgentView, solver: Solver) -> Plan:
     )
 
 
-def joined(world: View) -> list[AgentView]:
+def joined(world: World) -> list[AgentView]:
     """The agents of living processes that have taken their place in the team."""
     return [
         p.agent.view for p in world.living() if p.agent is not None and not p.agent.view.is_joining

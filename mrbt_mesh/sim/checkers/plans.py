@@ -14,8 +14,8 @@ from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.facts.team_facts import capability
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.steps import PlanningSteps
+from mrbt_mesh.sim.checkers.barriers import lacked
 from mrbt_mesh.sim.checkers.findings import RunFindings, current_plan
-from mrbt_mesh.sim.checkers.per_robot_conditions import lacked
 
 MAX_CHOICES = 2_000
 

@@ -29,9 +29,9 @@ from mrbt_mesh.core.planning.capabilities import capabilities_of, workers
 from mrbt_mesh.core.planning.demands import demands_of
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.core.planning.side_constraints import feasibility
+from mrbt_mesh.sim.checkers.barriers import lacked
 from mrbt_mesh.sim.checkers.findings import RunFindings, current_plan, is_connected, joined
 from mrbt_mesh.sim.checkers.finishing import can_finish
-from mrbt_mesh.sim.checkers.per_robot_conditions import lacked
 from mrbt_mesh.sim.world.process import SimProcess
 
 _OVER = (Status.SUCCESS, Status.FAILURE)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mrbt_mesh.sim.checkers.per_robot_conditions import lacked
+from mrbt_mesh.sim.checkers.barriers import lacked
 from tests.support.build import World, action, condition, fallback, sequence
 from tests.support.per_robot_conditions import per_robot_mission
 
