@@ -11,14 +11,14 @@ import pytest
 from mrbt_mesh.recording.channels import BEATS
 from mrbt_mesh.recording.folder import observer_file, robot_file, robot_files
 from mrbt_mesh.recording.packing import unpack_fact
+from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import Recording, read_recording
+from mrbt_mesh.recording.recorded_state import state_text, team_state
 from mrbt_mesh.runtime.journal import read_journals
 from mrbt_mesh.runtime.recording import RecordTo
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.team import address_of
 from mrbt_mesh.runtime.watcher import watching
-from mrbt_mesh.views.replay.player import Player
-from mrbt_mesh.views.replay.recorded_state import state_text, team_state
 from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]

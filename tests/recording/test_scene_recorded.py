@@ -12,10 +12,10 @@ from mcap.reader import NonSeekingReader
 from mrbt_mesh.core.membership.wire import Position
 from mrbt_mesh.recording.channels import CHANNELS, MAP, POSITIONS, SCENE
 from mrbt_mesh.recording.folder import observer_file, robot_file
+from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.sim import Kill, SimulationResult
 from mrbt_mesh.views.model.team_view import TeamView
-from mrbt_mesh.views.replay.player import Player
 from mrbt_mesh.views.replay.verify import verify
 from tests.support.recorded import read_all, record_example
 

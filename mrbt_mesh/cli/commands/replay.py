@@ -36,8 +36,8 @@ def replay(
     """
     from mrbt_mesh.cli.framework.terminal import console, print_json
     from mrbt_mesh.cli.recordings.replaying import show_lines, show_live, state_data
+    from mrbt_mesh.recording.player import Player
     from mrbt_mesh.recording.reader import read_recording
-    from mrbt_mesh.views.replay.player import Player
 
     if not web:
         given.refuse(("--port", "--host"), "of the page: give --web as well")

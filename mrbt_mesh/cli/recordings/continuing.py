@@ -13,11 +13,11 @@ from mrbt_mesh.cli.virtual.named_faults import read_faults
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim.run import SimulationError
 from mrbt_mesh.sim.world.named_faults import NamedFault
-from mrbt_mesh.views.replay.player import Player
 from mrbt_mesh.views.replay.what_if import ASSUMED, Continuation, what_if
 
 

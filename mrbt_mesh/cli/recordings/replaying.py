@@ -15,11 +15,11 @@ from rich.live import Live
 from rich.text import Text
 
 from mrbt_mesh.cli.framework.terminal import console
-from mrbt_mesh.cli.views.live_view import LiveNotes, LiveView
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.recording.player import Player
 from mrbt_mesh.views.replay.playback import Playback
-from mrbt_mesh.views.replay.player import Player
+from mrbt_mesh.views.terminal.live import LiveNotes, LiveView
 
 FRAME_S = 0.05
 STEP_US = 5 * SECOND_US

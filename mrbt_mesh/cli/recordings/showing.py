@@ -7,7 +7,7 @@ import anyio
 from mrbt_mesh.cli.framework.exits import SUCCESS
 from mrbt_mesh.cli.recordings.replaying import time_of
 from mrbt_mesh.cli.team.page import say_addresses, until_stopped
-from mrbt_mesh.views.replay.player import Player
+from mrbt_mesh.recording.player import Player
 from mrbt_mesh.views.replay.shown_recording import ShownRecording
 from mrbt_mesh.views.web.projector import show_recording
 from mrbt_mesh.views.web.server import PageOptions

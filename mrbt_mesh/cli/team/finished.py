@@ -37,9 +37,9 @@ def _summary(run_dir: RunDir) -> dict[str, Any]:
     from mrbt_mesh.formats.mission_file import load_mission
     from mrbt_mesh.runtime.engine_choice import chosen_engine
     from mrbt_mesh.runtime.fencing import boottime_us
+    from mrbt_mesh.runtime.past import tell_past
     from mrbt_mesh.runtime.team import Team
     from mrbt_mesh.runtime.team_address import timing_of
-    from mrbt_mesh.views.replay.past import tell_past
 
     info, mission = run_dir.info(), load_mission(run_dir.mission_path)
     timing = timing_of(info.beat_s, info.detection_s, mission)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.runtime.past import tell_past
 from mrbt_mesh.runtime.team import Team
-from mrbt_mesh.views.replay.past import tell_past
 
 
 def past_of(team: Team | None) -> Callable[[Observer], None] | None:

@@ -18,7 +18,6 @@ from mrbt_mesh.cli.framework.terminal import console, errors
 from mrbt_mesh.cli.team.finished import tell_summary
 from mrbt_mesh.cli.team.sharing import Share, shares_nothing
 from mrbt_mesh.cli.team.show_options import ShowOptions
-from mrbt_mesh.cli.views.live_view import LiveNotes, LiveView
 from mrbt_mesh.cli.views.overload_view import overload_line
 from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.runtime.capacity import Overload
@@ -28,6 +27,7 @@ from mrbt_mesh.runtime.run_dir import RunDirError
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.runtime.watcher import Watcher, watching
+from mrbt_mesh.views.terminal.live import LiveNotes, LiveView
 
 if TYPE_CHECKING:
     from mrbt_mesh.views.web.feed import Feed

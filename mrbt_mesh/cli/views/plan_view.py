@@ -11,8 +11,7 @@ from rich.text import Text
 
 from mrbt_mesh.cli.views.tree_view import render_tree
 from mrbt_mesh.core.mission.mission import MICRO, Mission
-from mrbt_mesh.core.planning.plan import Bidding, Line, Plan
-from mrbt_mesh.views.model.why import line_reason, plan_bids
+from mrbt_mesh.core.planning.plan import Bidding, Line, Plan, line_reason, plan_bids
 
 
 def render_plan(mission: Mission, plan: Plan) -> RenderableType:

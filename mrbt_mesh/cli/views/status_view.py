@@ -10,7 +10,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from mrbt_mesh.cli.views.live_view import STATE_STYLES
+from mrbt_mesh.cli.views.marks import STATE_MARKS
 from mrbt_mesh.cli.views.plan_view import render_bounds
 from mrbt_mesh.cli.views.summary_view import (
     MOST_FAILURES,
@@ -18,7 +18,6 @@ from mrbt_mesh.cli.views.summary_view import (
     failure_line,
     problem_line,
 )
-from mrbt_mesh.core.membership.peer import State
 
 # So many reasons of refusals are named for each robot; `--json` has all.
 MOST_REASONS = 5
@@ -88,7 +87,7 @@ def _robots(robots: Mapping[str, Any]) -> Table:
             row["type"] or "",
             row["host"] or "",
             str(row["pid"] or ""),
-            Text(row["state"], style=STATE_STYLES[State(row["state"])]),
+            Text(row["state"], style=STATE_MARKS[row["state"]][1]),
             row["local_task"] or Text("nothing", style="dim"),
             capability_changes(row),
         )

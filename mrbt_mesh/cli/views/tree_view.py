@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from rich.text import Text
 from rich.tree import Tree as RichTree
 
+from mrbt_mesh.cli.views.marks import MARKS
 from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.tree import LEAVES, Kind, Node, Status, Tree
-from mrbt_mesh.views.terminal.marks import MARKS
 
 
 def mark(status: Status, text: str = "") -> Text:

@@ -327,3 +327,18 @@ class Plan:
             "pending_verdicts": [verdict.activation for verdict in self.pending_verdicts],
             "pending_losses": [loss.condition for loss in self.pending_losses],
         }
+
+
+def line_reason(line: Line, bids: Mapping[tuple[str, str], Mapping[str, int | None]]) -> str:
+    """Why a robot has this line, for people; `bids` as `plan_bids` has them."""
+    why = "goes on with what it runs" if line.pinned else "part of the best assignment"
+    place = (line.activation, line.local_task)
+    number = f"{line.performance / MICRO:g}"
+    if place not in bids:
+        return f"{why} (performance {number})"
+    return why + (" (no bid)" if bids[place].get(line.robot) is None else f" (bid {number})")
+
+
+def plan_bids(plan: Plan) -> dict[tuple[str, str], Mapping[str, int | None]]:
+    """(activation, local task) -> robot -> its bid, or None."""
+    return {(b.activation, b.local_task): b.bids for b in plan.biddings}

@@ -4,7 +4,6 @@ and who else could have done it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,7 +16,7 @@ from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.observer.episodes import MajorFault
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.task_log import TaskState
-from mrbt_mesh.core.planning.plan import Line, Plan, shortened
+from mrbt_mesh.core.planning.plan import line_reason, plan_bids, shortened
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,21 +39,6 @@ class Candidate:
             "chosen": self.is_chosen,
             "reason": self.reason,
         }
-
-
-def line_reason(line: Line, bids: Mapping[tuple[str, str], Mapping[str, int | None]]) -> str:
-    """Why a robot has this line; `bids`: (activation, local task) -> robot -> bid."""
-    why = "goes on with what it runs" if line.pinned else "part of the best assignment"
-    place = (line.activation, line.local_task)
-    number = f"{line.performance / MICRO:g}"
-    if place not in bids:
-        return f"{why} (performance {number})"
-    return why + (" (no bid)" if bids[place].get(line.robot) is None else f" (bid {number})")
-
-
-def plan_bids(plan: Plan) -> dict[tuple[str, str], Mapping[str, int | None]]:
-    """The bids of a plan, by activation and local task."""
-    return {(b.activation, b.local_task): b.bids for b in plan.biddings}
 
 
 def candidates(observer: Observer, activation: str, local_task: str) -> list[Candidate]:

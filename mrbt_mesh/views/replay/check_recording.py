@@ -10,10 +10,10 @@ from mrbt_mesh.core.membership.authorship import AuthorshipCheck
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.packing import pack_alive, pack_nodes, pack_plan, same
 from mrbt_mesh.recording.reader import RecordedMessage, Recording
+from mrbt_mesh.recording.recorded_state import NothingNewError
 from mrbt_mesh.views.replay.check_work import WorkCheck
 from mrbt_mesh.views.replay.checked_state import CheckedState
 from mrbt_mesh.views.replay.plan_again import PlanAgain
-from mrbt_mesh.views.replay.recorded_state import NothingNewError
 
 
 class RecordingCheck(CheckedState):

@@ -8,8 +8,8 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.recording.reader import RecordedMessage, Recording
+from mrbt_mesh.recording.recorded_state import RecordedState
 from mrbt_mesh.views.replay.findings import ProvedTakeover, RecordingFinding
-from mrbt_mesh.views.replay.recorded_state import RecordedState
 
 
 class CheckedState:

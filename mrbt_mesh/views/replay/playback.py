@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mrbt_mesh.core.membership.timing import SECOND_US
-from mrbt_mesh.views.replay.player import Player
+from mrbt_mesh.recording.player import Player
 
 SLOWEST, FASTEST = 0.01, 1000.0
 

@@ -6,11 +6,11 @@ from typing import Any
 
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.recording.player import Player
 from mrbt_mesh.views.model.changes import ChangeLog
 from mrbt_mesh.views.model.team_view import TakeoversView, TeamState
 from mrbt_mesh.views.model.timeline import TimelineView
 from mrbt_mesh.views.replay.playback import Playback
-from mrbt_mesh.views.replay.player import Player
 
 
 class ShownRecording:

@@ -12,12 +12,12 @@ from mrbt_mesh.core.facts.records import Claim, NoClaim, Phase
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts, changed_performances
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import Recording, RecordingError
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim.run import SimulationResult, simulate
 from mrbt_mesh.sim.world.faults import ChangePerformance, Fault, Lose
 from mrbt_mesh.sim.world.setup import Beginning
-from mrbt_mesh.views.replay.player import Player
 
 # In the simulator the team joins first; then it is as late as in the recording.
 JOIN_US = 300_000

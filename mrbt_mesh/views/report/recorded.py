@@ -7,8 +7,8 @@ from typing import Any
 
 from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.core.observer.work_log import WorkEnd, WorkSpan
+from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import Recording
-from mrbt_mesh.views.replay.player import Player
 from mrbt_mesh.views.report.history import History
 from mrbt_mesh.views.report.model import (
     ReportedFault,

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from rich.text import Text
 
-from mrbt_mesh.views.terminal.marks import END_MARKS
+from mrbt_mesh.cli.views.marks import END_MARKS
 from mrbt_mesh.views.terminal.past import Item, Past
 
 # So many seconds are shown as long as nobody zooms.

@@ -12,10 +12,10 @@ from textual.binding import Binding, BindingType
 from textual.containers import Vertical, VerticalScroll
 from textual.widgets import Static
 
+from mrbt_mesh.cli.views.marks import MARKS
 from mrbt_mesh.core.bt.tree import Kind, Status
 from mrbt_mesh.views.model.why import why_robot, why_task
 from mrbt_mesh.views.terminal.lanes import LEAST_S, Window, axis, lane, latest_fault
-from mrbt_mesh.views.terminal.marks import MARKS
 from mrbt_mesh.views.terminal.robot_rows import (
     capabilities_text,
     problems_text,

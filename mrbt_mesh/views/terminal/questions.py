@@ -12,8 +12,8 @@ from textual.events import Key
 from textual.screen import ModalScreen
 from textual.widgets import Static
 
+from mrbt_mesh.cli.views.marks import MARKS, STATE_MARKS
 from mrbt_mesh.views.terminal.lanes import LEGEND
-from mrbt_mesh.views.terminal.marks import MARKS, STATE_MARKS
 
 KEYS = (
     ("Tab, Shift+Tab", "next pane, the one before"),

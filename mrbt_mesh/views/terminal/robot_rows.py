@@ -6,10 +6,10 @@ from typing import Any
 
 from rich.text import Text
 
+from mrbt_mesh.cli.views.marks import MARKS, STATE_MARKS
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.values import texts_by_reason
 from mrbt_mesh.core.mission.names import type_name
-from mrbt_mesh.views.terminal.marks import MARKS, STATE_MARKS
 
 BAR_COLUMNS = 8
 TREES = ("T_i", "T_A", "T_G", "T_Li")

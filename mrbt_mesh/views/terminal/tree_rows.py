@@ -7,8 +7,8 @@ from typing import Any
 
 from rich.text import Text
 
+from mrbt_mesh.cli.views.marks import MARKS
 from mrbt_mesh.core.bt.tree import Kind, Status
-from mrbt_mesh.views.terminal.marks import MARKS
 
 # Larger trees begin with what does not run folded.
 LARGE = 30

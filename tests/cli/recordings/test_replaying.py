@@ -8,8 +8,8 @@ import pytest
 
 from mrbt_mesh.cli.recordings.replaying import DOWN, LEFT, RIGHT, UP, Playing
 from mrbt_mesh.recording.folder import observer_file
+from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import read_recording
-from mrbt_mesh.views.replay.player import Player
 from tests.support.recorded import record_example
 
 

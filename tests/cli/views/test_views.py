@@ -1,4 +1,4 @@
-"""What people see: the live view, plans and summaries, drawn from simulated runs."""
+"""What people see: status and summaries, drawn from simulated runs."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import pytest
 from rich.console import Console, RenderableType
 
 from mrbt_mesh.cli.team.status import status_data
-from mrbt_mesh.cli.views.live_view import LiveNotes, LiveView
-from mrbt_mesh.cli.views.overload_view import overload_line, overload_text
+from mrbt_mesh.cli.views.overload_view import overload_text
 from mrbt_mesh.cli.views.status_view import render_status
 from mrbt_mesh.cli.views.summary_view import capability_changes, render_summary
 from mrbt_mesh.formats.mission_file import load_mission
@@ -42,38 +41,8 @@ def drawn(view: RenderableType, height: int = 40, width: int = 140) -> str:
     return captured.get()
 
 
-def live(result: SimulationResult, until_s: float, height: int = 40, width: int = 140) -> str:
-    frame = LiveView().render(result.observer, round(until_s * SECOND), (width, height))
-    return drawn(frame, height, width)
-
-
 def line_of(text: str, part: str) -> str:
     return next(line for line in text.splitlines() if part in line)
-
-
-def test_the_live_view_shows_tree_robots_and_what_happened() -> None:
-    text = live(run(8.0), 8.0)
-    assert "vehicle_repair" in text
-    assert "all agree" in text
-    assert "✔ remove_cover" in text
-    assert "▶ diagnose (Parallel 5/5)" in text
-    assert "do_diagnosis(3)" in line_of(text, "B1 B")
-    assert "alive" in line_of(text, "C1 C")
-    assert "· fix (Parallel 5/5)" in text, "what does not run is folded"
-    assert "solder" not in text
-    assert "move_frame done" in text
-
-
-def test_the_live_view_shows_a_warning_as_long_as_it_runs() -> None:
-    found = overload(90, 0.2, 1.0, Machine(2, 24_000))
-    assert found is not None
-    result = run(8.0)
-    notes = LiveNotes(overload_line(found), "http://127.0.0.1:8000/")
-    lines = drawn(LiveView().render(result.observer, 8 * SECOND, (140, 40), notes)).splitlines()
-    assert "vehicle_repair" in lines[0]
-    assert "page: http://127.0.0.1:8000/" in lines[1]
-    assert "90 robots are more than this machine carries" in lines[2]
-    assert "robots are more" not in live(result, 8.0)
 
 
 @pytest.mark.parametrize(("cores", "memory_mb"), [(2, 24_000), (64, 1_000)])
@@ -88,56 +57,6 @@ def test_the_warning_names_figures_and_remedies_that_hold(cores: int, memory_mb:
     assert ("--beat" in text) == (found.limit == "processor")
 
 
-def test_the_live_view_shows_faults_and_what_is_blocked() -> None:
-    kill, lose = (1 * SECOND, Kill("C1")), (2 * SECOND, Lose("B1", "do_diagnosis"))
-    text = live(run(8.0, kill, lose), 8.0)
-    assert "dead" in line_of(text, "C1 C")
-    assert "lost do_diagnosis: injected" in line_of(text, "B1 B")
-    assert "remove_cover blocked: move_frame needs 2, 1 alive" in text
-    assert "C1 is dead" in text
-
-
-def test_the_live_view_fits_a_small_terminal() -> None:
-    text = live(run(8.0), 8.0, height=24)
-    assert len(text.splitlines()) <= 24
-    assert "B2 B" in text
-
-
-def test_the_live_view_has_a_timeline_with_faults() -> None:
-    text = live(run(13.0, (7 * SECOND, Kill("A1"))), 13.0)
-    title = next(i for i, line in enumerate(text.splitlines()) if "─ timeline" in line)
-    assert "✖ A1 at 7.0 s: known +" in text.splitlines()[title]
-    lanes = {line.split("│ ")[-1][:2]: line for line in text.splitlines()[title + 1 :][:6]}
-    assert list(lanes) == ["A1", "A2", "B1", "B2", "C1", "C2"]
-    assert "━✖···" in lanes["A1"]
-    assert "┣move_f" in lanes["C1"]
-    assert "╵10 s" in text
-
-
-@pytest.mark.parametrize(("width", "height"), [(80, 24), (120, 40), (200, 70)])
-def test_the_live_view_uses_the_window(width: int, height: int) -> None:
-    text = live(run(13.0, (7 * SECOND, Kill("A1"))), 13.0, height, width)
-    lines = text.splitlines()
-    assert len(lines) == height
-    assert {len(line) for line in lines} == {width}
-    assert lines[-1].startswith("╰")
-    assert all(f" {robot}" in text for robot in ("A1", "A2", "B1", "B2", "C1", "C2"))
-    assert "more" not in text
-
-
-def test_robots_that_do_not_fit_are_counted() -> None:
-    text = live(run(8.0), 8.0, height=18)
-    assert len(text.splitlines()) == 18
-    assert "… 4 more" in text
-
-
-def test_a_subtree_is_shown_with_its_own_name_and_its_childs_children() -> None:
-    text = live(run(13.0), 13.0)
-    below = text.splitlines()[text.splitlines().index(line_of(text, "fix_part(2)")) + 1]
-    assert "Inverter" in below
-    assert "✔ fix_part(1)" in text
-
-
 def test_the_summary_tells_the_story_of_a_takeover() -> None:
     result = run(60.0, (7 * SECOND, Kill("A1")))
     assert result.result == "success"
@@ -148,14 +67,12 @@ def test_the_summary_tells_the_story_of_a_takeover() -> None:
     assert "dead" in line_of(text, "A1     A")
 
 
-def test_bids_are_in_the_live_view_and_in_the_summary() -> None:
+def test_bids_are_in_the_summary() -> None:
     mission = load_mission(REPAIR.parents[1] / "couriers" / "mission.yaml")
     program = load_program(mission.program or "")
     result = simulate(mission, program, seed=1)
     summary = drawn(render_summary(result.summary))
     assert "K4 -5.12, K1 -7.41, K2 -13, K3 -13.62" in line_of(summary, "deliver(bread)  ")
-    begun = simulate(mission, program, seed=1, timeout_us=SECOND)
-    assert "K4: bids -2.8 for deliver(keys)" in live(begun, 1)
 
 
 def test_the_status_shows_the_bounds_of_what_is_requested() -> None:
@@ -193,7 +110,6 @@ def test_the_summary_and_the_status_tell_why_something_failed() -> None:
     assert "5 earlier failures" in text
     assert text.count("no tools") == 20
     assert "and 5 other failures" in drawn(render_summary({**result.summary, "failures": many}))
-    assert "no tools in storage 1" in live(result, 20.0)
 
 
 def test_the_status_shows_how_often_and_why_messages_are_refused() -> None:
@@ -214,18 +130,14 @@ def test_the_status_shows_how_often_and_why_messages_are_refused() -> None:
 def test_a_team_that_stands_by_shows_its_rounds() -> None:
     path = REPAIR.with_name("standing_by.yaml")
     calm, at_work, again = (run(until_s, path=path) for until_s in (3.0, 12.0, 33.0))
-    assert "stands by, rounds: 0" in live(calm, 3.0).splitlines()[0]
     assert "stood by: there was nothing to do" in drawn(render_summary(calm.summary))
-    assert "running  round 1" in live(at_work, 12.0).splitlines()[0]
     assert "mission not finished in time" in drawn(render_summary(at_work.summary))
-    assert "running  round 2" in live(again, 33.0).splitlines()[0]
     summary = drawn(render_summary(again.summary))
     assert "✔ stood by: 1 round, the last one succeeded; one is on its way" in summary
     assert line_of(summary, "4.19 s").split() == (
         ["1", "4.19", "s", "24.04", "s", "success", "A1,", "A2,", "B1,", "B2,", "C1,", "C2"]
     )
     assert "running" in line_of(summary, "30.09 s")
-    assert "round 1: success after 24.0 s" in live(again, 33.0)
 
 
 def test_what_a_robot_does_worse_stands_beside_what_it_has_lost() -> None:

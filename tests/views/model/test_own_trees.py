@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.views.model.own_trees import own_trees
+from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.recording.folder import observer_file, robot_file
+from mrbt_mesh.recording.player import Player
+from mrbt_mesh.recording.reader import read_recording
+from mrbt_mesh.runtime.program_loader import load_program
+from mrbt_mesh.sim import simulate
+from mrbt_mesh.views.model.own_trees import RunningTree, own_trees, running_tree
+from tests.support.paths import EXAMPLES
 from tests.support.runs import run_example
 from tests.support.watched import ALONE, watched
 
@@ -67,3 +76,28 @@ def test_a_tree_that_the_robots_program_runs_is_seen_inside() -> None:
 def test_a_robot_that_is_not_known() -> None:
     with pytest.raises(KeyError):
         own_trees(observed(), "Z")
+
+
+def running_trees(path: Path, robot: str) -> list[RunningTree]:
+    """What a recording shows, one after the other, of the trees that a robot runs."""
+    player, seen = Player(read_recording(path)), [RunningTree("", b"")]
+    for record in player.recording.records:
+        player.seek(record.at_us)
+        running = running_tree(player.observer, robot)
+        if running.statuses != seen[-1].statuses:
+            seen.append(running)
+    return seen
+
+
+def test_the_trees_that_robots_run(tmp_path: Path) -> None:
+    mission = load_mission(EXAMPLES / "inspection" / "mission.yaml")
+    program = load_program(mission.program or "")
+    result = simulate(mission, program, seed=3, record=tmp_path, timeout_us=60_000_000)
+    assert result.summary["result"] == "success"
+    for robot in result.summary["robots"]:
+        own = running_trees(robot_file(tmp_path, robot), robot)
+        watched = running_trees(observer_file(tmp_path), robot)
+        # Whoever watches hears a tree with the next heartbeat, and sees nothing that was not.
+        assert set(watched) <= set(own)
+        assert len(watched) > 3
+        assert own[-1].statuses == watched[-1].statuses == b"", "none runs after its local task"

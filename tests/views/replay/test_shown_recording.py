@@ -10,10 +10,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mrbt_mesh.recording.folder import observer_file, robot_file
+from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import Recording, read_recording
 from mrbt_mesh.sim import Kill
 from mrbt_mesh.views.model.team_view import TeamView
-from mrbt_mesh.views.replay.player import Player
 from mrbt_mesh.views.replay.shown_recording import ShownRecording
 from tests.support.recorded import record_example
 

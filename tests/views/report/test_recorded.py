@@ -10,9 +10,9 @@ import pytest
 
 from mrbt_mesh.drills.physical import spans
 from mrbt_mesh.recording.folder import observer_file, robot_file
+from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.sim import Kill, Restart, Schedule, SimulationResult
-from mrbt_mesh.views.replay.player import Player
 from mrbt_mesh.views.report.model import ReportedWork, RunReport, RunsReport, WaitKind
 from mrbt_mesh.views.report.page import report_html
 from mrbt_mesh.views.report.recorded import TIMES_UNKNOWN, report_recording, without

@@ -10,8 +10,8 @@ import pytest
 from starlette.testclient import TestClient
 
 from mrbt_mesh.recording.folder import observer_file
+from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import Recording, read_recording
-from mrbt_mesh.views.replay.player import Player
 from mrbt_mesh.views.replay.shown_recording import ShownRecording
 from mrbt_mesh.views.web.app import Page
 from mrbt_mesh.views.web.projector import RecordingProjector, show_recording

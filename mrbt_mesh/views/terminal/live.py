@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 from rich.tree import Tree as RichTree
 
+from mrbt_mesh.cli.views.marks import MARKS, STATE_MARKS
 from mrbt_mesh.cli.views.summary_view import capability_changes
 from mrbt_mesh.cli.views.tree_view import render_tree
 from mrbt_mesh.core.bt.tree import Status
@@ -21,16 +22,7 @@ from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.views.terminal.lanes import Window, axis, lane, latest_fault
-from mrbt_mesh.views.terminal.marks import MARKS
 from mrbt_mesh.views.terminal.past import Past, RecordedPast
-
-STATE_STYLES = {
-    State.ALIVE: "green",
-    State.SUSPECT: "yellow",
-    State.DEAD: "bold red",
-    State.LEFT: "dim",
-}
-
 
 # Columns of robots and timeline, at least; from how many on the robots' trees have room.
 LEAST_RIGHT = 44
@@ -218,7 +210,7 @@ def _robots(observer: Observer, robots: list[str], more: int, width: int) -> Tab
         statuses = _statuses(beat.statuses if beat and present else ())
         table.add_row(
             Text.assemble((robot, "bold"), (kind, "dim")),
-            Text(str(state), style=STATE_STYLES[state]),
+            Text(str(state), style=STATE_MARKS[str(state)][1]),
             *([statuses] if is_wide else []),
             work,
             bar,

@@ -22,7 +22,7 @@ from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.packing import read_incarnation
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError
-from mrbt_mesh.views.replay.recorded_state import RecordedState
+from mrbt_mesh.recording.recorded_state import RecordedState
 
 _NO_DIGEST = bytes(8)
 

@@ -13,12 +13,12 @@ import pytest
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.recording.folder import observer_file, robot_file
+from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.past import tell_past
 from mrbt_mesh.sim import Kill
 from mrbt_mesh.views.model.team_view import TeamView
-from mrbt_mesh.views.replay.past import tell_past
-from mrbt_mesh.views.replay.player import Player
 from tests.support.recorded import record_example
 
 KILLED_US = 12_500_000

@@ -7,19 +7,16 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from rich.console import Console
 
-from mrbt_mesh.cli.views.live_view import LiveNotes, LiveView
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.recording.folder import observer_file, robot_file
+from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import Recording, RecordingError, parse_recording, read_recording
+from mrbt_mesh.recording.recorded_state import state_text
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import Kill, Restart, Schedule, SimulationResult, simulate
-from mrbt_mesh.views.model.own_trees import RunningTree, running_tree
-from mrbt_mesh.views.replay.player import Player
-from mrbt_mesh.views.replay.recorded_state import state_text
 from tests.support.paths import EXAMPLES
 from tests.support.recorded import record_example
 
@@ -97,42 +94,6 @@ def test_a_team_that_is_dead_to_the_last_robot_is_blocked(tmp_path: Path) -> Non
     player.seek(player.end_us)
     assert player.observer.robot_state("R1") is State.DEAD
     assert player.summary()["result"] == result.summary["result"] == "blocked"
-
-
-def running_trees(path: Path, robot: str) -> list[RunningTree]:
-    """What a recording shows, one after the other, of the trees that a robot runs."""
-    player, seen = Player(read_recording(path)), [RunningTree("", b"")]
-    for record in player.recording.records:
-        player.seek(record.at_us)
-        running = running_tree(player.observer, robot)
-        if running.statuses != seen[-1].statuses:
-            seen.append(running)
-    return seen
-
-
-def test_the_trees_that_robots_run(tmp_path: Path) -> None:
-    result = recorded(tmp_path, "inspection/mission.yaml", [], 60)
-    assert result.summary["result"] == "success"
-    for robot in result.summary["robots"]:
-        own = running_trees(robot_file(tmp_path, robot), robot)
-        watched = running_trees(observer_file(tmp_path), robot)
-        # Whoever watches hears a tree with the next heartbeat, and sees nothing that was not.
-        assert set(watched) <= set(own)
-        assert len(watched) > 3
-        assert own[-1].statuses == watched[-1].statuses == b"", "none runs after its local task"
-
-
-def test_the_live_view_shows_a_recording(folder: Path) -> None:
-    player = Player(read_recording(robot_file(folder, "B1")))
-    player.seek(13_000_000)
-    console = Console(width=140, height=40, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
-    with console.file:
-        notes = LiveNotes(warning="paused")
-        frame = LiveView().render(player.observer, player.now_us, (140, 40), notes)
-        console.print(frame)
-        shown = console.export_text()
-    for wanted in ("vehicle_repair", "A1 ", "dead", "B1: replace_hw(2)", "paused"):
-        assert wanted in shown
 
 
 def test_a_damaged_recording_is_refused(watched: Recording) -> None:
