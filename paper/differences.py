@@ -132,8 +132,8 @@ IN_THE_METHOD = (
         "The lemmas on fault tolerance",
         "Section V-B, lemmas 1 and 2",
         "a condition on capabilities, and equation (2) consistent under r(i, j) · r(h, j) = 0.",
-        "`mrbt analyze` tries all faults, and says where the lemmas as printed answer otherwise.",
-        "they do in some missions ([analyze.md](analyze.md#the-lemmas)).",
+        "`mrbt analyze` tries all faults.",
+        "the lemmas as printed answer otherwise in some missions (`paper/lemmas.py`).",
     ),
 )
 

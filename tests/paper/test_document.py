@@ -61,7 +61,7 @@ def test_the_committed_files_are_what_make_paper_writes() -> None:
 
 def test_every_link_of_the_page_leads_somewhere() -> None:
     links = re.findall(r"\]\(([^)]+)\)", (ROOT / DOCUMENT).read_text(encoding="utf-8"))
-    assert len(links) == 15
+    assert len(links) == 14
     for link in links:
         assert (ROOT / DOCUMENT.parent / link.partition("#")[0]).exists(), link
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from mrbt_mesh.analysis.tolerance.advice import Additions, advise
 from mrbt_mesh.analysis.tolerance.cautions import cautions
 from mrbt_mesh.analysis.tolerance.fault_counts import Tolerance, tolerance
-from mrbt_mesh.analysis.tolerance.lemmas import Difference, Verdicts, verdicts
 from mrbt_mesh.analysis.tolerance.model import Answer
 from mrbt_mesh.analysis.tolerance.readings import READINGS, Question
 from mrbt_mesh.analysis.tolerance.service import Fault, FaultyTeam, capability_faults, robot_faults
@@ -110,8 +109,6 @@ class Analysis:
 
     mission: Mission
     readings: dict[str, ReadingResult]
-    weak: Verdicts
-    strong: Verdicts
     tasks: tuple[TaskSlack, ...]
     weak_advice: Advice
     strong_advice: Advice
@@ -134,8 +131,7 @@ class Analysis:
         for advice in (self.weak_advice, self.strong_advice):
             ways = (advice.cheapest, advice.robots_only, advice.capabilities_only)
             proved += [each.is_proved for each in ways]
-        lemmas = (self.weak.literal, self.strong.literal)
-        return all(proved) and None not in lemmas
+        return all(proved)
 
     def to_json(self) -> dict[str, Any]:
         """Plain data; the keys are documented in docs/analyze.md."""
@@ -152,7 +148,6 @@ class Analysis:
             **main,
             **others,
             "complete": self.is_complete,
-            "lemmas": {"weak": _verdicts_json(self.weak), "strong": _verdicts_json(self.strong)},
             "exclusive": {
                 "tasks": exclusive,
                 "majority": majority(robots),
@@ -199,10 +194,7 @@ def analyse(mission: Mission, costs: Costs, limit_s: float, say: Say = silent) -
         major = tolerance(question.reading, majors, limit_s, _part(say, f"{label}, robots"))
         minor = tolerance(question.reading, minors, limit_s, _part(say, f"{label}, capabilities"))
         readings[name] = ReadingResult(question, major, minor)
-    main = readings[SERIAL]
-    reading = main.question.reading
-    weak = verdicts(reading, minors, main.minor.critical, _part(say, "lemma for minor faults"))
-    strong = verdicts(reading, majors, main.major.critical, _part(say, "lemma for major faults"))
+    reading = readings[SERIAL].question.reading
 
     def advice(is_strong: bool) -> Advice:
         part = _part(say, f"advice for {'strong' if is_strong else 'weak'} tolerance")
@@ -215,7 +207,7 @@ def analyse(mission: Mission, costs: Costs, limit_s: float, say: Say = silent) -
 
     tasks = _slacks(readings["keeps_every_task"].question, set(reading.required.indispensable))
     advices = advice(False), advice(True)
-    return Analysis(mission, readings, weak, strong, tasks, *advices, tuple(cautions(mission)))
+    return Analysis(mission, readings, tasks, *advices, tuple(cautions(mission)))
 
 
 def _part(say: Say, what: str) -> Callable[[int, int], None]:
@@ -277,19 +269,6 @@ def _bounds(answer: Answer, is_most: bool) -> list[int | None]:
     """[least, most] that the true figure can be; equal if it is proved."""
     ends = [answer.value, answer.bound]
     return ends if is_most else ends[::-1]
-
-
-def _verdicts_json(found: Verdicts) -> dict[str, Any]:
-    def difference(each: Difference) -> dict[str, Any]:
-        return asdict(each) | {"fault": fault_json(each.fault)}
-
-    return {
-        "by_definition": found.definition,
-        "by_definition_method": "exhaustive",
-        "by_corrected_lemma": found.corrected,
-        "by_literal_lemma": found.literal,
-        "differences": [difference(each) for each in found.differences],
-    }
 
 
 def _advice_json(advice: Advice) -> dict[str, Any]:

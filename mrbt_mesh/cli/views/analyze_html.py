@@ -10,10 +10,8 @@ from mrbt_mesh.analysis.tolerance.fault_counts import Tolerance
 from mrbt_mesh.cli.views.analyze_view import (
     READING_NAMES,
     advice_rows,
-    difference_texts,
     faults_text,
     figure,
-    lemma_rows,
     task_groups,
 )
 from mrbt_mesh.core.facts.coalitions import majority
@@ -73,7 +71,6 @@ def html_report(analysis: Analysis, costs: Costs) -> str:
         _which(analysis),
         _matrix(analysis),
         _tasks(analysis),
-        _lemmas(analysis),
         _advice(analysis, costs),
         _cautions(analysis),
         "<h2>Assumed</h2><ul class='soft'>"
@@ -193,17 +190,6 @@ def _tasks(analysis: Analysis) -> str:
         "<h2>Slack</h2><p class='soft'>How many robots a global task can lose, "
         "whichever they are.</p>"
         + _table(("global task", "slack", "needs (of capable robots)", ""), rows)
-    )
-
-
-def _lemmas(analysis: Analysis) -> str:
-    rows = [(escape(name), *map(_yes, verdicts)) for name, *verdicts in lemma_rows(analysis)]
-    lines = [*difference_texts(analysis.weak), *difference_texts(analysis.strong)]
-    listed = "".join(f"<li>{escape(line)}</li>" for line in lines)
-    return (
-        "<h2>Definition and lemmas</h2>"
-        + _table(("", "by definition", "corrected lemma", "lemma as printed"), rows)
-        + (f"<ul>{listed}</ul>" if lines else "")
     )
 
 

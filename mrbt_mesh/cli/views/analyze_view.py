@@ -20,7 +20,6 @@ from mrbt_mesh.analysis.tolerance.analyse import (
     TaskSlack,
     assumptions,
 )
-from mrbt_mesh.analysis.tolerance.lemmas import Verdicts
 from mrbt_mesh.analysis.tolerance.model import Answer
 from mrbt_mesh.analysis.tolerance.service import Fault
 from mrbt_mesh.core.facts.coalitions import majority
@@ -100,24 +99,6 @@ def advice_rows(advice: Advice) -> list[tuple[str, str, str]]:
     return rows
 
 
-def lemma_rows(analysis: Analysis) -> list[tuple[str, bool, bool, bool | None]]:
-    """(property, by definition, by the corrected lemma, by the literal one)."""
-    named = (("weakly", analysis.weak), ("strongly", analysis.strong))
-    return [(f"{name} fault tolerant", v.definition, v.corrected, v.literal) for name, v in named]
-
-
-def difference_texts(found: Verdicts) -> list[str]:
-    """Where the literal lemma is wrong, one line for each reason."""
-    reasons: dict[tuple[str, bool], list[Fault]] = {}
-    for each in found.differences:
-        reasons.setdefault((each.reason, each.literal), []).append(each.fault)
-    lines = []
-    for (reason, literal), faults in reasons.items():
-        said = "tolerable, it is fatal" if literal else "not tolerable, it is survived"
-        lines.append(f"loss of {faults_text(faults)}: the literal lemma says {said}: {reason}")
-    return lines
-
-
 def task_groups(tasks: Sequence[TaskSlack]) -> list[tuple[str, TaskSlack]]:
     """Tasks of one type with the same figures as one row: `diagnose_part (5 alike)`."""
     rows: dict[object, list[TaskSlack]] = {}
@@ -142,9 +123,7 @@ def render_analysis(analysis: Analysis) -> RenderableType:
     for name, result in analysis.readings.items():
         if result.question.obstacle:
             parts.append(Text(f"{READING_NAMES[name]}: {result.question.obstacle}", "red"))
-    parts += ["", _examples(analysis.main), "", _tasks(analysis), "", _lemmas(analysis)]
-    for found in (analysis.weak, analysis.strong):
-        parts += [Text(f"  {line}", "yellow") for line in difference_texts(found)]
+    parts += ["", _examples(analysis.main), "", _tasks(analysis)]
     parts += ["", _advice(analysis)]
     if analysis.cautions:
         parts += ["", Text("Cautions", "bold")]
@@ -239,14 +218,6 @@ def _tasks(analysis: Analysis) -> RenderableType:
         table.add_row(name, Text(str(each.slack), style), needs, Text(", ".join(notes), "dim"))
     if len(rows) > MAX_TASKS:
         table.add_row(Text(f"and {len(rows) - MAX_TASKS} more rows: --json", "dim"))
-    return table
-
-
-def _lemmas(analysis: Analysis) -> RenderableType:
-    columns = ("", "by definition", "corrected lemma", "lemma as printed")
-    table = _table("Definition and lemmas", *columns)
-    for name, *verdicts in lemma_rows(analysis):
-        table.add_row(name, *map(_mark, verdicts))
     return table
 
 

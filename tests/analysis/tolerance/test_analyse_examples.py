@@ -1,4 +1,4 @@
-"""What is said of the examples, as worked out by hand, and the two edge cases of the lemmas."""
+"""What is said of the examples, as worked out by hand."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.analysis.tolerance.analyse import Analysis, analyse
-from mrbt_mesh.analysis.tolerance.lemmas import Verdicts, verdicts
 from mrbt_mesh.analysis.tolerance.readings import parallel_width, serial
-from mrbt_mesh.analysis.tolerance.service import FaultyTeam, capability_faults, robot_faults
+from mrbt_mesh.analysis.tolerance.service import FaultyTeam
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec
 from mrbt_mesh.core.mission.costs import Costs
 from mrbt_mesh.core.mission.mission import MICRO, Mission, Need, SameRobotAs
@@ -183,53 +182,6 @@ def test_an_exclusive_task_takes_a_third_robot_to_lose_one() -> None:
     }
     (learned,) = advice["weakly_fault_tolerant"]["capabilities_only"]["capabilities"]
     assert learned == {"robot": "R2", "capability": "g"}
-
-
-# -- the lemmas -------------------------------------------------------------------------------
-
-
-def judged(mission: Mission) -> tuple[Verdicts, Verdicts]:
-    """(for minor, for major faults)."""
-    reading = serial(mission).reading
-    minors, majors = capability_faults(mission), robot_faults(mission)
-    return (
-        verdicts(reading, minors, reading.critical(minors)),
-        verdicts(reading, majors, reading.critical(majors)),
-    )
-
-
-def test_two_that_can_do_both_where_one_is_needed_on_each() -> None:
-    """Each stands in for the other only while the other is on the other local task."""
-    both = {"l1": 1, "l2": 1}
-    mission = make_mission(
-        action("g"), {"R1": both, "R2": both}, [task("g", ("l1", 1, 1), ("l2", 1, 1))]
-    )
-    minor, major = judged(mission)
-    assert (major.definition, major.corrected, major.literal) == (False, False, True)
-    assert [each.fault for each in major.differences] == ["R1", "R2"]
-    assert "other work in g" in major.differences[0].reason
-    # One capability lost: the two change places.
-    assert (minor.definition, minor.corrected, minor.literal) == (True, True, True)
-
-
-def test_a_unique_capability_that_no_task_uses() -> None:
-    mission = make_mission(action("g"), {"R1": {"g": 1, "sing": 1}, "R2": {"g": 1}})
-    minor, major = judged(mission)
-    assert (minor.definition, minor.corrected, minor.literal) == (True, True, False)
-    assert [each.fault for each in minor.differences] == [("R1", "sing")]
-    assert "no task depends on" in minor.differences[0].reason
-    assert (major.definition, major.corrected, major.literal) == (True, True, False)
-
-
-def test_the_lemmas_know_nothing_of_majorities() -> None:
-    """Of two robots one cannot grant itself an exclusive task; of three, two can."""
-    for count, tolerant in ((2, False), (3, True)):
-        robots = {f"R{i}": {"g": 1} for i in range(count)}
-        mission = make_mission(action("g"), robots, [task("g", exclusive=True)])
-        _, major = judged(mission)
-        assert (major.definition, major.corrected, major.literal) == (tolerant, tolerant, True)
-        for each in major.differences:
-            assert "too few robots are left to grant it" in each.reason
 
 
 # -- trees ------------------------------------------------------------------------------------
