@@ -1,17 +1,16 @@
-"""Evaluating a tree from scratch, and again after facts have changed, against py_trees' tick.
+"""One tick of a tree, against py_trees.
 
 Trees of 30, 1,000 and 10,000 nodes, flat, deep and mixed, in the middle of a mission; py_trees
 ticks the same trees with the same leaves in between, composites without memory as ours. Ours
 gives more: statuses of all nodes, the ordered requests and the names of their activations.
-Changed facts are outcomes where the tree is flat, conditions elsewhere; writing them down is not
-counted. Medians of CPU time.
+Medians of CPU time.
 """
 
 from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from types import ModuleType
@@ -23,19 +22,14 @@ from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, Tree, build_tree
 from mrbt_mesh.core.facts.records import ConditionValue, Member
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.incremental.evaluation.compiled_evaluator import CompiledEvaluator
-from mrbt_mesh.core.incremental.evaluation.evaluator import IncrementalEvaluator
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.local_tasks import LocalTask
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, Need, Robot
 
 SIZES = (30, 1_000, 10_000)
-CHANGES = (0, 1, 100)
 ROBOTS = 5
 OUTCOMES = 5_000
 REPEAT, QUICK_REPEAT = 40, 8
-WARM_UP = 2
-IN_A_ROW = 5
 
 
 # -- trees ------------------------------------------------------------------------------------
@@ -219,136 +213,44 @@ def timed(function: Callable[[], object]) -> float:
     return (time.process_time_ns() - began_ns) / 1e3
 
 
-class Case:
-    """One tree, evaluated by all."""
-
-    def __init__(self, py_trees: ModuleType, shape: str, size: int) -> None:
-        self.shape = shape
-        self._py_trees = py_trees
-        self._tree = build_tree(SHAPES[shape](size))
-        self.definition = Evaluator(self._tree)
-        self.scratch = CompiledEvaluator(self._tree)
-        self._turn = 0
-        self._begin()
-
-    def _begin(self) -> None:
-        """Facts as in the middle of the mission."""
-        self.team = Team(self._tree)
-        requests = self.scratch.evaluate(self.team.facts).requests
-        for request in requests[1::3]:
-            self.team.succeed(request.activation)
-        self.again = IncrementalEvaluator(self._tree, self.team.facts)
-        self.py_tree = PyTree(self._py_trees, self.team)
-        # Where the action below has ended, flipping there and back has it asked for anew.
-        units = [n for n in self.py_tree.leaves if n.startswith("done") and n.endswith("_0")]
-        self._names = [name for number, name in enumerate(units) if number % 3 != 1]
-
-    def change(self, count: int) -> None:
-        """Facts change, for py_trees as well; flat: begins again at the end."""
-        if self.shape == "flat":
-            if len(self.again.evaluate(self.team.facts).requests) <= count:
-                self._begin()
-            requests = self.again.evaluate(self.team.facts).requests
-            step = max(1, len(requests) // max(1, count))
-            for request in requests[self._turn % step :: step][:count]:
-                self.team.succeed(request.activation)
-                self.py_tree.set(request.subject, Status.SUCCESS)
-            self._turn += 1
-            return
-        for _ in range(min(count, len(self._names))):
-            self._turn += 1
-            name = self._names[self._turn * 7 % len(self._names)]
-            self.team.flip(name)
-            status = Status.SUCCESS if self.team.facts.condition(name) else Status.FAILURE
-            self.py_tree.set(name, status)
-
-    def influenced(self) -> int:
-        """How many nodes have another status after one more change, or ask for something else."""
-        before = self.again.evaluate(self.team.facts)
-        self.change(1)
-        after = self.again.evaluate(self.team.facts)
-        asked = {r.node: r for r in before.requests}
-        differ = {n for n, s in enumerate(before.statuses) if s != after.statuses[n]}
-        return len(differ | {r.node for r in after.requests if asked.get(r.node) != r})
-
-    def evaluations(self, count: int) -> dict[str, list[float]]:
-        """One round: `IN_A_ROW` times `count` changes, then the same facts from scratch."""
-        again = []
-        for _ in range(IN_A_ROW):
-            self.change(count)
-            again.append(timed(lambda: self.again.evaluate(self.team.facts)))
-        return {
-            "again": again,
-            "scratch": [timed(lambda: self.scratch.evaluate(self.team.facts))],
-            "definition": [timed(lambda: self.definition.evaluate(self.team.facts))],
-            "py_trees": [timed(self.py_tree.root.tick_once)],
-        }
-
-    def check(self) -> None:
-        """All come to the same."""
-        found = self.again.evaluate(self.team.facts)
-        assert found == self.scratch.evaluate(self.team.facts)
-        assert found == self.definition.evaluate(self.team.facts)
-        self.py_tree.root.tick_once()
-        assert self.py_tree.status(found.status) is self.py_tree.root.status
-
-
-def compare(py_trees: ModuleType, shape: str, size: int, repeat: int) -> Iterator[dict[str, Any]]:
-    """Rows of one shape and size, by number of changed facts."""
-    case = Case(py_trees, shape, size)
-    nodes = len(case.team.tree.nodes)
-    case.check()
-    for changed in CHANGES:
-        if changed * 3 > nodes:
-            continue
-        rounds = repeat if changed < 2 else max(4, repeat // 4)
-        found = [case.evaluations(changed) for _ in range(rounds + WARM_UP)][WARM_UP:]
-        row: dict[str, Any] = {"shape": shape, "nodes": nodes, "changed": changed}
-        row["influenced"] = case.influenced() if changed == 1 else None
-        for name in ("again", "scratch", "definition", "py_trees"):
-            row[f"{name}_us"] = round(statistics.median(t for each in found for t in each[name]), 2)
-        for name in ("again", "scratch"):
-            row[f"py_trees_per_{name}"] = round(row["py_trees_us"] / max(row[f"{name}_us"], 0.1), 1)
-        yield row
-    case.check()
-
-
-def worst(py_trees: ModuleType, size: int, repeat: int) -> dict[str, Any]:
-    """The leftmost guard turns against everything, and back: all later activations are others."""
-    case = Case(py_trees, "mixed", size)
-    facts = case.team.facts
-    found: dict[str, list[float]] = {"against": [], "back": [], "prune": [], "py_trees": []}
+def compare(py_trees: ModuleType, shape: str, size: int, repeat: int) -> dict[str, Any]:
+    """One tick of one tree, in the middle of a mission, by both in turn."""
+    team = Team(build_tree(SHAPES[shape](size)))
+    evaluator = Evaluator(team.tree)
+    for request in evaluator.evaluate(team.facts).requests[1::3]:
+        team.succeed(request.activation)
+    py_tree = PyTree(py_trees, team)
+    py_tree.root.tick_once()
+    assert py_tree.status(evaluator.evaluate(team.facts).status) is py_tree.root.status
+    ours, theirs = [], []
     for _ in range(repeat):
-        for name in ("against", "back"):
-            case.team.flip("true")
-            prune_us = timed(lambda: facts.prune(case.again))
-            found[name].append(timed(lambda: case.again.evaluate(facts)))
-            if name == "against":
-                found["prune"].append(prune_us)
-        found["py_trees"].append(timed(case.py_tree.root.tick_once))
-        for request in case.again.evaluate(facts).requests[::3]:
-            case.team.succeed(request.activation)
-        facts.prune(case.again)
-    medians = {f"{name}_us": round(statistics.median(each), 1) for name, each in found.items()}
-    return {"case": "leftmost guard", "nodes": len(case.team.tree.nodes), **medians}
+        ours.append(timed(lambda: evaluator.evaluate(team.facts)))
+        theirs.append(timed(py_tree.root.tick_once))
+    ours_us, theirs_us = statistics.median(ours), statistics.median(theirs)
+    return {
+        "shape": shape,
+        "nodes": len(team.tree.nodes),
+        "ours_us": round(ours_us, 2),
+        "py_trees_us": round(theirs_us, 2),
+        "py_trees_per_ours": round(theirs_us / max(ours_us, 0.1), 1),
+    }
 
 
 def pruning(size: int, entries: int, repeat: int) -> dict[str, Any]:
-    """What pruning costs with so many outcomes at hand, after one fact of each kind."""
+    """What pruning costs with that many outcomes, after one fact of each kind."""
     team = Team(build_tree(flat(size)))
-    evaluator = IncrementalEvaluator(team.tree, team.facts)
-    requests = evaluator.evaluate(team.facts).requests
+    requests = Evaluator(team.tree).evaluate(team.facts).requests
     for request in requests[:entries]:
         team.succeed(request.activation)
-    team.facts.prune(evaluator)
+    team.facts.prune()
     outcomes, conditions = [], []
     for request in requests[entries : entries + repeat]:
         team.succeed(request.activation)
-        outcomes.append(timed(lambda: team.facts.prune(evaluator)))
+        outcomes.append(timed(team.facts.prune))
         team.flip("true3")
-        conditions.append(timed(lambda: team.facts.prune(evaluator)))
+        conditions.append(timed(team.facts.prune))
     team.flip("true")
-    everything_us = timed(lambda: team.facts.prune(evaluator))
+    everything_us = timed(team.facts.prune)
     return {
         "case": "pruning",
         "nodes": len(team.tree.nodes),
@@ -360,50 +262,36 @@ def pruning(size: int, entries: int, repeat: int) -> dict[str, Any]:
 
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    timings = ("again", "scratch", "definition", "py_trees")
-    head: tuple[str, ...] = ("tree", "nodes", "facts changed", "nodes influenced")
-    head += ("again, µs", "from scratch, µs", "definition, µs", "py_trees, µs", "py_trees / again")
+    head = ("tree", "nodes", "ours, µs", "py_trees, µs", "py_trees / ours")
+    names = ("ours_us", "py_trees_us", "py_trees_per_ours")
     return Table(
         "One tick of a tree",
-        (*head, "py_trees / scratch"),
+        head,
         [
-            (
-                row["shape"],
-                f"{row['nodes']:,}",
-                str(row["changed"]),
-                str(row["influenced"] or ""),
-                *(f"{row[f'{name}_us']:,.1f}" for name in timings),
-                *(f"{row[f'py_trees_per_{name}']:,.1f}" for name in timings[:2]),
-            )
+            (row["shape"], f"{row['nodes']:,}", *(f"{row[name]:,.1f}" for name in names))
             for row in rows
         ],
     )
 
 
 def run(setting: Setting) -> Result:
-    """All sizes and shapes, the worst case, and pruning."""
+    """All sizes and shapes, and pruning."""
     py_trees = need("py_trees")
     repeat = QUICK_REPEAT if setting.quick else REPEAT
     rows: list[dict[str, Any]] = []
     for size in SIZES[:2] if setting.quick else SIZES:
         for shape in SHAPES:
             setting.say(f"{shape}, {size:,} nodes")
-            rows += compare(py_trees, shape, size, repeat)
+            rows.append(compare(py_trees, shape, size, repeat))
     size = SIZES[1] if setting.quick else SIZES[-1]
-    guard = worst(py_trees, size, repeat // 4)
     pruned = pruning(size, min(OUTCOMES, size // 2), repeat)
-    notes = [
-        f"The worst case, the leftmost guard of the mixed tree of {guard['nodes']:,} nodes: "
-        f"{guard['against_us'] / 1e3:.1f} ms when it turns against everything, "
-        f"{guard['back_us'] / 1e3:.1f} ms when it turns back and all activations are others "
-        f"(py_trees {guard['py_trees_us'] / 1e3:.1f} ms); dropping the outcomes that are then "
-        f"obsolete takes {guard['prune_us'] / 1e3:.1f} ms.",
+    note = (
         f"Pruning {pruned['outcomes']:,} outcomes of {pruned['nodes']:,} nodes: "
         f"{pruned['after_an_outcome_us']:.1f} µs after one more outcome, "
-        f"{pruned['after_a_condition_us']:.1f} µs after a condition that guards nothing, "
-        f"{pruned['all_obsolete_us'] / 1e3:.1f} ms where all are obsolete at once.",
-    ]
-    return Result("py_trees", [*rows, guard, pruned], [_table(rows)], notes=notes)
+        f"{pruned['after_a_condition_us'] / 1e3:.1f} ms after a condition has turned, "
+        f"{pruned['all_obsolete_us'] / 1e3:.1f} ms where all are obsolete at once."
+    )
+    return Result("py_trees", [*rows, pruned], [_table(rows)], notes=[note])
 
 
-BENCHMARK = Benchmark("one tick of a tree, from scratch and again, against py_trees", run)
+BENCHMARK = Benchmark("one tick of a tree, against py_trees", run)

@@ -18,9 +18,6 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Claim, Member, Phase
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.incremental.evaluation.compiled_evaluator import CompiledEvaluator
-from mrbt_mesh.core.incremental.evaluation.evaluator import IncrementalEvaluator
-from mrbt_mesh.core.incremental.planning.steps import IncrementalSteps
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.local_tasks import LocalTask
 from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, Mission, Need, Robot
@@ -76,9 +73,8 @@ class LargeTeam:
     def __init__(self, mission: Mission) -> None:
         self.mission = mission
         self.facts = TeamFacts(mission, RUN)
-        self.evaluator = IncrementalEvaluator(mission.tree, self.facts)
         self.alive = dict.fromkeys(mission.robots, Incarnation(1, "n"))
-        self._plan = FASTEST.plan_making(mission, self.evaluator, default_solver)
+        self._plan = FASTEST.plan_making(default_solver)
         self._sequence = 0
         for robot in mission.robots.values():
             member = Member("T", robot.capabilities, {}, False, "", "", 0)
@@ -92,13 +88,12 @@ class LargeTeam:
 
     def plan(self) -> Plan:
         """The next plan."""
-        self.facts.prune(self.evaluator)
+        self.facts.prune()
         return self._plan(self.facts, self.alive)
 
     def plan_anew(self) -> Plan:
-        """The same plan from scratch."""
-        steps = IncrementalSteps(CompiledEvaluator(self.mission.tree), default_solver)
-        return make_plan(self.mission, self.facts, self.alive, steps)
+        """The same plan by the definition."""
+        return make_plan(self.facts, self.alive, default_solver)
 
     def start(self, plan: Plan) -> None:
         """Every robot begins what the plan has for it."""

@@ -1,4 +1,4 @@
-"""The whole plan after one event: made incrementally against one from scratch."""
+"""The whole plan after one event: against one by the definition."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ class Script:
     quick_options: Sequence[str]
 
 
-MODULES = ("assignment", "incremental", "consistency", "evaluate", "plan", "loop", "auction")
+MODULES = ("assignment", "evaluate", "plan", "loop", "auction")
 
 SCRIPTS = {
     "failover": Script(

@@ -35,7 +35,6 @@ LOADED_ONCE = (
 # What those load as well whose team is large: robots for which few demands are not the rule.
 LOADED_FOR_ARRAYS = (
     "mrbt_mesh.core.assignment.canonical",
-    "mrbt_mesh.core.incremental.assignment.optimum",
     "ortools.graph.python.min_cost_flow",
 )
 REQUESTS, ANSWERS = 0, 1

@@ -3,8 +3,7 @@
 No clock, no randomness, no I/O. Packages, each of which may import only what stands below it:
 
     agent | observer         one robot; somebody who only watches
-    engine                   chooses: definitions, or what is faster
-    incremental              evaluation, consistency and assignment after a change
+    engine                   what agents and observers compute with
     planning | membership    who does what; who is alive
     facts                    what the team knows, and how it joins
     mission                  robots, tasks, side constraints

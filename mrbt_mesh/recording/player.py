@@ -63,8 +63,7 @@ class Player:
     def _rewind(self) -> None:
         self.observer = self._make_observer()
         self.state = RecordedState(self.observer.facts)
-        evaluator = self.observer.evaluator
-        self._plan = self._engine.plan_making(self.mission, evaluator, default_solver)
+        self._plan = self._engine.plan_making(default_solver)
         # Since when robots have been missed: the best that is known of when they died.
         self._missed_us: dict[str, int] = {}
         self._next = 0

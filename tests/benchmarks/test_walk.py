@@ -24,8 +24,8 @@ def test_figures_of_a_trace() -> None:
 
 
 def test_packages_of_the_core_are_counted_one_level_down() -> None:
-    files = ["core/incremental/planning/steps.py", "core/engine.py", "cli/app.py", "__main__.py"]
-    assert [package(file) for file in files] == ["core/incremental", "core", "cli", ""]
+    files = ["core/planning/make_plan.py", "core/engine.py", "cli/app.py", "__main__.py"]
+    assert [package(file) for file in files] == ["core/planning", "core", "cli", ""]
 
 
 def test_only_calls_into_the_product_are_landings() -> None:

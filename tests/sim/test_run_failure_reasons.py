@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mrbt_mesh.core.engine import DEFINITIONS, FASTEST, INCREMENTAL, Engine
+from mrbt_mesh.core.engine import DEFINITIONS, FASTEST, Engine
 from mrbt_mesh.sim import Freeze, Kill, Schedule, SimulationResult, Thaw, simulate
 from mrbt_mesh.sim.world.setup import AgentOptions
 from tests.support import behaviour
@@ -12,7 +12,7 @@ from tests.support.behaviour import mission_of, starts
 from tests.support.effort import seeds
 
 S = 1_000_000
-ENGINES = (FASTEST, INCREMENTAL, DEFINITIONS)
+ENGINES = (FASTEST, DEFINITIONS)
 HEAD = """
 mission: reasons
 local_tasks: {drive: {parameters: [place]}, clear: {}, charge: {}}

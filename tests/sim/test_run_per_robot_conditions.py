@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mrbt_mesh.core.engine import DEFINITIONS, FASTEST, INCREMENTAL, Engine
+from mrbt_mesh.core.engine import DEFINITIONS, FASTEST, Engine
 from mrbt_mesh.core.planning import demands
 from mrbt_mesh.sim import (
     Freeze,
@@ -25,7 +25,7 @@ from tests.support.effort import seeds
 
 S = 1_000_000
 DETECTED_S, AGREED_S = 1.0, 1.0
-ENGINES = (FASTEST, INCREMENTAL, DEFINITIONS)
+ENGINES = (FASTEST, DEFINITIONS)
 
 # R1 is best at picking, R2 at all else: a plan that minds no conditions has R2 carry and place.
 HEAD = """

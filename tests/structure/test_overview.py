@@ -76,8 +76,6 @@ def test_the_index_has_the_documents_of_the_root() -> None:
 
 
 def test_decisions_bear_the_numbers_of_their_files() -> None:
-    pages = sorted((ROOT / "docs" / "decisions").glob("[0-9]*.md"))
-    for number, page in enumerate(pages, start=1):
+    for page in (ROOT / "docs" / "decisions").glob("[0-9]*.md"):
         title = page.read_text(encoding="utf-8").partition("\n")[0]
-        assert page.name.startswith(f"{number:04}-")
-        assert title.startswith(f"# {number:04}. ")
+        assert title.startswith(f"# {page.name[:4]}. ")

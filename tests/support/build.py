@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.evaluation import Evaluation
@@ -24,7 +23,6 @@ from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, Mission, Need, Rob
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
-from mrbt_mesh.core.planning.steps import PlanningSteps
 
 RUN = "r1"
 SECOND_US = 1_000_000
@@ -332,12 +330,8 @@ class World:
         for running in self.tick().timeouts:
             self.write("R1", (f"{records.EXPIRED}/{running.activation}", True))
 
-    def steps(self, solver: Solver = min_cost_flow) -> PlanningSteps:
-        """How plans are made here: by the definitions."""
-        return PlanningSteps(self.evaluator, solver)
-
     def plan(self) -> Plan:
-        return make_plan(self.facts.mission, self.facts, self.alive, self.steps())
+        return make_plan(self.facts, self.alive, min_cost_flow)
 
     def replayed(self, entries: Iterable[Entry]) -> World:
         """Another replica that received these entries in this order."""

@@ -26,9 +26,6 @@ from mrbt_mesh.core.facts.activation_facts import ActivationFacts
 from mrbt_mesh.core.facts.records import GRANT, ConditionValue, OrderKind, Outcome
 from mrbt_mesh.core.facts.store import Entry, FactMap, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.incremental.evaluation.update import TickUpdate
-from mrbt_mesh.core.incremental.planning import capabilities as followed_capabilities
-from mrbt_mesh.core.incremental.planning.steps import IncrementalSteps
 from mrbt_mesh.core.membership import leases
 from mrbt_mesh.core.membership.anti_entropy import AntiEntropy
 from mrbt_mesh.core.membership.durability import Durability
@@ -76,10 +73,7 @@ def unsorted_workers() -> Iterator[None]:
         return {robot: found[robot] for robot in alive if robot in found}
 
     original = capabilities.workers
-    with (
-        mock.patch.object(capabilities, "workers", workers),
-        mock.patch.object(followed_capabilities, "workers", workers),
-    ):
+    with mock.patch.object(capabilities, "workers", workers):
         yield
 
 
@@ -259,9 +253,9 @@ def prunes_what_is_current() -> Iterator[None]:
 
     original = Evaluator.is_obsolete
 
-    def prune(self: TeamFacts, evaluator: Any) -> int:
+    def prune(self: TeamFacts) -> Any:
         with mock.patch.object(Evaluator, "is_obsolete", drops):
-            return prune_originally(self, evaluator)
+            return prune_originally(self)
 
     prune_originally = TeamFacts.prune
     with mock.patch.object(TeamFacts, "prune", prune):
@@ -328,25 +322,6 @@ def garbled_commands_pause() -> Iterator[None]:
 
     original = Commands.carry_out
     with mock.patch.object(Commands, "carry_out", carry_out):
-        yield
-
-
-@mutation
-def evaluation_overlooks_changes() -> Iterator[None]:
-    """An incremental evaluator does not look again at nodes of which something was said."""
-    with mock.patch.object(TickUpdate, "look_at"):
-        yield
-
-
-@mutation
-def incremental_plans_forget_pins() -> Iterator[None]:
-    """An incremental planner says of no robot that it goes on with what it does."""
-
-    def line(self: IncrementalSteps, robot: str, demand: Any, pinned: bool) -> Any:
-        return original(self, robot, demand, False)
-
-    original = IncrementalSteps.line
-    with mock.patch.object(IncrementalSteps, "line", line):
         yield
 
 

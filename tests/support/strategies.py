@@ -107,7 +107,7 @@ class Run:
     def drop_obsolete(self) -> list[str]:
         """The names that no evaluation can reach any more."""
         before = {entry.name for entry in self.world.facts.map}
-        self.world.facts.prune(self.world.evaluator)
+        self.world.facts.prune()
         kept = {entry.name for entry in self.world.facts.map}
         return sorted(name for name in before - kept if records.OUTCOME in name)
 

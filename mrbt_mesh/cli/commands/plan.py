@@ -30,9 +30,7 @@ def plan(
     from mrbt_mesh.cli.framework.terminal import console, print_json
     from mrbt_mesh.cli.missions import chosen_robots
     from mrbt_mesh.cli.views.plan_view import render_plan
-    from mrbt_mesh.core.bt.evaluator import Evaluator
     from mrbt_mesh.core.planning.make_plan import make_plan
-    from mrbt_mesh.core.planning.steps import PlanningSteps
     from mrbt_mesh.formats.facts_file import ALIVE, facts_from_file
     from mrbt_mesh.formats.mission_file import load_mission
     from mrbt_mesh.runtime.solver_loader import solver_for
@@ -40,8 +38,7 @@ def plan(
     loaded = load_mission(mission)
     living = dict.fromkeys(chosen_robots("--alive", alive, loaded), ALIVE)
     team_facts = facts_from_file(loaded, facts)
-    steps = PlanningSteps(Evaluator(loaded.tree), solver_for(loaded, solver))
-    found = make_plan(loaded, team_facts, living, steps)
+    found = make_plan(team_facts, living, solver_for(loaded, solver))
     if as_json:
         print_json(_as_data(loaded, found))
     else:

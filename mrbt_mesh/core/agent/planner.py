@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import Forget, MakePlan
-from mrbt_mesh.core.assignment.problem import Solver, SolverError
+from mrbt_mesh.core.assignment.problem import SolverError
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.outcome_tick import OutcomeTick
@@ -50,8 +50,8 @@ class Planner:
         self.deadlines = Deadlines(timing.bid_wait_us, timing.verdict_us)
         self._context = context
         self._robot_tree = robot_tree
-        self._evaluator = context.config.engine.evaluator(context.facts)
-        self._make_plan = self._plans_with(context.config.solver)
+        self._evaluator = context.mission.evaluator
+        self._make_plan = context.config.engine.plan_making(context.config.solver)
         self._make_by_default: PlanFunction | None = None
         # What the robot's solver did wrong; the default one made those plans.
         self._failures: list[str] = []
@@ -73,10 +73,6 @@ class Planner:
         self.plan, self._planned = plan, state
         for listener in self._listeners:
             listener(plan, alive)
-
-    def _plans_with(self, solver: Solver) -> PlanFunction:
-        context = self._context
-        return context.config.engine.plan_making(context.mission, self._evaluator, solver)
 
     def forget(self) -> None:
         """Plan anew at the next update, whatever has changed or is being made."""
@@ -113,7 +109,7 @@ class Planner:
         dropped: list[tuple[str, str]] = []
         while True:
             self._note_guards(now_us)
-            dropped += facts.prune(self._evaluator)
+            dropped += facts.prune()
             before = self._number
             self._robot_tree.tick_assignment(leaves)
             if self.awaited is not None:
@@ -197,7 +193,7 @@ class Planner:
                 raise
             self._failures.append(str(error))
         if self._make_by_default is None:
-            self._make_by_default = self._plans_with(default_solver)
+            self._make_by_default = self._context.config.engine.plan_making(default_solver)
         return self._make_by_default(facts, alive)
 
     def tick_outcome(

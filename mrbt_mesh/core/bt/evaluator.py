@@ -1,7 +1,7 @@
 """Evaluating a tree: a pure function from facts to a status of every node and a list of requests.
 
 This is the definition of the project's behavior trees. `Tick.rule` has one place for each kind of
-node; what is faster gives the same evaluations (`core.incremental.evaluation`). The rules are those
+node; The rules are those
 of the paper, section III, and of BehaviorTree.CPP 4 for nodes that the paper does not have:
 
 | kind of node | without memory | with memory (`Tick.remembering`) |
@@ -21,10 +21,10 @@ the next tick. And nothing has to be halted: what is not requested is not carrie
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import TypeAlias
 
-from mrbt_mesh.core.bt.activation import Activation, ActivationNames
+from mrbt_mesh.core.bt.activation import ActivationNames
 from mrbt_mesh.core.bt.evaluation import (
     Evaluation,
     EvaluationFacts,
@@ -70,15 +70,6 @@ class Evaluator(ActivationNames):
         """Whether a guard has lost the status that it must have; only conditions may differ."""
         lacks_it = self.status_at(guard.node, now) is not guard.wanted
         return lacks_it and self.status_at(guard.node, before) is guard.wanted
-
-    def find_obsolete(
-        self, known: Iterable[Activation], facts: EvaluationFacts
-    ) -> Iterable[Activation]:
-        """Those of the known activations that no evaluation can reach any more."""
-        return [activation for activation in known if self.is_obsolete(activation, facts)]
-
-    def forget(self) -> None:
-        """Start from scratch next time, as it always does."""
 
 
 class _Tick:

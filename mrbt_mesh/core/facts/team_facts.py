@@ -10,7 +10,6 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 from mrbt_mesh.core.bt.activation import parse_activation
-from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.activation_facts import NO_BIDS, ActivationFacts, KnownBids, Outcomes
@@ -87,7 +86,10 @@ class TeamFacts:
         self.outcome_changes = 0
         self._orders: dict[str, Order] = {}
         self._results: dict[str, MissionResult] = {}
-        self._pruned_at = 0
+        # What `prune` has to look at: all activations, if the reach of some may have changed, or
+        # those that are new.
+        self._has_reach_changed = False
+        self._new_activations: dict[str, None] = {}
         self.map.subscribe(self._index)
 
     # -- what T_G reads: EvaluationFacts ------------------------------------------------------
@@ -242,20 +244,21 @@ class TeamFacts:
 
     # -- what may be dropped ------------------------------------------------------------------
 
-    def prune(self, evaluator: Evaluator) -> list[tuple[str, str]]:
-        """Drop what is said of activations that no evaluation can reach any more.
+    def prune(self) -> list[tuple[str, str]]:
+        """Drop the facts of activations that no evaluation can reach any more.
 
         Every replica drops the same. Returns authors and names, sorted. To drop what is out of
         reach changes the reach of nothing.
         """
-        if self.changes == self._pruned_at:
-            return []
-        known = (said.activation for said in self.activations.values())
-        obsolete = [str(activation) for activation in evaluator.find_obsolete(known, self)]
-        keys = sorted(key for name in obsolete for key in self.activations[name].keys)
+        names = self.activations if self._has_reach_changed else self._new_activations
+        is_obsolete = self.mission.evaluator.is_obsolete
+        found = [self.activations[name] for name in names if name in self.activations]
+        obsolete = [each for each in found if is_obsolete(each.activation, self)]
+        keys = sorted(key for each in obsolete for key in each.keys)
         for author, name in keys:
             self.map.drop(author, name)
-        self._pruned_at = self.changes
+        self._has_reach_changed = False
+        self._new_activations.clear()
         return keys
 
     # -- keeping the indices ------------------------------------------------------------------
@@ -269,7 +272,10 @@ class TeamFacts:
                 self._remove(old)
 
     def _add(self, entry: Entry) -> None:
-        if entry.parts[0] in ACTIVATION_KINDS:
+        kind = entry.parts[0]
+        if kind in (records.CONDITION, records.EXPRESSION, records.ATTEMPT):
+            self._has_reach_changed = True
+        if kind in ACTIVATION_KINDS:
             self._add_to_activation(entry)
             return
         author, record, incarnation = entry.author, entry.record, entry.version.incarnation
@@ -302,6 +308,7 @@ class TeamFacts:
         said = self.activations.get(name)
         if said is None:
             said = self.activations[name] = ActivationFacts(parse_activation(name))
+            self._new_activations[name] = None
         said.add(entry)
         self.outcome_changes += kind == records.OUTCOME
         if kind in records.COALITION_KINDS:

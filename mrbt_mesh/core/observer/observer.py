@@ -53,11 +53,11 @@ class Observer:
         header = Header(mission.digest[:16], mission.name, run, "")
         self.replica = Replica(self.facts, header, timing, "", engine.read_batch, keys)
         self.membership = Membership("", timing, MAX_ROBOTS)
-        self.evaluator = engine.evaluator(self.facts)
+        self.evaluator = mission.evaluator
         self.record = RunRecord(mission)
         self.plan: Plan | None = None
         self.refused: dict[str, str] = {}
-        self._make_plan = engine.plan_making(mission, self.evaluator, solver)
+        self._make_plan = engine.plan_making(solver)
         self._engine = engine
         self._planned: tuple[int, int] = (-1, -1)
         self._updated: tuple[int, int, int] = (-1, -1, -1)
@@ -164,7 +164,7 @@ class Observer:
         state = (facts.changes, membership.member_changes, membership.report_changes)
         if state == self._updated and self._has_caught_up:
             return  # nothing has changed that follows below
-        facts.prune(self.evaluator)
+        facts.prune()
         self._updated = (facts.changes, membership.member_changes, membership.report_changes)
         changes = (facts.changes, membership.member_changes)
         if changes != self._planned:

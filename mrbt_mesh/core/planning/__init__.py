@@ -1,4 +1,4 @@
 """From facts and the alive set to a plan: `make_plan.make_plan`, read from top to bottom.
 
-Imports `facts` and what is below, never `membership`. Each step has its plain definition here.
+Imports `facts` and what is below, never `membership`.
 """

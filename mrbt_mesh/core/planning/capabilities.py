@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from mrbt_mesh.core.facts.records import Member
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
+from mrbt_mesh.core.mission.names import type_name
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,12 +36,21 @@ class Capabilities:
     def __init__(self, team: dict[str, Worker]) -> None:
         self.team = team
         self._able: dict[str, dict[str, int]] = {}
+        # By the name of a capability, which is that of a local task or of a type of them.
+        self._having: dict[str, list[str]] = {}
+        for robot, worker in team.items():
+            for name in worker.member.capabilities:
+                self._having.setdefault(name, []).append(robot)
 
     def able(self, local_task: str) -> Mapping[str, int]:
         """The robots that can do it, sorted by id, and how well."""
         found = self._able.get(local_task)
         if found is None:
-            values = ((r, capability(worker.member, local_task)) for r, worker in self.team.items())
+            having = self._having.get(local_task, [])
+            kind = type_name(local_task)
+            if kind != local_task:
+                having = sorted({*having, *self._having.get(kind, ())})
+            values = ((r, capability(self.team[r].member, local_task)) for r in having)
             found = {robot: value for robot, value in values if value is not None}
             self._able[local_task] = found
         return found

@@ -16,8 +16,6 @@ from mrbt_mesh.core.planning.plan import Shortage
 
 # (indices of the requests that are kept, robot -> request for the pins that hold)
 Kept: TypeAlias = tuple[list[int], dict[str, int]]
-# One robot that a lower bound still needs: (request, number).
-Slot: TypeAlias = tuple[int, int]
 
 
 class Feasibility(Protocol):
@@ -35,71 +33,129 @@ class Feasibility(Protocol):
         ...
 
 
+class RobotMasks:
+    """Sets of robots as bit masks. Robots have bits in the order in which they were first seen."""
+
+    def __init__(self) -> None:
+        self.robots: list[str] = []
+        self._bits: dict[str, int] = {}
+
+    def of(self, robots: Iterable[str]) -> int:
+        """The mask of some robots."""
+        mask, bits = 0, self._bits
+        for robot in robots:
+            if robot not in bits:
+                bits[robot] = 1 << len(self.robots)
+                self.robots.append(robot)
+            mask |= bits[robot]
+        return mask
+
+
 class Consistency:
     """Feasible: every lower bound can be met by different robots.
 
     It is a matching of slots (one per robot that a lower bound still needs) to free robots, grown
-    by augmenting paths (Berge); a request whose slots do not all fit is taken back whole.
+    by augmenting paths (Berge); a request whose slots do not all fit is taken back whole. A search
+    without a path has reached robots that all serve slots which only these robots could serve
+    (Hall). That remains so, since what is kept stays: a slot for them alone fails at once.
     """
 
-    def __init__(self, free: Iterable[str]) -> None:
-        self._free = sorted(free)
-        self._owner: dict[str, Slot] = {}
-        self._matched: dict[Slot, str] = {}
-        self._candidates: dict[Slot, list[str]] = {}
+    def __init__(self, team: Iterable[str], masks: RobotMasks | None = None) -> None:
+        self._masks = masks or RobotMasks()
+        self._team = self._free = self._masks.of(sorted(team))
+        self._pinned: Mapping[str, int] = {}
+        # By slot: its request, the robots that could serve it, and the one that does.
+        self._keys: list[int] = []
+        self._wanted: list[int] = []
+        self._served_by: list[int] = []
+        # Robot -> slot; robots by their numbers.
+        self._owner: dict[int, int] = {}
+        self._taken = 0
+        # Number -> robots that can serve no more than so many slots beside those that are kept.
+        self._full: dict[int, int] = {}
 
     def keep(self, key: int, demands: Sequence[Demand], pinned: Mapping[str, int]) -> bool:
-        """Try to add request `key`; `pinned` maps robots to the request that they run."""
-        before = dict(self._owner), dict(self._matched)
-        slots = 0
+        """Try to add request `key`; `pinned` maps robots to the request that they run.
+
+        That mapping must not be changed afterwards.
+        """
+        if pinned is not self._pinned:
+            self._pinned, self._free = pinned, self._team & ~self._masks.of(pinned)
+            self._full.clear()
+        first = len(self._keys)
         for demand in demands:
-            own = sum(1 for robot in demand.pinned if pinned.get(robot) == key)
-            able = [robot for robot in self._free if robot in demand.candidates]
-            for _ in range(demand.lower - own):
-                slot = (key, slots)
-                slots += 1
-                self._candidates[slot] = able
-                if not self._augment(slot, pinned):
-                    self._owner, self._matched = before
+            needed = demand.lower - sum(pinned.get(robot) == key for robot in demand.pinned)
+            if needed <= 0:
+                continue
+            able = self._masks.of(demand.candidates) & self._team
+            others = able & self._free
+            if any(needed > spare and not others & ~full for spare, full in self._full.items()):
+                self._take_back(first)
+                return False
+            for _ in range(needed):
+                reached = self._add(key, able)
+                if reached is not None:
+                    self._note_full(reached, first)
+                    self._take_back(first)
                     return False
         return True
 
     @property
     def matched(self) -> dict[str, int]:
         """Robot -> the request that it is kept for."""
-        return {robot: key for robot, (key, _) in self._owner.items()}
+        robots = self._masks.robots
+        return {robots[number]: self._keys[slot] for number, slot in self._owner.items()}
 
     def fits(self, key: int, demands: Sequence[Demand], pinned: Mapping[str, int]) -> bool:
         """Whether `keep` would succeed."""
-        before = dict(self._owner), dict(self._matched)
-        kept = self.keep(key, demands, pinned)
-        self._owner, self._matched = before
-        return kept
+        first = len(self._keys)
+        fits = self.keep(key, demands, pinned)
+        self._take_back(first)
+        return fits
 
-    def _augment(self, slot: Slot, pinned: Mapping[str, int]) -> bool:
-        """Give `slot` a robot; others change slots where that frees one."""
-        wanted_by: dict[str, Slot] = {}
-        queue = [slot]
+    def _add(self, key: int, able: int) -> int | None:
+        """Give a new slot a robot; others change slots where that frees one.
+
+        None if it has one, else all robots that were reached.
+        """
+        queue = [len(self._keys)]
+        self._keys.append(key)
+        self._wanted.append(able)
+        self._served_by.append(-1)
+        seen, wanted_by = 0, dict[int, int]()
         for seeker in queue:
-            for robot in self._candidates[seeker]:
-                if robot in wanted_by or robot in pinned:
-                    continue
+            fresh = self._wanted[seeker] & self._free & ~seen
+            if unused := fresh & ~self._taken:
+                robot = (unused & -unused).bit_length() - 1
+                self._taken |= 1 << robot
                 wanted_by[robot] = seeker
-                if robot in self._owner:
-                    queue.append(self._owner[robot])
-                else:
-                    self._hand_over(robot, wanted_by)
-                    return True
-        return False
+                while robot >= 0:
+                    slot = wanted_by[robot]
+                    self._owner[robot] = slot
+                    robot, self._served_by[slot] = self._served_by[slot], robot
+                return None
+            seen |= fresh
+            while fresh:
+                robot = (fresh & -fresh).bit_length() - 1
+                fresh &= fresh - 1
+                wanted_by[robot] = seeker
+                queue.append(self._owner[robot])
+        return seen
 
-    def _hand_over(self, robot: str, wanted_by: Mapping[str, Slot]) -> None:
-        """Match the free `robot`, its new slot's robot one further, and so on."""
-        free: str | None = robot
-        while free is not None:
-            slot = wanted_by[free]
-            previous = self._matched.get(slot)
-            self._owner[free], self._matched[slot] = slot, free
-            free = previous
+    def _note_full(self, robots: int, first: int) -> None:
+        """Slots from `first` on are taken back: that many more can be served by these robots."""
+        spare = sum(
+            robots >> self._served_by[slot] & 1 for slot in range(first, len(self._keys) - 1)
+        )
+        self._full[spare] = robots | self._full.get(0, 0)
+
+    def _take_back(self, first: int) -> None:
+        """Remove the slots from `first` on."""
+        for robot in self._served_by[first:]:
+            if robot >= 0:
+                self._taken ^= 1 << robot
+                del self._owner[robot]
+        del self._keys[first:], self._wanted[first:], self._served_by[first:]
 
 
 def kept_requests(
@@ -186,15 +242,16 @@ def _preempt(
     freed: list[str] = []
     for robot in sorted(pinned, key=lambda robot: (-pinned[robot], robot)):
         if pinned[robot] > index:
-            del left[robot]
+            left = {other: held for other, held in left.items() if other != robot}
             freed.append(robot)
             if check.fits(index, group, left):
                 break
     else:
         return None
     for robot in reversed(freed[:-1]):
-        if check.fits(index, group, left | {robot: pinned[robot]}):
-            left[robot] = pinned[robot]
+        again = left | {robot: pinned[robot]}
+        if check.fits(index, group, again):
+            left = again
     check.keep(index, group, left)
     return left
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from operator import itemgetter
 from typing import TypeAlias
 
-from mrbt_mesh.core.bt.activation import ActivationNames
 from mrbt_mesh.core.bt.evaluation import Request
 from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.core.facts.coalitions import Coalitions, coalition_at_work, is_still_in, majority
@@ -51,7 +50,6 @@ def demands_of(
     facts: TeamFacts,
     requests: Sequence[Request],
     capabilities: Capabilities,
-    names: ActivationNames,
 ) -> list[Group]:
     """The demands of each request, in tree order and the task's order of needs.
 
@@ -65,7 +63,7 @@ def demands_of(
             facts,
             request,
             capabilities,
-            allowed_robots(facts, request, names),
+            allowed_robots(facts, request),
             running.get(request.activation, {}),
         )
         for request in requests
@@ -85,23 +83,19 @@ def running_claims(
     return found
 
 
-def allowed_robots(
-    facts: TeamFacts, request: Request, names: ActivationNames
-) -> tuple[tuple[str, ...] | None, ...]:
+def allowed_robots(facts: TeamFacts, request: Request) -> tuple[tuple[str, ...] | None, ...]:
     """For each need, the robots that may be put on it; None: all that are capable.
 
     Those that did what `same_robot_as` names, and for which the per-robot conditions among the
     request's guards are as they must be.
     """
-    did, own = done_before(facts, request, names), entitled(facts, request)
+    did, own = done_before(facts, request), entitled(facts, request)
     if own is None:
         return did
     return tuple(own if each is None else tuple(r for r in each if r in own) for each in did)
 
 
-def done_before(
-    facts: TeamFacts, request: Request, names: ActivationNames
-) -> tuple[tuple[str, ...] | None, ...]:
+def done_before(facts: TeamFacts, request: Request) -> tuple[tuple[str, ...] | None, ...]:
     """For each need, robots with the success that `same_robot_as` asks for; None if it does not.
 
     It counts in the present activation of the nearest action before the request, in tree order,
@@ -109,14 +103,13 @@ def done_before(
     """
     needs = facts.mission.global_tasks[request.subject].needs
     return tuple(
-        None if need.same_robot_as is None else _did(facts, request, need.same_robot_as, names)
+        None if need.same_robot_as is None else _did(facts, request, need.same_robot_as)
         for need in needs
     )
 
 
-def _did(
-    facts: TeamFacts, request: Request, before: SameRobotAs, names: ActivationNames
-) -> tuple[str, ...]:
+def _did(facts: TeamFacts, request: Request, before: SameRobotAs) -> tuple[str, ...]:
+    names = facts.mission.evaluator
     nodes = facts.mission.tree.nodes
     for node in range(request.node - 1, -1, -1):
         if nodes[node].kind is Kind.ACTION and nodes[node].subject == before.global_task:

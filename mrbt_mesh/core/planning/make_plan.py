@@ -9,7 +9,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 from mrbt_mesh.core.assignment.named import NamedDemand, NamedProblem
-from mrbt_mesh.core.assignment.solve import within
+from mrbt_mesh.core.assignment.problem import Solver
+from mrbt_mesh.core.assignment.solve import optimum, within
 from mrbt_mesh.core.bt.evaluation import Request
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.coalitions import coalition_at_work
@@ -17,30 +18,36 @@ from mrbt_mesh.core.facts.records import OrderKind
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import AssignmentPolicy, Mission
-from mrbt_mesh.core.planning.capabilities import Worker
-from mrbt_mesh.core.planning.demands import Demand, Group, incarnations, obstacle
+from mrbt_mesh.core.planning.bids import bids_for
+from mrbt_mesh.core.planning.capabilities import Capabilities, Worker, capabilities_of
+from mrbt_mesh.core.planning.consistency import kept_requests, shortages
+from mrbt_mesh.core.planning.demands import Demand, Group, demands_of, incarnations, obstacle
 from mrbt_mesh.core.planning.losses import pending_losses
 from mrbt_mesh.core.planning.plan import Line, Plan, Waiting
 from mrbt_mesh.core.planning.scarcity import spare_scarce
 from mrbt_mesh.core.planning.side_constraints import (
     SideConstraintCheck,
+    feasibility,
     running_on,
     side_constraints,
 )
-from mrbt_mesh.core.planning.steps import PlanningSteps
 from mrbt_mesh.core.planning.verdicts import pending_verdicts
 
 
 def make_plan(
-    mission: Mission, facts: TeamFacts, alive: Mapping[str, Incarnation], steps: PlanningSteps
+    facts: TeamFacts,
+    alive: Mapping[str, Incarnation],
+    solver: Solver,
+    capabilities: Capabilities | None = None,
 ) -> Plan:
     """The plan of the mission's team for these facts, with these robots alive.
 
-    `steps`: how each step is done; any way to do it gives the same plan.
+    `capabilities`: those of the robots that the plan may use, where they are known already.
     """
     # T_G says what is to be done, the alive set who may do it.
-    evaluation, order = steps.evaluate(facts), facts.order()
-    capabilities = steps.capabilities(facts, alive)
+    mission, order = facts.mission, facts.order()
+    evaluation = mission.evaluator.evaluate(facts)
+    capabilities = capabilities or capabilities_of(facts, alive)
     team = capabilities.team
     outside = {r: _why_outside(facts, r, alive[r]) for r in sorted(alive) if r not in team}
     ended = facts.result(alive)
@@ -49,7 +56,7 @@ def make_plan(
 
     # What that asks of the team.
     requests = evaluation.requests
-    bids = steps.bids(facts, steps.demands(facts, requests, capabilities), team)
+    bids = bids_for(facts, demands_of(facts, requests, capabilities), team)
     demands = bids.groups
     obstacles = _obstacles(facts, requests, demands, team)
     offered: Sequence[Group] = demands
@@ -57,15 +64,17 @@ def make_plan(
         offered = spare_scarce(facts, evaluation, demands, team)
 
     # T_A, *Check Consistency*: which requests can be served together. Robots at work go on.
-    kept, pinned = steps.keep(facts, offered, team, obstacles)
+    kept, pinned = kept_requests(
+        facts, offered, lambda: feasibility(mission.constraints, list(team), offered), obstacles
+    )
     is_consistent = bool(kept) or not requests
     at_work = running_on(offered, pinned)
-    lines = {robot: steps.line(robot, demand, True) for robot, demand in at_work.items()}
+    lines = {robot: _line(robot, demand, True) for robot, demand in at_work.items()}
 
     # T_A, *Assign Agents*: the other robots are put on these.
     assigned = None
     if is_consistent:
-        assigned = _assign(mission, [offered[index] for index in kept], team, at_work, steps)
+        assigned = _assign(mission, [offered[index] for index in kept], team, at_work, solver)
         lines |= assigned or {}
 
     # Who waits, and why.
@@ -75,7 +84,7 @@ def make_plan(
     served = frozenset(kept)
     rest = [index for index in range(len(requests)) if index not in served or index in held]
     waiting = {
-        i: steps.waiting(facts, demands[i], capabilities, obstacles.get(i, ""), held.get(i, ()))
+        i: _waiting(facts, demands[i], capabilities, obstacles.get(i, ""), held.get(i, ()))
         for i in rest
     }
     if mission.constraints:
@@ -138,7 +147,7 @@ def _assign(
     groups: Sequence[Group],
     team: Mapping[str, Worker],
     at_work: Mapping[str, Demand],
-    steps: PlanningSteps,
+    solver: Solver,
 ) -> dict[str, Line] | None:
     """Put robots that are not at work on what the kept demands still ask for; None: infeasible."""
     wanted: dict[str, Demand] = {}
@@ -150,17 +159,38 @@ def _assign(
                 r in at_work and at_work[r].request.activation == activation for r in demand.pinned
             )
             if demand.upper > held:
-                named.append(steps.open_demand(demand, held))
-                wanted[named[-1].id] = demand
+                name = f"{activation}/{demand.local_task}"
+                lower, upper = max(0, demand.lower - held), demand.upper - held
+                named.append(NamedDemand(name, lower, upper, demand.candidates))
+                wanted[name] = demand
     if not wanted:
         return {}
     free = tuple(robot for robot in team if robot not in at_work)
     problem = NamedProblem(free, tuple(named))
     limits = side_constraints(mission.constraints, free, list(wanted.values()), at_work)
-    assigned = within(problem, limits, steps.solver) if limits else steps.assign(problem)
+    assigned = within(problem, limits, solver) if limits else optimum(problem, solver)
     if assigned is None:
         return None
-    return {robot: steps.line(robot, wanted[name], False) for robot, name in assigned.items()}
+    return {robot: _line(robot, wanted[name], False) for robot, name in assigned.items()}
+
+
+def _line(robot: str, demand: Demand, pinned: bool) -> Line:
+    request, performance = demand.request, demand.candidates[robot]
+    where = request.activation, request.subject, demand.local_task
+    return Line(robot, *where, performance, pinned)
+
+
+def _waiting(
+    facts: TeamFacts,
+    group: Group,
+    capabilities: Capabilities,
+    obstacle: str,
+    awaited: tuple[str, ...],
+) -> Waiting:
+    """Why a request is not served."""
+    short = () if obstacle or awaited else shortages(facts, group, capabilities)
+    request = group[0].request
+    return Waiting(request.activation, request.subject, short, obstacle, awaited=awaited)
 
 
 def _limited(

@@ -24,7 +24,6 @@ from mrbt_mesh.core.agent.inputs import (
     QueryReceived,
 )
 from mrbt_mesh.core.assignment.problem import Solver
-from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.engine import Engine, PlanFunction
 from mrbt_mesh.core.facts.records import Claim, Outcome
 from mrbt_mesh.core.facts.store import Entry, Incarnation
@@ -160,8 +159,8 @@ class Meter:
     def timed(self, engine: Engine) -> Engine:
         """The same engine, which also says how long each plan took."""
 
-        def timed_planning(mission: Mission, evaluator: Evaluator, solver: Solver) -> PlanFunction:
-            make_plan = engine.plan_making(mission, evaluator, solver)
+        def timed_planning(solver: Solver) -> PlanFunction:
+            make_plan = engine.plan_making(solver)
 
             def timed_plan(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
                 began_s = time.perf_counter()

@@ -1,7 +1,6 @@
-"""I7: what only makes plans faster changes nothing of them, compared at every plan of a run.
+"""I7: what a robot keeps from one plan to the next changes nothing of its plans.
 
-Beside each robot's own planner stand the definitions, from scratch, and an incremental planner
-that follows the same facts. Whatever the robot computes with, it has to come to the same plan.
+Each plan of a robot is made again by the definition, from the facts alone.
 """
 
 from __future__ import annotations
@@ -12,11 +11,10 @@ from dataclasses import replace
 
 from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.assignment.solvers import default_solver
-from mrbt_mesh.core.bt.evaluator import Evaluator
-from mrbt_mesh.core.engine import DEFINITIONS, INCREMENTAL, Engine, PlanFunction
+from mrbt_mesh.core.engine import DEFINITIONS, Engine, PlanFunction
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.sim.checkers.findings import RunFindings
 
@@ -25,7 +23,7 @@ RECENT = 256
 
 
 class PlanComparison:
-    """Gives robots an engine that makes every plan again, in the other ways.
+    """Gives robots an engine that makes every plan again by the definition.
 
     `engine` is that engine. `findings` notes where two plans differ; it must be there before the
     first one is made. `compared` counts.
@@ -39,18 +37,13 @@ class PlanComparison:
         self._chosen = engine
         self._by_definition: dict[tuple[bytes, frozenset[tuple[str, Incarnation]]], Plan] = {}
 
-    def _plan_making(self, mission: Mission, evaluator: Evaluator, solver: Solver) -> PlanFunction:
-        make_plan = self._chosen.plan_making(mission, evaluator, solver)
-        others: dict[str, PlanFunction] = {}
-        if self._chosen.plan_making is not DEFINITIONS.plan_making:
-            others["that of the definitions"] = self._defined
-        if self._chosen.plan_making is not INCREMENTAL.plan_making:
-            others["what an incremental planner makes"] = _follower()
+    def _plan_making(self, solver: Solver) -> PlanFunction:
+        make_plan = self._chosen.plan_making(solver)
 
         def make_and_compare(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
             plan = make_plan(facts, alive)
-            for name, make_again in others.items():
-                self._compare(plan, make_again(facts, alive), name)
+            if self._chosen.plan_making is not DEFINITIONS.plan_making:
+                self._compare(plan, self._defined(facts, alive))
             return plan
 
         return make_and_compare
@@ -62,32 +55,14 @@ class PlanComparison:
         if plan is None:
             if len(self._by_definition) >= RECENT:
                 self._by_definition.clear()
-            plan = self._by_definition[key] = _planner(DEFINITIONS, facts)(facts, alive)
+            plan = self._by_definition[key] = make_plan(facts, alive, default_solver)
         return plan
 
-    def _compare(self, plan: Plan, other: Plan, name: str) -> None:
+    def _compare(self, plan: Plan, other: Plan) -> None:
         """Every field must be equal, also those of the evaluation, and every byte."""
         self.compared += 1
         if plan != other or plan.packed != other.packed:
             mine, others = plan.to_json(), other.to_json()
             parts = [part for part in mine if json.dumps(mine[part]) != json.dumps(others[part])]
             parts = parts or ["evaluation"]  # what is not shown of it
-            self.findings.say("I7", f"a plan is not {name}: {', '.join(parts)}")
-
-
-def _planner(engine: Engine, facts: TeamFacts) -> PlanFunction:
-    return engine.plan_making(facts.mission, engine.evaluator(facts), default_solver)
-
-
-def _follower() -> PlanFunction:
-    """Plans incrementally, for whoever calls it with the same facts again and again."""
-    followed: TeamFacts | None = None
-    make_plan: PlanFunction
-
-    def follow(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
-        nonlocal followed, make_plan
-        if facts is not followed:
-            followed, make_plan = facts, _planner(INCREMENTAL, facts)
-        return make_plan(facts, alive)
-
-    return follow
+            self.findings.say("I7", f"a plan is not that of the definitions: {', '.join(parts)}")

@@ -10,7 +10,6 @@ from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.facts.coalitions import majority
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
-from mrbt_mesh.core.planning.steps import PlanningSteps
 from mrbt_mesh.sim.world.network import Link
 from mrbt_mesh.sim.world.world import World
 
@@ -90,12 +89,7 @@ def current_plan(agent: AgentView, solver: Solver) -> Plan:
     """The plan that follows from the agent's facts and alive set as they are now."""
     if agent.plan is not None and agent.is_plan_current:
         return agent.plan
-    return make_plan(
-        agent.mission,
-        agent.facts,
-        agent.alive(),
-        PlanningSteps(agent.mission.evaluator, solver),
-    )
+    return make_plan(agent.facts, agent.alive(), solver)
 
 
 def joined(world: World) -> list[AgentView]:

@@ -129,6 +129,6 @@ class _Search:
 
     def _can_serve(self, request: Request) -> bool:
         agent, capable = self._agent, self._capable
-        (group,) = demands_of(agent.facts, [request], capable, agent.mission.evaluator)
+        (group,) = demands_of(agent.facts, [request], capable)
         check = feasibility(agent.mission.constraints, list(capable.team), [group])
         return check.keep(0, group, {})

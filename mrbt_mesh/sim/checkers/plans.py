@@ -9,11 +9,9 @@ from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.assignment.canonical import solve
 from mrbt_mesh.core.assignment.problem import AssignmentProblem, Integers
 from mrbt_mesh.core.assignment.solvers import brute_force
-from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.facts.team_facts import capability
 from mrbt_mesh.core.planning.make_plan import make_plan
-from mrbt_mesh.core.planning.steps import PlanningSteps
 from mrbt_mesh.sim.checkers.barriers import lacked
 from mrbt_mesh.sim.checkers.findings import RunFindings, current_plan
 
@@ -50,7 +48,6 @@ class OptimalAssignment:
 
     def __init__(self, findings: RunFindings) -> None:
         self._findings = findings
-        self._evaluator = Evaluator(findings.world.mission.tree)
         self._turn = 0
 
     def sample(self, agents: Sequence[AgentView]) -> None:
@@ -65,9 +62,7 @@ class OptimalAssignment:
             return self._findings.world.solver(problem)
 
         noting.supports_constraints = True  # type: ignore[attr-defined]
-        plan = make_plan(
-            agent.mission, agent.facts, agent.alive(), PlanningSteps(self._evaluator, noting)
-        )
+        plan = make_plan(agent.facts, agent.alive(), noting)
         if current_plan(agent, self._findings.world.solver).packed != plan.packed:
             self._findings.say("I7", f"the plan of {agent.robot} is not that of its facts")
         for problem in problems:

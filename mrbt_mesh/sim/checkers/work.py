@@ -130,9 +130,7 @@ class WorkWithinBounds:
         waiting = {w.activation for w in plan.waiting}
         on = Counter((line.activation, line.local_task) for line in plan.lines.values())
         capable = capabilities_of(agent.facts, alive)
-        for group in demands_of(
-            agent.facts, plan.evaluation.requests, capable, agent.mission.evaluator
-        ):
+        for group in demands_of(agent.facts, plan.evaluation.requests, capable):
             for demand in group:
                 place = (demand.request.activation, demand.local_task)
                 low = 0 if place[0] in waiting else demand.lower
@@ -153,10 +151,7 @@ def keeps_pin(agent: AgentView, plan: Plan, claim: Claim) -> bool:
     """
     facts = agent.facts
     capable = capabilities_of(facts, agent.alive())
-    groups = [
-        list(group)
-        for group in demands_of(facts, plan.evaluation.requests, capable, agent.mission.evaluator)
-    ]
+    groups = [list(group) for group in demands_of(facts, plan.evaluation.requests, capable)]
     obstacles = {waiting.activation for waiting in plan.waiting if waiting.obstacle}
     for index, group in enumerate(groups):
         for number, demand in enumerate(group):

@@ -12,12 +12,10 @@ from functools import lru_cache
 from typing import Any, TypeVar
 
 from mrbt_mesh.core.assignment.problem import Solver
-from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.engine import Engine, PlanFunction
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.wire import Header, Heartbeat
-from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.plan import Plan
 
 # Batches and plans are shared among robots at about the same time.
@@ -68,8 +66,8 @@ def shared_engine(mine: Header, engine: Engine) -> Engine:
 
     plans: Recent[tuple[bytes, frozenset[tuple[str, Incarnation]]], Plan] = Recent()
 
-    def shared_planning(mission: Mission, evaluator: Evaluator, solver: Solver) -> PlanFunction:
-        make_plan = engine.plan_making(mission, evaluator, solver)
+    def shared_planning(solver: Solver) -> PlanFunction:
+        make_plan = engine.plan_making(solver)
 
         def shared_plan(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
             key = (facts.map.digest(), frozenset(alive.items()))

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from mrbt_mesh.core.assignment.solvers import default_solver
-from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
-from mrbt_mesh.core.planning.steps import PlanningSteps
 
 
 class PlanAgain:
@@ -19,19 +17,18 @@ class PlanAgain:
 
     def __init__(self, mission: Mission) -> None:
         self.mission = mission
-        self.evaluator = Evaluator(mission.tree)
-        self._steps = PlanningSteps(self.evaluator, default_solver)
         self._made: dict[tuple[bytes, tuple[tuple[str, Incarnation], ...]], Plan] = {}
 
     def plan(self, facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
         """The plan for these facts, with these robots alive."""
         key = (facts.map.digest(), tuple(sorted(alive.items())))
         if key not in self._made:
-            self._made[key] = make_plan(self.mission, facts, alive, self._steps)
+            self._made[key] = make_plan(facts, alive, default_solver)
         return self._made[key]
 
     def obsolete(self, facts: TeamFacts) -> list[tuple[str, str]]:
         """Authors and names of the facts that nothing can ask for any more, sorted."""
-        known = [said.activation for said in facts.activations.values()]
-        names = [str(each) for each in self.evaluator.find_obsolete(known, facts)]
-        return sorted(key for name in names for key in facts.activations[name].keys)
+        names = self.mission.evaluator
+        said = facts.activations.values()
+        obsolete = [each for each in said if names.is_obsolete(each.activation, facts)]
+        return sorted(key for each in obsolete for key in each.keys)

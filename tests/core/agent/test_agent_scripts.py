@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from mrbt_mesh.core.engine import DEFINITIONS, INCREMENTAL, Engine
+from mrbt_mesh.core.engine import DEFINITIONS, Engine
 from tests.support.script import Script
 
 SCRIPTS = sorted((Path(__file__).parent / "scripts").glob("*.txt"))
@@ -38,13 +38,10 @@ def test_the_conversation_goes_as_written(path: Path) -> None:
     assert found.splitlines() == written.splitlines()
 
 
-@pytest.mark.parametrize("engine", [DEFINITIONS, INCREMENTAL], ids=["definitions", "incremental"])
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
-def test_the_conversation_is_the_same_whatever_robots_compute_with(
-    path: Path, engine: Engine
-) -> None:
+def test_the_conversation_is_the_same_by_the_definitions(path: Path) -> None:
     written = path.read_text()
-    assert replayed(written, engine).splitlines() == written.splitlines()
+    assert replayed(written, DEFINITIONS).splitlines() == written.splitlines()
 
 
 def test_there_are_scripts() -> None:

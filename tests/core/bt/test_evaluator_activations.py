@@ -267,7 +267,7 @@ def test_used_attempts_are_latched_and_outlive_the_outcomes() -> None:
         world.succeed("a")
         world.fail("b")
         world.tick()
-    dropped = world.facts.prune(world.evaluator)
+    dropped = world.facts.prune()
     assert dropped
     assert not any(said.outcomes for said in world.facts.activations.values())
     assert parse_activation(world.activation("a")).attempts == (2,)
@@ -418,5 +418,5 @@ def test_once_obsolete_always_obsolete_whatever_arrives_in_whatever_order(
 @given(runs())
 def test_dropping_what_is_obsolete_changes_no_evaluation(run: Run) -> None:
     before = run.world.evaluator.evaluate(run.world.facts)
-    run.world.facts.prune(run.world.evaluator)
+    run.world.facts.prune()
     assert run.world.evaluator.evaluate(run.world.facts) == before

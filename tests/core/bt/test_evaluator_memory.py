@@ -126,7 +126,7 @@ def test_what_has_passed_is_dropped_once_it_is_out_of_reach() -> None:
     names = [entry.name for entry in world.facts.map if entry.name.startswith("passed/")]
     assert len(names) == 1
     world.set("on", False)
-    world.facts.prune(world.evaluator)
+    world.facts.prune()
     assert not any(entry.name.startswith("passed/") for entry in world.facts.map)
 
 

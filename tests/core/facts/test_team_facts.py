@@ -260,11 +260,11 @@ def test_used_up_attempts_and_turned_guards_drop_what_nobody_can_reach() -> None
     world.tick()
     kept_before = {e.name for e in world.facts.map}
     assert "outcome/r1:3:a:0:0/a" in kept_before
-    world.facts.prune(world.evaluator)
+    world.facts.prune()
     assert {e.name for e in world.facts.map} == {"member", "attempt/r1:2:::0"}
     world.set("c", True)
     world.set("c", False)
-    world.facts.prune(world.evaluator)
+    world.facts.prune()
     assert {e.name for e in world.facts.map} == {"member", "condition/c"}
 
 
@@ -274,7 +274,7 @@ def test_what_can_still_be_reached_is_kept() -> None:
     world.tick()
     world.fail("a")
     assert world.asked() == ["b"]
-    world.facts.prune(world.evaluator)
+    world.facts.prune()
     assert world.asked() == ["b"]
     assert world.facts.has_verdict("r1:2:a:1:0")
 
@@ -283,8 +283,8 @@ def test_dropping_again_drops_nothing() -> None:
     world = World(retry(3, action("a")))
     world.fail("a")
     world.tick()
-    assert len(world.facts.prune(world.evaluator)) == 1
-    assert world.facts.prune(world.evaluator) == []
+    assert len(world.facts.prune()) == 1
+    assert world.facts.prune() == []
 
 
 @pytest.mark.parametrize(
@@ -332,7 +332,7 @@ def test_facts_are_indexed_the_same_after_entries_came_and_went() -> None:
         world.succeed("a")
         world.fail("b")
         world.tick()
-        world.facts.prune(world.evaluator)
+        world.facts.prune()
     fresh = world.replayed(list(world.facts.map))
     assert fresh.facts.activations == world.facts.activations
     assert fresh.evaluator.evaluate(fresh.facts) == world.tick()

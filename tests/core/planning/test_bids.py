@@ -10,13 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.bt.tree import NodeSpec, Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.activation_facts import NO_BIDS
 from mrbt_mesh.core.facts.store import Version, make_entry
-from mrbt_mesh.core.incremental.evaluation.fact_changes import FactChanges
-from mrbt_mesh.core.incremental.planning.steps import IncrementalSteps
 from mrbt_mesh.core.mission.mission import (
     MAX_PERFORMANCE,
     MICRO,
@@ -26,7 +23,6 @@ from mrbt_mesh.core.mission.mission import (
 )
 from mrbt_mesh.core.planning.bids import LAST_RESORT
 from mrbt_mesh.core.planning.deadlines import Deadlines
-from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Bidding
 from tests.support.build import (
     World,
@@ -327,24 +323,6 @@ def random_step(world: World, pick: random.Random) -> None:
             world.outcome(request.activation, pick.random() < 0.7, robot, need.local_task)
 
 
-@given(st.integers(0, 10_000))
-def test_a_plan_that_follows_another_is_the_plan_from_scratch(seed: int) -> None:
-    pick = random.Random(seed)
-    needs = [("drive", 1, 2, True), ("look", 1, 1), ("drive", 2, 2, True)]
-    tasks = [task(f"t{i}", *pick.sample(needs[:2], 2) if i else needs[2:]) for i in range(3)]
-    tree = sequence(parallel(2, retry(3, action("t0")), action("t1")), action("t2"))
-    team = {f"r{i}": {"drive": 1, "look": 1 + i % 2} for i in range(4)}
-    world = World(make_mission(tree, team, tasks))
-    steps = IncrementalSteps(world.evaluator, min_cost_flow)
-    for _ in range(25):
-        random_step(world, pick)
-        world.tick()
-        world.facts.prune(world.evaluator)
-        followed = make_plan(world.mission, world.facts, world.alive, steps).packed
-        scratch = world.plan().packed
-        assert followed == scratch, f"seed {seed}"
-
-
 # -- as facts ---------------------------------------------------------------------------------
 
 
@@ -373,7 +351,7 @@ def test_bids_are_dropped_with_their_activation() -> None:
     world.close(first, "drive", "A")
     world.outcome(first, False, "A", "drive")
     world.tick()
-    world.facts.prune(world.evaluator)
+    world.facts.prune()
     assert world.activation("fetch") != first
     assert not any(entry.name.startswith(("bid/", "closed/")) for entry in world.facts.map)
     assert world.facts.bids(first) is NO_BIDS
@@ -396,15 +374,6 @@ def test_bids_for_what_is_not_by_bid_are_refused() -> None:
             name = f"{kind}/{world.activation(subject)}/{local_task}"
             reason = refusal(world.facts, make_entry("A", name, version, value))
             assert reason == f"{subject!r}: {local_task!r} is not for bids"
-
-
-def test_evaluation_takes_no_notice_of_bids() -> None:
-    world = town("AB")
-    world.tick()
-    changes = FactChanges(world.facts)
-    bid_all(world, A=-1)
-    world.close(world.activation("fetch"), "drive", "A")
-    assert [*changes.nodes, *changes.conditions, *changes.child_results] == []
 
 
 def test_whoever_sees_the_time_pass_says_so() -> None:

@@ -27,7 +27,7 @@ def lifters(needed: int, allowed: int, *names: str) -> World:
 
 def all_demands(world: World) -> list[tuple[Demand, ...]]:
     capabilities = capabilities_of(world.facts, world.alive)
-    return demands_of(world.facts, world.tick().requests, capabilities, world.evaluator)
+    return demands_of(world.facts, world.tick().requests, capabilities)
 
 
 def demand(world: World) -> Demand:

@@ -326,7 +326,7 @@ def test_the_alive_set_alone_does_not_change_the_digest() -> None:
 def test_a_robot_counts_only_in_the_life_that_is_alive() -> None:
     world = repair()
     alive = world.alive | {"C1": Incarnation(7, "other")}
-    plan = make_plan(world.mission, world.facts, alive, world.steps(min_cost_flow))
+    plan = make_plan(world.facts, alive, min_cost_flow)
     assert "C1" not in plan.lines
 
 

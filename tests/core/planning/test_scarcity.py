@@ -168,9 +168,7 @@ def test_the_plan_is_the_same_whichever_optimum_a_solver_finds(
         lines = careful.plan().lines
         if robot in lines and data.draw(st.booleans()):
             careful.claim(robot, lines[robot].activation, lines[robot].local_task)
-    other = make_plan(
-        careful.mission, careful.facts, careful.alive, careful.steps(turned(min_cost_flow))
-    )
+    other = make_plan(careful.facts, careful.alive, turned(min_cost_flow))
     assert careful.plan().packed == other.packed
 
 

@@ -37,7 +37,7 @@ def limited(mission: Mission, *constraints: Constraint) -> World:
 
 def plan(world: World) -> Plan:
     world.tick()
-    return make_plan(world.mission, world.facts, world.alive, world.steps(default_solver))
+    return make_plan(world.facts, world.alive, default_solver)
 
 
 def served(found: Plan) -> dict[str, str]:
@@ -299,7 +299,7 @@ def test_plans_keep_the_constraints_and_requests_as_trying_out_everything_does(s
             return default_solver(problem)
 
         noting.supports_constraints = True  # type: ignore[attr-defined]
-        found = make_plan(world.mission, world.facts, world.alive, world.steps(noting))
+        found = make_plan(world.facts, world.alive, noting)
         where = f"seed {seed}, case {case}: {world.mission.constraints}, {found.to_json()}"
         requests = found.evaluation.requests
         assert found.feasible is (len(found.waiting) < len(requests) or not requests), where

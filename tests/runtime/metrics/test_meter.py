@@ -66,9 +66,8 @@ def test_each_plan_is_timed_and_is_the_same_plan() -> None:
     facts, alive = TeamFacts(MISSION, RUN), {"A": Incarnation(1, "n")}
     engine = found.timed(FASTEST)
     for _ in range(3):
-        evaluator = engine.evaluator(facts)
-        plan = engine.plan_making(MISSION, evaluator, default_solver)(facts, alive)
-        plain = FASTEST.plan_making(MISSION, evaluator, default_solver)(facts, alive)
+        plan = engine.plan_making(default_solver)(facts, alive)
+        plain = FASTEST.plan_making(default_solver)(facts, alive)
         assert plan.packed == plain.packed
     assert sum(found.plan_s.counts) == 3
     assert found.plan_s.sum_s > 0

@@ -21,7 +21,6 @@ def test_i1_plans_that_differ_on_the_same_facts(team: Team) -> None:
     facts = team.agents[0].view.facts
     facts.run = "another"
     facts.changes += 1
-    inside.planner(team.agents[0])._evaluator.forget()
     assert "I1" in team.sample()
 
 
