@@ -6,7 +6,8 @@ Three walks: a robot of three ends a diagnosis, until another one starts the rep
 to; a robot is killed at work, until another one takes over; `mrbt plan` of the vehicle repair. In
 the first two, of the agents' code alone: `Agent.handle` and `next_deadline_us`, and the files of
 mrbt_mesh/core that they enter. The team has worked before, so that nothing is made for the first
-time. `step` is the one call of `handle` that takes the outcome in.
+time. `step` is the one call of `handle` that takes the outcome in. An edge leads from one file to
+another, by a call or a return, however often.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from benchmarks.walk.trace import Trace
 
 CORE = "core/"
 AGENT = "agent.py"
-COLUMNS = ("files", "packages", "jumps", "jumps_between_packages")
+COLUMNS = ("files", "packages", "edges", "jumps", "jumps_between_packages")
 
 
 def counted(trace: Trace) -> dict[str, Any]:
@@ -70,8 +71,8 @@ def text(found: dict[str, Any], pairs: int) -> str:
     """The figures as a table, then what the one step of the sender enters."""
     step = found["outcome"]["step"]
     lines = [
-        f"{'':<44}{'':>10}{'':>10}{'':>10}{'between':>10}{'back into':>10}",
-        f"{'':<44}{'files':>10}{'packages':>10}{'jumps':>10}{'packages':>10}{AGENT:>10}",
+        f"{'':<74}{'jumps':>10}{'between':>10}{'back into':>10}",
+        f"{'':<44}{'files':>10}{'packages':>10}{'edges':>10}{'':>10}{'packages':>10}{AGENT:>10}",
         row("ActionFinished to StartAction, all robots", found["outcome"]["all"]),
         row("  the sender", found["outcome"]["sender"]),
         row("  the sender's step with the outcome", step),

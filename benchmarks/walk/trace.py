@@ -64,12 +64,13 @@ class Trace:
         return Counter((one, other) for one, other in steps if one != other)
 
     def figures(self) -> dict[str, Any]:
-        """What is counted, as data."""
+        """What is counted, as data; an edge leads from one file to another, however often."""
         jumps = self.jumps()
         between = sum(n for (a, b), n in jumps.items() if package(a) != package(b))
         return {
             "files": len(self.files()),
             "packages": len({package(file) for file in self.files()}),
+            "edges": len(jumps),
             "jumps": sum(jumps.values()),
             "jumps_between_packages": between,
         }

@@ -13,6 +13,7 @@ def test_figures_of_a_trace() -> None:
     assert trace.figures() == {
         "files": 4,
         "packages": 3,
+        "edges": 4,
         "jumps": 4,
         "jumps_between_packages": 2,
     }
