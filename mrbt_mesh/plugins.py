@@ -74,12 +74,17 @@ def require(what: str, extra: str, *modules: str) -> None:
 
 @dataclass(frozen=True)
 class ViewerOptions:
-    """What a view is asked for; each takes what applies to it. `port` None: its own choice."""
+    """What a view is asked for; each takes what applies to it.
+
+    `port` None: the view's usual one, 0: any. `has_control`: it may act on the team. `robot`: show
+    the tree of this one. `notes`: lines to show with the team, e.g. a warning.
+    """
 
     host: str = "127.0.0.1"
     port: int | None = None
     has_control: bool = False
     robot: str | None = None
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

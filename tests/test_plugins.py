@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from importlib.metadata import EntryPoint
+from typing import Any
 
 import pytest
 
@@ -53,3 +56,19 @@ def test_a_missing_extra_is_said_with_the_remedy() -> None:
     require("the page", "web", "os.path")
     with pytest.raises(InputError, match=r"the page needs the extra 'web': pip install 'mrbt-mesh"):
         require("the page", "web", "os", "no_such_package.module")
+
+
+@pytest.mark.parametrize("kind", [plugins.VIEWS, plugins.ADAPTERS], ids=lambda kind: kind.name)
+def test_the_plugins_of_this_package_are_installed_and_cheap_to_import(kind: Group[Any]) -> None:
+    """No extra is needed for their help."""
+    heavy = ("starlette", "uvicorn", "textual", "zmq", "foxglove")
+    code = (
+        "import sys; from mrbt_mesh.plugins import *\n"
+        f"kind = {kind.what.upper()}S\n"
+        "for name in kind.names(): print(kind.load(name).summary)\n"
+        f"print([name for name in {heavy} if name in sys.modules])"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    *summaries, loaded = said.stdout.splitlines()
+    assert len(summaries) >= 2
+    assert loaded == "[]"

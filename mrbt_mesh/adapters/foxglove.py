@@ -8,10 +8,14 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Mapping
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any, NoReturn
 
+import anyio
+
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.plugins import OpenView, ViewerOptions, require
 from mrbt_mesh.recording.channels import BEATS, CHANNELS, DROPPED, FACTS
 from mrbt_mesh.recording.encoding import MessageEncoder
 from mrbt_mesh.recording.metadata import RunMetadata
@@ -19,7 +23,11 @@ from mrbt_mesh.recording.metadata import RunMetadata
 if TYPE_CHECKING:
     from foxglove.websocket import ChannelView, Client
 
-EXTRA = "foxglove"
+    from mrbt_mesh.runtime.team import Team
+    from mrbt_mesh.runtime.watcher import Watcher
+
+# The port that Foxglove's dialog proposes.
+PORT = 8765
 # What the library waits with for a slow viewer; then it drops the oldest messages. More than what
 # stands of a large team: a viewer that comes late is told all of that at once.
 BACKLOG_MESSAGES = 1 << 16
@@ -27,10 +35,35 @@ BACKLOG_MESSAGES = 1 << 16
 
 def require_extra() -> None:
     """Raises InputError without the library."""
-    try:
-        import foxglove  # noqa: F401
-    except ImportError:
-        raise InputError(f"Foxglove needs more: pip install 'mrbt-mesh[{EXTRA}]'") from None
+    require("Foxglove's protocol", "foxglove", "foxglove")
+
+
+class FoxgloveViewer:
+    """All that a recording of the team would have, live."""
+
+    summary = "Serve the team to Foxglove: open a connection (Foxglove WebSocket) to the address."
+
+    def check(self, options: ViewerOptions) -> None:
+        """Raises InputError without the extra."""
+        require_extra()
+
+    @asynccontextmanager
+    async def showing(
+        self, watcher: Watcher, team: Team | None, options: ViewerOptions
+    ) -> AsyncIterator[OpenView]:
+        """Serve it until the watcher is closed. Raises InputError if it cannot listen."""
+        port = PORT if options.port is None else options.port
+        opened: list[FoxgloveServer] = []
+
+        def open_sink(metadata: RunMetadata) -> FoxgloveServer:
+            opened.append(FoxgloveServer(metadata, options.host, port))
+            return opened[0]
+
+        watcher.record_to(open_sink)
+        yield OpenView(opened[0].address, lambda: None, anyio.Event())
+
+
+viewer = FoxgloveViewer()
 
 
 class FoxgloveServer:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from typing import Any
 
-from mrbt_mesh.adapters.node_statuses import ObservedTree
+from mrbt_mesh.adapters.node_statuses import GlobalTree, ObservedTree
 from mrbt_mesh.core.bt.tree import CONTROLS, LEAVES, Kind, Node, Status
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.observer import Observer
 
 _STATUS = {
@@ -17,6 +20,28 @@ _STATUS = {
 # As py_trees' own viewers colour them.
 _COLOURS = {Kind.SEQUENCE: "#FFA500", Kind.FALLBACK: "#00FFFF", Kind.PARALLEL: "#FFFF00"}
 LEAF, DECORATOR, CONTROL = "#555555", "#DDDDDD", "#FFA500"
+
+
+class SnapshotExport:
+    """Snapshots as JSON lines, one after each change."""
+
+    summary = "Write snapshots of the tree for py_trees_js, as JSON lines."
+    suffix = ".jsonl"
+
+    def start(
+        self, mission: Mission, began_us: int, began_unix_us: int
+    ) -> tuple[bytes, Callable[[Observer, int], bytes]]:
+        """There is no header."""
+        snapshots = Snapshots(GlobalTree(mission))
+
+        def line(observer: Observer, now_us: int) -> bytes:
+            found = snapshots.changed(observer, now_us - began_us + began_unix_us)
+            return b"" if found is None else json.dumps(found).encode() + b"\n"
+
+        return b"", line
+
+
+export = SnapshotExport()
 
 
 class Snapshots:

@@ -8,14 +8,34 @@ little-endian.
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 
 from mrbt_mesh.adapters.groot2.full_tree import FullTree
 from mrbt_mesh.adapters.groot2.protocol import transition
-from mrbt_mesh.adapters.node_statuses import ObservedTree
+from mrbt_mesh.adapters.node_statuses import GlobalTree, ObservedTree
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.observer import Observer
 
 MAGIC = b"BTCPP4-FileLogger2"
 VERSION = 1
+
+
+class BtlogExport:
+    """A log of BehaviorTree.CPP, which Groot2 opens."""
+
+    summary = "Write every change of the tree's statuses, for Groot2."
+    suffix = ".btlog"
+
+    def start(
+        self, mission: Mission, began_us: int, began_unix_us: int
+    ) -> tuple[bytes, Callable[[Observer, int], bytes]]:
+        """The header has the tree."""
+        log = Btlog(GlobalTree(mission))
+        changes = lambda observer, now_us: log.changes(observer, now_us - began_us)  # noqa: E731
+        return log.header(began_unix_us), changes
+
+
+export = BtlogExport()
 
 
 class Btlog:

@@ -10,6 +10,7 @@ import anyio.lowlevel
 
 from mrbt_mesh.adapters.groot2.monitored import MonitoredTree
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.plugins import require
 from mrbt_mesh.runtime.fencing import boottime_us
 
 if TYPE_CHECKING:
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
 
 # Requests are a few bytes; names of blackboards may be longer.
 MAX_REQUEST_BYTES = 1 << 16
-EXTRA = "Groot2's protocol needs the extra `groot2`: pip install 'mrbt-mesh[groot2]'"
 
 
 @contextmanager
@@ -26,11 +26,10 @@ def listening(host: str, port: int) -> Iterator[tuple[zmq.asyncio.Socket, int]]:
 
     Raises InputError without the library, and where it cannot listen.
     """
-    try:
-        import zmq
-        import zmq.asyncio
-    except ImportError:
-        raise InputError(EXTRA) from None
+    require("Groot2's protocol", "groot2", "zmq")
+    import zmq
+    import zmq.asyncio
+
     context = zmq.asyncio.Context()
     # Not REP, for which a message without its envelope ends in an error of the one who answers.
     socket = context.socket(zmq.ROUTER)
