@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from mrbt_mesh.runtime.watcher import Watcher
 
 _Plugin = TypeVar("_Plugin")
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+_Node = TypeVar("_Node", bound=type)
 
 
 @dataclass(frozen=True)
@@ -135,6 +137,18 @@ class ProgramKind(Protocol):
     hint: str  # what to do first with the new files, with {folder}; may be empty
 
 
+class LeafRegistry(Protocol):
+    """What trees of one format call of a robot's program, and ask it for."""
+
+    enums: dict[str, int]
+
+    def action(self, name: str) -> Callable[[_Function], _Function]: ...
+    def condition(self, name: str) -> Callable[[_Function], _Function]: ...
+    def node(self, name: str) -> Callable[[_Node], _Node]: ...
+    def entry(self, name: str) -> Callable[[_Function], _Function]: ...
+    def source(self, name: str) -> Callable[[_Function], _Function]: ...
+
+
 class TreeFormat(Protocol):
     """Trees in files, which missions name as local tasks: `tree: FILE.xml#TreeID`."""
 
@@ -144,8 +158,8 @@ class TreeFormat(Protocol):
         Raises InputError, with one line for each problem.
         """
 
-    def leaves(self) -> Any:
-        """What collects the functions of a robot's program that are leaves of such trees."""
+    def leaves(self) -> LeafRegistry:
+        """An empty registry for one robot's program."""
 
     def problems(
         self, tree: ProgramTree, leaves: Any, conditions: Mapping[str, ConditionType]
@@ -165,6 +179,19 @@ class TreeFormat(Protocol):
         Raises TaskFailedError unless it succeeds.
         """
 
+    async def run_file(
+        self,
+        path: Path,
+        tree: str | None,
+        leaves: Any,
+        task: TaskContext,
+        ports: Mapping[str, Any],
+    ) -> None:
+        """Run a tree of a file, with `ports` as its entries.
+
+        Raises FileError, and TaskFailedError unless it succeeds.
+        """
+
 
 # A command is a function as in `cli/commands`; its name has its group's before it: "tree.check".
 COMMANDS: Group[Callable[..., None]] = Group("mrbt_mesh.commands", "command")
@@ -173,3 +200,8 @@ ADAPTERS: Group[Export] = Group("mrbt_mesh.adapters", "adapter")
 PROGRAMS: Group[ProgramKind] = Group("mrbt_mesh.programs", "kind of robots")
 # By the file's ending without the dot: "xml".
 FILE_FORMATS: Group[TreeFormat] = Group("mrbt_mesh.file_formats", "file format")
+
+
+def tree_format(file: str) -> TreeFormat:
+    """The format of the trees in a file, by its ending. Raises InputError for an unknown one."""
+    return FILE_FORMATS.load(file.rpartition(".")[2].lower())

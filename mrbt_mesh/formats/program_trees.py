@@ -9,14 +9,12 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from mrbt_mesh.btcpp.files.check import check_file
-from mrbt_mesh.btcpp.files.export import explicit
-from mrbt_mesh.btcpp.files.library import Library
 from mrbt_mesh.core.mission.program_trees import ProgramTree
-from mrbt_mesh.errors import FileError, nearest
+from mrbt_mesh.errors import InputError, nearest
 from mrbt_mesh.formats.expand import argument_text, call_text, split_template, substitute
 from mrbt_mesh.formats.mission_model import LocalTaskOrTreeModel, MissionModel
 from mrbt_mesh.formats.problems import Report
+from mrbt_mesh.plugins import tree_format
 
 
 def ground_program_trees(
@@ -47,26 +45,12 @@ def _read(
     place = ("local_tasks", name, "tree")
     file, _, tree = (task.tree_file or "").partition("#")
     try:
-        library, findings = check_file(folder / file)
-        findings.raise_errors()
-    except FileError as error:
-        for problem in error.problems:
-            report.add(place, str(problem))
+        text, chosen = tree_format(file).read(folder / file, tree)
+    except InputError as error:
+        for line in str(error).splitlines():
+            report.add(place, line)
         return None
-    chosen = _chosen(tree, library)
-    if chosen is None:
-        known = nearest(tree, list(library.trees))
-        report.add(place, f"{file}: there is no tree {tree!r}{known}" if tree else f"{file}{known}")
-        return None
-    for missing in library.missing_files:
-        report.add(place, f"{file}: {missing!r}, which it includes, cannot be read")
-    return file, explicit(library, is_merged=True).text(), chosen
-
-
-def _chosen(tree: str, library: Library) -> str | None:
-    if not tree:
-        return library.main_tree
-    return tree if tree in library.trees else None
+    return file, text, chosen
 
 
 def _filled(

@@ -35,6 +35,7 @@ from mrbt_mesh.core.mission.mission import (
     Mission,
 )
 from mrbt_mesh.core.mission.names import ALL, split_call, type_name
+from mrbt_mesh.plugins import tree_format
 from mrbt_mesh.runtime.backgrounds import BackgroundRunner
 from mrbt_mesh.runtime.local_trees import LeafEnd, LocalTreeRunner
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext, TaskFunction
@@ -204,17 +205,12 @@ class ActionRunner:
         program = self._mission.program_trees.get(ground)
         if program is None:
             return self._program.find(name)
-        from mrbt_mesh.runtime.team_leaves import team_leaves
-        from mrbt_mesh.runtime.tree_programs import carry_out, made_tree, told_outputs
 
         async def run(context: TaskContext, *arguments: str) -> None:
-            leaves = team_leaves(self._program.leaves, self._mission.conditions)
-            tree = made_tree(program, leaves, {TaskContext: context})
-            try:
-                await carry_out(tree, {}, port.report_tree)
-            finally:
-                for condition, value in told_outputs(program, tree).items():
-                    context.set_condition(condition, value)
+            leaves, conditions = self._program.leaves, self._mission.conditions
+            await tree_format(program.source).run(
+                program, leaves, conditions, context, port.report_tree
+            )
 
         return run
 

@@ -31,6 +31,7 @@ from typing import TYPE_CHECKING, Any, Concatenate, Protocol, TypeAlias, TypeVar
 
 from mrbt_mesh.core.mission.names import ALL, type_name
 from mrbt_mesh.errors import nearest
+from mrbt_mesh.plugins import FILE_FORMATS, LeafRegistry, tree_format
 from mrbt_mesh.runtime.program_function import (
     BackgroundFunction,
     ProgramError,
@@ -42,11 +43,10 @@ from mrbt_mesh.runtime.program_function import (
 )
 
 if TYPE_CHECKING:
-    from mrbt_mesh.btcpp import Leaves, TreeNode
     from mrbt_mesh.core.mission.mission import Mission
 
 _F = TypeVar("_F", bound=Callable[..., Any])
-_N = TypeVar("_N", bound="type[TreeNode]")
+_N = TypeVar("_N", bound=type)
 
 
 class TaskPort(Protocol):
@@ -258,12 +258,9 @@ class RobotProgram:
         return register
 
     @cached_property
-    def leaves(self) -> Leaves:
-        """The leaves of BehaviorTree.CPP trees that are local tasks."""
-        # Most programs have none, and their robots start without all that reads such files.
-        from mrbt_mesh.btcpp import Leaves
-
-        return Leaves(TaskContext)
+    def leaves(self) -> LeafRegistry:
+        """The leaves of BehaviorTree.CPP trees that are local tasks: `mrbt_mesh.btcpp.Leaves`."""
+        return FILE_FORMATS.load("xml").leaves()
 
     def action(self, name: str) -> Callable[[_F], _F]:
         """Register an action of BehaviorTree.CPP trees: a function of its ports.
@@ -314,11 +311,7 @@ class RobotProgram:
         Raises TaskFailedError unless it succeeds, with the reason of the leaf that failed last, and
         FileError.
         """
-        from mrbt_mesh.btcpp import BehaviorTree
-        from mrbt_mesh.runtime.tree_programs import carry_out
-
-        made = BehaviorTree.from_file(path, tree, self.leaves, given={TaskContext: task})
-        await carry_out(made, ports)
+        await tree_format(str(path)).run_file(Path(path), tree, self.leaves, task, ports)
 
     def bid(self, name: str) -> Callable[[_Bid], _Bid]:
         """Register `f(task, ...)`, async or not: this robot's performance in a local task.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os.path
+import re
 import types
 import typing
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -16,6 +17,9 @@ from mrbt_mesh.errors import InputError, TaskFailedError
 
 _POSITIONAL = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
 _TYPES = (int, float, bool, str)
+_INTEGER = re.compile(r"[+-]?[0-9]{1,19}", re.ASCII)
+_TRUTHS = {"1": True, "true": True, "TRUE": True, "True": True}
+_TRUTHS |= {"0": False, "false": False, "FALSE": False, "False": False}
 
 
 class ProgramError(InputError):
@@ -210,13 +214,16 @@ def _value(parameter: TaskParameter, text: str) -> Any:
     """An argument, converted as the ports of a tree's leaves are. Raises ValueError."""
     if parameter.type is str:
         return text
-    # Most programs take texts, and do not load this.
-    from mrbt_mesh.btcpp.scripts.values import CPP_TYPES, ValueTypeError, read_text
-
     try:
-        return read_text(text, CPP_TYPES[parameter.type])
-    except ValueTypeError as error:
-        raise ValueError(f"parameter {parameter.name!r}: {error}") from None
+        if parameter.type is bool:
+            return _TRUTHS[text]
+        if parameter.type is int and not _INTEGER.fullmatch(text):
+            raise ValueError(text)
+        return parameter.type(text)
+    except (KeyError, ValueError):
+        what = {int: "no integer", float: "no real number", bool: "neither true nor false"}
+        problem = f"the text {text!r} is {what[parameter.type]}"
+        raise ValueError(f"parameter {parameter.name!r}: {problem}") from None
 
 
 def _innermost(function: Any) -> Any:

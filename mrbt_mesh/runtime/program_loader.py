@@ -18,6 +18,7 @@ from typing import TypeAlias
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import ALL, split_call, type_name
 from mrbt_mesh.errors import FileError, InputError, nearest
+from mrbt_mesh.plugins import tree_format
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_function import BackgroundFunction, ProgramError, ProgramFunction
 
@@ -98,13 +99,9 @@ def check_program(
     # One for each function, however many calls it does not fit.
     problems = set({place: problem for place, problem in reversed(found) if problem}.values())
     for name in sorted(declared & programs.keys()):
-        from mrbt_mesh.runtime.team_leaves import team_leaves
-        from mrbt_mesh.runtime.tree_programs import lacking_leaves
-
-        leaves_known = team_leaves(program.leaves, mission.conditions)
-        problems |= {
-            f"tree of {name} ({each})" for each in lacking_leaves(programs[name], leaves_known)
-        }
+        file = programs[name]
+        lacking = tree_format(file.source).problems(file, program.leaves, mission.conditions)
+        problems |= {f"tree of {name} ({each})" for each in lacking}
     return sorted(problems)
 
 

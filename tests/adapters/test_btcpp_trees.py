@@ -13,6 +13,10 @@ import pytest
 
 from mrbt_mesh import RobotProgram, TaskContext, TaskFailedError
 from mrbt_mesh.btcpp import NodeStatus, Out
+from mrbt_mesh.btcpp.files.document import parse_document
+from mrbt_mesh.btcpp.files.expand import expand
+from mrbt_mesh.btcpp.files.findings import Findings
+from mrbt_mesh.btcpp.files.library import library_of
 from mrbt_mesh.core.agent.effects import CancelAction, StartAction
 from mrbt_mesh.core.agent.inputs import ActionFinished, ActionStopped
 from mrbt_mesh.core.facts.store import Incarnation
@@ -21,7 +25,6 @@ from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.mission.program_trees import ProgramTree
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.runtime.program_loader import check_program
-from mrbt_mesh.runtime.tree_programs import made_tree
 from mrbt_mesh.sim.world.clock import VirtualClock, VirtualLoop
 from tests.support.action_host import Host
 from tests.support.build import action, make_mission
@@ -91,8 +94,8 @@ def run_look(
 
 def test_the_statuses_of_its_nodes_are_told_when_they_change() -> None:
     ticked = run_look(mission_of(), program_of([]), VirtualClock()).ticked
-    tree = made_tree(mission_of().program_trees["look"], program_of([]).leaves)
-    assert {len(statuses) for statuses in ticked} == {len([*tree.view()])}
+    nodes = expand(library_of(parse_document(XML, "look.xml"), Findings()), "Look").root.walk()
+    assert {len(statuses) for statuses in ticked} == {len([*nodes])}
     assert all(before != after for before, after in pairwise(ticked))
     assert ticked[0][0] == NodeStatus.RUNNING
 

@@ -1,0 +1,148 @@
+"""Local tasks that are BehaviorTree.CPP trees: the file format `xml` of missions and programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from mrbt_mesh.btcpp import BehaviorTree, BlackboardError, Leaves, NodeStatus, TickError
+from mrbt_mesh.btcpp.files.check import check_file
+from mrbt_mesh.btcpp.files.document import parse_document
+from mrbt_mesh.btcpp.files.expand import constant_value
+from mrbt_mesh.btcpp.files.export import explicit
+from mrbt_mesh.btcpp.files.findings import Findings
+from mrbt_mesh.btcpp.files.library import library_of
+from mrbt_mesh.btcpp.scripts.values import ValueTypeError, as_truth
+from mrbt_mesh.core.mission.conditions import ConditionType
+from mrbt_mesh.core.mission.program_trees import ProgramTree
+from mrbt_mesh.errors import FileError, Problem, TaskFailedError, nearest
+from mrbt_mesh.runtime.program import TaskContext
+
+
+class BtcppTrees:
+    """The plug-in: see `plugins.TreeFormat`."""
+
+    def read(self, path: Path, tree: str) -> tuple[str, str]:
+        library, findings = check_file(path)
+        findings.raise_errors()
+        file = str(path)
+        chosen = tree or library.main_tree
+        if chosen is None or chosen not in library.trees:
+            what = f"there is no tree {tree!r}" if tree else "no tree is named"
+            message = what + nearest(tree, list(library.trees))
+            raise FileError([Problem(file, 0, "", message)])
+        if library.missing_files:
+            raise FileError(
+                Problem(file, 0, "", f"{missing!r}, which it includes, cannot be read")
+                for missing in library.missing_files
+            )
+        return explicit(library, is_merged=True).text(), chosen
+
+    def leaves(self) -> Leaves:
+        return Leaves(TaskContext)
+
+    def problems(
+        self, tree: ProgramTree, leaves: Any, conditions: Mapping[str, ConditionType]
+    ) -> list[str]:
+        try:
+            _made_tree(tree, _with_conditions(leaves, conditions))
+        except FileError as error:
+            return [str(problem) for problem in error.problems]
+        except BlackboardError as error:
+            return [f"{tree.source}: {tree.tree}: {error}"]
+        return []
+
+    async def run(
+        self,
+        tree: ProgramTree,
+        leaves: Any,
+        conditions: Mapping[str, ConditionType],
+        task: TaskContext,
+        report: Callable[[bytes], None],
+    ) -> None:
+        made = _made_tree(tree, _with_conditions(leaves, conditions), {TaskContext: task})
+        try:
+            await _carry_out(made, report)
+        finally:
+            for entry, condition in tree.outputs:
+                try:
+                    task.set_condition(condition, as_truth(made.blackboard.get(entry)))
+                except ValueTypeError:
+                    continue  # an entry without a truth changes nothing
+
+    async def run_file(
+        self,
+        path: Path,
+        tree: str | None,
+        leaves: Any,
+        task: TaskContext,
+        ports: Mapping[str, Any],
+    ) -> None:
+        made = BehaviorTree.from_file(path, tree, leaves, given={TaskContext: task})
+        made.check()
+        for name, value in ports.items():
+            made.blackboard[name] = value
+        await _carry_out(made)
+
+
+TREES = BtcppTrees()
+
+
+def _made_tree(
+    program: ProgramTree, leaves: Leaves, given: Mapping[type, Any] | None = None
+) -> BehaviorTree:
+    """The tree of a mission, with its entries set. Raises FileError and BlackboardError."""
+    library = library_of(parse_document(program.xml, program.source), Findings())
+    tree = BehaviorTree(library, program.tree, leaves, given=given)
+    tree.check()  # so that ports' types are known
+    for name, text in program.ports:
+        # A text becomes what an entry that has a type needs; else it is what it looks like.
+        is_typed = bool(tree.blackboard.type_of(name))
+        tree.blackboard[name] = text if is_typed else constant_value(text)
+    return tree
+
+
+async def _carry_out(tree: BehaviorTree, report: Callable[[bytes], None] | None = None) -> None:
+    """Run a tree to its end. Raises TaskFailedError unless it succeeds.
+
+    `report` gets the statuses of its nodes in preorder after each tick; a skipped node is idle.
+    """
+    reasons: dict[int, str] = {}
+
+    def note() -> None:
+        views = list(tree.view())
+        reasons.update({view.uid: view.reason for view in views if view.reason})
+        if report is not None:
+            report(bytes(view.status % NodeStatus.SKIPPED for view in views))
+
+    tree.watch(note)
+    try:
+        status = await tree.run()
+    except TickError as error:
+        # What is wrong, then its file and line: reasons are short, and paths of nodes are long.
+        place, _, rest = str(error).partition(": ")
+        message = rest.partition(": ")[2]
+        raise TaskFailedError(f"{message} ({place})" if message else str(error)) from error
+    if status is not NodeStatus.SUCCESS:
+        last = list(reasons.values())[-1:]
+        raise TaskFailedError(last[0] if last else f"the tree {tree.name} ended as {status.name}")
+
+
+def _with_conditions(leaves: Leaves, conditions: Mapping[str, ConditionType]) -> Leaves:
+    """A program's leaves, and conditions of the team for which it has no function.
+
+    Their ports are the condition's arguments, by name or, where names differ, in their order.
+    """
+    return leaves.with_conditions({name: _reader(each) for name, each in conditions.items()})
+
+
+def _reader(condition: ConditionType) -> Callable[..., bool]:
+    def read(_task: TaskContext, **ports: Any) -> bool:
+        is_named = ports.keys() == set(condition.parameters)
+        values = [ports[name] for name in condition.parameters] if is_named else ports.values()
+        arguments = ",".join(map(str, values))
+        return _task.condition(f"{condition.name}({arguments})" if arguments else condition.name)
+
+    read.__annotations__["_task"] = TaskContext
+    return read
