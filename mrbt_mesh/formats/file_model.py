@@ -148,7 +148,7 @@ def explain(
     kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})
     if kind == "missing":
         return place[:-1], f"the key {place[-1]!r} is missing"
-    if kind in ("node", "children"):
+    if kind in ("node", "children", "expression"):
         return place, detail["msg"]
     if kind == "shape":
         expected = detail["msg"]

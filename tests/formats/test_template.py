@@ -56,7 +56,7 @@ def test_robots_of_ros_2_and_their_mission_fit_together(
         assert check_program(program, mission, robot.capabilities) == []
     bindings = load_bindings(written[2])
     assert bindings.values["place"].keys() == set(mission.parameters["patrol"])
-    [sets] = [task.sets for task in bindings.tasks.values() if task.sets]
+    [sets] = [task.sets for task in bindings.local_tasks.values() if task.sets]
     assert {name.partition("(")[0] for name in sets} <= mission.conditions.keys()
 
 

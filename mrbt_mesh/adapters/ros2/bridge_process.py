@@ -35,7 +35,7 @@ def bridge_command(file: BindingFile) -> list[str]:
 
 def bridge_environment(file: BindingFile) -> dict[str, str]:
     """The bridge's environment."""
-    domain = {} if file.domain is None else {"ROS_DOMAIN_ID": str(file.domain)}
+    domain = {} if file.bridge.domain is None else {"ROS_DOMAIN_ID": str(file.bridge.domain)}
     return {**os.environ, **domain}
 
 
@@ -45,8 +45,7 @@ def check_bindings(file: BindingFile, command: list[str] | None = None) -> None:
     Raises InputError, with the lines, if they do not, or if there is no bridge to be had.
     """
     command = command or bridge_command(file)
-    line = file.report.line(("bridge", "python"))
-    place = f"{file.file}:{line}: bridge/python"
+    place = file.place("bridge", "python")
     try:
         done = subprocess.run(
             command,
@@ -64,7 +63,7 @@ def check_bindings(file: BindingFile, command: list[str] | None = None) -> None:
         if message["op"] == "failed":
             raise InputError(f"{place}: {message['text']}; name the Python that has rclpy")
         if message["problems"]:
-            raise file.told(message["problems"])
+            raise file.unfit(message["problems"])
         return
     said = done.stderr.decode(errors="replace").strip()[-MAX_SAID:]
     raise InputError(f"{place}: the bridge ended with status {done.returncode}: {said}")

@@ -16,13 +16,15 @@ from typing import Any, TypeAlias
 
 import anyio
 
-from mrbt_mesh.adapters.ros2.binding_file import BindingFile, bind_message, load_bindings
-from mrbt_mesh.adapters.ros2.bindings import (
+from mrbt_mesh.adapters.ros2.binding_file import (
+    BindingFile,
     FilledBinding,
     FillError,
     KnownValues,
     TaskBinding,
+    bind_message,
     filled,
+    load_bindings,
 )
 from mrbt_mesh.adapters.ros2.bridge.watch import LifeWatch
 from mrbt_mesh.adapters.ros2.bridge_process import (
@@ -81,11 +83,11 @@ def bound_program(file: BindingFile, command: list[str], record_work: bool = Fal
             robots[task.robot] = ConnectedRobot(file, task.robot, command)
         return robots[task.robot]
 
-    @program.background(costs=list(file.tasks))
+    @program.background(costs=list(file.local_tasks))
     async def connect(task: TaskContext) -> None:
         await member(task).run(task)
 
-    for name in file.tasks:
+    for name in file.local_tasks:
         _serve(program, member, name)
     for name in file.entries:
         _say(program, member, name)
@@ -160,7 +162,7 @@ class ConnectedRobot:
 
     async def perform(self, task: TaskContext, name: str, arguments: tuple[str, ...]) -> None:
         """Have a local task carried out; raises TaskFailedError. Cancelled: cancels it there."""
-        binding = self._file.tasks[name]
+        binding = self._file.local_tasks[name]
         try:
             wanted = filled(binding, self._values, arguments, self._file.values)
         except FillError as error:
@@ -209,7 +211,7 @@ class ConnectedRobot:
     def _holds(self, run: _Run) -> bool:
         assert run.binding.until is not None
         try:
-            return run.until is not None and run.binding.until.expressions[""].truth(run.until)
+            return run.until is not None and run.binding.until.expression.truth(run.until)
         except MessageExpressionError as error:
             raise TaskFailedError(f"until: {error}") from None
 
@@ -323,7 +325,7 @@ class ConnectedRobot:
             pipe.say({"op": "forget", "task": name, "goal_ids": [goal_id]})
         self._at_servers.clear()
         self._pipe = pipe
-        for name in self._file.tasks:
+        for name in self._file.local_tasks:
             self._servers.lost(name, "has not been found")
         for run in self._runs.values():
             if not run.is_sent:
@@ -353,7 +355,9 @@ class ConnectedRobot:
                 self._bridge_failure = message["text"]
                 self._log.error("bridge_failed", error=message["text"])
             case "checked":
-                self._log.error("bindings_refused", error=str(self._file.told(message["problems"])))
+                self._log.error(
+                    "bindings_refused", error=str(self._file.unfit(message["problems"]))
+                )
 
     # -- what follows --------------------------------------------------------------------------
 
@@ -391,9 +395,9 @@ class ConnectedRobot:
             if kind == "position":
                 self._place(fields)
             elif kind == "entry":
-                self.entries[name] = self._file.entries[name].expressions[""].entry(fields)
+                self.entries[name] = self._file.entries[name].expression.entry(fields)
             else:
-                found = self._file.conditions[name].expressions[""].truth(fields)
+                found = self._file.conditions[name].expression.truth(fields)
                 if self._told.get(name) is not found:
                     self._told[name] = found
                     ground = KnownValues(self._values, {}).text(name)

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 
 import anyio
 
-from mrbt_mesh.adapters.ros2.binding_file import BindingFile
-from mrbt_mesh.adapters.ros2.bindings import KnownValues
+from mrbt_mesh.adapters.ros2.binding_file import BindingFile, KnownValues
 from mrbt_mesh.runtime.log import robot_logger
 from mrbt_mesh.runtime.program import TaskContext
 
@@ -27,7 +26,7 @@ class Servers:
         self._values = KnownValues(values, {})
         self._log = robot_logger(robot)
         self._task: TaskContext | None = None
-        self._missing = dict.fromkeys(file.tasks, "the bridge to ROS has not started")
+        self._missing = dict.fromkeys(file.local_tasks, "the bridge to ROS has not started")
         self._found: set[str] = set()
         self._is_starting = True
 
@@ -63,12 +62,12 @@ class Servers:
 
     def lost(self, name: str, why: str) -> None:
         """The server cannot be used; `why` is a predicate, as `does not answer`."""
-        binding = self._file.tasks[name]
+        binding = self._file.local_tasks[name]
         self._tell(name, f"{_KINDS[binding.kind]} {self._values.text(binding.name)} {why}")
 
     def all_lost(self, why: str) -> None:
         """None of the servers can be used."""
-        for name in self._file.tasks:
+        for name in self._file.local_tasks:
             self._tell(name, why)
 
     def _tell(self, name: str, why: str) -> None:

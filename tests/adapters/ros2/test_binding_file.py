@@ -81,7 +81,7 @@ def _no_other_python(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_mrbt_new_writes() -> None:
     file = load_bindings(FILE)
     assert file.python == DEFAULT_PYTHON
-    assert file.tasks.keys() == {"go_to", "report"}
+    assert file.local_tasks.keys() == {"go_to", "report"}
     assert file.robot_values("A9") == {"robot": "A9"}
     assert file.position is not None
     assert file.position.expressions.keys() == {"x", "y", "heading"}
@@ -125,7 +125,7 @@ def test_what_is_checked_against_the_types(tmp_path: Path) -> None:
 def test_what_the_bridge_finds_is_told_with_lines(tmp_path: Path) -> None:
     file = load(tmp_path, EVERYTHING)
     place = ["local_tasks", "go", "goal", "pose", "position", "x"]
-    said = str(file.told([{"place": place, "text": "there is no field 'x'"}]))
+    said = str(file.unfit([{"place": place, "text": "there is no field 'x'"}]))
     line = EVERYTHING[: EVERYTHING.index("goal:")].count("\n") + 1
     assert said.startswith(f"{tmp_path}/ros2.yaml:{line}: local_tasks/go/goal/pose/position/x: ")
 

@@ -92,8 +92,8 @@ def test_the_command(file: BindingFile) -> None:
     assert python == "/usr/bin/python3"
     assert (Path(folder) / "__main__.py").is_file()
     assert (Path(packer) / "fallback.py").is_file()
-    object.__setattr__(file, "setup", "/ws/setup.bash")
-    object.__setattr__(file, "domain", 7)
+    object.__setattr__(file.bridge, "setup", "/ws/setup.bash")
+    object.__setattr__(file.bridge, "domain", 7)
     assert bridge_command(file)[:2] == ["bash", "-c"]
     assert bridge_command(file)[3:5] == ["/ws/setup.bash", "/usr/bin/python3"]
     assert bridge_environment(file)["ROS_DOMAIN_ID"] == "7"
@@ -102,8 +102,8 @@ def test_the_command(file: BindingFile) -> None:
 def test_setup_files_are_sourced(file: BindingFile, tmp_path: Path) -> None:
     setup = tmp_path / "setup.sh"
     setup.write_text("export ROS_DISTRO=a_good_one\n")
-    object.__setattr__(file, "setup", str(setup))
-    object.__setattr__(file, "python", sys.executable)
+    object.__setattr__(file.bridge, "setup", str(setup))
+    object.__setattr__(file.bridge, "python", sys.executable)
     shell = bridge_command(file)[:4]
     text = "os.write(1, msgpack.packb({'op': 'failed', 'text': os.environ['ROS_DISTRO']}))"
     with pytest.raises(InputError, match="a_good_one"):
@@ -135,13 +135,13 @@ def test_what_it_finds_is_told_with_the_line(file: BindingFile, tmp_path: Path) 
 
 
 def test_a_python_that_is_not_there(file: BindingFile) -> None:
-    object.__setattr__(file, "python", "/no/such/python")
+    object.__setattr__(file.bridge, "python", "/no/such/python")
     with pytest.raises(InputError, match="/no/such/python: No such file"):
         check_bindings(file)
 
 
 def test_a_python_without_rclpy_is_told(file: BindingFile) -> None:
-    object.__setattr__(file, "python", sys.executable)
+    object.__setattr__(file.bridge, "python", sys.executable)
     with pytest.raises(InputError, match="cannot import rclpy") as error:
         check_bindings(file)
     assert PLACE in str(error.value)

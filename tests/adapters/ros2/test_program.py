@@ -236,7 +236,7 @@ async def test_a_server_that_is_lost_is_not_waited_for(robot: Robot) -> None:
 async def test_what_is_not_done_in_its_time_is_cancelled(
     robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    object.__setattr__(robot.file.tasks["go"], "within_s", 0.0)
+    object.__setattr__(robot.file.local_tasks["go"], "within_s", 0.0)
     async with robot.performing("go", "gate") as work:
         pass
     assert work.outcome == "not done within 0 s"
@@ -410,7 +410,7 @@ async def test_a_robot_begins_without_its_capabilities(tmp_path: Path) -> None:
         group.start_soon(connect.function, context(robot.told))
         await anyio.wait_all_tasks_blocked()
         group.cancel_scope.cancel()
-    names = list(robot.file.tasks)
+    names = list(robot.file.local_tasks)
     said = [each[:2] for each in robot.told.said]
     assert said[: len(names)] == [("defer_capability", name) for name in names]
     assert said[-len(names) :] == [("lose_capability", name) for name in names]

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.adapters.ros2.bindings import (
+from mrbt_mesh.adapters.ros2.binding_file import (
     FillError,
     KnownValues,
     TaskBinding,
@@ -20,12 +19,12 @@ from mrbt_mesh.adapters.ros2.bindings import (
 
 TABLES: dict[str, dict[str, Any]] = {"place": {"gate": {"x": 1.0, "at": {"yaw": 0.5}}, "3": 7}}
 BINDING = TaskBinding(
-    *("action", "/$robot/go", "a_msgs/action/Go", ("place", "tool")),
-    body={"pose": {"x": "$place.x", "yaw": "$place.at.yaw"}, "tool": "$tool", "by": "it: $robot"},
-    **dict.fromkeys(("progress", "success", "reason", "within_s", "lifecycle", "until")),
+    action="/$robot/go",
+    type="a_msgs/action/Go",
+    parameters=["place", "tool"],
+    goal={"pose": {"x": "$place.x", "yaw": "$place.at.yaw"}, "tool": "$tool", "by": "it: $robot"},
     sets={"seen($place)": True},
-    on_cancel=None,
-)  # type: ignore[misc, call-arg, arg-type]
+)
 PLAIN = st.recursive(
     st.none() | st.booleans() | st.integers() | st.text(alphabet="abc $"),
     lambda inner: st.lists(inner) | st.dictionaries(st.text("xyz"), inner),
@@ -41,7 +40,9 @@ def test_values_tables_and_texts() -> None:
 
 
 def test_a_whole_value_of_a_table() -> None:
-    binding = replace(BINDING, parameters=("place",), body={"n": "$place", "all": ["$place"]})
+    binding = BINDING.model_copy(
+        update={"parameters": ["place"], "goal": {"n": "$place", "all": ["$place"]}}
+    )
     assert filled(binding, {}, ("3",), TABLES).body == {"n": 7, "all": [7]}
 
 
@@ -88,7 +89,9 @@ def test_what_is_checked_beforehand() -> None:
     assert found["local_tasks", "go", "goal"] == BINDING.body
     known = found["values", "place", "gate"]
     assert known == {"pose": {"x": 1.0, "yaw": 0.5}, "tool": "$tool", "by": "it: $robot"}
-    stop = replace(BINDING, kind="msg", body={"data": 1}, on_cancel={"data": 0})
+    stop = TaskBinding(
+        topic="/tune", type="a_msgs/msg/Tune", message={"data": 1}, on_cancel={"data": 0}
+    )
     assert dict(bodies_to_check(stop, ("local_tasks", "go"), TABLES)) == {
         ("local_tasks", "go", "message"): {"data": 1},
         ("local_tasks", "go", "on_cancel"): {"data": 0},
