@@ -1,10 +1,10 @@
-"""One broadcast and an exact plan everywhere, against CBBA's rounds of bids."""
+"""One broadcast and an exact plan everywhere, against an auction's rounds of bids."""
 
 from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import pairwise, product
 from typing import Any
@@ -15,11 +15,7 @@ from numpy.typing import NDArray
 
 from benchmarks import ours
 from benchmarks.assignment import significant
-from benchmarks.cbba import network
-from benchmarks.cbba.cbaa import cbaa
-from benchmarks.cbba.cbba import cbba
-from benchmarks.cbba.scoring import SingleTask
-from benchmarks.cbba.slots import Verdict, judge, slots
+from benchmarks.cbaa import Verdict, cbaa, complete, flooding, judge, line, ring, slots
 from benchmarks.instances import Density, Instance, Spec, Values, draw
 from benchmarks.registry import Benchmark, Chart, Result, Setting, Table
 
@@ -30,20 +26,10 @@ QUICK_SEEDS = {6: 20, 50: 5, 200: 1}
 # there are robots, so that lower bounds take nearly all.
 LOADS = {"roomy": 1 / 3.5, "tight": 1.0}
 TITLES = {"roomy": "3.5 robots per demand offered", "tight": "one robot per demand offered"}
-NETWORKS: dict[str, Callable[[int, int], NDArray[np.bool_]]] = {
-    "complete": lambda robots, _: network.complete(robots),
-    "ring": lambda robots, _: network.ring(robots),
-    "line": lambda robots, _: network.line(robots),
-    "random": network.random,
-}
+NETWORKS = {"complete": complete, "ring": ring, "line": line}
 NETWORK_ROBOTS, NETWORK_SEEDS, QUICK_NETWORK_SEEDS = 50, 5, 1
-EXACT, WITH_BONUS, PLAIN, SINGLE = "exact", "cbba_bonus", "cbba", "cbaa_bonus"
-LABELS = {
-    EXACT: "broadcast + exact",
-    WITH_BONUS: "CBBA with bonus",
-    PLAIN: "CBBA",
-    SINGLE: "CBAA with bonus",
-}
+EXACT, WITH_BONUS, PLAIN = "exact", "auction_bonus", "auction"
+LABELS = {EXACT: "broadcast + exact", WITH_BONUS: "CBAA with bonus", PLAIN: "CBAA"}
 
 
 @dataclass(frozen=True)
@@ -77,7 +63,7 @@ def exact(instance: Instance, links: NDArray[np.bool_]) -> tuple[Figures, int]:
     choice = ours.answer(problem)
     compute_s = time.perf_counter() - started_s
     optimum = instance.objective(choice)  # checks the bounds
-    sent = network.flooding(links, record_bytes(instance))
+    sent = flooding(links, record_bytes(instance))
     return _figures(sent, judge(instance, choice), optimum, compute_s), optimum
 
 
@@ -85,10 +71,7 @@ def auction(instance: Instance, links: NDArray[np.bool_], way: str, optimum: int
     """An auction over the demands' slots."""
     tasks = slots(instance, bonus=way != PLAIN)
     started_s = time.perf_counter()
-    if way == SINGLE:
-        outcome = cbaa(tasks.values, links, spread=True)
-    else:
-        outcome = cbba(SingleTask(tasks.values), links, spread=True)
+    outcome = cbaa(tasks.values, links, spread=True)
     compute_s = (time.perf_counter() - started_s) / instance.robots
     sent = outcome.rounds, outcome.messages, outcome.bytes
     return _figures(sent, judge(instance, tasks.choice(outcome)), optimum, compute_s)
@@ -114,7 +97,7 @@ def measure(
     for seed in seeds:
         offered = max(1, round(spec["robots"] * load))
         instance = draw(Spec(offered=offered, seed=seed, **spec))
-        links = NETWORKS[network_name](spec["robots"], seed)
+        links = NETWORKS[network_name](spec["robots"])
         best, optimum = exact(instance, links)
         for way in ways:
             found[way].append(best if way == EXACT else auction(instance, links, way, optimum))
@@ -147,7 +130,7 @@ HEAD = (
 
 
 def cells(exact: dict[str, float], bonus: dict[str, float], plain: dict[str, float]) -> list[str]:
-    """A row of the table, as in HEAD, of CBBA with and without the bonus; ratios to the exact."""
+    """A row of the table, as in HEAD, of CBAA with and without the bonus; ratios to the exact."""
     messages, sent_bytes = bonus["messages_median"], bonus["bytes_median"]
     return [
         f"{bonus['rounds_median']:g}",
@@ -183,9 +166,9 @@ def run(setting: Setting) -> Result:
             names = (str(robots), str(density), str(values))
             shown.append([*names, *cells(of_way[EXACT], of_way[WITH_BONUS], of_way[PLAIN])])
             setting.say(f"  {load}: {robots} robots, {density}, performances {values}")
-        title = f"CBBA, everybody hears everybody, {TITLES[load]}"
+        title = f"CBAA, everybody hears everybody, {TITLES[load]}"
         tables.append(Table(title, ("robots", "density", "p", *HEAD), shown))
-    notes = [NOTE, _counts(seeds_of, setting.quick), _about_cbaa(rows)]
+    notes = [NOTE, _counts(seeds_of, setting.quick)]
     charts = _charts(rows)
     other_rows, others = _networks(setting)
     return Result(
@@ -222,23 +205,6 @@ def _counts(seeds_of: dict[int, int], quick: bool) -> str:
     counts = ", ".join(f"{count} with {robots} robots" for robots, count in seeds_of.items())
     others = QUICK_NETWORK_SEEDS if quick else NETWORK_SEEDS
     return f"Instances per row: {counts}; on other networks {others}."
-
-
-def _about_cbaa(rows: Sequence[dict[str, Any]]) -> str:
-    """How CBAA compares with CBBA, whose bundles are of size 1 here."""
-    keys = ("robots", "density", "performances", "load")
-    of_way = {
-        way: {tuple(row[key] for key in keys): row for row in rows if row["way"] == way}
-        for way in (SINGLE, WITH_BONUS)
-    }
-    outcome = ("rounds_median", "score_median", "score_min", "missed_mean")
-    pairs = [(row, of_way[WITH_BONUS][kind]) for kind, row in of_way[SINGLE].items()]
-    same = sum(all(one[key] == other[key] for key in outcome) for one, other in pairs)
-    share = statistics.median(one["bytes_median"] / other["bytes_median"] for one, other in pairs)
-    return (
-        f"CBAA, the single-assignment auction, needs the rounds of CBBA and comes to its scores in "
-        f"{same} of {len(pairs)} settings, with {share:.0%} of the bytes (median)."
-    )
 
 
 def _plain(spec: dict[str, Any]) -> dict[str, Any]:
@@ -296,11 +262,11 @@ NOTE = (
     "In brackets the ratio to one broadcast per robot, which is flooding on other networks. "
     "`rounds` until everybody holds the same lists and bids no more, as an onlooker sees it; the "
     "robots themselves need more to know. `MB`: payload of all messages in msgpack: the demands a "
-    "robot can serve with its performances, or CBBA's lists of bids, winners and times, which go "
+    "robot can serve with its performances, or the auction's lists of bids and winners, which go "
     "out whole in each round. `score`: the sum of performances as a share of the optimum within "
     "the bounds, least and median (above 1 only where bounds are broken); `usable`: without the "
     "robots on demands whose lower bound is not met, which cannot begin; `missed`: such demands, "
-    "on average. The last columns are CBBA without the bonus for what a lower bound needs."
+    "on average. The last columns are CBAA without the bonus for what a lower bound needs."
 )
 
-BENCHMARK = Benchmark("one broadcast and an exact plan against CBBA's rounds and bids", run)
+BENCHMARK = Benchmark("one broadcast and an exact plan against an auction's rounds and bids", run)

@@ -175,7 +175,7 @@ def test_the_exact_way_is_the_measure_of_the_auctions() -> None:
     for seed, exact in enumerate(found[auction.EXACT]):
         assert (exact.rounds, exact.messages) == (1, 30), f"seed {seed}"
         assert (exact.score, exact.usable, exact.missed) == (1.0, 1.0, 0), f"seed {seed}"
-    for way in (auction.WITH_BONUS, auction.PLAIN, auction.SINGLE):
+    for way in (auction.WITH_BONUS, auction.PLAIN):
         for seed, figures in enumerate(found[way]):
             assert figures.messages == figures.rounds * 30, f"{way}, seed {seed}"
             assert figures.usable <= figures.score, f"{way}, seed {seed}"
