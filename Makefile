@@ -8,7 +8,7 @@ READY := $(VENV)/.ready
 APT_INSTALL := apt-get -o DPkg::Lock::Timeout=600 install --yes
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long test-plain test-slow test-docker test-interop test-conformance test-ros2 test-vda5050 test-world test-with-others tolerance lint check-lock lock drills soak \
+.PHONY: help setup demo test test-mesh test-long test-plain test-slow test-docker test-interop test-conformance test-ros2 test-vda5050 test-world test-with-others tolerance lint check-lock lock drills soak \
 	test-browser screenshots bench-page clean bench bench-scale bench-security bench-tokens bench-failover bench-resume \
 	bench-membership bench-estimate bench-robustness bench-metrics bench-recording verify-recordings walk paper
 
@@ -17,6 +17,7 @@ help:
 	@echo "make setup           .venv with everything from requirements.lock, as the others do first"
 	@echo "make test            checks and tests"
 	@echo "make test-plain      the fast tests with MRBT_PLAIN=1: nothing but the plain definitions"
+	@echo "make test-mesh       the mesh's own tests where analysis, views, adapters and btcpp are deleted"
 	@echo "make test-long       the fast tests with 1,000 seeds of chaos and 1,000 examples each"
 	@echo "make test-browser    the live page in headless Chromium; as root, installs Debian's if missing"
 	@echo "make screenshots     the README's pictures of the live page"
@@ -74,6 +75,10 @@ test: lint
 	$(BIN)/pytest -n auto -m "not processes and not browser"
 	$(BIN)/pytest -n 3 -rs -m "processes and not docker and not slow and not browser"
 	$(BIN)/pytest -rs -m browser tests/browser
+
+# tests/structure/test_wall.py runs some of them.
+test-mesh: $(READY)
+	$(BIN)/python -m tests.support.mesh_alone
 
 # The same with more seeds and more examples of every property.
 test-long: $(READY)

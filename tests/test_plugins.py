@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import subprocess
 import sys
 from importlib.metadata import EntryPoint
@@ -23,7 +24,7 @@ def group(monkeypatch: pytest.MonkeyPatch) -> Group[object]:
         "without_its_package": "no_such_package.module:x",
     }
     monkeypatch.setattr(
-        plugins,
+        importlib.metadata,
         "entry_points",
         lambda group: [EntryPoint(name, value, group) for name, value in points.items()],
     )

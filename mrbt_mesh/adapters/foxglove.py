@@ -17,7 +17,7 @@ import anyio
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.plugins import OpenView, ViewerOptions, require
 from mrbt_mesh.recording.channels import BEATS, CHANNELS, DROPPED, FACTS
-from mrbt_mesh.recording.encoding import MessageEncoder
+from mrbt_mesh.recording.messages import MessageEncoder
 from mrbt_mesh.recording.metadata import RunMetadata
 
 if TYPE_CHECKING:

@@ -6,13 +6,10 @@ of theirs that are required are there, and no others.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any, TypeAlias
 
-SCHEMAS = Path(__file__).with_name("foxglove_schemas")
 WORLD = "world"
 _ROBOT = "robot/"
 LINE_STRIP, LINE_LOOP = 0, 1
@@ -24,12 +21,6 @@ DIGITS = 6
 Values: TypeAlias = "dict[str, Any]"
 
 _SHAPES = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
-
-
-def read_schema(name: str) -> Values:
-    """The schema of `foxglove.NAME`, as it is published."""
-    found: Values = json.loads((SCHEMAS / f"{name}.json").read_bytes())
-    return found
 
 
 def robot_frame(robot: str) -> str:

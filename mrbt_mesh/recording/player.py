@@ -20,7 +20,7 @@ from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.recording import channels
-from mrbt_mesh.recording.packing import read_incarnation
+from mrbt_mesh.recording.messages import read_incarnation
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError
 from mrbt_mesh.recording.recorded_state import RecordedState
 

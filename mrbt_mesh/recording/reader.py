@@ -26,7 +26,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.channels import CHANNELS
-from mrbt_mesh.recording.encoding import CHECK_BYTES, first_check, next_check
+from mrbt_mesh.recording.messages import CHECK_BYTES, first_check, next_check
 from mrbt_mesh.recording.metadata import METADATA, RunMetadata
 
 _LENGTH = struct.Struct("<Q")

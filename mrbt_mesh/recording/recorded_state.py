@@ -12,7 +12,7 @@ from mrbt_mesh.core.facts.validation import refusal_reason
 from mrbt_mesh.core.membership.wire import Position
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.foxglove import heading_of, robot_of
-from mrbt_mesh.recording.packing import (
+from mrbt_mesh.recording.messages import (
     pack_alive,
     pack_fact,
     pack_statuses,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, TypeAlias
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 from mrbt_mesh.core.agent.effects import CancelAction, Effect, Log, Publish, StartAction, Stop
 from mrbt_mesh.core.agent.inputs import (
@@ -16,51 +16,44 @@ from mrbt_mesh.core.agent.inputs import (
     TokenChanged,
 )
 from mrbt_mesh.core.agent.view import AgentView
-from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.facts.store import Change, Incarnation
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import MICRO
+from mrbt_mesh.core.observer.task_log import TaskLog
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.formats.mission_map import place_states, told_places
 from mrbt_mesh.recording import channels
-from mrbt_mesh.recording.encoding import MessageSink
-from mrbt_mesh.recording.fact_log import FactLog
-from mrbt_mesh.recording.packing import (
-    pack_alive,
+from mrbt_mesh.recording.messages import (
+    MessageSink,
     pack_beat,
     pack_nodes,
-    pack_plan,
     pack_statuses,
     status_name,
 )
-from mrbt_mesh.recording.place_watch import PlaceWatch
-from mrbt_mesh.recording.scene import TeamScene
+from mrbt_mesh.recording.recorder import Recorder, TopicMessage
 
-# Progress is told again once it has come so much further.
+# Progress is recorded again once it is this much further.
 PERCENT_STEP = 10
 
 _TREES = ("T_i", "T_A", "T_G", "T_Li")
 _LIFE = ("joined", "fenced", "catches_up", "caught_up", "later_life_found", "leaving")
 _STATES = tuple(f"robot_{state}" for state in State)
 
-_Message: TypeAlias = tuple[str, Mapping[str, Any]]
 
-
-class RobotRecorder:
-    """Call `step` after each `Agent.handle`, before its effects are carried out: what a robot has
-    said, it has also written down.
+class RobotRecorder(Recorder):
+    """Call `step` after each `Agent.handle`, before its effects are carried out: what a robot
+    sends, it has recorded before.
 
     `beats`: heartbeats are recorded as well.
     """
 
     def __init__(
-        self, writer: MessageSink, view: AgentView, now_us: int, *, beats: bool = False
+        self, sink: MessageSink, view: AgentView, now_us: int, *, beats: bool = False
     ) -> None:
-        self._writer = writer
+        super().__init__(sink, view.mission, view.facts.map)
         self._view = view
         self._beats = beats
-        self._facts = FactLog(view.facts.map)
-        self._plans = 0
-        self._alive: dict[str, Incarnation] = {}
         self._is_alive_known = False
         self._version: tuple[int, int] = (-1, -1)
         self._robots: dict[str, tuple[Incarnation, State, bool]] = {}
@@ -70,27 +63,15 @@ class RobotRecorder:
         self._lost = view.lost
         self._action: StartAction | None = None
         self._percent = 0
-        self._scene = TeamScene(view.mission, writer.epoch_ns)
         view.subscribe_to_plans(self._planned)
         self._places = PlaceWatch(view)
-        self._write(self._facts.take(), now_us)
-        writer.flush()
+        self._write(self._noted(), now_us)
+        sink.flush()
 
     def _planned(self, plan: Plan, alive: Mapping[str, Incarnation]) -> None:
-        """Between the changes of facts around it."""
-        facts = self._facts
-        self._tell_alive(alive)
+        self._add_plan(plan, alive)
         self._is_alive_known = False  # a plan that was made elsewhere is for those of before
-        self._plans += 1
-        digest = self._view.facts.map.digest()
-        said = pack_plan(plan, self._plans, facts.number, digest, alive)
-        facts.add(channels.PLANS, said)
         self._nodes = pack_nodes(plan)
-
-    def _tell_alive(self, alive: Mapping[str, Incarnation]) -> None:
-        if alive != self._alive:
-            self._alive = dict(alive)
-            self._facts.add(channels.ALIVE, {"robots": pack_alive(alive)})
 
     def step(self, event: Input, effects: Sequence[Effect], now_us: int) -> None:
         """Write what has changed by an input, and what is to be done. Raises OSError."""
@@ -105,8 +86,8 @@ class RobotRecorder:
             self._is_alive_known = False
         if not self._is_alive_known and not view.is_joining:
             self._is_alive_known = True
-            self._tell_alive(view.alive())
-        self._write(self._facts.take(), now_us)
+            self._add_alive(view.alive())
+        self._write(self._noted(), now_us)
         statuses = (self._nodes, *view.statuses)
         if self._plans and statuses != self._statuses:
             self._statuses = statuses
@@ -125,23 +106,11 @@ class RobotRecorder:
         self._write(self._scene.take(now_us), now_us)
         if effects:
             # What was only taken in can wait until something follows from it.
-            self._writer.flush()
-
-    def abandon(self) -> None:
-        """Leave the recording as it is: it could not be written."""
-        self._writer.abandon()
-
-    def close(self) -> None:
-        """End the recording. Raises OSError."""
-        self._writer.close()
-
-    def _write(self, messages: Iterable[_Message], now_us: int) -> None:
-        for topic, data in messages:
-            self._writer.write(topic, now_us, data)
+            self._sink.flush()
 
     # -- what came in -------------------------------------------------------------------------
 
-    def _inputs(self, event: Input) -> Iterator[_Message]:
+    def _inputs(self, event: Input) -> Iterator[TopicMessage]:
         match event:
             case MessageReceived(MessageKind.HEARTBEAT, source, data):
                 self._see(source)
@@ -158,7 +127,7 @@ class RobotRecorder:
             case ActionStopped(ticket):
                 yield from self._own("stopped", ticket)
 
-    def _own(self, event: str, ticket: int, **more: Any) -> Iterator[_Message]:
+    def _own(self, event: str, ticket: int, **more: Any) -> Iterator[TopicMessage]:
         action = self._action
         if action is not None and action.ticket == ticket:
             yield channels.ACTIONS, {"event": event, **_of(action), **more}
@@ -169,7 +138,7 @@ class RobotRecorder:
         if peer is not None:
             self._scene.see(robot, peer.state, peer.position)
 
-    def _capabilities(self) -> Iterator[_Message]:
+    def _capabilities(self) -> Iterator[TopicMessage]:
         before, after = self._lost, self._view.lost
         self._lost = after
         me = (self._view.robot, str(self._view.incarnation))
@@ -182,7 +151,7 @@ class RobotRecorder:
 
     # -- what follows -------------------------------------------------------------------------
 
-    def _changed_robots(self) -> Iterator[_Message]:
+    def _changed_robots(self) -> Iterator[TopicMessage]:
         for robot, peer in sorted(self._view.peers.items()):
             self._see(robot)
             has_joined = peer.report.has_joined
@@ -200,7 +169,7 @@ class RobotRecorder:
                 },
             )
 
-    def _effects(self, effect: Effect) -> Iterator[_Message]:
+    def _effects(self, effect: Effect) -> Iterator[TopicMessage]:
         me = self._view.robot
         match effect:
             case StartAction():
@@ -233,10 +202,42 @@ class RobotRecorder:
                 yield channels.LIFE, {**said, "code": code, "reason": reason}
 
 
+class PlaceWatch:
+    """The states of a map's places as a robot knows them: by its own facts and plans."""
+
+    def __init__(self, view: AgentView) -> None:
+        self._view = view
+        self._tasks = TaskLog(view.mission)
+        self._places = told_places(view.mission)
+        self._has_changed = bool(self._places)
+        if self._places:
+            for entry in view.facts.map:
+                self._tasks.fact(entry)
+            view.facts.map.subscribe(self._facts)
+            view.subscribe_to_plans(self._planned)
+
+    def _facts(self, changes: Sequence[Change]) -> None:
+        """A plan follows, if anything does."""
+        for _, new in changes:
+            if new is not None:
+                self._tasks.fact(new)
+
+    def _planned(self, plan: Plan, alive: Mapping[str, Incarnation]) -> None:
+        self._has_changed = True
+        self._tasks.plan(plan)
+
+    def news(self) -> dict[str, str] | None:
+        """Place -> state, or None where nothing can have changed since."""
+        if not self._has_changed:
+            return None
+        self._has_changed = False
+        return place_states(self._places, self._view.facts, self._tasks.has_succeeded)
+
+
 def _of(action: StartAction) -> dict[str, Any]:
     names = ("ticket", "activation", "global_task", "local_task")
     return {name: getattr(action, name) for name in names}
 
 
-def _fault(event: str, robot: str, incarnation: str, **more: Any) -> _Message:
+def _fault(event: str, robot: str, incarnation: str, **more: Any) -> TopicMessage:
     return channels.FAULTS, {"event": event, "robot": robot, "incarnation": incarnation, **more}

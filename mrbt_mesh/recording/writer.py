@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from mrbt_mesh.recording.channels import BEATS, CHANNELS
-from mrbt_mesh.recording.encoding import MessageEncoder
 from mrbt_mesh.recording.folder import open_new
+from mrbt_mesh.recording.messages import MessageEncoder
 from mrbt_mesh.recording.metadata import METADATA, RunMetadata
 
 # A message of MCAP: opcode and length, then channel, number, and the time twice. The library takes

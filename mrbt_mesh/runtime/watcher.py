@@ -44,7 +44,7 @@ from mrbt_mesh.runtime.token_holders import life_of
 from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
 
 if TYPE_CHECKING:
-    from mrbt_mesh.recording.encoding import MessageSink
+    from mrbt_mesh.recording.messages import MessageSink
     from mrbt_mesh.recording.metadata import RunMetadata
     from mrbt_mesh.runtime.manifest_watch import ManifestWatch
 

@@ -10,7 +10,7 @@ import pytest
 
 from mrbt_mesh.recording.channels import BEATS
 from mrbt_mesh.recording.folder import observer_file, robot_file, robot_files
-from mrbt_mesh.recording.packing import unpack_fact
+from mrbt_mesh.recording.messages import unpack_fact
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import Recording, read_recording
 from mrbt_mesh.recording.recorded_state import state_text, team_state

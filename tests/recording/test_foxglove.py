@@ -13,11 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.recording import foxglove
-from mrbt_mesh.recording.foxglove import SCHEMAS, heading_of, read_schema, turned
+from mrbt_mesh.recording.channels import CHANNELS, POSITIONS, SCENE, SCHEMAS
+from mrbt_mesh.recording.foxglove import heading_of, turned
 
 NUMBERS = st.floats(-1e6, 1e6)
-FITS_FRAME = fastjsonschema.compile(read_schema("FrameTransform"))
-FITS_SCENE = fastjsonschema.compile(read_schema("SceneUpdate"))
+FITS_FRAME = fastjsonschema.compile(dict(CHANNELS[POSITIONS].schema))
+FITS_SCENE = fastjsonschema.compile(dict(CHANNELS[SCENE].schema))
 TEXTS = st.text(max_size=8)
 
 
@@ -43,7 +44,7 @@ def test_a_heading_comes_back(milliradians: int) -> None:
 
 def test_a_turn_to_the_left_is_about_the_z_axis() -> None:
     """The example in the schema's own description: 90 degrees."""
-    assert "x=0, y=0, z=0.707, w=0.707" in read_schema("FrameTransform")["description"]
+    assert "x=0, y=0, z=0.707, w=0.707" in dict(CHANNELS[POSITIONS].schema)["description"]
     rounded = {axis: round(value, 3) for axis, value in turned(math.pi / 2).items()}
     assert rounded == {"x": 0, "y": 0, "z": 0.707, "w": 0.707}
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from mrbt_mesh.core.facts.store import Entry, make_entry
 from mrbt_mesh.recording.channels import FACTS, PLANS
-from mrbt_mesh.recording.packing import pack_fact, unpack_fact
+from mrbt_mesh.recording.messages import pack_fact, unpack_fact
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, parse_recording
 from mrbt_mesh.recording.writer import RecordingWriter
 

@@ -8,7 +8,7 @@ from typing import Any
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.membership.authorship import AuthorshipCheck
 from mrbt_mesh.recording import channels
-from mrbt_mesh.recording.packing import pack_alive, pack_nodes, pack_plan, same
+from mrbt_mesh.recording.messages import pack_alive, pack_nodes, pack_plan, same
 from mrbt_mesh.recording.reader import RecordedMessage, Recording
 from mrbt_mesh.recording.recorded_state import NothingNewError
 from mrbt_mesh.views.replay.check_work import WorkCheck

@@ -10,7 +10,7 @@ from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import capability
 from mrbt_mesh.core.planning.plan import Line
 from mrbt_mesh.recording import channels
-from mrbt_mesh.recording.packing import read_incarnation
+from mrbt_mesh.recording.messages import read_incarnation
 from mrbt_mesh.recording.reader import RecordedMessage
 from mrbt_mesh.views.replay.checked_state import CheckedState
 from mrbt_mesh.views.replay.findings import ProvedTakeover

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
 from mrbt_mesh.core.membership.authorship import AuthorshipCheck, WasSigned
 from mrbt_mesh.recording import channels
-from mrbt_mesh.recording.packing import read_incarnation
+from mrbt_mesh.recording.messages import read_incarnation
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError
 from mrbt_mesh.views.replay.check_recording import RecordingCheck
 from mrbt_mesh.views.replay.findings import ProvedTakeover, RecordingFinding, Verification

@@ -9,7 +9,7 @@ from mcap.reader import NonSeekingReader
 
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.recording.channels import DROPPED, LIFE
-from mrbt_mesh.recording.encoding import MessageEncoder, first_check, next_check
+from mrbt_mesh.recording.messages import MessageEncoder, first_check, next_check
 from mrbt_mesh.recording.metadata import RunMetadata
 from mrbt_mesh.recording.writer import RecordingWriter
 from tests.support.build import action, make_mission

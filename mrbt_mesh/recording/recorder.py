@@ -1,0 +1,81 @@
+"""What the recordings of a robot and of an observer have in common: facts, plans, the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, TypeAlias
+
+from mrbt_mesh.core.facts.store import Change, FactMap, Incarnation
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.recording import channels
+from mrbt_mesh.recording.messages import MessageSink, pack_alive, pack_fact, pack_plan
+from mrbt_mesh.recording.scene import TeamScene
+
+TopicMessage: TypeAlias = tuple[str, Mapping[str, Any]]
+
+
+class Recorder:
+    """Keeps the changes of a map of facts in their order, and what happened between them.
+
+    The facts that are there already come first. Messages of facts are made when they are written:
+    the proof of a batch is complete only at its end.
+    """
+
+    def __init__(self, sink: MessageSink, mission: Mission, facts: FactMap) -> None:
+        self._sink = sink
+        self._facts = facts
+        self._scene = TeamScene(mission, sink.epoch_ns)
+        self._plans = 0
+        self._alive: dict[str, Incarnation] = {}
+        self._changes = 0
+        # (topic, number of the change or 0, the fact or the message).
+        self._waiting: list[tuple[str, int, Any]] = []
+        self._facts_changed([(None, entry) for entry in facts])
+        facts.subscribe(self._facts_changed)
+
+    def _facts_changed(self, changes: Sequence[Change]) -> None:
+        for old, new in changes:
+            self._changes += 1
+            topic = channels.DROPPED if new is None else channels.FACTS
+            self._waiting.append((topic, self._changes, new or old))
+
+    def _add(self, topic: str, data: Mapping[str, Any]) -> None:
+        """Note a message between the changes of facts around it."""
+        self._waiting.append((topic, 0, data))
+
+    def _add_alive(self, alive: Mapping[str, Incarnation]) -> None:
+        """Note the alive set, if it is another one."""
+        if alive != self._alive:
+            self._alive = dict(alive)
+            self._add(channels.ALIVE, {"robots": pack_alive(alive)})
+
+    def _add_plan(self, plan: Plan, alive: Mapping[str, Incarnation]) -> None:
+        """Note a plan, and the alive set that it was made for."""
+        self._add_alive(alive)
+        self._plans += 1
+        digest = self._facts.digest()
+        self._add(channels.PLANS, pack_plan(plan, self._plans, self._changes, digest, alive))
+
+    def _noted(self) -> Iterator[TopicMessage]:
+        """What was noted; each message is handed over once."""
+        waiting, self._waiting = self._waiting, []
+        for topic, number, what in waiting:
+            if topic == channels.FACTS:
+                yield topic, pack_fact(what, number)
+            elif topic == channels.DROPPED:
+                yield topic, {"number": number, "author": what.author, "name": what.name}
+            else:
+                yield topic, what
+
+    def _write(self, messages: Iterable[TopicMessage], now_us: int) -> None:
+        for topic, data in messages:
+            self._sink.write(topic, now_us, data)
+
+    def abandon(self) -> None:
+        """Leave the recording as it is: it could not be written."""
+        self._sink.abandon()
+
+    def close(self) -> None:
+        """End the recording. Raises OSError."""
+        self._sink.close()
