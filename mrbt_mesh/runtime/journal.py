@@ -137,7 +137,8 @@ class Journal:
             tables = dict(database.execute("SELECT name, sql FROM sqlite_master"))
             if tables:
                 entries = self._read(database, tables)
-            elif size > PAGE_BYTES:
+            # A crash while it was being made leaves nothing, or SQLite's header page alone.
+            elif size not in (0, PAGE_BYTES):
                 raise DamagedError("damaged: it has no tables")
             else:
                 entries = self._create(database)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.facts.records import Outcome
@@ -124,6 +124,7 @@ def held(path: Path) -> tuple[set[bytes], Diary]:
 
 @settings(max_examples=40)
 @given(cut=st.integers(0, 100), noise=st.binary(max_size=64))
+@example(cut=0, noise=b"\0")
 def test_a_torn_or_corrupt_journal_never_stops_a_robot(
     tmp_path_factory: pytest.TempPathFactory, cut: int, noise: bytes
 ) -> None:
