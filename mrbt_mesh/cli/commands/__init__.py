@@ -40,8 +40,8 @@ PANELS = {
         "assign": "Solve one assignment problem, exactly and canonically.",
         "analyze": "Tell which faults a mission survives, and what would make it survive more.",
         "sim": "Run a mission once in virtual time, with the faults that you name.",
-        "estimate": "Tell how likely a mission succeeds and how long it takes when robots fail by "
-        "chance.",
+        "estimate": "Estimate how likely a mission succeeds and how long it takes when robots fail "
+        "by chance.",
         "lift": "Make a team's mission out of the tree that drives one robot, and explain it.",
         "tree": "Show, check and convert trees: BehaviorTree.CPP files and missions.",
         "new": "Write a small mission and a robot of your own that run at once; or copy an "
@@ -50,8 +50,7 @@ PANELS = {
     },
     "Prove it": {
         "replay": "Show a recorded run again, at any speed, forwards and back.",
-        "report": "Report on runs: what came of them, who worked and waited when, faults and "
-        "takeovers.",
+        "report": "Report on runs: results, who worked and waited when, faults and takeovers.",
         "verify": "Prove from the recordings of a run what its robots did, and find what was "
         "falsified.",
         "what-if": "Go on from a moment of a recorded run in the simulator, with faults that did "
