@@ -20,7 +20,7 @@ from benchmarks.registry import Benchmark, Result, Setting, Table, need
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, Tree, build_tree
 from mrbt_mesh.core.facts.records import ConditionValue, Member
-from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.local_tasks import LocalTask
@@ -130,7 +130,7 @@ class Team:
     def write(self, author: str, name: str, value: Any) -> None:
         self.written += 1
         version = Version(Incarnation(1, "n"), self.written)
-        self.facts.map.merge([make_entry(author, name, version, value)])
+        self.facts.map.merge([parse_entry(author, name, version, value)])
 
     def flip(self, name: str) -> None:
         facts = self.facts

@@ -16,7 +16,7 @@ from mrbt_mesh.core.bt.tree import Kind, NodeSpec, build_tree
 from mrbt_mesh.core.engine import FASTEST
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Claim, Member, Phase
-from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.local_tasks import LocalTask
@@ -84,7 +84,7 @@ class LargeTeam:
         """One batch of a robot's facts."""
         self._sequence += 1
         version = Version(Incarnation(1, "n"), self._sequence)
-        self.facts.map.merge([make_entry(robot, name, version, value) for name, value in values])
+        self.facts.map.merge([parse_entry(robot, name, version, value) for name, value in values])
 
     def plan(self) -> Plan:
         """The next plan."""

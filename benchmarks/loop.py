@@ -30,7 +30,7 @@ from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Claim, Member, Phase
-from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.replica import Replica
 from mrbt_mesh.core.membership.timing import Timing
@@ -70,7 +70,7 @@ class Others:
         """One batch of a robot's facts."""
         self._sequence += 1
         version = Version(Incarnation(self.lives[robot], "n"), self._sequence)
-        entries = [make_entry(robot, name, version, value) for name, value in values]
+        entries = [parse_entry(robot, name, version, value) for name, value in values]
         self.replica.facts.map.merge(entries)
         body = pack_entries(entries)
         data = encode(self._header(robot), MessageKind.FACT, body)

@@ -32,7 +32,7 @@ from mrbt_mesh.core.facts.records import (
     OrderKind,
     Phase,
 )
-from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
 from mrbt_mesh.core.mission.conditions import robot_condition
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, Mission, micro_performance
@@ -230,7 +230,7 @@ class _Builder:
                     problem = str(error)
                 if problem is not None:
                     self._report.add((*path, robot, local_task), problem)
-            self._write(robot, records.MEMBER, described.to_value(is_leaving=False))
+            self._write(robot, records.MEMBER, described.member(is_leaving=False).to_value())
 
     def _order(self, path: SourcePath, value: Any) -> None:
         kinds = [str(kind) for kind in OrderKind]
@@ -265,7 +265,7 @@ class _Builder:
 
     def _write(self, robot: str, name: str, value: Any) -> None:
         self._sequence += 1
-        self.facts.map.merge([make_entry(robot, name, Version(ALIVE, self._sequence), value)])
+        self.facts.map.merge([parse_entry(robot, name, Version(ALIVE, self._sequence), value)])
 
     def _mapping(self, path: SourcePath, value: Any) -> list[tuple[str, Any]]:
         if isinstance(value, dict):

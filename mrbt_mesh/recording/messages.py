@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import msgpack
 
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.recording.channels import FORMAT
 from mrbt_mesh.recording.metadata import RunMetadata
@@ -73,7 +73,7 @@ def unpack_fact(data: Mapping[str, Any]) -> Entry:
             shown = data["proof"]
             proof = BatchProof(_bytes(shown["hashes"]), _bytes(shown["signature"]))
         made = Version(incarnation, int(version["sequence"]))
-        entry = make_entry(data["author"], data["name"], made, value, proof)
+        entry = parse_entry(data["author"], data["name"], made, value, proof)
         number = data["number"]
     except (KeyError, TypeError, AttributeError, ValueError, msgpack.UnpackException) as error:
         raise ValueError(f"the fact is malformed: {error}") from None

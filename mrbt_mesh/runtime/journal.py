@@ -20,7 +20,7 @@ from typing import Any, TypeAlias
 
 import msgpack
 
-from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, parse_entry
 
 FORMAT = 3
 SUFFIX = ".journal"
@@ -314,7 +314,7 @@ def _frames(wal: Path) -> int:
 def _entry(row: tuple[Any, ...], proof: BatchProof | None) -> Entry:
     author, name, counter, nonce, sequence, value, _ = row
     version = Version(Incarnation(counter, nonce.decode()), sequence)
-    return make_entry(author.decode(), name.decode(), version, msgpack.unpackb(value), proof)
+    return parse_entry(author.decode(), name.decode(), version, msgpack.unpackb(value), proof)
 
 
 def journal_path(run_dir: Path, robot: str) -> Path:

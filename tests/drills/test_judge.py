@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.core.facts.records import OUTCOME
-from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.drills.beside import Check
 from mrbt_mesh.drills.inject import Deed, Deeds, Snapshot
@@ -335,11 +335,11 @@ def test_journals_are_read_from_copies(tmp_path: Path) -> None:
     journal.open()
     version = Version(Incarnation(1, "n"), 1)
     entries = [
-        make_entry(robot, f"{OUTCOME}/x/move_frame", version, [success, None])
+        parse_entry(robot, f"{OUTCOME}/x/move_frame", version, [success, None])
         for robot, success in (("C1", True), ("C2", False))
     ]
     # The names of a coalition's outcomes end with the coalition.
-    together = make_entry("C2", f"{OUTCOME}/y/move_frame/t1", version, [True, None])
+    together = parse_entry("C2", f"{OUTCOME}/y/move_frame/t1", version, [True, None])
     journal.write({(each.author, each.name): each for each in [*entries, together]})
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     assert any(name.endswith("-wal") for name in before), "not yet in the main file"

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import NonSeekingReader, make_reader
 
-from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.recording.channels import BEATS, CHANNELS, DROPPED, FACTS, LIFE
 from mrbt_mesh.recording.messages import pack_fact, unpack_fact
@@ -29,7 +29,7 @@ versions = st.builds(
 )
 proofs = st.none() | st.builds(BatchProof, st.binary(max_size=40), st.binary(max_size=64))
 facts = st.builds(
-    lambda author, version, success, data, proof: make_entry(
+    lambda author, version, success, data, proof: parse_entry(
         author, "outcome/r1:0:a1::0/t", version, [success, data], proof
     ),
     texts,

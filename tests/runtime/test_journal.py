@@ -14,7 +14,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.facts.records import Outcome
-from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.runtime import journal as journal_module
 from mrbt_mesh.runtime.journal import Journal, reason_of
 from tests.support.disks import fill, small_disk
@@ -46,7 +46,7 @@ def put(to: Journal, *entries: Entry) -> None:
 
 
 def entry(author: str = "A1", sequence: int = 1, value: Any = None, name: str = "claim") -> Entry:
-    return make_entry(author, name, Version(Incarnation(1, "n"), sequence), value)
+    return parse_entry(author, name, Version(Incarnation(1, "n"), sequence), value)
 
 
 def outcome(number: int, data: Any = None) -> Entry:
@@ -76,14 +76,14 @@ def test_the_proof_of_a_batch_is_kept_as_long_as_an_entry_of_it_stands(
     proofs = [BatchProof(bytes(32), bytes(64)), BatchProof(b"x" * 32, b"y" * 64)]
     version = Version(Incarnation(1, "n"), 1)
     for name in ("claim", "order"):
-        put(first, make_entry("A1", name, version, VALUES[name], proofs[0]))
+        put(first, parse_entry("A1", name, version, VALUES[name], proofs[0]))
     put(first, entry("B1"))
     first.close()
     again = journal(path)
     assert [each.proof for each in again.open()] == [proofs[0], proofs[0], None]
     for name in ("claim", "order"):
         version = Version(Incarnation(1, "n"), 2)
-        put(again, make_entry("A1", name, version, VALUES[name], proofs[1]))
+        put(again, parse_entry("A1", name, version, VALUES[name], proofs[1]))
     put(again, entry("B1"))
     again.close()
     assert [each.proof for each in journal(path).open()] == [proofs[1], proofs[1], None]
@@ -167,7 +167,7 @@ def test_a_bit_that_has_changed_loads_the_same_facts_or_is_noticed(
     proof = BatchProof(b"h" * 32, b"s" * 64)
     version = Version(Incarnation(1, "n"), 1)
     put(first, outcome(1), outcome(2, {"speed": 1.5}), entry("B1", 7))
-    put(first, make_entry("A1", "order", version, VALUES["order"], proof))
+    put(first, parse_entry("A1", "order", version, VALUES["order"], proof))
     put(first, outcome(3))
     wal = path.with_name("A1.journal-wal")
     if not is_crashed:

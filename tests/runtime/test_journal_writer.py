@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.core.agent.inputs import JournalOpened, JournalReported, JournalSynced
-from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.runtime import journal_writer
 from mrbt_mesh.runtime.journal_writer import JournalWriter
 
@@ -19,7 +19,7 @@ TIMEOUT_S = 60
 
 
 def entry(number: int) -> Entry:
-    return make_entry("A1", "claim", Version(Incarnation(1, "n"), number), None)
+    return parse_entry("A1", "claim", Version(Incarnation(1, "n"), number), None)
 
 
 class Disk:
@@ -103,7 +103,7 @@ def test_all_that_waits_is_written_together() -> None:
         at.writer.put([entry(1)], 1, at_once=True)
         at.disk.began.get(timeout=TIMEOUT_S)
         for number in range(2, 9):
-            other = make_entry(f"B{number}", "claim", Version(Incarnation(1, "n"), 1), None)
+            other = parse_entry(f"B{number}", "claim", Version(Incarnation(1, "n"), 1), None)
             at.writer.put([other], number, at_once=True)
         at.writer.forget([("A1", "claim")])
         at.disk.free.set()

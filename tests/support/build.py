@@ -14,9 +14,10 @@ from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, build_tree
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import ready_members
 from mrbt_mesh.core.facts.records import Claim, Coalition, CoalitionId, Member, Phase
-from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
+from mrbt_mesh.core.facts.values import Record
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.local_tasks import LocalTask
 from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, Mission, Need, Robot
@@ -161,10 +162,11 @@ class World:
                 self.join(robot.id, robot.capabilities)
 
     def write(self, author: str, *values: tuple[str, Any]) -> None:
-        """One batch of an author."""
+        """One batch of an author: names with records, or with their values."""
         self._sequence += 1
         version = Version(self.alive.get(author, Incarnation(1, "n")), self._sequence)
-        batch = [make_entry(author, name, version, value) for name, value in values]
+        rows = [(n, v.to_value() if isinstance(v, Record) else v) for n, v in values]
+        batch = [parse_entry(author, name, version, value) for name, value in rows]
         refusals = [refusal(self.facts, entry) for entry in batch]
         assert not any(refusals), refusals
         self.entries += batch
@@ -176,7 +178,7 @@ class World:
         """A robot's description of itself, under a new incarnation where `life` is new."""
         self.alive[robot] = Incarnation(life, "n")
         member = Member("T", capabilities, dict.fromkeys(lost, ""), False, "", "", 0)
-        self.write(robot, (records.MEMBER, member.to_value()))
+        self.write(robot, (records.MEMBER, member))
 
     def lose(self, robot: str, *local_tasks: str) -> None:
         """A minor fault."""
@@ -186,7 +188,7 @@ class World:
         """A robot hands its work over."""
         member = self.facts.members[robot].member
         row = Member("T", member.capabilities, member.lost, True, "", "", 0)
-        self.write(robot, (records.MEMBER, row.to_value()), (records.CLAIM, None))
+        self.write(robot, (records.MEMBER, row), (records.CLAIM, None))
 
     def die(self, robot: str) -> None:
         """Others stop counting on it; its facts stay."""
@@ -219,13 +221,13 @@ class World:
         subject = parse_activation(activation).subject
         phase = Phase.RUNNING if running else Phase.CLAIMED
         claim = Claim(activation, subject, local or subject, phase, since)
-        self.write(robot, (records.CLAIM, claim.to_value()))
+        self.write(robot, (records.CLAIM, claim))
 
     def ready(self, robot: str, activation: str, local: str = "", since: int = 1) -> None:
         """A robot is ready to start with a coalition."""
         subject = parse_activation(activation).subject
         claim = Claim(activation, subject, local or subject, Phase.READY, since)
-        self.write(robot, (records.CLAIM, claim.to_value()))
+        self.write(robot, (records.CLAIM, claim))
 
     def form(self, activation: str, *robots: str, since: int = 1, local: str = "") -> CoalitionId:
         """The first of these robots writes down the coalition, and all of them start."""
@@ -238,7 +240,7 @@ class World:
         members = ready_members(self.facts, activation, dict.fromkeys(robots, local))
         token = CoalitionId(since, robots[0], *self.alive[robots[0]])
         name = f"{records.COALITION}/{activation}/{token}"
-        self.write(robots[0], (name, Coalition(tuple(members)).to_value()))
+        self.write(robots[0], (name, Coalition(tuple(members))))
         for robot in robots:
             self.go(robot, activation, token, local)
         return token
@@ -247,7 +249,7 @@ class World:
         """A member starts."""
         subject = parse_activation(activation).subject
         claim = Claim(activation, subject, local, Phase.RUNNING, token.since, str(token))
-        self.write(robot, (records.CLAIM, claim.to_value()))
+        self.write(robot, (records.CLAIM, claim))
 
     def end(
         self, activation: str, token: CoalitionId, robot: str, success: bool, local: str
@@ -270,7 +272,7 @@ class World:
         """Evaluate, and record what has become true, as every agent does."""
         while True:
             while turned := self.facts.turned_guards():
-                self.write("R1", *((f"{records.EXPRESSION}/{n}", v.to_value()) for n, v in turned))
+                self.write("R1", *((f"{records.EXPRESSION}/{n}", v) for n, v in turned))
             evaluation = self.evaluator.evaluate(self.facts)
             if not self._latch(evaluation):
                 return evaluation
@@ -282,9 +284,12 @@ class World:
 
         The root's status in the tick in which it does.
         """
-        self.outcome(activation, success, robot)
+        name = f"{records.OUTCOME}/{activation}/{parse_activation(activation).subject}"
+        version = Version(self.alive[robot], self._sequence + 1)
+        status = self.facts.status_after(name, robot, success, version)
         after = self.facts.conditions.after(conditions)
-        evaluation = self.evaluator.evaluate(OutcomeTick(self.facts, activation, after))
+        evaluation = self.evaluator.evaluate(OutcomeTick(self.facts, activation, status, after))
+        self.outcome(activation, success, robot)
         self._latch(evaluation)
         return evaluation.status
 

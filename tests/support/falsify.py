@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from mrbt_mesh.core.facts.store import Entry, make_entry
+from mrbt_mesh.core.facts.store import Entry, parse_entry
 from mrbt_mesh.recording.channels import FACTS, PLANS
 from mrbt_mesh.recording.messages import pack_fact, unpack_fact
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, parse_recording
@@ -109,7 +109,7 @@ def _another(entry: Entry, draw: random.Random) -> Entry | None:
         holder[path[-1]] = _other(holder[path[-1]], draw)
         value = holder[0] if len(path) == 1 else value
     try:
-        return make_entry(entry.author, entry.name, version, value, entry.proof)
+        return parse_entry(entry.author, entry.name, version, value, entry.proof)
     except ValueError:
         return None
 

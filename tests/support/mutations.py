@@ -93,15 +93,12 @@ def no_pins() -> Iterator[None]:
 def revision_not_bumped() -> Iterator[None]:
     """A condition that changes keeps its revision, and the first writer wins."""
 
-    def same_revision(self: Reports, conditions: Any) -> list[tuple[str, list[Any]]]:
-        writes = original(self, conditions)
-        return [
-            (name, [value, max(1, revision - 1), stamp])
-            for name, (value, revision, stamp) in writes
-        ]
+    def same_revision(self: Reports, conditions: Any) -> dict[str, ConditionValue]:
+        changed = original(self, conditions)
+        return {n: replace(v, revision=max(1, v.revision - 1)) for n, v in changed.items()}
 
-    original = Reports._condition_writes
-    with mock.patch.object(Reports, "_condition_writes", same_revision):
+    original = Reports._changed_conditions
+    with mock.patch.object(Reports, "_changed_conditions", same_revision):
         yield
 
 

@@ -27,7 +27,7 @@ import zenoh
 
 from benchmarks.flooder import open_peer
 from mrbt_mesh.core.agent.commands import command_body
-from mrbt_mesh.core.facts.store import BatchProof, Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import BatchProof, Incarnation, Version, parse_entry
 from mrbt_mesh.core.membership.authorship import Authorship
 from mrbt_mesh.core.membership.envelope import Envelope, Guard, parse_envelope
 from mrbt_mesh.core.membership.keys import Keys
@@ -202,7 +202,7 @@ class Intruder:
         counter, nonce = _body(heard)[:NUMBER]
         proof = BatchProof()
         version = Version(Incarnation(counter, nonce), 1_000)
-        entry = make_entry(author, name, version, value, proof)
+        entry = parse_entry(author, name, version, value, proof)
         Authorship(keys, heard.run).sign(proof, [entry])
         return encode(_header(heard), MessageKind.FACT, pack_entries([entry]))
 

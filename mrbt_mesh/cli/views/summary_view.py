@@ -9,7 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from mrbt_mesh.core.facts.problems import problem_text
+from mrbt_mesh.core.facts.records import problem_text
 from mrbt_mesh.core.facts.values import texts_by_reason
 from mrbt_mesh.core.observer.episodes import lost_text
 

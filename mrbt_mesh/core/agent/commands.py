@@ -13,7 +13,8 @@ from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.description import OPERATOR
-from mrbt_mesh.core.facts.records import CoalitionId, OrderKind
+from mrbt_mesh.core.facts.records import LATCH, CoalitionId, OrderKind
+from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.mission.mission import micro_performance
 
 FAULT, RESTORE, LEAVE, ORDER, DECIDE = "fault", "restore", "leave", "order", "decide"
@@ -133,17 +134,17 @@ class Commands:
                 ", ".join(sorted({parse_activation(name).subject for name, _ in doubts})) or "none"
             )
             return False, f"{subject!r} is not in doubt (in doubt: {listed})"
-        writes: list[tuple[str, Any]] = []
+        writes: list[Fact] = []
         for activation, tokens in doubts:
             if activation not in found:
                 continue
             match decision:
                 case Decision.DONE:
-                    writes.append((f"{records.DONE}/{activation}", True))
+                    writes.append((f"{records.DONE}/{activation}", LATCH))
                 case Decision.FAILED:
-                    writes.append((f"{records.VERDICT}/{activation}", True))
+                    writes.append((f"{records.VERDICT}/{activation}", LATCH))
                 case Decision.RETRY:
-                    writes += [(f"{records.CLEARED}/{activation}/{t}", True) for t in tokens]
+                    writes += [(f"{records.CLEARED}/{activation}/{t}", LATCH) for t in tokens]
         self._context.log("warning", "decision", global_task=subject, decision=word)
         self._context.write(writes, now_us)
         return (

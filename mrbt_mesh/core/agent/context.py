@@ -13,12 +13,12 @@ from mrbt_mesh.core.agent.effects import Ask, Effect, Log, Persist, Publish, Sto
 from mrbt_mesh.core.agent.sealing import Sealing
 from mrbt_mesh.core.agent.work import Work
 from mrbt_mesh.core.facts.description import Description
-from mrbt_mesh.core.facts.store import Entry, Incarnation
+from mrbt_mesh.core.facts.store import Entry, Fact, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.durability import Durability
 from mrbt_mesh.core.membership.joining import Joining
 from mrbt_mesh.core.membership.membership import Membership
-from mrbt_mesh.core.membership.replica import Replica, Then
+from mrbt_mesh.core.membership.replica import Replica
 from mrbt_mesh.core.membership.wire import DIGEST_BYTES, Header, MessageKind, Position
 from mrbt_mesh.core.mission.mission import Mission
 
@@ -81,20 +81,17 @@ class Context:
 
     # -- what goes out ------------------------------------------------------------------------
 
-    def write(
-        self, values: Sequence[tuple[str, Any]], now_us: int, then: Then | None = None
-    ) -> None:
-        """Write one batch of facts, at least one: to the journal, and to everybody.
+    def write(self, facts: Sequence[Fact], now_us: int) -> None:
+        """Write one batch of facts, at least one, to the journal and to the team.
 
-        `then`: what else belongs to the batch, once the values are in the facts. Nobody waits for
-        the disk: what others may rely on is written by `promise`.
+        It does not wait for the disk: what others may rely on is written by `promise`.
         """
-        data, entries = self.replica.write(values, now_us, then)
+        data, entries = self.replica.write(facts, now_us)
         self._effects += (Persist(entries, at_once=True), Publish(MessageKind.FACT, data))
 
-    def promise(self, values: Sequence[tuple[str, Any]], now_us: int) -> int:
+    def promise(self, facts: Sequence[Fact], now_us: int) -> int:
         """Write one batch of facts; returns the number by which to know when it is on disk."""
-        data, entries = self.replica.write(values, now_us)
+        data, entries = self.replica.write(facts, now_us)
         number = self.durability.take_number()
         self._effects += (Persist(entries, True, number), Publish(MessageKind.FACT, data))
         return number

@@ -7,16 +7,14 @@ written them down. For an exclusive task each of them also needs the grants of a
 
 from __future__ import annotations
 
-from typing import Any
-
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import are_enough, coalition_at_work, ready_members
-from mrbt_mesh.core.facts.records import Claim, Coalition, CoalitionId, Phase
-from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.facts.records import LATCH, NO_CLAIM, Claim, Coalition, CoalitionId, Phase
+from mrbt_mesh.core.facts.store import Fact, Incarnation
 from mrbt_mesh.core.membership.leases import Leases
 from mrbt_mesh.core.membership.wire import Heartbeat
 from mrbt_mesh.core.mission.mission import GlobalTask
@@ -115,9 +113,8 @@ class Executor:
             activation=start.activation,
         )
 
-    def _claim_write(self) -> tuple[str, Any]:
-        claim = self._context.work.claim
-        return records.CLAIM, claim.to_value() if claim is not None else None
+    def _claim_write(self) -> Fact:
+        return records.CLAIM, self._context.work.claim or NO_CLAIM
 
     def _task(self) -> GlobalTask:
         claim = self._context.work.claim
@@ -157,9 +154,7 @@ class Executor:
             return None
         return CoalitionId(leaders.since, line.leader, *facts.members[line.leader].incarnation)
 
-    def _coalition(
-        self, task: GlobalTask, now_us: int
-    ) -> tuple[CoalitionId | None, list[tuple[str, Any]]]:
+    def _coalition(self, task: GlobalTask, now_us: int) -> tuple[CoalitionId | None, list[Fact]]:
         """The coalition with which this robot may start now, and what to write with it.
 
         For an exclusive task its claim must be on disk: what may have begun is known after a crash.
@@ -184,7 +179,7 @@ class Executor:
         if len(members) < len(planned) and now_us < self.grace_ends_us:
             return None, []  # the others may be ready in a moment
         name = f"{records.COALITION}/{line.activation}/{token}"
-        return token, [(name, Coalition(tuple(members)).to_value())]
+        return token, [(name, Coalition(tuple(members)))]
 
     def _written_down(
         self, task: GlobalTask, activation: str, claim: Claim, now_us: int
@@ -203,7 +198,7 @@ class Executor:
                 return token
         return None
 
-    def given_up(self, claim: Claim) -> list[tuple[str, Any]]:
+    def given_up(self, claim: Claim) -> list[Fact]:
         """What to say of a claim on an exclusive task that is dropped without an outcome.
 
         Begun, it leaves the activation in doubt; a leader that never began sets its grants free.
@@ -216,10 +211,10 @@ class Executor:
             doubts = facts.coalitions(activation).doubts
             if context.me in doubts.get(CoalitionId.parse(claim.coalition), ()):
                 return []
-            return [(f"{records.DOUBT}/{activation}/{claim.coalition}", True)]
+            return [(f"{records.DOUBT}/{activation}/{claim.coalition}", LATCH)]
         token = CoalitionId(claim.since, context.me, *context.replica.incarnation)
         if self.leases.holder.requested == (activation, str(token)):
-            return [(f"{records.CLEARED}/{activation}/{token}", True)]
+            return [(f"{records.CLEARED}/{activation}/{token}", LATCH)]
         return []
 
     # -- leases -------------------------------------------------------------------------------
@@ -248,7 +243,7 @@ class Executor:
         if not ended and not self.leases.holder.is_held(claim.activation, token, now_us):
             context.log("warning", "grants_ran_out", global_task=claim.global_task)
             names = (records.DOUBT, records.BROKEN)
-            context.write([(f"{name}/{claim.activation}/{token}", True) for name in names], now_us)
+            context.write([(f"{name}/{claim.activation}/{token}", LATCH) for name in names], now_us)
 
     def lease_asked(self, robot: str, beat: Heartbeat, now_us: int) -> None:
         """A beat asks for a lease, or answers this robot's own request."""

@@ -7,7 +7,7 @@ from mrbt_mesh.core.agent.effects import DeclareToken
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import OrderKind, Phase
+from mrbt_mesh.core.facts.records import NO_CLAIM, OrderKind, Phase
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
 from mrbt_mesh.core.membership.joining import Joining
@@ -63,14 +63,14 @@ class Lifecycle:
         context.emit(DeclareToken(context.replica.next_incarnation(0)))
         self._join_again(frozenset(context.membership.members()), False, now_us)
         # On disk before it is beaten out: no later process may take this incarnation again.
-        context.write([(records.CLAIM, None)], now_us)
+        context.write([(records.CLAIM, NO_CLAIM)], now_us)
 
     def _catch_up(self, silent_us: int, now_us: int) -> None:
         """Hear the others and their facts before it takes part again, in the same life."""
         context = self._context
         context.log("warning", "catches_up", silent_s=silent_us / 1e6)
         if context.work.claim is not None:
-            context.write([(records.CLAIM, None)], now_us)
+            context.write([(records.CLAIM, NO_CLAIM)], now_us)
         expected = frozenset(context.membership.members())
         self._join_again(expected, False, now_us, keeps_life=True)
 
@@ -147,8 +147,8 @@ class Lifecycle:
             context.log("info", "caught_up")
             return True
         context.log("info", "joined", incarnation=str(context.replica.incarnation))
-        member = (records.MEMBER, context.description.to_value(context.is_leaving))
-        context.write([member, (records.CLAIM, None)], now_us)
+        member = (records.MEMBER, context.description.member(context.is_leaving))
+        context.write([member, (records.CLAIM, NO_CLAIM)], now_us)
         self._schedule.make_due(now_us)
         return True
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import Forget, MakePlan
@@ -18,8 +18,8 @@ from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.engine import PlanFunction
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import newly_broken
-from mrbt_mesh.core.facts.records import MissionResult
-from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.facts.records import LATCH, Attempt, ChildResult, MissionResult
+from mrbt_mesh.core.facts.store import Fact, Incarnation
 from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.planning.deadlines import Deadlines
 from mrbt_mesh.core.planning.plan import Plan
@@ -115,7 +115,7 @@ class Planner:
             if self.awaited is not None:
                 break
             assert self.plan is not None
-            latches: list[tuple[str, Any]] = []
+            latches: list[Fact] = []
             if self._number != before:
                 latches = self._latches(self.plan, context.alive())
             latches += self.deadlines.expired(self.plan, facts, now_us, self._is_agreed)
@@ -197,22 +197,22 @@ class Planner:
         return self._make_by_default(facts, alive)
 
     def tick_outcome(
-        self, activation: str, conditions: Mapping[str, bool]
-    ) -> list[tuple[str, Any]]:
+        self, activation: str, status: Status, conditions: Mapping[str, bool]
+    ) -> list[Fact]:
         """What follows from the tick in which an action returns that has set these conditions.
 
-        Its outcome is in the facts, the conditions are not. Nodes with memory keep what that tick
-        shows, and where T_G ends in it the mission has ended, unless it never does.
+        `status`: that of its activation from then on. Nodes with memory keep what that tick
+        shows, and if T_G ends in it, so does the mission, unless it never does.
         """
         facts = self._context.facts
-        tick = OutcomeTick(facts, activation, facts.conditions.after(conditions))
+        tick = OutcomeTick(facts, activation, status, facts.conditions.after(conditions))
         evaluation = self._evaluator.evaluate(tick)
         latched = self._of_tree(evaluation)
         if self._context.mission.ends is MissionEnd.ONCE:
             latched += _result(evaluation.status, len(self._context.mission.robots))
         return latched
 
-    def _end(self, plan: Plan) -> list[tuple[str, Any]]:
+    def _end(self, plan: Plan) -> list[Fact]:
         """The mission has ended once all robots report that T_G has.
 
         In a large team the robots that would watch one of this name say so for all.
@@ -228,44 +228,44 @@ class Planner:
         robots = context.mission.robots
         return _result(plan.result, sum(robot in robots for robot in context.alive()))
 
-    def _of_tree(self, evaluation: Evaluation) -> list[tuple[str, Any]]:
+    def _of_tree(self, evaluation: Evaluation) -> list[Fact]:
         """What one tick of T_G has found for good."""
-        latched: list[tuple[str, Any]] = [
-            (f"{records.ATTEMPT}/{scope}", number) for scope, number in evaluation.attempts
+        latched: list[Fact] = [
+            (f"{records.ATTEMPT}/{scope}", Attempt(number)) for scope, number in evaluation.attempts
         ]
         latched += [
-            (f"{records.CHILD_RESULT}/{scope}/{position}", success)
+            (f"{records.CHILD_RESULT}/{scope}/{position}", ChildResult(success))
             for scope, position, success in evaluation.child_results
         ]
         latched += [
-            (f"{records.VERDICT}/{activation}", True)
+            (f"{records.VERDICT}/{activation}", LATCH)
             for activation in evaluation.failures
             if not self._context.facts.has_verdict(activation)
         ]
         return latched
 
-    def _latches(self, plan: Plan, alive: Mapping[str, Incarnation]) -> list[tuple[str, Any]]:
+    def _latches(self, plan: Plan, alive: Mapping[str, Incarnation]) -> list[Fact]:
         facts, evaluation = self._context.facts, plan.evaluation
         latched = self._of_tree(evaluation)
         for request in evaluation.requests:
             task = facts.mission.global_tasks[request.subject]
             if task.by_coalition:
                 broken = newly_broken(facts, task, request.activation, alive, self._context.me)
-                latched += [(f"{records.BROKEN}/{request.activation}/{t}", True) for t in broken]
+                latched += [(f"{records.BROKEN}/{request.activation}/{t}", LATCH) for t in broken]
         return latched
 
     def _note_guards(self, now_us: int) -> None:
         """Write down which guards of several conditions have turned, before anything is planned."""
         while turned := self._context.facts.turned_guards():
-            rows = [(f"{records.EXPRESSION}/{name}", each.to_value()) for name, each in turned]
-            self._context.write(rows, now_us)
+            noted = [(f"{records.EXPRESSION}/{name}", revision) for name, revision in turned]
+            self._context.write(noted, now_us)
 
 
-def _result(status: Status, agreed: int) -> list[tuple[str, Any]]:
+def _result(status: Status, agreed: int) -> list[Fact]:
     """The mission's result, if T_G has ended so; `agreed`: how many robots go by that."""
     if status not in (Status.SUCCESS, Status.FAILURE) or not agreed:
         return []
-    return [(records.RESULT, MissionResult(status is Status.SUCCESS, agreed).to_value())]
+    return [(records.RESULT, MissionResult(status is Status.SUCCESS, agreed))]
 
 
 def _solved(plan: Plan) -> Status:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
 
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import Persist, RequestBid
 from mrbt_mesh.core.agent.executor import Executor
 from mrbt_mesh.core.agent.inputs import (
     ActionFinished,
+    BidMade,
     BidsMade,
     CapabilityChanged,
     JournalOpened,
@@ -18,8 +18,18 @@ from mrbt_mesh.core.agent.inputs import (
 )
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.problems import JOURNAL, as_subject
-from mrbt_mesh.core.facts.records import ConditionValue, OrderKind, Outcome
+from mrbt_mesh.core.facts.records import (
+    JOURNAL,
+    NO_CLAIM,
+    Bid,
+    ConditionValue,
+    Order,
+    OrderKind,
+    Outcome,
+    RobotProblem,
+    as_subject,
+)
+from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
 from mrbt_mesh.core.mission.conditions import robot_condition
 from mrbt_mesh.core.mission.failure_reasons import one_line
@@ -49,9 +59,8 @@ class Reports:
         self._unsaid_problems: dict[str, str] = {}
 
     def finished(self, event: ActionFinished, now_us: int) -> None:
-        """Write the outcome and the conditions in one batch, with the claim that ends.
-
-        T_G is ticked in between.
+        """Write the outcome, what its tick of T_G has found, its conditions and the end of the
+        claim, as one batch.
         """
         context, work = self._context, self._context.work
         claimed = work.claim
@@ -62,21 +71,20 @@ class Reports:
         if action.coalition:
             name += f"/{action.coalition}"
         reason = "" if event.success else one_line(event.reason)
-        writes: list[tuple[str, Any]] = [(name, Outcome(event.success, None, reason).to_value())]
+        facts: list[Fact] = [(name, Outcome(event.success, None, reason))]
         ends = context.mission.conditions_after_end(
             action.global_task, action.local_task, event.success, reason
         )
-        conditions = self._condition_writes([*event.conditions, *ends])
-        rest: list[tuple[str, Any]] = [*conditions]
+        conditions = self._changed_conditions([*event.conditions, *ends])
+        if conditions:
+            version = context.replica.next_version
+            status = context.facts.status_after(name, context.me, event.success, version)
+            values = {condition: record.value for condition, record in conditions.items()}
+            facts += self._planner.tick_outcome(action.activation, status, values)
+            facts += _condition_facts(conditions)
         if work.claim is None and claimed is not None:
-            rest.append((records.CLAIM, None))
-        values = {name.partition("/")[2]: value for name, (value, *_) in conditions}
-
-        def then() -> list[tuple[str, Any]]:
-            ticked = self._planner.tick_outcome(action.activation, values) if values else []
-            return [*ticked, *rest]
-
-        context.write(writes, now_us, then)
+            facts.append((records.CLAIM, NO_CLAIM))
+        context.write(facts, now_us)
         context.log(
             "info" if event.success else "warning",
             "local_task_finished",
@@ -95,9 +103,9 @@ class Reports:
             known = {n: v for n, v in values.items() if mission.knows_condition(n)}
             self._unsaid |= known
             values = {n: v for n, v in values.items() if n not in known}
-        writes = self._condition_writes(values.items())
-        if writes:
-            self._context.write(writes, now_us)
+        changed = self._changed_conditions(values.items())
+        if changed:
+            self._context.write(_condition_facts(changed), now_us)
 
     def say_what_was_kept(self, now_us: int) -> None:
         """The robot has joined: tell the conditions that were set before."""
@@ -108,12 +116,12 @@ class Reports:
             self.problem_found(subject, text, now_us)
         self._say_of_journal(now_us)
 
-    def _condition_writes(
+    def _changed_conditions(
         self, conditions: Iterable[tuple[str, bool]]
-    ) -> list[tuple[str, list[Any]]]:
-        """The entries that make conditions true or false; none where they are so already."""
+    ) -> dict[str, ConditionValue]:
+        """The new values of conditions; those that have this value already are left out."""
         context, facts = self._context, self._context.facts
-        writes: dict[str, list[Any]] = {}
+        changed: dict[str, ConditionValue] = {}
         stamp = context.replica.next_stamp()
         for given, value in conditions:
             name = self._name_here(given)
@@ -121,13 +129,13 @@ class Reports:
             if not context.mission.can_be_set(name):
                 context.log("error", "condition_not_declared", condition=name)
             elif facts.condition(name) != value:
-                writes[f"{records.CONDITION}/{name}"] = [value, revision + 1, stamp]
+                changed[name] = ConditionValue(value, revision + 1, stamp)
             elif revision and name != given and self._last_word(name) != value:
-                # Others have said so of this robot, which will not contradict them any more.
-                writes[f"{records.CONDITION}/{name}"] = [value, revision, stamp]
+                # Others have written this of this robot, which no longer contradicts them.
+                changed[name] = ConditionValue(value, revision, stamp)
             else:
-                writes.pop(f"{records.CONDITION}/{name}", None)
-        return list(writes.items())
+                changed.pop(name, None)
+        return changed
 
     def _name_here(self, condition: str) -> str:
         """A condition as this robot's program names it: its own one, if every robot has its own."""
@@ -147,15 +155,15 @@ class Reports:
         context, facts = self._context, self._context.facts
         if context.is_leaving or context.me not in context.mission.robots:
             return
-        writes: list[tuple[str, Any]] = []
+        changed: dict[str, ConditionValue] = {}
         for leaf in context.mission.per_robot.leaves:
             name = robot_condition(leaf, context.me)
             value = self._last_word(name)
             if facts.condition(name) != value:
-                row = [value, facts.conditions.revision(name) + 1, context.replica.next_stamp()]
-                writes.append((f"{records.CONDITION}/{name}", row))
-        if writes:
-            context.write(writes, now_us)
+                revision = facts.conditions.revision(name) + 1
+                changed[name] = ConditionValue(value, revision, context.replica.next_stamp())
+        if changed:
+            context.write(_condition_facts(changed), now_us)
 
     # -- bids ---------------------------------------------------------------------------------
 
@@ -186,24 +194,23 @@ class Reports:
         if context.joining is not None:
             self._asked_bids.clear()
             return
-        writes: dict[str, int | None] = {}
+        writes: dict[str, Bid] = {}
         problems: dict[str, str] = {}
         for bid in event.bids:
             name = f"{records.BID}/{bid.activation}/{bid.local_task}"
-            value = bid.performance
-            error = bid.error or context.replica.find_problem(name, value)
+            record, error = _checked_bid(bid)
             if error:
-                value = None
                 subject = f"bid for {type_name(bid.local_task)}"
                 if subject not in self._failed_bids:
                     self._failed_bids.add(subject)
                     context.log("error", "bid_failed", local_task=bid.local_task, error=error)
                 problems[subject] = f"made no bid: {bid.reason or error}"
             if (bid.activation, bid.local_task) in self._asked_bids:
-                writes[name] = value  # else nobody needs it any more
-        told = [*sorted(writes.items()), *self._problem_writes(problems)]
-        if told:
-            context.write(told, now_us)
+                writes[name] = record  # else nobody needs it any more
+        facts: list[Fact] = [(name, writes[name]) for name in sorted(writes)]
+        facts += self._problem_facts(problems)
+        if facts:
+            context.write(facts, now_us)
 
     # -- problems of its program --------------------------------------------------------------
 
@@ -216,12 +223,12 @@ class Reports:
         if context.is_new:
             self._unsaid_problems[subject] = text
             return
-        writes = self._problem_writes({subject: text})
-        if writes:
-            context.write(writes, now_us)
+        facts = self._problem_facts({subject: text})
+        if facts:
+            context.write(facts, now_us)
 
-    def _problem_writes(self, problems: Mapping[str, str]) -> list[tuple[str, Any]]:
-        """The entries that tell of problems, or of their ends; nothing that is known already."""
+    def _problem_facts(self, problems: Mapping[str, str]) -> list[Fact]:
+        """The facts of new problems and of solved ones; nothing that is known already."""
         context = self._context
         known = context.facts.problems.get(context.me, {})
         writes: dict[str, str] = {}
@@ -232,7 +239,7 @@ class Reports:
                 if line:
                     context.log("error", "problem", subject=subject, problem=line)
                 writes[f"{records.PROBLEM}/{subject}"] = line
-        return sorted(writes.items())
+        return [(name, RobotProblem(writes[name])) for name in sorted(writes)]
 
     # -- itself -------------------------------------------------------------------------------
 
@@ -264,7 +271,7 @@ class Reports:
             return None
         context.log("warning", "capabilities_changed", **after)
         if context.has_place:
-            context.write([(records.MEMBER, description.to_value(context.is_leaving))], now_us)
+            context.write([(records.MEMBER, description.member(context.is_leaving))], now_us)
         return None
 
     # -- its journal --------------------------------------------------------------------------
@@ -294,13 +301,13 @@ class Reports:
         context.description.may_promise = may_promise
         if context.is_new:
             return
-        writes = self._problem_writes({JOURNAL: durability.problem})
+        facts = self._problem_facts({JOURNAL: durability.problem})
         if is_news:
-            writes.append((records.MEMBER, context.description.to_value(context.is_leaving)))
+            facts.append((records.MEMBER, context.description.member(context.is_leaving)))
         if is_news and may_promise:
             context.log("info", "journal_works_again")
-        if writes:
-            context.write(writes, now_us)
+        if facts:
+            context.write(facts, now_us)
 
     def leave(self, now_us: int) -> None:
         """Hand the work over, and tell everybody at once."""
@@ -313,12 +320,24 @@ class Reports:
         writes = self._executor.given_up(claim) if claim is not None else []
         context.emit(*context.work.drop())
         if context.has_place:
-            member = (records.MEMBER, context.description.to_value(context.is_leaving))
-            context.write([*writes, member, (records.CLAIM, None)], now_us)
+            member = (records.MEMBER, context.description.member(context.is_leaving))
+            context.write([*writes, member, (records.CLAIM, NO_CLAIM)], now_us)
         self._schedule.make_due(now_us)
 
     def order(self, kind: OrderKind, now_us: int) -> None:
         """Take in the operator's word and tell the team."""
         context = self._context
         context.log("warning", "order", order=str(kind))
-        context.write([(records.ORDER, [str(kind), context.replica.next_stamp()])], now_us)
+        context.write([(records.ORDER, Order(kind, context.replica.next_stamp()))], now_us)
+
+
+def _condition_facts(changed: Mapping[str, ConditionValue]) -> list[Fact]:
+    return [(f"{records.CONDITION}/{name}", value) for name, value in changed.items()]
+
+
+def _checked_bid(bid: BidMade) -> tuple[Bid, str]:
+    """The bid of a robot's program, none if something is wrong with it, and what that is."""
+    try:
+        return Bid.parse(None if bid.error else bid.performance), bid.error
+    except ValueError as error:
+        return Bid(None), str(error)

@@ -79,7 +79,8 @@ class LocalRun:
         The root's status in the tick in which it returns: if the root ends in it, it has ended.
         """
         self.ended(activation, success)
-        found = self._evaluator.evaluate(OutcomeTick(self, activation, conditions))
+        status = self._outcomes[activation]
+        found = self._evaluator.evaluate(OutcomeTick(self, activation, status, conditions))
         self._remember(found)
         return found.status
 

@@ -14,19 +14,24 @@ from mrbt_mesh.core.bt.tree import Status
 
 
 class OutcomeTick(OverlaidFacts):
-    """Facts with an outcome but without the conditions that are set with it.
+    """Facts before an outcome, with that outcome and the conditions that are set with it.
 
-    `conditions`: the values that they have from then on, by the names that the tree reads. These
-    are read once the status of the outcome's activation has been. To be evaluated once, from
-    scratch. `EvaluationFacts`.
+    `status`: that of the outcome's activation from then on. `conditions`: the values from then on,
+    by the names that the tree reads; the tree reads them once it has read that status. To be
+    evaluated once, from scratch. `EvaluationFacts`.
     """
 
     def __init__(
-        self, facts: EvaluationFacts, activation: str, conditions: Mapping[str, bool]
+        self,
+        facts: EvaluationFacts,
+        activation: str,
+        status: Status,
+        conditions: Mapping[str, bool],
     ) -> None:
         super().__init__(facts)
         self.conditions = conditions
         self._activation = activation
+        self._status = status
         self._has_returned = False
 
     def condition(self, name: str) -> bool:
@@ -36,5 +41,7 @@ class OutcomeTick(OverlaidFacts):
 
     def task_status(self, subject: str, activation: str) -> Status:
         """The status of an action."""
-        self._has_returned = self._has_returned or activation == self._activation
-        return super().task_status(subject, activation)
+        if activation != self._activation:
+            return super().task_status(subject, activation)
+        self._has_returned = True
+        return self._status

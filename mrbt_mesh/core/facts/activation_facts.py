@@ -10,7 +10,7 @@ from mrbt_mesh.core.bt.activation import Activation
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import Coalitions
 from mrbt_mesh.core.facts.records import Attempt, Bid, ChildResult, CoalitionId, Outcome
-from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.facts.store import Entry, Version
 
 # Local task -> robot -> success.
 Outcomes: TypeAlias = Mapping[str, Mapping[str, bool]]
@@ -73,7 +73,7 @@ class ActivationFacts:
         if kind in records.COALITION_KINDS:
             self._with_coalitions().add(kind, CoalitionId.parse(parts[2]), entry)
         elif isinstance(record, Outcome):
-            self._add_outcome(entry, record.success)
+            self.add_outcome(parts, entry.author, record.success, entry.version)
         elif isinstance(record, Bid):
             self.bids = self.bids.with_bid(parts[2], entry.author, record.performance)
         elif isinstance(record, Attempt):
@@ -90,14 +90,18 @@ class ActivationFacts:
         elif kind == records.DONE:
             self.is_done = True
 
-    def _add_outcome(self, entry: Entry, success: bool) -> None:
-        parts = entry.parts
+    def add_outcome(
+        self, parts: tuple[str, ...], robot: str, success: bool, version: Version
+    ) -> None:
+        """Take in an outcome; `parts`: those of its name, the last may be a coalition."""
+        local_task = parts[2]
         if len(parts) == 4:
             coalition = CoalitionId.parse(parts[3])
-            self._with_coalitions().add_outcome(coalition, parts[2], entry, success)
+            coalitions = self._with_coalitions()
+            coalitions.add_outcome(coalition, local_task, robot, success, version)
         else:
-            ends = {**self.outcomes.get(parts[2], {}), entry.author: success}
-            self.outcomes = {**self.outcomes, parts[2]: ends}
+            ends = {**self.outcomes.get(local_task, {}), robot: success}
+            self.outcomes = {**self.outcomes, local_task: ends}
 
     def _with_coalitions(self) -> Coalitions:
         if self.coalitions is None:

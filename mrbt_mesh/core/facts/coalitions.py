@@ -64,12 +64,11 @@ class Coalitions:
             latches[kind].setdefault(coalition, set()).add(entry.author)
 
     def add_outcome(
-        self, coalition: CoalitionId, local_task: str, entry: Entry, success: bool
+        self, coalition: CoalitionId, local_task: str, robot: str, success: bool, version: Version
     ) -> None:
         """Take in how a local task ended for a member."""
-        ends = self.outcomes.setdefault(coalition, {}).setdefault(local_task, {})
-        ends[entry.author] = success
-        self.ended.setdefault(coalition, {})[entry.author] = entry.version
+        self.outcomes.setdefault(coalition, {}).setdefault(local_task, {})[robot] = success
+        self.ended.setdefault(coalition, {})[robot] = version
 
     def outcome(self, coalition: CoalitionId, member: CoalitionMember) -> bool | None:
         """Success or failure of a member, None while it has neither."""

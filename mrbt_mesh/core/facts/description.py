@@ -152,8 +152,8 @@ class Description:
         listed = ", ".join(sorted(self._declared))
         return f"{self._robot} has no local task {local_task!r}; it has {listed}"
 
-    def to_value(self, is_leaving: bool) -> list[Any]:
-        """The member entry's value."""
+    def member(self, is_leaving: bool) -> Member:
+        """The record of the robot's member entry."""
         return Member(
             self._type,
             self._capabilities,
@@ -164,4 +164,4 @@ class Description:
             self._pid,
             self.may_promise,
             self.pending,
-        ).to_value()
+        )

@@ -15,10 +15,12 @@ from typing import Any, NamedTuple, TypeAlias
 
 import msgpack
 
-from mrbt_mesh.core.facts.records import parse_record
+from mrbt_mesh.core.facts.records import parse_record, split_name
 from mrbt_mesh.core.facts.values import Record
 
 MAX_VALUE_BYTES = 1 << 18
+# What a robot writes: the name of an entry, and its record.
+Fact: TypeAlias = tuple[str, Record]
 _DIGEST_MODULUS = 1 << 128
 
 
@@ -70,10 +72,30 @@ class Entry:
 
 
 def make_entry(
+    author: str, name: str, version: Version, record: Record, proof: BatchProof | None = None
+) -> Entry:
+    """An entry of a robot's own; raises ValueError if the record is too large."""
+    parts = split_name(name)
+    return _packed(author, name, parts, version, record.to_value(), record, proof)
+
+
+def parse_entry(
     author: str, name: str, version: Version, value: Any, proof: BatchProof | None = None
 ) -> Entry:
-    """Parse and pack one entry; raises ValueError if the value is none of its kind."""
+    """An entry from the wire or the disk; raises ValueError if the value is none of its kind."""
     parts, record = parse_record(name, value)
+    return _packed(author, name, parts, version, value, record, proof)
+
+
+def _packed(
+    author: str,
+    name: str,
+    parts: tuple[str, ...],
+    version: Version,
+    value: Any,
+    record: Record,
+    proof: BatchProof | None,
+) -> Entry:
     try:
         packed = msgpack.packb(value)
     except (TypeError, OverflowError) as error:
@@ -88,7 +110,7 @@ def make_entry(
 
 
 def join(mine: Entry | None, other: Entry) -> Entry:
-    """The entry that stands, of two with the same key; the order of arguments does not matter.
+    """The entry that is kept, of two with the same key; the order of arguments does not matter.
 
     The greatest version wins, equal ones (which should not occur) by their bytes. Records
     that grow by other rules (a success beats a failure) say so in `Record.rank`.
@@ -104,7 +126,7 @@ def join(mine: Entry | None, other: Entry) -> Entry:
     return oldest if mine.record.write_once else newest
 
 
-# What an entry was and what it is; None stands for absent.
+# An entry before and after a change; None if it was or is absent.
 Change: TypeAlias = tuple[Entry | None, Entry | None]
 Listener: TypeAlias = Callable[[Sequence[Change]], None]
 

@@ -15,7 +15,6 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.activation_facts import NO_BIDS, ActivationFacts, KnownBids, Outcomes
 from mrbt_mesh.core.facts.coalitions import Coalitions
 from mrbt_mesh.core.facts.conditions import Conditions
-from mrbt_mesh.core.facts.problems import RobotProblem
 from mrbt_mesh.core.facts.records import (
     Claim,
     CoalitionId,
@@ -26,8 +25,9 @@ from mrbt_mesh.core.facts.records import (
     NoClaim,
     Order,
     OrderKind,
+    RobotProblem,
 )
-from mrbt_mesh.core.facts.store import Change, Entry, FactMap, Incarnation
+from mrbt_mesh.core.facts.store import Change, Entry, FactMap, Incarnation, Version
 from mrbt_mesh.core.facts.task_status import task_status
 from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, performance
@@ -116,6 +116,20 @@ class TeamFacts:
         if said is None:
             return Status.RUNNING
         return task_status(self.mission.global_tasks[subject], said, self)
+
+    def status_after(self, name: str, robot: str, success: bool, version: Version) -> Status:
+        """The status of an activation once this outcome of a robot is among the facts."""
+        parts = records.split_name(name)
+        after = ActivationFacts(parse_activation(parts[1]))
+        said = self.activations.get(parts[1])
+        for key in said.keys if said is not None else ():
+            entry = self.map.get(*key)
+            assert entry is not None
+            after.add(entry)
+        known = self.map.get(robot, name)
+        if known is None or known.record.rank() < success:
+            after.add_outcome(parts, robot, success, version)
+        return task_status(self.mission.global_tasks[after.activation.subject], after, self)
 
     def attempts_used(self, activation: str) -> int:
         """The number of attempts that are used up, over all authors."""

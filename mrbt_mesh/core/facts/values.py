@@ -1,23 +1,44 @@
-"""Reading values from the network: each is exactly of its kind, else ValueError is raised."""
+"""Reading values from the network: a reader takes exactly its kind, else raises ValueError."""
 
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, Self, TypeAlias
 
 MAX_TEXT = 640
 MAX_STAMP = (1 << 53) - 1
 MAX_DATA_DEPTH = 16
 
+Reader: TypeAlias = Callable[[Any], Any]
+
 
 class Record:
-    """Base of all records. `rank` and `write_once` are the exceptions to newest-wins."""
+    """Base of all records: a frozen dataclass whose fields are a list on the wire.
 
+    A record of one field is that value alone. `readers`: one for each field. The newest entry of
+    an author wins, except where `write_once` or `rank` say otherwise.
+    """
+
+    readers: ClassVar[tuple[Reader, ...]]
     write_once: ClassVar[bool] = False
 
     def rank(self) -> int:
         return 0
+
+    def to_value(self) -> Any:
+        """The record as plain data."""
+        fields: tuple[str, ...] = getattr(self, "__match_args__", ())
+        values = [getattr(self, name) for name in fields]
+        return values if len(values) > 1 else values[0]
+
+    @classmethod
+    def parse(cls, value: Any) -> Self:
+        """The other way round; raises ValueError for anything else."""
+        count = len(cls.readers)
+        make: Callable[..., Self] = cls
+        values = read_fields(value, count) if count > 1 else [value]
+        return make(*[read(each) for read, each in zip(cls.readers, values, strict=True)])
 
 
 def shown(value: Any) -> str:
@@ -50,7 +71,7 @@ def read_fields(value: Any, count: int) -> list[Any]:
 
 
 def texts_by_reason(reasons: Mapping[str, str]) -> dict[str, list[str]]:
-    """Text -> its reason, turned round so that each reason is there once; sorted."""
+    """Text -> its reason, as reason -> its texts; sorted."""
     found: dict[str, list[str]] = {}
     for text, reason in sorted(reasons.items(), key=lambda pair: (pair[1], pair[0])):
         found.setdefault(reason, []).append(text)
@@ -58,7 +79,7 @@ def texts_by_reason(reasons: Mapping[str, str]) -> dict[str, list[str]]:
 
 
 def read_reasons(value: Any, most: int, longest: int) -> dict[str, str]:
-    """The other way round: at most so many texts, and how long a reason may be."""
+    """The inverse of `texts_by_reason`, for at most `most` texts and reasons up to `longest`."""
     if not isinstance(value, dict) or not all(isinstance(each, list) for each in value.values()):
         raise ValueError(f"map of reasons to lists expected, found {shown(value)}")
     if sum(map(len, value.values())) > most:
@@ -72,7 +93,8 @@ def read_reasons(value: Any, most: int, longest: int) -> dict[str, str]:
     )
 
 
-def check_depth(data: Any) -> None:
+def read_data(data: Any) -> Any:
+    """Plain data of any kind that is not nested too deeply."""
     level = [data]
     for _ in range(MAX_DATA_DEPTH + 1):
         level = [
@@ -82,5 +104,5 @@ def check_depth(data: Any) -> None:
             for part in (each.values() if isinstance(each, dict) else each)
         ]
         if not level:
-            return
+            return data
     raise ValueError(f"data nested more than {MAX_DATA_DEPTH} levels deep")

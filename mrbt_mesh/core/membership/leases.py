@@ -22,19 +22,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import majority
-from mrbt_mesh.core.facts.records import CoalitionId
+from mrbt_mesh.core.facts.records import LATCH, CoalitionId
+from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.durability import Durability
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Heartbeat, LeaseGrant
 from mrbt_mesh.core.mission.mission import InDoubtPolicy
 
-# What to write: names and values of entries.
-Writes: TypeAlias = list[tuple[str, Any]]
 # An activation, and the id of the coalition that needs a lease of it, as text.
 Request: TypeAlias = tuple[str, str]
 # Whether the robot's own view speaks for giving an activation to a coalition.
@@ -135,7 +134,7 @@ class LeaseGrantor:
 
     def answer_request(
         self, member: str, number: int, request: Request, now_us: int, may_grant: MayGrant
-    ) -> Writes:
+    ) -> list[Fact]:
         """Grant a lease or renew it, as heartbeat `number` of a member requests.
 
         What is returned is written as a promise, and `written` with its number: no answer goes out
@@ -160,7 +159,7 @@ class LeaseGrantor:
             return []
         expires_us = now_us + self._timing.lease_us
         self._leases[activation] = _Lease(coalition, expires_us, True, {member: number})
-        return [(f"{records.GRANT}/{activation}/{coalition}", True)]
+        return [(f"{records.GRANT}/{activation}/{coalition}", LATCH)]
 
     def written(self, number: int) -> None:
         """The grants that were returned last have been written, under this number."""
@@ -198,10 +197,10 @@ class LeaseGrantor:
             for member in sorted(lease.answers)
         )
 
-    def expire(self, now_us: int) -> Writes:
+    def expire(self, now_us: int) -> list[Fact]:
         """Give up leases that have run out or are needed no more; returns what to write of them."""
         self._watch_others(now_us)
-        writes: Writes = []
+        writes: list[Fact] = []
         for activation, lease in sorted(self._leases.items()):
             found, coalition = self._facts.coalitions(activation), lease.coalition
             never_began = coalition.leader in found.cleared.get(coalition, ())
@@ -212,7 +211,7 @@ class LeaseGrantor:
             elif now_us >= lease.expires_us:
                 del self._leases[activation]
                 if self._me not in found.doubts.get(coalition, ()):
-                    writes.append((f"{records.DOUBT}/{activation}/{coalition}", True))
+                    writes.append((f"{records.DOUBT}/{activation}/{coalition}", LATCH))
         return writes
 
     def _watch_others(self, now_us: int) -> None:
@@ -247,7 +246,7 @@ class Leases:
         self.holder = LeaseHolder(facts, timing)
         self.grantor = LeaseGrantor(me, facts, timing, now_us, durability)
 
-    def heartbeat_sent(self, number: int, now_us: int, may_grant: MayGrant) -> Writes:
+    def heartbeat_sent(self, number: int, now_us: int, may_grant: MayGrant) -> list[Fact]:
         """This robot's heartbeat goes out: it is a request, and this robot answers itself first."""
         holder, grantor = self.holder, self.grantor
         holder.note_sent(number, now_us)
@@ -263,7 +262,7 @@ class Leases:
 
     def receive_heartbeat(
         self, robot: str, heartbeat: Heartbeat, now_us: int, may_grant: MayGrant
-    ) -> Writes:
+    ) -> list[Fact]:
         """Another robot's heartbeat: its answers to this robot's requests, and its own request."""
         if robot in self._facts.grantors:
             self._confirm(robot, heartbeat.lease_grants)

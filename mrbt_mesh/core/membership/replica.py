@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
 
-from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import BatchProof, Entry, Fact, Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
 from mrbt_mesh.core.membership.anti_entropy import AntiEntropy
@@ -29,10 +28,6 @@ from mrbt_mesh.core.membership.wire import (
     parse_reports,
     read_batch,
 )
-
-# Names of entries and what they say.
-Values: TypeAlias = Iterable[tuple[str, Any]]
-Then: TypeAlias = Callable[[], Values]
 
 # To take in a page takes a robot some milliseconds, in which it does nothing else.
 PAGE_BYTES = 1 << 16
@@ -94,36 +89,22 @@ class Replica:
         """A Lamport stamp above all that this robot has seen (Lamport 1978)."""
         return self.facts.max_stamp + 1
 
-    def write(
-        self, values: Values, now_us: int, then: Then | None = None
-    ) -> tuple[bytes, tuple[Entry, ...]]:
-        """Write one batch of own entries: (the message that tells it, the entries).
+    @property
+    def next_version(self) -> Version:
+        """That of the batch that is written next."""
+        return Version(self.incarnation, self._sequence + 1)
 
-        `then`: what else belongs to it, once the values are in the facts.
-        """
+    def write(self, facts: Iterable[Fact], now_us: int) -> tuple[bytes, tuple[Entry, ...]]:
+        """Write one batch of own facts: (the message with it, its entries)."""
+        version = self.next_version
         self._sequence += 1
-        version = Version(self.incarnation, self._sequence)
         proof = BatchProof() if self._authorship is not None else None
-        entries = self._add(values, version, proof)
-        if then is not None:
-            entries += self._add(then(), version, proof)
+        entries = [make_entry(self.me, name, version, record, proof) for name, record in facts]
         if self._authorship is not None and proof is not None:
             self._authorship.sign(proof, entries)
+        self.facts.map.merge(entries)
         self.anti_entropy.note_change(now_us)
         return encode(self.header, MessageKind.FACT, pack_entries(entries)), tuple(entries)
-
-    def _add(self, values: Values, version: Version, proof: BatchProof | None) -> list[Entry]:
-        entries = [make_entry(self.me, name, version, value, proof) for name, value in values]
-        self.facts.map.merge(entries)
-        return entries
-
-    def find_problem(self, name: str, value: Any) -> str | None:
-        """Why this value cannot be written, or None if it can."""
-        try:
-            make_entry(self.me, name, Version(self.incarnation, self._sequence), value)
-        except ValueError as error:
-            return str(error)
-        return None
 
     # -- taking in ----------------------------------------------------------------------------
 

@@ -21,7 +21,7 @@ from mrbt_mesh.core.facts.store import (
     Entry,
     Incarnation,
     Version,
-    make_entry,
+    parse_entry,
 )
 from mrbt_mesh.core.membership.unpacking import unpacked
 from mrbt_mesh.core.mission.names import is_robot_id
@@ -376,7 +376,7 @@ def parse_entries(body: Any) -> tuple[list[Entry], int]:
         robot, proof = _robot(author), _proof(shown)
         for name, value in _rows(rows, 2):
             try:
-                entries.append(make_entry(robot, name, version, value, proof))
+                entries.append(parse_entry(robot, name, version, value, proof))
             except (ValueError, TypeError):
                 malformed += 1
     return entries, malformed

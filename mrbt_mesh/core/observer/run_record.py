@@ -8,8 +8,17 @@ from typing import Any
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.problems import RobotProblem, problem_text
-from mrbt_mesh.core.facts.records import Bid, Claim, ConditionValue, Member, NoClaim, Outcome, Phase
+from mrbt_mesh.core.facts.records import (
+    Bid,
+    Claim,
+    ConditionValue,
+    Member,
+    NoClaim,
+    Outcome,
+    Phase,
+    RobotProblem,
+    problem_text,
+)
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import changed_performances
 from mrbt_mesh.core.facts.values import texts_by_reason

@@ -8,9 +8,11 @@ sees the deadline pass first says so, once, for all.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.records import LATCH
+from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.planning.plan import Plan
 
@@ -34,7 +36,7 @@ class Deadlines:
 
     def expired(
         self, plan: Plan, facts: TeamFacts, now_us: int, is_agreed: Callable[[], bool]
-    ) -> list[tuple[str, Any]]:
+    ) -> list[Fact]:
         """Follow a plan; returns the facts to write for deadlines that have passed.
 
         `is_agreed`: whether all robots in good standing report this plan.
@@ -48,9 +50,9 @@ class Deadlines:
         passed = {due for due, at_us in self._due_us.items() if at_us <= now_us}
         verdicts = {due for due in passed if due[1]}
         self._held = set() if not verdicts or is_agreed() else verdicts
-        values = dict(loss.fact for loss in plan.pending_losses)
+        losses = dict(loss.fact for loss in plan.pending_losses)
         names = sorted({name for name, _ in passed - self._held})
-        return [(name, values.get(name, True)) for name in names]
+        return [(name, losses.get(name, LATCH)) for name in names]
 
     def _running(self, plan: Plan, facts: TeamFacts) -> dict[_Due, int]:
         """What runs now, and for how long at most, in microseconds."""

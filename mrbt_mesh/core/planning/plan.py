@@ -16,7 +16,8 @@ import msgpack
 from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import OrderKind
+from mrbt_mesh.core.facts.records import ConditionValue, OrderKind
+from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.mission.mission import MICRO, Mission, MissionEnd
 from mrbt_mesh.core.planning.demands import Group
 
@@ -133,9 +134,9 @@ class PendingLoss:
     revision: int
 
     @property
-    def fact(self) -> tuple[str, list[Any]]:
-        """The same, whoever writes it."""
-        return f"{records.CONDITION}/{self.condition}", [False, self.revision, 0]
+    def fact(self) -> Fact:
+        """The fact that it is lost; the same, whichever robot writes it."""
+        return f"{records.CONDITION}/{self.condition}", ConditionValue(False, self.revision, 0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.facts.problems import problem_text
-from mrbt_mesh.core.facts.records import Phase
+from mrbt_mesh.core.facts.records import Phase, problem_text
 from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.observer.observer import Observer

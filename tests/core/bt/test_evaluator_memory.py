@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec
 from mrbt_mesh.core.bt.tree import Status as Ours
-from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from tests.support.btcpp.stories import (
     Grower,
     Story,
@@ -133,7 +133,7 @@ def test_what_has_passed_is_dropped_once_it_is_out_of_reach() -> None:
 @pytest.mark.parametrize("position", ["1", "-1", "x", "00"])
 def test_nobody_can_say_what_no_node_remembers(position: str) -> None:
     world = World(sequence(action("a"), memory=Memory.NONE))
-    entry = make_entry("R1", f"passed/{RUN}:0::: 0/{position}".replace(" ", ""), VERSION, True)
+    entry = parse_entry("R1", f"passed/{RUN}:0::: 0/{position}".replace(" ", ""), VERSION, True)
     assert "to remember" in str(refusal(world.facts, entry))
     world = World(sequence(action("a")))
     assert "to remember" in str(refusal(world.facts, entry))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mrbt_mesh.core.bt.guards import Guards
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, build_tree
 from mrbt_mesh.core.facts.records import EXPRESSION
-from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from tests.support.btcpp.stories import (
     Grower,
     Story,
@@ -222,14 +222,14 @@ def test_nobody_can_say_what_does_not_follow(
     name: str, value: list[object], reason: str | None
 ) -> None:
     world = World(sequence(fallback(C1, C2), A), true_at_first=["c1"])
-    found = refusal(world.facts, make_entry("R1", f"{EXPRESSION}/{name}", VERSION, value))
+    found = refusal(world.facts, parse_entry("R1", f"{EXPRESSION}/{name}", VERSION, value))
     assert found is None if reason is None else reason in str(found)
 
 
 @pytest.mark.parametrize("value", [1, [1], [0, [1]], [1, 1], [1, [-1]], [True, [1]], [1, ["1"]]])
 def test_malformed_ones_are_refused(value: object) -> None:
     with pytest.raises(ValueError, match="expected"):
-        make_entry("R1", f"{EXPRESSION}/#1", VERSION, value)
+        parse_entry("R1", f"{EXPRESSION}/#1", VERSION, value)
 
 
 # -- against a tree that is ticked again and again ---------------------------------------------

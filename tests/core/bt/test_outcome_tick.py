@@ -43,11 +43,11 @@ def test_what_stands_right_of_it_reads_them_afterwards() -> None:
 def test_only_the_action_itself_divides_the_tick() -> None:
     world = World(sequence(fallback(HOLDING, action("pick")), action("place")))
     pick = world.activation("pick")
-    tick = OutcomeTick(world.facts, pick, {"holding": True})
+    tick = OutcomeTick(world.facts, pick, Status.SUCCESS, {"holding": True})
     assert not tick.condition("holding")
     tick.task_status("place", "r1:3:place::0")
     assert not tick.condition("holding")
-    tick.task_status("pick", pick)
+    assert tick.task_status("pick", pick) is Status.SUCCESS
     assert tick.condition("holding")
     assert not world.facts.condition("holding")
 

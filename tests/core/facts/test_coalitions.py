@@ -13,7 +13,7 @@ from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import coalition_at_work, newly_broken
 from mrbt_mesh.core.facts.records import BROKEN, CLEARED, DONE, DOUBT, GRANT, CoalitionId
-from mrbt_mesh.core.facts.store import Version, make_entry
+from mrbt_mesh.core.facts.store import Version, parse_entry
 from mrbt_mesh.core.mission.mission import FailurePolicy, InDoubtPolicy
 from tests.support.build import World, action, fallback, make_mission, refusal, sequence, task
 
@@ -354,7 +354,7 @@ TOKEN = "A.1.n.1"
 )
 def test_what_fits_no_coalition_is_refused(author: str, name: str, value: Any) -> None:
     world = cover()
-    entry = make_entry(author, name, Version(world.alive["A"], 50), value)
+    entry = parse_entry(author, name, Version(world.alive["A"], 50), value)
     assert refusal(world.facts, entry) is not None
 
 
@@ -364,7 +364,7 @@ def test_an_ordinary_task_has_no_coalitions() -> None:
         (f"outcome/{COVER}/cover/{TOKEN}", [True, None]),
         (f"broken/{COVER}/{TOKEN}", True),
     ):
-        entry = make_entry("A", name, Version(world.alive["A"], 50), value)
+        entry = parse_entry("A", name, Version(world.alive["A"], 50), value)
         assert refusal(world.facts, entry) is not None
 
 

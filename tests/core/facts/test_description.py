@@ -20,7 +20,7 @@ def described(**capabilities: int) -> Description:
 
 
 def member(description: Description) -> Member:
-    return Member.parse(description.to_value(is_leaving=False))
+    return Member.parse(description.member(is_leaving=False).to_value())
 
 
 def can(description: Description, local_task: str) -> int | None:

@@ -17,7 +17,7 @@ from mrbt_mesh.core.facts.store import (
     Incarnation,
     Version,
     join,
-    make_entry,
+    parse_entry,
 )
 
 AUTHORS = ("A1", "B1")
@@ -48,7 +48,7 @@ names = st.sampled_from(sorted(VALUES))
 
 def entries_named(name: str, authors: Iterable[str] = AUTHORS) -> st.SearchStrategy[Entry]:
     return st.builds(
-        make_entry, st.sampled_from(list(authors)), st.just(name), versions, VALUES[name]
+        parse_entry, st.sampled_from(list(authors)), st.just(name), versions, VALUES[name]
     )
 
 
@@ -67,7 +67,7 @@ def content(facts: FactMap) -> list[tuple[str, str, Version, bytes]]:
 
 
 def entry(value: Any, name: str, sequence: int = 1, life: int = 1, author: str = "A1") -> Entry:
-    return make_entry(author, name, Version(Incarnation(life, "n"), sequence), value)
+    return parse_entry(author, name, Version(Incarnation(life, "n"), sequence), value)
 
 
 def joined(first: Entry, second: Entry) -> Any:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import OrderKind
-from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
 from mrbt_mesh.core.mission.mission import FailurePolicy, MissionEnd
 from tests.support.build import (
@@ -202,7 +202,7 @@ def test_turns_count_how_often_the_value_was_reached(default: bool) -> None:
 def test_a_value_that_disagrees_with_its_revision_is_not_accepted() -> None:
     world = open_door()
     version = Version(Incarnation(1, "n"), 1)
-    wrong = make_entry("A", "condition/open", version, [True, 2, 1])
+    wrong = parse_entry("A", "condition/open", version, [True, 2, 1])
     reason = refusal(world.facts, wrong)
     assert reason is not None
     assert "revision 2 disagree" in reason
@@ -321,7 +321,7 @@ def test_entries_that_have_no_place_in_the_mission_are_not_accepted(
 ) -> None:
     tree = sequence(condition("c"), action("a"), retry(3, timeout(1, action("d"))))
     facts = TeamFacts(make_mission(tree), "r1")
-    found = refusal(facts, make_entry("Z", name, Version(Incarnation(1, "n"), 1), value))
+    found = refusal(facts, parse_entry("Z", name, Version(Incarnation(1, "n"), 1), value))
     assert (found is None) == (reason is None)
     assert (reason or "") in (found or "")
 
@@ -341,7 +341,7 @@ def test_facts_are_indexed_the_same_after_entries_came_and_went() -> None:
 
 def test_a_mission_that_never_ends_has_no_result() -> None:
     world = World(action("a"))
-    entry = make_entry("R1", "result", Version(Incarnation(1, "n"), 1), [True, 1])
+    entry = parse_entry("R1", "result", Version(Incarnation(1, "n"), 1), [True, 1])
     assert refusal(world.facts, entry) is None
     never = World(replace(world.mission, ends=MissionEnd.NEVER))
     assert refusal(never.facts, entry) == "this mission never ends"
@@ -369,7 +369,7 @@ def test_the_result_on_which_most_have_agreed_counts(
     mission = make_mission(action("a"), {name: {"a": 1.0} for name in ("R1", "R2", "R3")})
     version = Version(Incarnation(1, "n"), 1)
     entries = [
-        make_entry(f"R{number}", "result", version, list(value))
+        parse_entry(f"R{number}", "result", version, list(value))
         for number, value in enumerate(results, 1)
     ]
     for order in itertools.permutations(entries):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mrbt_mesh.core.facts.records import NO_CLAIM
 from mrbt_mesh.core.membership.timing import NEVER_US
 from tests.support.harness import MS, TIMING
 from tests.support.replicas import replica
@@ -31,7 +32,7 @@ def test_a_team_that_is_never_quiet_is_repaired_all_the_same() -> None:
     mine = replica("A")
     mine.compare_digest("B", b"another!", 0)
     for now_us in range(0, 4 * TIMING.repair_us + 1, TIMING.repair_us // 2):
-        mine.write([("claim", None)], now_us)
+        mine.write([("claim", NO_CLAIM)], now_us)
     assert mine.anti_entropy.peers_to_ask(4 * TIMING.repair_us) == ["B"]
 
 
@@ -78,7 +79,7 @@ def test_a_peer_that_holds_what_this_replica_held_before_is_left_time_to_ask_its
     mine = replica("A")
     before = mine.facts.map.digest()
     mine.compare_digest("B", before, 0)
-    mine.write([("claim", None)], 0)
+    mine.write([("claim", NO_CLAIM)], 0)
     mine.compare_digest("B", before, 0)
     mine.compare_digest("C", b"another!", 0)
     assert mine.anti_entropy.peers_to_ask(TIMING.repair_us) == ["C"]
@@ -91,7 +92,7 @@ def test_a_peer_that_was_behind_and_now_holds_something_else_is_asked_soon() -> 
     mine = replica("A")
     before = mine.facts.map.digest()
     mine.compare_digest("B", before, 0)
-    mine.write([("claim", None)], 0)
+    mine.write([("claim", NO_CLAIM)], 0)
     mine.compare_digest("B", before, 0)
     assert mine.anti_entropy.peers_to_ask(TIMING.repair_us) == []
     mine.compare_digest("B", b"another!", TIMING.repair_us)

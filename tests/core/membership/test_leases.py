@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.facts.records import CoalitionId
-from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import Fact, Incarnation, Version, make_entry, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.durability import Durability
 from mrbt_mesh.core.membership.leases import Leases
@@ -59,15 +58,15 @@ class Robot:
     def clock(self, now_us: int) -> int:
         return self.offset_us + now_us * self.rate_percent // 100
 
-    def write(self, values: Sequence[tuple[str, Any]]) -> None:
-        for name, value in values:
+    def write(self, facts: Sequence[Fact]) -> None:
+        for name, record in facts:
             self.sequence += 1
             version = Version(Incarnation(1, "n"), self.sequence)
-            self.facts.map.merge([make_entry(self.id, name, version, value)])
+            self.facts.map.merge([make_entry(self.id, name, version, record)])
 
-    def promise(self, values: Sequence[tuple[str, Any]]) -> None:
-        if values:
-            self.write(values)
+    def promise(self, facts: Sequence[Fact]) -> None:
+        if facts:
+            self.write(facts)
             self.grants.grantor.written(self.disk.take_number())
             if not self.is_disk_slow:
                 self.sync()
@@ -211,7 +210,7 @@ def test_grants_that_were_never_used_are_set_free_by_the_leader() -> None:
     a.grants.holder.request(NAME, TOKENS["A"])
     exchange(a, c, 0)
     version = Version(Incarnation(1, "n"), 99)
-    cleared = make_entry("A", f"cleared/{NAME}/{TOKENS['A']}", version, True)
+    cleared = parse_entry("A", f"cleared/{NAME}/{TOKENS['A']}", version, True)
     c.facts.map.merge([cleared])
     c.pass_to(10)
     b.grants.holder.request(NAME, TOKENS["B"])
@@ -260,7 +259,7 @@ def test_a_robot_that_only_knows_of_a_grant_says_when_it_must_have_run_out() -> 
     robots = team(3)
     c = robots["C"]
     version = Version(Incarnation(1, "n"), 1)
-    c.facts.map.merge([make_entry("B", f"grant/{NAME}/{TOKENS['A']}", version, True)])
+    c.facts.map.merge([parse_entry("B", f"grant/{NAME}/{TOKENS['A']}", version, True)])
     c.pass_to(0)
     assert c.grants.grantor.grants() == ()
     c.pass_to(LEASE_US)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from mrbt_mesh.core.facts.records import NO_CLAIM, ConditionValue, Order, OrderKind, Outcome
 from mrbt_mesh.core.facts.store import Incarnation, Version
 from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES, WireError
 from tests.support.build import RUN
@@ -14,7 +15,7 @@ def test_a_new_incarnation_is_above_its_own_the_facts_and_what_was_heard() -> No
     mine = replica("A")
     assert mine.next_incarnation(0) == Incarnation(1, "n")
     assert mine.next_incarnation(7) == Incarnation(8, "n")
-    mine.write([("claim", None)], 0)
+    mine.write([("claim", NO_CLAIM)], 0)
     later = replica("A", "other")
     later.receive_state(mine.answer_pull(later.write_pull())[0], 0)
     assert later.next_incarnation(3) == Incarnation(9, "other")
@@ -23,10 +24,10 @@ def test_a_new_incarnation_is_above_its_own_the_facts_and_what_was_heard() -> No
 def test_all_entries_of_a_batch_share_a_version_and_the_next_batch_has_a_greater_one() -> None:
     mine = replica("A")
     mine.next_incarnation(0)
-    mine.write([("claim", None), ("order", ["pause", 1])], 0)
+    mine.write([("claim", NO_CLAIM), ("order", Order(OrderKind.PAUSE, 1))], 0)
     first = {entry.version for entry in mine.facts.map}
     assert first == {Version(Incarnation(1, "n"), 1)}
-    mine.write([("claim", None)], 0)
+    mine.write([("claim", NO_CLAIM)], 0)
     newest = mine.facts.map.get("A", "claim")
     assert newest is not None
     assert newest.version > max(first)
@@ -34,15 +35,15 @@ def test_all_entries_of_a_batch_share_a_version_and_the_next_batch_has_a_greater
 
 def test_stamps_are_above_everything_seen() -> None:
     mine, other = replica("A"), replica("B")
-    data, _ = other.write([("condition/c", [True, 1, 41])], 0)
+    data, _ = other.write([("condition/c", ConditionValue(True, 1, 41))], 0)
     mine.receive("B", data, 0)
     assert mine.next_stamp() == 42
 
 
 def test_an_answer_holds_what_the_asker_lacks_whoever_wrote_it() -> None:
     asked, asking, dead = replica("A"), replica("B"), replica("C")
-    asked.write([("claim", None)], 0)
-    asked.receive("C", dead.write([("order", ["pause", 1])], 0)[0], 0)
+    asked.write([("claim", NO_CLAIM)], 0)
+    asked.receive("C", dead.write([("order", Order(OrderKind.PAUSE, 1))], 0)[0], 0)
     received = asking.receive_state(asked.answer_pull(asking.write_pull())[0], 0)
     assert [(e.author, e.name) for e in received.changed] == [("A", "claim"), ("C", "order")]
     assert asking.facts.map.digest() == asked.facts.map.digest()
@@ -54,8 +55,8 @@ def test_a_long_answer_comes_in_pages_that_tear_no_batch_apart() -> None:
     action_node = next(MISSION.tree.actions())
     for number in range(12):
         activation = f"{RUN}:{action_node.index}:a::{number}"
-        outcome = (f"outcome/{activation}/a", [True, {"log": "x" * 200_000}])
-        asked.write([outcome, ("claim", None), ("order", ["pause", number])], 0)
+        outcome = (f"outcome/{activation}/a", Outcome(True, {"log": "x" * 200_000}))
+        asked.write([outcome, ("claim", NO_CLAIM), ("order", Order(OrderKind.PAUSE, number))], 0)
     pages = asked.answer_pull(asking.write_pull())
     assert len(pages) > 2
     assert max(map(len, pages)) < MAX_MESSAGE_BYTES // 2
@@ -71,7 +72,9 @@ def test_a_long_answer_comes_in_pages_that_tear_no_batch_apart() -> None:
 
 def test_entries_without_a_place_in_the_mission_are_counted_and_left_out() -> None:
     mine, other = replica("A"), replica("B")
-    data, _ = other.write([("condition/unheard_of", [True, 1, 1]), ("claim", None)], 0)
+    data, _ = other.write(
+        [("condition/unheard_of", ConditionValue(True, 1, 1)), ("claim", NO_CLAIM)], 0
+    )
     received = mine.receive("B", data, 0)
     assert received.refused == 1
     assert "not declared" in received.reason

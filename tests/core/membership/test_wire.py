@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import parse_record
-from mrbt_mesh.core.facts.store import MAX_VALUE_BYTES, Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import MAX_VALUE_BYTES, Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.values import MAX_DATA_DEPTH, MAX_TEXT
 from mrbt_mesh.core.membership import unpacking, wire
 from mrbt_mesh.core.membership.wire import (
@@ -94,7 +94,7 @@ NAMES = [name for name, _ in GOOD_VALUES]
 
 
 def entry(name: str, value: Any, author: str = "B1", sequence: int = 1) -> Entry:
-    return make_entry(author, name, Version(Incarnation(1, "n"), sequence), value)
+    return parse_entry(author, name, Version(Incarnation(1, "n"), sequence), value)
 
 
 def nested(depth: int) -> bytes:

@@ -13,7 +13,7 @@ from mrbt_mesh.core.facts.records import (
     Member,
     Phase,
 )
-from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.observer.run_record import RunRecord
 from tests.support.build import action, make_mission
@@ -29,7 +29,7 @@ def record() -> RunRecord:
 
 def member(robot: str, incarnation: Incarnation = FIRST) -> Entry:
     value = Member("A", {"weld": 1}, {}, False, "", "", 7).to_value()
-    return make_entry(robot, MEMBER, Version(incarnation, 1), value)
+    return parse_entry(robot, MEMBER, Version(incarnation, 1), value)
 
 
 def test_a_robot_that_dies_before_it_joined_is_no_fault(record: RunRecord) -> None:
@@ -80,7 +80,7 @@ def test_a_replacement_that_is_heard_of_before_the_death_took_over_all_the_same(
 
     def running(robot: str, at_us: int) -> None:
         value = Claim("r:0:weld::0", "weld", "weld", Phase.RUNNING, 1).to_value()
-        record.fact(make_entry(robot, CLAIM, Version(FIRST, at_us), value), at_us)
+        record.fact(parse_entry(robot, CLAIM, Version(FIRST, at_us), value), at_us)
 
     for robot in ("A", "B", "C"):
         record.robot_seen(robot, FIRST, 0)
@@ -100,7 +100,7 @@ def test_when_robots_joined_and_what_conditions_became_are_kept(record: RunRecor
     record.robot_seen("A", SECOND, 3 * S)
     for revision, value in ((1, True), (2, False)):
         said = ConditionValue(value, revision, 0).to_value()
-        entry = make_entry("B", f"{CONDITION}/open(1)", Version(FIRST, revision), said)
+        entry = parse_entry("B", f"{CONDITION}/open(1)", Version(FIRST, revision), said)
         record.fact(entry, (3 + revision) * S)
     assert record.joined_us == {"A": S, "B": 2 * S}
     assert record.conditions == [(4 * S, "open(1)", True), (5 * S, "open(1)", False)]
@@ -111,12 +111,12 @@ def test_a_robot_that_dies_before_its_first_beat_came_here_is_a_fault(record: Ru
     claim = Claim("r:0:weld::0", "weld", "weld", Phase.RUNNING, 1).to_value()
     record.robot_seen("B", FIRST, 0)
     record.fact(member("A"), 0)
-    record.fact(make_entry("A", CLAIM, Version(FIRST, 2), claim), 0)
+    record.fact(parse_entry("A", CLAIM, Version(FIRST, 2), claim), 0)
     record.exited("A", S)
     record.verdict("A", SECOND, 2 * S)
     assert record.major == [], "of another life nothing is known"
     record.verdict("A", FIRST, 2 * S)
-    record.fact(make_entry("B", CLAIM, Version(FIRST, 2), claim), 3 * S)
+    record.fact(parse_entry("B", CLAIM, Version(FIRST, 2), claim), 3 * S)
     (fault,) = record.major
     assert (fault.at_us, fault.detected_us, fault.reassigned_us) == (S, 2 * S, 3 * S)
     assert (fault.held is not None, fault.replacement) == (True, "B")

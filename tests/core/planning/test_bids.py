@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from mrbt_mesh.core.bt.tree import NodeSpec, Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.activation_facts import NO_BIDS
-from mrbt_mesh.core.facts.store import Version, make_entry
+from mrbt_mesh.core.facts.records import LATCH
+from mrbt_mesh.core.facts.store import Version, parse_entry
 from mrbt_mesh.core.mission.mission import (
     MAX_PERFORMANCE,
     MICRO,
@@ -363,7 +364,7 @@ def test_a_bid_is_an_integer_in_range_or_none(value: Any) -> None:
     world = town("A")
     name = f"bid/{world.activation('fetch')}/drive"
     with pytest.raises(ValueError, match="expected, found"):
-        make_entry("A", name, Version(world.alive["A"], 9), value)
+        parse_entry("A", name, Version(world.alive["A"], 9), value)
 
 
 def test_bids_for_what_is_not_by_bid_are_refused() -> None:
@@ -372,7 +373,7 @@ def test_bids_for_what_is_not_by_bid_are_refused() -> None:
     for subject, local_task in (("see", "look"), ("fetch", "look"), ("fetch", "swim")):
         for kind, value in (("bid", 1), ("closed", True)):
             name = f"{kind}/{world.activation(subject)}/{local_task}"
-            reason = refusal(world.facts, make_entry("A", name, version, value))
+            reason = refusal(world.facts, parse_entry("A", name, version, value))
             assert reason == f"{subject!r}: {local_task!r} is not for bids"
 
 
@@ -385,7 +386,7 @@ def test_whoever_sees_the_time_pass_says_so() -> None:
         assert watches.next_deadline_us() == limit_us + 50
         assert watches.expired(each.plan(), each.facts, limit_us + 49, lambda: True) == []
         assert watches.expired(each.plan(), each.facts, limit_us + 50, lambda: True) == [
-            (name, True)
+            (name, LATCH)
         ]
         bid_all(each, A=3)
         assert watches.expired(each.plan(), each.facts, limit_us + 50, lambda: True) == []

@@ -9,6 +9,7 @@ import pytest
 from mrbt_mesh.core.bt.outcome_tick import OutcomeTick
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status
 from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.records import ConditionValue
 from mrbt_mesh.core.planning.deadlines import Deadlines
 from tests.support.build import World, action, condition, fallback, inverter, sequence
 from tests.support.per_robot_conditions import TREE, per_robot_mission
@@ -97,9 +98,8 @@ def test_where_nobody_can_do_it_the_plan_says_what_is_lacking() -> None:
 def test_in_the_tick_of_an_outcome_its_per_robot_conditions_are_read_after_it() -> None:
     world = world_of(holding="A1")
     place = world.activation("place")
-    world.outcome(place, True, "A1")
     after = world.facts.conditions.after({"holding@A1": False})
-    tick = OutcomeTick(world.facts, place, after)
+    tick = OutcomeTick(world.facts, place, Status.SUCCESS, after)
     assert world.evaluator.evaluate(tick).status is Status.SUCCESS
     assert not tick.condition("holding"), "what is read after it sees what has been set"
 
@@ -120,7 +120,7 @@ def test_what_a_robot_had_that_is_gone_is_lost_after_a_time(how: str) -> None:
     assert deadlines.expired(plan, world.facts, 3 * S, lambda: False) == []
     assert deadlines.awaits_agreement
     written = deadlines.expired(plan, world.facts, 3 * S, lambda: True)
-    assert written == [(f"{records.CONDITION}/holding@A2", [False, 2, 0])]
+    assert written == [(f"{records.CONDITION}/holding@A2", ConditionValue(False, 2, 0))]
     world.write("A1", *written)
     world.write("B-1", *written)
     assert world.plan().pending_losses == ()

@@ -6,7 +6,7 @@ from mrbt_mesh.core.agent.effects import Log, Persist, Reply
 from mrbt_mesh.core.agent.inputs import AnswerReceived, InputBatch, MessageReceived, QueryReceived
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.engine import FASTEST
-from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.runtime.metrics.labels import OTHER
@@ -56,7 +56,7 @@ def test_names_that_the_mission_lacks_get_no_label_of_their_own() -> None:
         found.carry_out(Log("warning", "robot_dead", {"robot": f"X{number}"}))
         version = Version(Incarnation(1, "n"), number + 1)
         name = f"outcome/{number}~weird/strange({number})"
-        found.carry_out(Persist((make_entry("B", name, version, [True, None]),), True))
+        found.carry_out(Persist((parse_entry("B", name, version, [True, None]),), True))
     assert found.deaths == {OTHER: 100}
     assert found.outcomes == {}, "the others' outcomes are theirs to count"
 

@@ -11,7 +11,7 @@ from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.inputs import ActionFinished, ActionStopped, Input
 from mrbt_mesh.core.agent.work import Ticket
 from mrbt_mesh.core.facts.records import CLAIM, GRANT, Claim, Phase
-from mrbt_mesh.core.facts.store import Entry, Version, make_entry
+from mrbt_mesh.core.facts.store import Entry, Version, parse_entry
 from mrbt_mesh.core.mission.mission import InDoubtPolicy
 from mrbt_mesh.sim import simulate
 from mrbt_mesh.sim.checkers.checkers import Checkers
@@ -40,12 +40,12 @@ class Dosing:
         process = self.processes[robot]
         for giver in list(self.processes.values())[:givers]:
             version = Version(giver.agent.view.incarnation, 1)
-            grant = make_entry(giver.robot, f"{GRANT}/a:1/{token}", version, True)
+            grant = parse_entry(giver.robot, f"{GRANT}/a:1/{token}", version, True)
             self.sync(giver, grant)
         if is_claimed:
             claim = Claim("a:1", "dose(a)", "dose(a)", Phase.READY, 1)
             version = Version(process.agent.view.incarnation, 1)
-            self.sync(process, make_entry(robot, CLAIM, version, claim.to_value()))
+            self.sync(process, parse_entry(robot, CLAIM, version, claim.to_value()))
         start = StartAction(
             7, "a:1", "dose(a)", "dose(a)", (), 1, process.agent.view.incarnation, token
         )

@@ -6,13 +6,19 @@ from typing import Any
 
 from mrbt_mesh.core.agent.effects import Forget, Persist, Publish, StartAction
 from mrbt_mesh.core.agent.inputs import JournalOpened, TimerFired
-from mrbt_mesh.core.facts.records import OUTCOME
-from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.records import OUTCOME, Order, OrderKind
+from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.membership.wire import MessageKind
 from tests.support import inside
 from tests.support.checked_team import Team
 
 TICK = TimerFired()
+
+
+def paused(process: Any, stamp: int) -> tuple[bytes, tuple[Entry, ...]]:
+    """What a robot writes when it is given this order."""
+    order = Order(OrderKind.PAUSE, stamp)
+    return inside.context(process.agent).replica.write([("order", order)], 0)
 
 
 def test_i9_what_was_synced_is_known_after_a_restart(team: Team) -> None:
@@ -66,7 +72,7 @@ def test_i9_no_version_has_two_contents(team: Team) -> None:
     process: Any = team.processes[0]
     version = Version(Incarnation(1, "n"), 1)
     for stamp in (3, 4):
-        entry = make_entry("A1", "order", version, ["pause", stamp])
+        entry = parse_entry("A1", "order", version, ["pause", stamp])
         team.checkers.i9.handled(process, TICK, [Persist((entry,), at_once=True)])
     assert "for two contents" in team.checkers.violations[0]
 
@@ -74,21 +80,27 @@ def test_i9_no_version_has_two_contents(team: Team) -> None:
 def test_i9_what_a_robot_writes_stands(team: Team) -> None:
     """Unless an entry of an earlier life, with a higher incarnation, goes before it."""
     process: Any = team.processes[0]
-    _, entries = inside.context(process.agent).replica.write([("order", ["pause", 9])], 0)
+    _, entries = inside.context(process.agent).replica.write(
+        [("order", Order(OrderKind.PAUSE, 9))], 0
+    )
     team.checkers.i9.handled(process, TICK, [Persist(entries, at_once=True)])
     assert team.checkers.violations == []
-    late = make_entry("A1", "order", Version(Incarnation(0, "n"), 1), ["resume", 10])
+    late = parse_entry("A1", "order", Version(Incarnation(0, "n"), 1), ["resume", 10])
     team.checkers.i9.handled(process, TICK, [Persist((late,), at_once=True)])
     assert "A1 writes order" in team.checkers.violations[0]
 
 
 def test_i9_nothing_is_told_before_the_journal_has_it_to_write(team: Team) -> None:
     process: Any = team.processes[0]
-    data, entries = inside.context(process.agent).replica.write([("order", ["pause", 9])], 0)
+    data, entries = inside.context(process.agent).replica.write(
+        [("order", Order(OrderKind.PAUSE, 9))], 0
+    )
     publish = Publish(MessageKind.FACT, data)
     team.checkers.i9.handled(process, TICK, [Persist(entries, at_once=True), publish])
     assert team.checkers.violations == []
-    data, entries = inside.context(process.agent).replica.write([("order", ["pause", 10])], 0)
+    data, entries = inside.context(process.agent).replica.write(
+        [("order", Order(OrderKind.PAUSE, 10))], 0
+    )
     publish = Publish(MessageKind.FACT, data)
     team.checkers.i9.handled(process, TICK, [publish, Persist(entries, at_once=True)])
     assert "A1 tells order" in team.checkers.violations[0]

@@ -13,7 +13,7 @@ from mrbt_mesh.core.agent.effects import CancelAction, Persist
 from mrbt_mesh.core.agent.inputs import TimerFired
 from mrbt_mesh.core.agent.work import Ticket
 from mrbt_mesh.core.facts.records import BROKEN, OUTCOME, Claim, OrderKind, Phase
-from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import KnownMember
 from mrbt_mesh.core.membership.joining import Joining
 from mrbt_mesh.sim import AgentOptions, simulate
@@ -166,7 +166,7 @@ def test_i4_successes_of_different_coalitions(team: Team, other: str, found: lis
     for robot, token in (("C1", "C1.1.n.1"), ("C2", other)):
         name = f"{OUTCOME}/{request.activation}/move_frame/{token}"
         version = Version(agent.view.facts.members[robot].incarnation, 10_000)
-        agent.view.facts.map.merge([make_entry(robot, name, version, [True, None])])
+        agent.view.facts.map.merge([parse_entry(robot, name, version, [True, None])])
     with MUTATIONS["rounds_are_mixed"]():
         team.checkers.i3.check(team.processes[0], agent.view)  # type: ignore[arg-type]
     assert [text.partition(" at ")[0] for text in team.checkers.violations] == found
@@ -206,7 +206,7 @@ def test_i6_a_mission_that_may_go_on_for_ever_has_to_go_on(team: Team, goes_on: 
         team.clock.now_us += SECOND_US
         if goes_on:
             name = entry.name.replace("::0", f"::{team.clock.now_us}")
-            again = make_entry(entry.author, name, entry.version, [True, None])
+            again = parse_entry(entry.author, name, entry.version, [True, None])
             done: Any = Persist((again,), at_once=True)
             checker.handled(process, TimerFired(), [done])  # type: ignore[arg-type]
         checker.sample()
@@ -227,7 +227,7 @@ def test_i6_coalitions_that_form_and_break_are_no_progress(team: Team) -> None:
         scope, token = "sim1:4:remove_cover::0", f"C2.1.n.{team.clock.now_us}"
         names = {f"outcome/{scope}/move_frame/{token}": [True, None]}
         names |= {f"{BROKEN}/{scope}/{token}": True}
-        entries = tuple(make_entry("C2", n, version, value) for n, value in names.items())
+        entries = tuple(parse_entry("C2", n, version, value) for n, value in names.items())
         done: Any = Persist(entries, at_once=True)
         checker.handled(process, TimerFired(), [done])  # type: ignore[arg-type]
         checker.sample()

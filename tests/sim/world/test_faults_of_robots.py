@@ -8,7 +8,7 @@ import pytest
 
 from mrbt_mesh.core.agent.inputs import JournalOpened, JournalReported, JournalSynced
 from mrbt_mesh.core.facts.records import OUTCOME
-from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.drills.physical import of, spans
 from mrbt_mesh.sim import (
     ClockJump,
@@ -41,7 +41,7 @@ ROBOTS = ["A1", "A2", "B1", "B2", "C1", "C2"]
 
 
 def entry(name: str, sequence: int) -> Any:
-    return make_entry(
+    return parse_entry(
         "A1", f"{OUTCOME}/x/{name}", Version(Incarnation(1, "n"), sequence), [True, 0]
     )
 
