@@ -128,7 +128,11 @@ def measure(folder: Path, robots: int, seconds: float) -> dict[str, Any]:
         words += ["--record", str(folder / f"{name}.mcap"), "--run-dir", str(folder)]
         command = [sys.executable, "-m", "benchmarks.recording", "--measured", name, str(folder)]
         running.append(subprocess.Popen([*command, *words], cwd=ROOT))
+    records = [folder / f"{name}.mcap" for name in names]
     try:
+        # Recordings begin once the robots are up, which takes a while on a busy machine.
+        while not all(each.exists() for each in records) and not any(p.poll() for p in running):
+            time.sleep(0.1)
         time.sleep(seconds)
     finally:
         for process in running:
@@ -137,7 +141,7 @@ def measure(folder: Path, robots: int, seconds: float) -> dict[str, Any]:
     if any(ends):
         raise RuntimeError(f"robots ended with exit statuses {ends}")
     rows = {name: json.loads((folder / f"{name}.measured").read_text()) for name in names}
-    changes = [_plan_changes_per_s(folder / f"{name}.mcap") for name in names]
+    changes = [_plan_changes_per_s(each) for each in records]
     spent_s = sum(row["recorder_s"] for row in rows.values())
     whole_s = sum(row["process_s"] for row in rows.values())
     return {
