@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from ortools.graph.python.max_flow import SimpleMaxFlow
 from ortools.sat.python import cp_model
 
-from mrbt_mesh.analysis.tolerance.fault_counts import Progress, Reading, no_progress
+from mrbt_mesh.analysis.tolerance.fault_counts import Reading
 from mrbt_mesh.analysis.tolerance.model import SEED, Literal
 from mrbt_mesh.analysis.tolerance.service import Capability, Fault, FaultyTeam, JointNeed, Service
 
@@ -47,7 +47,6 @@ def verdicts(
     reading: Reading,
     faults: Sequence[Fault],
     critical: Iterable[Fault],
-    progress: Progress = no_progress,
 ) -> Verdicts:
     """`critical`: the fatal ones among `faults`, found exhaustively, which is the definition."""
     fatal = set(critical)
@@ -56,7 +55,7 @@ def verdicts(
     stays_consistent = reading.is_feasible
     differences = []
     literal: bool | None = True
-    for count, fault in enumerate(faults):
+    for fault in faults:
         survived = reading.is_feasible and fault not in fatal
         stays_consistent = stays_consistent and corrected.holds(fault)
         says, why = holds.judge(fault)
@@ -66,7 +65,6 @@ def verdicts(
             differences.append(Difference(fault, says, survived, why))
         if says is False:
             literal = False
-        progress(count + 1, len(faults))
     definition = reading.is_feasible and not fatal
     return Verdicts(definition, stays_consistent, literal, tuple(differences))
 

@@ -11,7 +11,7 @@ for which the condition holds, which the tree then asks.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from mrbt_mesh.analysis.lift.effects import Declarations, guards
@@ -40,26 +40,6 @@ class Follows:
     condition: str
     before: str | None
     reason: str = ""
-
-
-def follows(
-    spec: NodeSpec, declared: Declarations, is_of_robots: Callable[[str], bool]
-) -> list[Follows]:
-    """For each action node that requires a per-robot condition, in tree order, each kind once.
-
-    Where the tree asks for the condition before it, the plan minds whose it is.
-    """
-    nodes = [node for node in walk(spec) if node.spec.kind is Kind.ACTION]
-    guards_of = Guards(build_tree(spec)).guards_of
-    index = {node.place: number for number, node in enumerate(walk(spec))}
-    found = []
-    for position, node in enumerate(nodes):
-        does = declared.get(node.spec.subject, _NOTHING)
-        for condition, value in does.requires.items():
-            is_asked = (condition, False) in guards_of[index[node.place]]
-            if value and is_of_robots(condition) and not is_asked:
-                found.append(_follows(spec, nodes[:position], node, condition, declared))
-    return list(dict.fromkeys(found))
 
 
 def _follows(
@@ -146,17 +126,58 @@ def _template(follows: Follows, parameters: Sequence[str]) -> str:
 
 
 @dataclass(frozen=True)
-class _Renewal:
-    """Rewrites a lifted tree. `at_first`: what conditions are while nobody has set them.
-
-    `asked`: conditions that are to be asked before an action, by its name.
-    """
+class Ownership:
+    """What belongs to a robot, in one team. `at_first`: what conditions are before they are set."""
 
     declared: Declarations
     is_of_robots: Callable[[str], bool]
     at_first: Callable[[str], bool]
+
+    def follows(self, spec: NodeSpec) -> list[Follows]:
+        """For each action that requires a robot's own condition, in tree order, each kind once.
+
+        Where the tree asks for the condition before it, the plan minds whose it is.
+        """
+        nodes = [node for node in walk(spec) if node.spec.kind is Kind.ACTION]
+        guards_of = Guards(build_tree(spec)).guards_of
+        index = {node.place: number for number, node in enumerate(walk(spec))}
+        found = []
+        for position, node in enumerate(nodes):
+            does = self.declared.get(node.spec.subject, _NOTHING)
+            for condition, value in does.requires.items():
+                is_asked = (condition, False) in guards_of[index[node.place]]
+                if value and self.is_of_robots(condition) and not is_asked:
+                    found.append(_follows(spec, nodes[:position], node, condition, self.declared))
+        return list(dict.fromkeys(found))
+
+    def renewable(self, spec: NodeSpec, asked: Iterable[Follows] = ()) -> NodeSpec:
+        """The tree, with conditions asked where another robot can fetch what a dead one held.
+
+        `asked`: actions of which the tree does not tell whose they are; what they require is asked
+        before them, so that only robots are put on them for which it holds.
+        """
+        before: dict[str, list[str]] = {}
+        for each in asked:
+            before.setdefault(each.action, []).append(each.condition)
+        setters = [
+            (leaf.subject, name)
+            for leaf in _actions(spec)
+            for name, value in self.declared.get(leaf.subject, _NOTHING).effects.items()
+            if value
+        ]
+        return _Renewal(self, setters, before).of(spec)
+
+
+@dataclass(frozen=True)
+class _Renewal:
+    """Rewrites a lifted tree. `setters`: (action, condition that it makes true).
+
+    `asked`: conditions that are to be asked before an action, by its name.
+    """
+
+    own: Ownership
     setters: Sequence[tuple[str, str]]
-    asked: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    asked: Mapping[str, Sequence[str]]
 
     def of(self, spec: NodeSpec) -> NodeSpec:
         """A node of which what is above keeps how it has ended, whatever conditions do then."""
@@ -199,7 +220,7 @@ class _Renewal:
         return last if self._can_be_repeated(children[: last + 1], condition or "") else 0
 
     def _does(self, leaf: NodeSpec) -> Declaration:
-        return self.declared.get(leaf.subject, _NOTHING)
+        return self.own.declared.get(leaf.subject, _NOTHING)
 
     def _made(self, spec: NodeSpec) -> str | None:
         """The per-robot condition that an action makes true, where it was false before.
@@ -208,19 +229,19 @@ class _Renewal:
         """
         if spec.kind is Kind.FALLBACK:
             asked, *others = spec.children
-            is_own = asked.kind is Kind.CONDITION and self.is_of_robots(asked.subject)
+            is_own = asked.kind is Kind.CONDITION and self.own.is_of_robots(asked.subject)
             is_made = all(self._does(each).effects.get(asked.subject) for each in others)
             return asked.subject if is_own and others and is_made else None
         if spec.kind is not Kind.ACTION:
             return None
         does = self._does(spec)
         for condition, value in does.effects.items():
-            if not value or not self.is_of_robots(condition):
+            if not value or not self.own.is_of_robots(condition):
                 continue
             if does.requires.get(condition) is False:
                 return condition
             makers = [action for action, made in self.setters if made == condition]
-            if not self.at_first(condition) and makers == [spec.subject]:
+            if not self.own.at_first(condition) and makers == [spec.subject]:
                 return condition
         return None
 
@@ -247,44 +268,3 @@ class _Renewal:
 
 def _actions(spec: NodeSpec) -> list[NodeSpec]:
     return [node.spec for node in walk(spec) if node.spec.kind is Kind.ACTION]
-
-
-def renewable(
-    spec: NodeSpec,
-    declared: Declarations,
-    is_of_robots: Callable[[str], bool],
-    at_first: Callable[[str], bool],
-    asked: Iterable[Follows] = (),
-) -> NodeSpec:
-    """The tree, with conditions asked where another robot can fetch what a dead one held.
-
-    `asked`: actions of which the tree does not tell whose they are; what they require is asked
-    before them, so that only robots are put on them for which it holds.
-    """
-    before: dict[str, list[str]] = {}
-    for each in asked:
-        before.setdefault(each.action, []).append(each.condition)
-    setters = [
-        (leaf.subject, name)
-        for leaf in _actions(spec)
-        for name, value in declared.get(leaf.subject, _NOTHING).effects.items()
-        if value
-    ]
-    return _Renewal(declared, is_of_robots, at_first, setters, before).of(spec)
-
-
-@dataclass(frozen=True)
-class Ownership:
-    """What belongs to a robot, in one team; see `follows` and `renewable`."""
-
-    declared: Declarations
-    is_of_robots: Callable[[str], bool]
-    at_first: Callable[[str], bool]
-
-    def follows(self, spec: NodeSpec) -> list[Follows]:
-        """The actions that require what another robot may have."""
-        return follows(spec, self.declared, self.is_of_robots)
-
-    def renewable(self, spec: NodeSpec, asked: Iterable[Follows] = ()) -> NodeSpec:
-        """The tree in which another robot can begin again what a dead one held."""
-        return renewable(spec, self.declared, self.is_of_robots, self.at_first, asked)

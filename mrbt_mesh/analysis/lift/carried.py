@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from mrbt_mesh.analysis.lift.skipping import may_skip
 from mrbt_mesh.analysis.team_tree import KINDS
 from mrbt_mesh.btcpp.files.builtin_nodes import SWITCHES
 from mrbt_mesh.btcpp.files.document import LEAVES, POSTCONDITIONS, PRECONDITIONS, Category
@@ -30,6 +29,11 @@ _REMEMBERING_LEAVES = frozenset({"WasEntryUpdated"})
 _IN_ORDER = frozenset({"Sequence", "AsyncSequence", "ReactiveSequence", "PipelineSequence"})
 _FALLBACKS = frozenset({"Fallback", "AsyncFallback", "ReactiveFallback"})
 _SUCCEEDS_WITH_IT = frozenset({"RetryUntilSuccessful", "Timeout", "Delay", "Precondition"})
+
+_SKIPPING = frozenset({"RunOnce", "SkipUnlessUpdated", "WaitValueUpdate"})
+_STATUS_PORTS = ("else", "if_empty")
+# They pass the status of one child on, whichever that is.
+_CHOOSING = frozenset({"IfThenElse", "WhileDoElse", "TryCatch"})
 
 
 def carried(nodes: Sequence[ExpandedNode], library: Library) -> str:
@@ -107,3 +111,16 @@ class _Flow:
         found = port_access(node, self.library)
         self.reads(found.reads, written)
         return written if node.type == "UnsetBlackboard" else written | found.writes
+
+
+def may_skip(node: ExpandedNode) -> bool:
+    """Whether a node may end as SKIPPED; actions of a program never do."""
+    if "_skipIf" in node.conditions or "_while" in node.conditions or node.type in _SKIPPING:
+        return True
+    if any("SKIPPED" in node.ports.get(port, "") for port in _STATUS_PORTS):
+        return True
+    if not node.children:
+        return node.category is Category.SUBTREE
+    if node.type in _CHOOSING or node.type in SWITCHES:
+        return any(map(may_skip, node.children))
+    return all(map(may_skip, node.children))

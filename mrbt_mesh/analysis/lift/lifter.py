@@ -25,7 +25,6 @@ from mrbt_mesh.analysis.lift.effects import (
     summary,
     without,
 )
-from mrbt_mesh.analysis.lift.working_times import critical_work, serial_work
 from mrbt_mesh.analysis.places import child_path, label, root_path
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec
 from mrbt_mesh.formats.declaration import Declaration
@@ -93,9 +92,12 @@ class Lifter:
         return Lifted(
             tree,
             tuple(self.decisions),
-            serial_work(spec, self.work_us),
-            critical_work(tree, self.work_us),
+            working_time_us(spec, self.work_us, is_serial=True),
+            self._critical_us(tree),
         )
+
+    def _critical_us(self, spec: NodeSpec) -> int:
+        return working_time_us(spec, self.work_us, is_serial=False)
 
     def _lifted(
         self, spec: NodeSpec, path: str, known: Known, guarding: frozenset[str], may: bool
@@ -113,7 +115,7 @@ class Lifter:
         decided = self.decisions[start:]
         del self.decisions[start:]
         taken_apart = self._lifted_as_it_is(flat, path, known, guarding, may)
-        if critical_work(taken_apart, self.work_us) < critical_work(kept, self.work_us):
+        if self._critical_us(taken_apart) < self._critical_us(kept):
             note = "what is nested in it was taken apart: that shortens the longest chain"
             last = self.decisions[start]
             self.decisions[start] = replace(last, notes=(*last.notes, note))
@@ -188,7 +190,7 @@ class Lifter:
         }
         if spec.kind is Kind.SEQUENCE:
             self._order_by_failures(spec, known, found, trusted, reasons)
-        work = [critical_work(child, self.work_us) for child in spec.children]
+        work = [self._critical_us(child) for child in spec.children]
         arrangement, added = arrange(count, reasons, work)
         names = [label(child) for child in spec.children]
         dependences = [Dependence(names[i], names[j], reasons[i, j]) for i, j in sorted(reasons)]
@@ -383,3 +385,25 @@ def drawn(arrangement: Arrangement, names: tuple[str, ...]) -> str:
 
 def _listed(names: Collection[str]) -> str:
     return ", ".join(sorted(names))
+
+
+def working_time_us(spec: NodeSpec, work: Mapping[str, int], is_serial: bool) -> int:
+    """How long the actions below take, one after the other (`is_serial`) or side by side.
+
+    If nothing fails: of a Fallback the first that acts, of a Parallel the M soonest done.
+    """
+    if spec.kind is Kind.ACTION:
+        return work.get(spec.subject, 1_000_000)
+    parts = [working_time_us(child, work, is_serial) for child in spec.children]
+    match spec.kind:
+        case Kind.FALLBACK:
+            children = zip(parts, spec.children, strict=True)
+            return next((part for part, child in children if child.contains(Kind.ACTION)), 0)
+        case Kind.PARALLEL:
+            needed = sorted(parts)[: spec.limit]
+            return sum(needed) if is_serial else max(needed)
+        case Kind.IF_THEN_ELSE:
+            return parts[0] + max(parts[1:])
+        case Kind.REPEAT:
+            return sum(parts) * max(1, spec.limit)
+    return sum(parts)

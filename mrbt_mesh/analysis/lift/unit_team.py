@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from mrbt_mesh.analysis.lift.annotations import annotated, annotated_names
-from mrbt_mesh.analysis.lift.own_uses import UNDECLARED, OwnUse
+from mrbt_mesh.analysis.lift.units import UNDECLARED, OwnUse
 from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN, SWITCHES
 from mrbt_mesh.btcpp.files.document import Category, pointer
 from mrbt_mesh.btcpp.files.entries import access_below

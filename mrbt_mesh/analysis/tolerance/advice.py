@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 from ortools.sat.python import cp_model
 
-from mrbt_mesh.analysis.tolerance.fault_counts import Progress, Reading, no_progress
+from mrbt_mesh.analysis.tolerance.fault_counts import Reading
 from mrbt_mesh.analysis.tolerance.model import SEED
 from mrbt_mesh.analysis.tolerance.readings import serial_services
 from mrbt_mesh.analysis.tolerance.requirement import ALWAYS
@@ -77,7 +77,6 @@ def advise(
     costs: Costs,
     limit_s: float,
     kinds: tuple[bool, bool] = (True, True),
-    progress: Progress = no_progress,
 ) -> Additions:
     """The cheapest additions; `kinds`: whether robots, and whether capabilities, may be added."""
     deadline_s = time.monotonic() + limit_s
@@ -90,7 +89,6 @@ def advise(
     built = _Advice(reading, costs, *kinds)
     built.survive(None)
     bound = 0
-    rounds = 0
     while True:
         solved = built.solve(deadline_s - time.monotonic())
         if solved is None:
@@ -107,8 +105,6 @@ def advise(
             return Additions(None, bound, False, {}, ())
         for fault in {_canonical(reading.mission, fault): fault for fault in critical}:
             built.survive(fault)
-        rounds += 1
-        progress(rounds, rounds + 1)
 
 
 def _canonical(mission: Mission, fault: Fault) -> Fault:

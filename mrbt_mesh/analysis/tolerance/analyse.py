@@ -20,6 +20,8 @@ from mrbt_mesh.core.mission.mission import Mission
 Say = Callable[[str, int, int], None]
 
 SERIAL = "serial"
+# Whether robots, and whether capabilities, may be added: as the fields of Advice.
+ADVICE_KINDS = ((True, True), (True, False), (False, True))
 MAX_SHOWN = 5
 ASSUMPTIONS = (
     "Faults happen before a task starts; what is done stays done.",
@@ -175,43 +177,33 @@ class Analysis:
         }
 
 
-def silent(what: str, done: int, of: int) -> None:
-    """Says nothing."""
-    del what, done, of
-
-
-def analyse(mission: Mission, costs: Costs, limit_s: float, say: Say = silent) -> Analysis:
+def analyse(mission: Mission, costs: Costs, limit_s: float, say: Say = lambda *_: None) -> Analysis:
     """Work out everything; each question put to a solver gets at most `limit_s` seconds.
 
     Raises TooLargeError if the tree has too many combinations.
     """
+    questions = len(READINGS) + 2 * len(ADVICE_KINDS)
+    numbers = iter(range(questions))
     majors, minors = robot_faults(mission), capability_faults(mission)
     readings = {}
     for name, ask in READINGS.items():
-        label = name.replace("_", " ")
-        say(label, 0, 2)
+        say(name.replace("_", " "), next(numbers), questions)
         question = ask(mission)
-        major = tolerance(question.reading, majors, limit_s, _part(say, f"{label}, robots"))
-        minor = tolerance(question.reading, minors, limit_s, _part(say, f"{label}, capabilities"))
+        major, minor = (tolerance(question.reading, each, limit_s) for each in (majors, minors))
         readings[name] = ReadingResult(question, major, minor)
     reading = readings[SERIAL].question.reading
 
     def advice(is_strong: bool) -> Advice:
-        part = _part(say, f"advice for {'strong' if is_strong else 'weak'} tolerance")
-        return Advice(
-            *(
-                advise(reading, is_strong, costs, limit_s, kinds, part)
-                for kinds in ((True, True), (True, False), (False, True))
-            )
-        )
+        found = []
+        for kinds in ADVICE_KINDS:
+            what = f"advice for {'strong' if is_strong else 'weak'} tolerance"
+            say(what, next(numbers), questions)
+            found.append(advise(reading, is_strong, costs, limit_s, kinds))
+        return Advice(*found)
 
     tasks = _slacks(readings["keeps_every_task"].question, set(reading.required.indispensable))
     advices = advice(False), advice(True)
     return Analysis(mission, readings, tasks, *advices, tuple(cautions(mission)))
-
-
-def _part(say: Say, what: str) -> Callable[[int, int], None]:
-    return lambda done, of: say(what, done, of)
 
 
 def _slacks(question: Question, indispensable: set[int]) -> tuple[TaskSlack, ...]:

@@ -5,24 +5,27 @@ bounds instead.
 
 from __future__ import annotations
 
+import functools
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 
-from mrbt_mesh.analysis.tolerance.breaking import fewest_to_break
 from mrbt_mesh.analysis.tolerance.model import Answer, FaultModel, Literal, optimum
 from mrbt_mesh.analysis.tolerance.requirement import Formula, Requirement
-from mrbt_mesh.analysis.tolerance.service import Fault, FaultyTeam, Service, merged
+from mrbt_mesh.analysis.tolerance.service import (
+    Capability,
+    Fault,
+    FaultyTeam,
+    JointNeed,
+    Service,
+    merged,
+)
+from mrbt_mesh.core.facts.coalitions import majority
 from mrbt_mesh.core.mission.mission import Mission
 
-# Called with what has been done so far, out of what there is to do.
-Progress = Callable[[int, int], None]
-
-
-def no_progress(done: int, of: int) -> None:
-    """Says nothing."""
-    del done, of
+MAX_NEEDS = 8
 
 
 @dataclass(frozen=True)
@@ -75,18 +78,10 @@ class Reading:
         }
         return self.at_first | changed
 
-    def critical(self, faults: Sequence[Fault], progress: Progress = no_progress) -> list[Fault]:
+    def critical(self, faults: Sequence[Fault]) -> list[Fault]:
         """The faults each of which alone is fatal: exhaustive."""
-        found = []
-        verdicts: dict[frozenset[int], bool] = {}
-        for count, fault in enumerate(faults):
-            broken = self.broken_by(fault)
-            if broken not in verdicts:
-                verdicts[broken] = self.required.is_ruined(broken)
-            if verdicts[broken]:
-                found.append(fault)
-            progress(count + 1, len(faults))
-        return found
+        is_ruined = functools.cache(self.required.is_ruined)
+        return [fault for fault in faults if is_ruined(self.broken_by(fault))]
 
 
 @dataclass(frozen=True)
@@ -99,13 +94,11 @@ class Tolerance:
     critical: tuple[Fault, ...]
 
 
-def tolerance(
-    reading: Reading, faults: Sequence[Fault], limit_s: float, progress: Progress = no_progress
-) -> Tolerance:
+def tolerance(reading: Reading, faults: Sequence[Fault], limit_s: float) -> Tolerance:
     """Faults of one kind; `limit_s` is for each of the two questions put to the solver."""
     if not reading.is_feasible:
         return Tolerance(len(faults), Answer(None, None, True), Answer(0, 0, True), ())
-    critical = reading.critical(faults, progress)
+    critical = reading.critical(faults)
     only_one = Answer(1, 1, True, tuple(critical[:1]))
     fewest = only_one if critical else min_fatal(reading, faults, limit_s)
     return Tolerance(len(faults), max_tolerated(reading, faults, limit_s), fewest, tuple(critical))
@@ -312,3 +305,69 @@ def _unique_branches(
             seen.add(key)
         found.append((lower, part))
     return found
+
+
+# -- the fewest that break one service, without a solver -----------------------------------------
+# By Hall's theorem some set of its needs must end up with fewer able robots than it asks for, so
+# for every set the robots that are cheapest to take from it are counted. What it costs to take a
+# robot from a set of needs is 1 for its death, else the capabilities that it must lose.
+
+
+@dataclass(frozen=True)
+class Breaking:
+    """It takes at least `least` faults, and `chosen` do it."""
+
+    least: int
+    chosen: tuple[Fault, ...]
+
+
+def fewest_to_break(team: FaultyTeam, wanted: Service, is_major: bool) -> Breaking:
+    """The fewest faults of one kind that make a feasible service infeasible.
+
+    With more than `MAX_NEEDS` different needs `chosen` may be more than `least`.
+    """
+    needs = merged(wanted.needs, is_major)
+    choices = []
+    if len(needs) > MAX_NEEDS:
+        _, tight = team.tightest(needs)
+        choices.append(_cheapest([needs[index] for index in tight], is_major))
+    else:
+        for size in range(1, len(needs) + 1):
+            for subset in combinations(needs, size):
+                choices.append(_cheapest(subset, is_major))
+    if wanted.exclusive and is_major:
+        robots = sorted(team.mission.robots)
+        choices.append(tuple(robots[: len(robots) - majority(robots) + 1]))
+    best = min(choices, key=len)
+    if len(needs) > MAX_NEEDS:
+        # No fault takes more than one robot from a set of needs.
+        return Breaking(team.slack(wanted) + 1, best)
+    return Breaking(len(best), best)
+
+
+def _cheapest(subset: Sequence[JointNeed], is_major: bool) -> tuple[Fault, ...]:
+    """The fewest faults after which these needs find one robot too few."""
+    able = sorted({robot for need in subset for robot in need.entries})
+    too_many = len(able) - sum(need.count for need in subset) + 1
+    if is_major:
+        return tuple(able[:too_many])
+    costs = sorted(
+        (
+            removal(tuple(need.entries[robot] for need in subset if robot in need.entries))
+            for robot in able
+        ),
+        key=lambda entries: (len(entries), entries),
+    )
+    return tuple(entry for entries in costs[:too_many] for entry in entries)
+
+
+def removal(ways: tuple[tuple[Capability, ...], ...]) -> tuple[Capability, ...]:
+    """The fewest capabilities that hit every one of these ways."""
+    forced = {way[0] for way in ways if len(way) == 1}
+    open_ways = {way for way in ways if forced.isdisjoint(way)}
+    entries = sorted({entry for way in open_ways for entry in way})
+    for size in range(len(entries) + 1):
+        for extra in combinations(entries, size):
+            if all(not set(extra).isdisjoint(way) for way in open_ways):
+                return tuple(sorted({*forced, *extra}))
+    raise AssertionError("all entries together hit every way")

@@ -10,7 +10,6 @@ import anyio
 import pytest
 
 from mrbt_mesh import RobotProgram, TaskContext
-from mrbt_mesh.analysis.lift import belonging
 from mrbt_mesh.analysis.lift.belonging import Ownership
 from mrbt_mesh.analysis.lift.effects import Declarations
 from mrbt_mesh.analysis.lift.lifter import Lifter
@@ -159,7 +158,7 @@ def test_without_asking_again_what_a_dead_robot_held_is_waited_for(
     results = []
     for kind in ("asked", "not asked"):
         if kind == "not asked":
-            monkeypatch.setattr(belonging, "renewable", lambda tree, *_: tree)
+            monkeypatch.setattr(Ownership, "renewable", lambda _, tree, *__: tree)
         mission, is_renewable = lifted_mission(spec, declared, {})
         assert is_renewable is (kind == "asked")
         program = program_of(declared, 1)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mrbt_mesh.analysis.lift.own_uses import OwnUse
-from mrbt_mesh.analysis.lift.units import Knowledge, Piece, split
+from mrbt_mesh.analysis.lift.units import Knowledge, OwnUse, Piece, split
 from mrbt_mesh.btcpp.files.expand import ExpandedNode, expand
 from tests.support.unit_trees import read
 
