@@ -13,7 +13,7 @@ robot = RobotProgram(record_work=True)
 async def drive_to(task: TaskContext, goal: str, tries: InOut[int]) -> None:
     """Take a second; the first time to valve 3 something is in the way."""
     tries.set((tries.value or 0) + 1)
-    await anyio.sleep(1 / task.speed)
+    await anyio.sleep(1 / task.simulation.speed)
     if goal == "3" and not tries.value:
         raise TaskFailedError("something is in the way")
 
@@ -21,17 +21,17 @@ async def drive_to(task: TaskContext, goal: str, tries: InOut[int]) -> None:
 @robot.action("BackUp")
 async def back_up(task: TaskContext, distance_m: float) -> None:
     """Drive back a little."""
-    await anyio.sleep(distance_m / task.speed)
+    await anyio.sleep(distance_m / task.simulation.speed)
 
 
 @robot.action("ReadGauge")
 async def read_gauge(task: TaskContext, valve: str, pressure_bar: Out[float]) -> None:
     """Look at the gauge, which says what the mission file says."""
-    await anyio.sleep(0.5 / task.speed)
+    await anyio.sleep(0.5 / task.simulation.speed)
     pressure_bar.set(task.parameters["pressures_bar"][valve])
 
 
-@robot.local_task("close")
+@robot.local_task
 async def close(task: TaskContext, valve: str) -> None:
     """Turn the handwheel."""
     await work(task)

@@ -2,31 +2,31 @@
 
 from simulated import work
 
-from mrbt_mesh import RobotProgram, TaskContext
+from mrbt_mesh import RobotContext, RobotProgram, TaskContext
 
 robot = RobotProgram(record_work=True)
 # How near a robot comes to what it works on, as a share of its way there.
 NEAR = 0.7
 
 
-def go(task: TaskContext, *place: str) -> None:
+def go(context: RobotContext, *place: str) -> None:
     """Say where this robot is: beside a part of the vehicle, or (without one) at its station."""
-    town = task.parameters.get("map", {})
-    station = town.get("stations", {}).get(task.robot)
+    town = context.parameters.get("map", {})
+    station = town.get("stations", {}).get(context.robot)
     if station is None:
         return
     part = town["places"].get(place[0] if place else "", {"at": station})["at"]
     x, y = (s + NEAR * (p - s) for s, p in zip(station, part, strict=True))
-    task.report_position(x, y)
+    context.report_position(x, y)
 
 
 @robot.background
-async def stand_by(task: TaskContext) -> None:
+async def stand_by(context: RobotContext) -> None:
     """A robot that starts stands at its station."""
-    go(task)
+    go(context)
 
 
-@robot.local_task("do_diagnosis")
+@robot.local_task
 async def do_diagnosis(task: TaskContext, part: str) -> None:
     """Find out whether `part` is broken, and say so together with this task's outcome."""
     go(task, part)

@@ -19,7 +19,7 @@ async def work(task: TaskContext) -> None:
     While it is held, it has started and does not go on.
     """
     await held(task)
-    step_s = task.work / (task.performance * task.speed) / STEPS
+    step_s = task.simulation.duration_s / STEPS
     for step in range(1, STEPS + 1):
         await anyio.sleep(step_s)
         task.report_progress(step / STEPS)

@@ -7,7 +7,7 @@ from mrbt_mesh import RobotProgram, TaskContext, TaskFailedError
 robot = RobotProgram(record_work=True)
 
 
-@robot.local_task("search")
+@robot.local_task
 async def search(task: TaskContext, storage: str) -> None:
     """Look for the tools; fails in the storage that has none."""
     await work(task)
@@ -15,7 +15,7 @@ async def search(task: TaskContext, storage: str) -> None:
         raise TaskFailedError(f"no tools in storage {storage}")
 
 
-@robot.local_task("large_screwdriver")
+@robot.local_task
 async def large_screwdriver(task: TaskContext) -> None:
     """Tighten with the large screwdriver; fails where it does not fit."""
     await work(task)
@@ -23,7 +23,7 @@ async def large_screwdriver(task: TaskContext) -> None:
         raise TaskFailedError("the large screwdriver does not fit")
 
 
-@robot.local_task("small_screwdriver")
+@robot.local_task
 async def small_screwdriver(task: TaskContext) -> None:
     """Tighten with the small screwdriver, which always fits but takes longer."""
     await work(task)

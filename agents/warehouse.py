@@ -8,7 +8,7 @@ import math
 import anyio
 from simulated import held
 
-from mrbt_mesh import RobotProgram, TaskContext
+from mrbt_mesh import RobotContext, RobotProgram, TaskContext
 
 robot = RobotProgram(record_work=True)
 Place = tuple[float, float]
@@ -19,22 +19,22 @@ here: dict[tuple[str, int], Place] = {}
 
 
 @robot.background
-async def set_out(task: TaskContext) -> None:
+async def set_out(context: RobotContext) -> None:
     """A vehicle that starts, or starts again, does so at its station."""
-    x, y = task.parameters["map"]["stations"][task.robot]
-    here[task.robot, task.pid] = (x, y)
-    task.report_position(x, y)
+    x, y = context.parameters["map"]["stations"][context.robot]
+    here[context.robot, context.simulation.pid] = (x, y)
+    context.report_position(x, y)
 
 
 @robot.bid("*")
 def bid(task: TaskContext, *places: str) -> float:
     """Minus the metres to drive."""
-    way = [here[task.robot, task.pid], *(_place(task, name) for name in places)]
+    way = [here[task.robot, task.simulation.pid], *(_place(task, name) for name in places)]
     gone = sum(math.dist(way[index], way[index + 1]) for index in range(len(way) - 1))
     return -round(gone, 2)
 
 
-@robot.local_task("count")
+@robot.local_task
 async def count(task: TaskContext, rack: str) -> None:
     """Look at what lies in a rack."""
     await held(task)
@@ -42,7 +42,7 @@ async def count(task: TaskContext, rack: str) -> None:
     task.set_condition(f"counted({rack})", True)
 
 
-@robot.local_task("deliver")
+@robot.local_task
 async def deliver(task: TaskContext, rack: str, dock: str) -> None:
     """Bring a pallet from a rack to a dock."""
     await held(task)
@@ -51,18 +51,18 @@ async def deliver(task: TaskContext, rack: str, dock: str) -> None:
 
 
 async def _visit(task: TaskContext, name: str, before: float, after: float) -> None:
-    start, end = here[task.robot, task.pid], _place(task, name)
-    seconds = math.dist(start, end) / (SPEED * task.speed)
+    start, end = here[task.robot, task.simulation.pid], _place(task, name)
+    seconds = math.dist(start, end) / (SPEED * task.simulation.speed)
     steps = max(1, round(seconds / STEP_S))
     heading = math.atan2(end[1] - start[1], end[0] - start[0])
     for step in range(1, steps + 1):
         await anyio.sleep(seconds / steps)
         gone = step / steps
         x, y = (a + gone * (b - a) for a, b in zip(start, end, strict=True))
-        here[task.robot, task.pid] = (x, y)
+        here[task.robot, task.simulation.pid] = (x, y)
         task.report_position(x, y, heading=heading)
         task.report_progress(before + gone * (after - before))
-    await anyio.sleep(HANDLING_S / task.speed)
+    await anyio.sleep(HANDLING_S / task.simulation.speed)
 
 
 def _place(task: TaskContext, name: str) -> Place:

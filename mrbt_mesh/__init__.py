@@ -11,7 +11,8 @@ from mrbt_mesh.errors import InputError, TaskFailedError
 from mrbt_mesh.version import __version__
 
 if TYPE_CHECKING:
-    from mrbt_mesh.runtime.program import RobotProgram, TaskContext
+    from mrbt_mesh.runtime.context import RobotContext, TaskContext
+    from mrbt_mesh.runtime.program import RobotProgram
     from mrbt_mesh.runtime.program_function import ProgramError
     from mrbt_mesh.runtime.team_member import (
         Assignment,
@@ -27,6 +28,7 @@ __all__ = [
     "JoinOptions",
     "NotInTeamError",
     "ProgramError",
+    "RobotContext",
     "RobotProgram",
     "TaskContext",
     "TaskFailedError",
@@ -37,8 +39,9 @@ __all__ = [
 
 _MODULES = {
     "ProgramError": "program_function",
+    "RobotContext": "context",
     "RobotProgram": "program",
-    "TaskContext": "program",
+    "TaskContext": "context",
 }
 
 

@@ -13,6 +13,7 @@ A run of minutes takes milliseconds, and is the same each time. Programs wait wi
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,7 +27,7 @@ from mrbt_mesh.core.mission.names import ALL, type_name
 from mrbt_mesh.errors import InputError, nearest
 from mrbt_mesh.formats.expand import call_text
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.runtime.program import RobotProgram
+from mrbt_mesh.runtime.program import RobotProgram, functions_of
 from mrbt_mesh.runtime.program_loader import load_program, require_program
 from mrbt_mesh.sim import (
     ChangePerformance,
@@ -279,11 +280,13 @@ def run(
         loaded,
         {robot.id: robot.capabilities for robot in loaded.robots.values()},
     )
-    found.check_computer()
+    functions_of(found).check_computer()
+    recorded = copy.copy(found)
+    recorded.record_work = True
     try:
         result = simulate(
             loaded,
-            found.recorded(),
+            recorded,
             seed=seed,
             robots=team,
             schedule=[(each.at_us, each.fault) for each in schedule],

@@ -65,7 +65,7 @@ def test_a_program_is_told_that_time_is_virtual() -> None:
 
     @program.local_task("*")
     async def anything(task: TaskContext, *arguments: str) -> None:
-        told.append(task.is_virtual)
+        told.append(task.simulation.is_virtual)
 
     run(EXPLORE, program)
     assert told == [True, True]
@@ -73,7 +73,7 @@ def test_a_program_is_told_that_time_is_virtual() -> None:
 
 def test_a_program_that_records_its_work_is_recorded_once() -> None:
     program = load_program(load_mission(EXPLORE).program or "")
-    assert program.recorded() is program
+    assert program.record_work
     found = run(EXPLORE, program)
     assert len(found.starts) == len(found.ends) == 2
     result = simulate(load_mission(EXPLORE), program, seed=0)

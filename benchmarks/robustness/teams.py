@@ -15,7 +15,8 @@ from benchmarks.robustness.draws import ACTIONS, NAMES, ROOMS, Draw
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, build_tree
 from mrbt_mesh.core.mission.mission import MICRO, AssignmentPolicy, Mission, Robot
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.runtime.program import RobotProgram, TaskContext
+from mrbt_mesh.runtime.context import RobotContext, TaskContext
+from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim import Block, Fault, KillAfter, SimulationResult, simulate
 
 MISSION = Path(__file__).parent / "mission.yaml"
@@ -130,16 +131,16 @@ def independent_robots(draw: Draw) -> bool:
             busy.remove(task.robot)
 
     @program.background
-    async def look(task: TaskContext) -> None:
+    async def look(context: RobotContext) -> None:
         while True:
             await world.changed.wait()
-            if task.robot not in busy:
-                see(task)
+            if context.robot not in busy:
+                see(context)
 
-    def see(task: TaskContext) -> None:
+    def see(context: RobotContext) -> None:
         for condition in sorted(world.holds):
-            if not task.condition(condition):
-                task.set_condition(condition, True)
+            if not context.read_condition(condition):
+                context.set_condition(condition, True)
 
     able = []
     for i in range(len(draw.lives)):

@@ -20,7 +20,7 @@ from bodies.messages import (
     AtTip,
 )
 
-from mrbt_mesh import InputError, RobotProgram, TaskContext, TaskFailedError
+from mrbt_mesh import InputError, RobotContext, RobotProgram, TaskContext, TaskFailedError
 
 # Robots do not load it, but there is no world without it.
 if find_spec("mujoco") is None:
@@ -39,30 +39,29 @@ CARRY_SPEED = 0.5
 DONE = {HARDWARE: 0, WIRES: 1, SOLDER: 2}
 
 
-def body_of(task: TaskContext) -> Body:
+def body_of(context: RobotContext) -> Body:
     """The body of the robot that is asked."""
-    return bodies.setdefault((task.robot, task.pid), Body(task))
+    return bodies.setdefault((context.robot, context.simulation.pid), Body(context))
 
 
 @robot.background
-async def live(task: TaskContext) -> None:
+async def live(context: RobotContext) -> None:
     """Sense and move as long as the robot lives."""
-    await body_of(task).live()
+    await body_of(context).live()
 
 
 @robot.background
-async def stand_by(task: TaskContext) -> None:
+async def stand_by(context: RobotContext) -> None:
     """Do not stand in the others' way."""
-    await body_of(task).stand_by()
+    await body_of(context).stand_by()
 
 
 @robot.bid("*")
 def bid(task: TaskContext, part: str) -> float:
     """Minus the seconds for the way, as the crow flies, and for the work."""
     body = body_of(task)
-    return -round(
-        math.dist(body.place, _part(task, part)) / body.speed + task.work / task.performance, 2
-    )
+    way_s = math.dist(body.place, _part(task, part)) / body.speed
+    return -round(way_s + task.simulation.work / task.performance, 2)
 
 
 def _part(task: TaskContext, part: str) -> Place:
@@ -73,7 +72,7 @@ def _part(task: TaskContext, part: str) -> Place:
 # -- parts -------------------------------------------------------------------------------------
 
 
-@robot.local_task("do_diagnosis")
+@robot.local_task
 async def do_diagnosis(task: TaskContext, part: str) -> None:
     """Measure whether a part is broken."""
     body = body_of(task)
@@ -83,19 +82,19 @@ async def do_diagnosis(task: TaskContext, part: str) -> None:
     task.set_condition(f"broken({part})", tip.reading == "broken")
 
 
-@robot.local_task("replace_hw")
+@robot.local_task
 async def replace_hw(task: TaskContext, part: str) -> None:
     """Put in a new one; one that was begun by somebody else is finished."""
     await _work(task, part, HARDWARE)
 
 
-@robot.local_task("replace_wires")
+@robot.local_task
 async def replace_wires(task: TaskContext, part: str) -> None:
     """Two at it are twice as fast."""
     await _work(task, part, WIRES)
 
 
-@robot.local_task("use_soldering_iron")
+@robot.local_task
 async def use_soldering_iron(task: TaskContext, part: str) -> None:
     """Solder its wires."""
     await _work(task, part, SOLDER)
@@ -115,7 +114,7 @@ async def _work(task: TaskContext, part: str, tool: str) -> None:
 # -- screws ------------------------------------------------------------------------------------
 
 
-@robot.local_task("use_screwdriver")
+@robot.local_task
 async def use_screwdriver(task: TaskContext, way: str) -> None:
     """See to it that all screws are out, or in; two robots begin on opposite sides.
 
@@ -141,7 +140,7 @@ def _number(task: TaskContext) -> int:
 # -- the cover ---------------------------------------------------------------------------------
 
 
-@robot.local_task("move_frame")
+@robot.local_task
 async def move_frame(task: TaskContext, where: str) -> None:
     """Carry the cover with another robot, each at one end.
 

@@ -17,7 +17,7 @@ from mrbt_mesh.btcpp.scripts.values import ValueTypeError, as_truth
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.program_trees import ProgramTree
 from mrbt_mesh.errors import FileError, Problem, TaskFailedError, nearest
-from mrbt_mesh.runtime.program import TaskContext
+from mrbt_mesh.runtime.context import RobotContext, TaskContext
 
 
 class BtcppTrees:
@@ -40,7 +40,7 @@ class BtcppTrees:
         return explicit(library, is_merged=True).text(), chosen
 
     def leaves(self) -> Leaves:
-        return Leaves(TaskContext)
+        return Leaves(TaskContext, RobotContext)
 
     def problems(
         self, tree: ProgramTree, leaves: Any, conditions: Mapping[str, ConditionType]
@@ -61,7 +61,7 @@ class BtcppTrees:
         task: TaskContext,
         report: Callable[[bytes], None],
     ) -> None:
-        made = _made_tree(tree, _with_conditions(leaves, conditions), {TaskContext: task})
+        made = _made_tree(tree, _with_conditions(leaves, conditions), _given(task))
         try:
             await _carry_out(made, report)
         finally:
@@ -79,7 +79,7 @@ class BtcppTrees:
         task: TaskContext,
         ports: Mapping[str, Any],
     ) -> None:
-        made = BehaviorTree.from_file(path, tree, leaves, given={TaskContext: task})
+        made = BehaviorTree.from_file(path, tree, leaves, given=_given(task))
         made.check()
         for name, value in ports.items():
             made.blackboard[name] = value
@@ -87,6 +87,10 @@ class BtcppTrees:
 
 
 TREES = BtcppTrees()
+
+
+def _given(task: TaskContext) -> Mapping[type, Any]:
+    return {RobotContext: task, TaskContext: task}
 
 
 def _made_tree(
@@ -142,7 +146,9 @@ def _reader(condition: ConditionType) -> Callable[..., bool]:
         is_named = ports.keys() == set(condition.parameters)
         values = [ports[name] for name in condition.parameters] if is_named else ports.values()
         arguments = ",".join(map(str, values))
-        return _task.condition(f"{condition.name}({arguments})" if arguments else condition.name)
+        return _task.read_condition(
+            f"{condition.name}({arguments})" if arguments else condition.name
+        )
 
     read.__annotations__["_task"] = TaskContext
     return read

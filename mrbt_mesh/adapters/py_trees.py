@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import anyio
 
 from mrbt_mesh.errors import InputError, TaskFailedError
-from mrbt_mesh.runtime.program import TaskContext, TaskFunction
+from mrbt_mesh.runtime.context import TaskContext
+from mrbt_mesh.runtime.program import TaskFunction
 from mrbt_mesh.runtime.program_function import ProgramError
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError, nearest
-from mrbt_mesh.runtime.program import RobotProgram
+from mrbt_mesh.runtime.program import RobotProgram, functions_of
 from mrbt_mesh.runtime.program_loader import load_program, require_program
 
 
@@ -31,7 +31,7 @@ def checked_program(mission: Mission, robots: list[str], program: str | None) ->
     reference = program or mission.program
     if reference is None:
         raise InputError(f"mission {mission.name} names no program: give one with --program")
-    fitting_program(mission, robots, reference).check_computer()
+    functions_of(fitting_program(mission, robots, reference)).check_computer()
     return reference
 
 

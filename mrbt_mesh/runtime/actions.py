@@ -6,6 +6,7 @@ Used by the real runtime and, on a virtual clock, by the simulator.
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -27,7 +28,6 @@ from mrbt_mesh.core.agent.inputs import (
 )
 from mrbt_mesh.core.bt.local_run import LocalConditions
 from mrbt_mesh.core.bt.tree import Tree
-from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.mission.mission import (
     MAX_BID_WITHIN_US,
     MAX_PERFORMANCE,
@@ -37,8 +37,9 @@ from mrbt_mesh.core.mission.mission import (
 from mrbt_mesh.core.mission.names import ALL, split_call, type_name
 from mrbt_mesh.plugins import tree_format
 from mrbt_mesh.runtime.backgrounds import BackgroundRunner
+from mrbt_mesh.runtime.context import RobotContext, Simulation, TaskContext
 from mrbt_mesh.runtime.local_trees import LeafEnd, LocalTreeRunner
-from mrbt_mesh.runtime.program import RobotProgram, TaskContext, TaskFunction
+from mrbt_mesh.runtime.program import RobotProgram, TaskFunction, functions_of
 from mrbt_mesh.runtime.program_function import BackgroundFunction
 from mrbt_mesh.runtime.task_call import perform
 from mrbt_mesh.runtime.task_port import AgentPort, Host
@@ -89,6 +90,7 @@ class ActionRunner:
     ) -> None:
         self._group = group
         self._program = program
+        self._functions = functions_of(program)
         self._mission = mission
         self._identity = identity
         self._host = host
@@ -116,7 +118,7 @@ class ActionRunner:
 
     def start_background(self) -> None:
         """Start the program's sensors."""
-        for number, background in enumerate(self._program.backgrounds):
+        for number, background in enumerate(self._functions.backgrounds):
             self.backgrounds += 1
             self._group.start_soon(self._background, background, f"background {number}")
 
@@ -178,7 +180,7 @@ class ActionRunner:
         else:
             what = f"local task {effect.local_task}"
             call = self._user_call(what, function, context, *arguments)
-            work = perform(call, context, self._program.record_work)
+            work = perform(call, context, port, self._program.record_work)
             try:
                 success = await self._watched(call, work, effect.ticket)
             except UserCodeError as failure:
@@ -204,10 +206,10 @@ class ActionRunner:
         """The program's function for a local task; of one that is a tree in a file, its run."""
         program = self._mission.program_trees.get(ground)
         if program is None:
-            return self._program.find(name)
+            return self._functions.local_task(name)
 
         async def run(context: TaskContext, *arguments: str) -> None:
-            leaves, conditions = self._program.leaves, self._mission.conditions
+            leaves, conditions = self._functions.leaves, self._mission.conditions
             await tree_format(program.source).run(
                 program, leaves, conditions, context, port.report_tree
             )
@@ -239,7 +241,7 @@ class ActionRunner:
 
     async def _call_bid(self, effect: RequestBid) -> Any:
         name, arguments = split_call(effect.local_task)
-        function = self._program.find_bid(name)
+        function = self._functions.bid(name)
         if function is None:
             raise ValueError(f"the robot's program has no bid for {name!r}")
         port = AgentPort(self._host, self._mission, None, self._own)
@@ -256,22 +258,19 @@ class ActionRunner:
         call = self._user_call(f"bid for {effect.local_task}", function, context, *arguments)
         return await self._watched(call, call.run())
 
-    def free_context(self) -> TaskContext:
-        """A context that belongs to no activation."""
-        port = AgentPort(self._host, self._mission, None, self._own)
-        effect = StartAction(0, "", "", "", (), MICRO, Incarnation(0, ""))
-        return self._context(effect, "", (), port)
+    def robot_context(self) -> RobotContext:
+        """A context that belongs to no task."""
+        return RobotContext(**self._robot(AgentPort(self._host, self._mission, None, self._own)))
 
     async def _background(self, background: BackgroundFunction, source: str) -> None:
-        name, function = background.name, background.function
+        name, function, context = background.name, background.function, self.robot_context()
 
         async def run() -> None:
-            call = self._user_call(f"background function {name}", function, self.free_context())
+            call = self._user_call(f"background function {name}", function, context)
             await self._watched(call, call.run())
 
         # A program may serve robots of several types.
-        can = self.free_context().can
-        costs = tuple(each for each in background.costs if each == ALL or can(each))
+        costs = tuple(each for each in background.costs if each == ALL or context.can(each))
         try:
             await BackgroundRunner(name, source, costs, run, self._host).run()
         finally:
@@ -297,21 +296,28 @@ class ActionRunner:
     def _context(
         self, effect: StartAction, name: str, arguments: tuple[str, ...], port: AgentPort
     ) -> TaskContext:
+        performance = effect.performance / MICRO
+        work = self._mission.nominal_work(effect.local_task) / MICRO
+        needed_s = work / (performance * self._identity.speed) if performance else math.inf
         return TaskContext(
-            robot=self._identity.robot,
-            robot_type=self._identity.type,
+            **self._robot(port, work, needed_s),
             incarnation=str(effect.incarnation),
-            pid=self._identity.pid,
             activation=effect.activation,
             global_task=effect.global_task,
             local_task=effect.local_task,
             arguments=arguments,
             partners=effect.partners,
-            performance=effect.performance / MICRO,
-            work=self._mission.nominal_work(effect.local_task) / MICRO,
-            speed=self._identity.speed,
-            parameters=self._mission.parameters,
-            port=port,
-            is_virtual=self._identity.is_virtual,
-            capabilities=self._identity.capabilities,
+            performance=performance,
         )
+
+    def _robot(self, port: AgentPort, work: float = 0.0, duration_s: float = 0.0) -> dict[str, Any]:
+        """What every context shows."""
+        robot = self._identity
+        return {
+            "robot": robot.robot,
+            "robot_type": robot.type,
+            "capabilities": robot.capabilities,
+            "parameters": self._mission.parameters,
+            "simulation": Simulation(robot.speed, robot.pid, robot.is_virtual, work, duration_s),
+            "_port": port,
+        }

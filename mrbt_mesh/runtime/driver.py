@@ -42,6 +42,7 @@ from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.runtime.blocked_loop import loop_watchdog
+from mrbt_mesh.runtime.context import RobotContext
 from mrbt_mesh.runtime.fencing import FencingSelector, boottime_us, fenced
 from mrbt_mesh.runtime.flood_gate import FloodGate
 from mrbt_mesh.runtime.inbox import Inbox
@@ -51,7 +52,7 @@ from mrbt_mesh.runtime.launcher_lock import LauncherWatch
 from mrbt_mesh.runtime.limited_file import DEFAULT_KEEP_BYTES, append
 from mrbt_mesh.runtime.link_watch import LinkWatch, Sighting
 from mrbt_mesh.runtime.log import robot_logger
-from mrbt_mesh.runtime.program import RobotProgram, TaskContext
+from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.recording import RecordTo, robot_recording
 from mrbt_mesh.runtime.robot_loop import RobotLoop
 from mrbt_mesh.runtime.run_dir import RunDir
@@ -140,9 +141,9 @@ class Driver:
         """Why it has stopped, None while it has not."""
         return self._stop
 
-    def context(self) -> TaskContext:
-        """What the program's sensors get: it belongs to no local task."""
-        return self._runner.free_context()
+    def context(self) -> RobotContext:
+        """What the program's background functions receive."""
+        return self._runner.robot_context()
 
     def run(self, launcher: LauncherWatch | None = None) -> Stop:
         """Run until the agent stops; raises TransportError if the session cannot be opened,

@@ -19,7 +19,7 @@ from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import ALL, split_call, type_name
 from mrbt_mesh.errors import FileError, InputError, nearest
 from mrbt_mesh.plugins import tree_format
-from mrbt_mesh.runtime.program import RobotProgram
+from mrbt_mesh.runtime.program import RobotProgram, functions_of
 from mrbt_mesh.runtime.program_function import BackgroundFunction, ProgramError, ProgramFunction
 
 DEFAULT_NAME = "robot"
@@ -52,9 +52,10 @@ def require_program(
 ) -> None:
     """Raise ProgramError if `program`, found at `reference`, lacks what these robots' capabilities
     (types or ground) need, or has a function that cannot be called as the mission calls it;
-    InputError for its own checks. What this computer lacks is for `RobotProgram.check_computer`.
+    InputError for its own checks. `ProgramFunctions.check_computer` finds what the computer lacks.
     """
-    program.check_mission(mission, robots.keys())
+    for check in functions_of(program).mission_checks:
+        check(mission, robots.keys())
     found: dict[str, list[str]] = {}
     for robot, capabilities in sorted(robots.items()):
         for problem in check_program(program, mission, capabilities):
@@ -95,12 +96,13 @@ def check_program(
     by_bid = {need.local_task for need in needs if need.by_bid}
     found += [_bid_problem(program, mission, each, each in by_bid) for each in sorted(grounds)]
     known = claimed | mission.local_tasks.keys()
-    found += [_costs_problem(each, known) for each in program.backgrounds]
+    found += [_costs_problem(each, known) for each in functions_of(program).backgrounds]
     # One for each function, however many calls it does not fit.
     problems = set({place: problem for place, problem in reversed(found) if problem}.values())
     for name in sorted(declared & programs.keys()):
         file = programs[name]
-        lacking = tree_format(file.source).problems(file, program.leaves, mission.conditions)
+        registry = functions_of(program).leaves
+        lacking = tree_format(file.source).problems(file, registry, mission.conditions)
         problems |= {f"tree of {name} ({each})" for each in lacking}
     return sorted(problems)
 
@@ -111,9 +113,10 @@ _Problem: TypeAlias = tuple[str, str]
 
 def _task_problem(program: RobotProgram, mission: Mission, ground: str, of: str) -> _Problem:
     name = type_name(ground)
-    function = program.find(name)
+    functions = functions_of(program)
+    function = functions.local_task(name)
     if function is None:
-        close = difflib.get_close_matches(name, program.names(), n=1)
+        close = difflib.get_close_matches(name, functions.local_tasks, n=1)
         hint = f"rename {close[0]!r}, or add" if close else "add"
         add = f'{hint} @robot.local_task("{name}")'
         return name, f"no function for the local task {name}{of}; {add}"
@@ -122,7 +125,7 @@ def _task_problem(program: RobotProgram, mission: Mission, ground: str, of: str)
 
 def _bid_problem(program: RobotProgram, mission: Mission, ground: str, is_needed: bool) -> _Problem:
     name = type_name(ground)
-    function = program.find_bid(name)
+    function = functions_of(program).bid(name)
     if function is None:
         text = f'no bid for the local task {name}; add @robot.bid("{name}")'
         return (f"bid {name}", text) if is_needed else ("", "")

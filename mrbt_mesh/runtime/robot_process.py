@@ -29,7 +29,7 @@ from mrbt_mesh.runtime.journal import Journal, journal_path
 from mrbt_mesh.runtime.launcher_lock import LauncherWatch
 from mrbt_mesh.runtime.limited_file import DEFAULT_KEEP_BYTES, protect_output
 from mrbt_mesh.runtime.log import configure_log, robot_logger
-from mrbt_mesh.runtime.program import RobotProgram
+from mrbt_mesh.runtime.program import RobotProgram, functions_of
 from mrbt_mesh.runtime.program_loader import load_program, require_program
 from mrbt_mesh.runtime.recording import RecordTo
 from mrbt_mesh.runtime.run_dir import RunDir
@@ -128,7 +128,7 @@ def robot_setup(
     kind, capabilities = robot_of(mission, start.robot, start.type)
     logger = guest_log or robot_logger(start.robot)
     require_program(program, reference, mission, {start.robot: capabilities})
-    program.check_computer()
+    functions_of(program).check_computer()
     expected = _expected(start, mission)
     address = locate(mission)
     keys, manifest = keys_of(address.keys, start.robot)

@@ -8,7 +8,8 @@ from typing import Any
 
 from mrbt_mesh.core.mission.conditions import truth_of
 from mrbt_mesh.core.mission.names import type_name
-from mrbt_mesh.runtime.program import TaskContext
+from mrbt_mesh.runtime.context import TaskContext
+from mrbt_mesh.runtime.task_port import AgentPort
 from mrbt_mesh.runtime.user_code import UserCall, UserCodeError, failure_of, wrong_result
 
 EXPECTED = (
@@ -17,7 +18,7 @@ EXPECTED = (
 )
 
 
-async def perform(call: UserCall, task: TaskContext, is_recorded: bool) -> bool:
+async def perform(call: UserCall, task: TaskContext, port: AgentPort, is_recorded: bool) -> bool:
     """Whether the local task has succeeded, by its function's result.
 
     `is_recorded`: its start, and its end or cancellation, are lines of the run's events. Raises
@@ -27,7 +28,7 @@ async def perform(call: UserCall, task: TaskContext, is_recorded: bool) -> bool:
     if is_recorded:
         _record(task, "start")
     try:
-        success = _succeeded(await call.run(), call.function, task)
+        success = _succeeded(await call.run(), call.function, port)
         outcome = "success" if success else "failure"
     except UserCodeError:
         outcome = "failure"
@@ -41,7 +42,7 @@ async def perform(call: UserCall, task: TaskContext, is_recorded: bool) -> bool:
     return success
 
 
-def _succeeded(result: Any, function: Callable[..., Any], task: TaskContext) -> bool:
+def _succeeded(result: Any, function: Callable[..., Any], port: AgentPort) -> bool:
     """What a result means; sets the conditions of a mapping. Raises UserCodeError."""
     if result is None:
         return True
@@ -50,7 +51,7 @@ def _succeeded(result: Any, function: Callable[..., Any], task: TaskContext) -> 
         return truth
     if isinstance(result, Mapping):
         try:
-            task.port.set_conditions(result)
+            port.set_conditions(result)
         except ValueError as error:
             raise wrong_result(function, result, str(error)) from None
         return True
@@ -66,7 +67,7 @@ def _record(task: TaskContext, event: str, outcome: str | None = None) -> None:
         {
             "t": task.unix_time_s(),
             "robot": task.robot,
-            "pid": task.pid,
+            "pid": task.simulation.pid,
             "incarnation": task.incarnation,
             "event": event,
             "outcome": outcome,

@@ -27,9 +27,10 @@ from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import OrderKind, Phase
 from mrbt_mesh.errors import InputError, nearest
 from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.runtime.context import RobotContext
 from mrbt_mesh.runtime.driver import Driver, RobotSetup
 from mrbt_mesh.runtime.log import StandardLog
-from mrbt_mesh.runtime.program import RobotProgram, TaskContext
+from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.runtime.robot_process import RobotStart, claim_run_dir, robot_setup
 from mrbt_mesh.runtime.settings import (
@@ -156,8 +157,8 @@ class TeamMember:
         return Assignment(claim.global_task, claim.local_task)
 
     @property
-    def context(self) -> TaskContext:
-        """What the program's sensors have: conditions, capabilities and positions of this robot."""
+    def context(self) -> RobotContext:
+        """The context of this robot's background functions: conditions, capabilities, positions."""
         return self._driver.context()
 
     # -- to await -----------------------------------------------------------------------------

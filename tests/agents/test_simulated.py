@@ -9,6 +9,7 @@ import pytest
 from mrbt_mesh import RobotProgram, TaskContext
 from mrbt_mesh.formats.team_file import load_team
 from mrbt_mesh.formats.template import template_files, write_files
+from mrbt_mesh.runtime.context import Simulation
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.runtime.user_code import UserCodeError
 from tests.support.fake_port import FakePort, cancelled_while_working, context, outcomes, run
@@ -69,7 +70,7 @@ async def test_work_takes_work_by_performance_and_speed(monkeypatch: pytest.Monk
 
     program, port = agent("explore"), FakePort()
     monkeypatch.setattr(anyio, "sleep", sleep)
-    await run(program, context(port, "explore", "A", work=6.0, performance=3.0, speed=4.0))
+    await run(program, context(port, "explore", "A", simulation=Simulation(duration_s=0.5)))
     assert sum(slept) == pytest.approx(0.5)
 
 
@@ -165,7 +166,7 @@ async def test_what_is_held_has_started_and_goes_on_when_it_is_let_go(
 
 async def test_a_cancelled_diagnosis_says_nothing_of_the_part() -> None:
     port = FakePort()
-    task = context(port, "do_diagnosis", "2", work=1e9, performance=1.0)
+    task = context(port, "do_diagnosis", "2", simulation=Simulation(duration_s=1e9))
     assert await cancelled_while_working(agent("repair"), task)
     assert outcomes(port) == [("start", None), ("cancel", None)]
     assert port.conditions == {}
@@ -187,6 +188,6 @@ async def test_the_template_robot_does_and_records_its_tasks(tmp_path: Path) -> 
 async def test_the_template_robot_records_a_cancellation(tmp_path: Path) -> None:
     program = load_program(str(write_files(tmp_path, template_files("team"))[1]))
     port = FakePort()
-    task = context(port, "carry", "red", work=1e9, performance=1.0)
+    task = context(port, "carry", "red", simulation=Simulation(duration_s=1e9))
     assert await cancelled_while_working(program, task)
     assert outcomes(port) == [("start", None), ("cancel", None)]

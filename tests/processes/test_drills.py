@@ -75,10 +75,10 @@ def test_what_did_not_hold_is_told_and_the_run_is_kept(team: Team) -> None:
 def test_a_robot_that_ends_by_an_error_is_red_with_its_last_words(team: Team) -> None:
     program = team.folder / "robot.py"
     program.write_text(
-        "import os, sys, anyio, pathlib\nfrom mrbt_mesh import RobotProgram\n"
+        "import os, sys, anyio, pathlib\nfrom mrbt_mesh import RobotProgram, TaskContext\n"
         "robot, ended = RobotProgram(), pathlib.Path(__file__).with_name('ended')\n\n"
         "@robot.local_task('explore')\n"
-        "async def explore(task, area):\n"
+        "async def explore(task: TaskContext, area):\n"
         "    if task.robot == 'R2':\n"
         "        sys.stderr.write('the battery is empty\\n')\n"
         "        sys.stderr.flush()\n"

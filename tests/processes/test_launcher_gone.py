@@ -71,7 +71,7 @@ def test_a_robot_whose_program_blocks_it_ends_too(team: Team) -> None:
     program = team.folder / "robot.py"
     program.write_text(
         "import sys, threading\nfrom mrbt_mesh import RobotProgram\nrobot = RobotProgram()\n"
-        "@robot.local_task('explore')\nasync def explore(task, area): ...\n"
+        "@robot.local_task('explore')\nasync def explore(area): ...\n"
         "if 'agent' in sys.argv:\n    threading.Event().wait()\n"
     )
     team.up(EXPLORE, "--program", str(program))

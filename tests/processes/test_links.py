@@ -53,7 +53,7 @@ PROGRAM = """\
 from mrbt_mesh import RobotProgram
 robot = RobotProgram()
 @robot.local_task("wait")
-async def wait(task): pass
+async def wait(): pass
 """
 
 

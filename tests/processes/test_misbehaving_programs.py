@@ -13,7 +13,7 @@ import anyio
 import pytest
 
 import mrbt_mesh
-from mrbt_mesh import RobotProgram, TaskContext
+from mrbt_mesh import RobotContext, RobotProgram, TaskContext
 from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
@@ -26,7 +26,7 @@ from pathlib import Path
 
 import anyio
 
-from mrbt_mesh import RobotProgram, TaskContext
+from mrbt_mesh import RobotContext, RobotProgram, TaskContext
 
 robot = RobotProgram(record_work=True)
 seen = Path(__file__).with_name("seen")
@@ -43,7 +43,7 @@ async def explore(task: TaskContext, area: str) -> None:
     await future  # line 21
 
 @robot.background(costs="none")
-async def camera(task: TaskContext) -> None:
+async def camera(context: RobotContext) -> None:
     raise SystemExit(3)  # line 25
 """
 
@@ -84,7 +84,7 @@ async def test_inside_a_program_of_ones_own(caplog: pytest.LogCaptureFixture) ->
         await future
 
     @robot.background(costs="none")
-    async def camera(task: TaskContext) -> None:
+    async def camera(context: RobotContext) -> None:
         raise KeyboardInterrupt
 
     with caplog.at_level(logging.ERROR, "mrbt_mesh.R1"):

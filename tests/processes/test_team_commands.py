@@ -155,7 +155,7 @@ def test_a_program_that_raises_fails_its_task_and_not_the_robot(team: Team) -> N
         "from mrbt_mesh import RobotProgram\n"
         "robot = RobotProgram()\n\n"
         '@robot.local_task("lift")\n'
-        "async def lift(task):\n"
+        "async def lift():\n"
         '    raise RuntimeError("the gripper is stuck")\n'
     )
     (folder / "mission.yaml").write_text(
@@ -208,7 +208,7 @@ def test_a_run_that_ends_before_its_team_has_gathered_has_not_started(team: Team
     program = team.folder / "robot.py"
     program.write_text(
         "import sys, time\nfrom mrbt_mesh import RobotProgram\nrobot = RobotProgram()\n"
-        "@robot.local_task('explore')\nasync def explore(task, area): ...\n"
+        "@robot.local_task('explore')\nasync def explore(area): ...\n"
         "while 'agent' in sys.argv:\n    time.sleep(0.1)\n"
     )
     options = ["--program", str(program), "--timeout", "1", "--run-dir", str(team.run_dir)]

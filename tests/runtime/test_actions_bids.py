@@ -89,12 +89,12 @@ def test_a_bid_may_be_a_plain_function_or_an_async_one() -> None:
 
 
 def test_none_is_no_bid_and_nothing_is_wrong_with_it() -> None:
-    assert answer(lambda task, parcel: None) == BidMade("a-bread", "deliver(bread)", None)
+    assert answer(lambda parcel: None) == BidMade("a-bread", "deliver(bread)", None)
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), 1e7, -1e7, True, "3", [1]])
 def test_what_is_no_number_in_range_is_no_bid(value: Any) -> None:
-    made = answer(lambda task, parcel: value)
+    made = answer(lambda parcel: value)
     assert made.performance is None
     assert made.error.startswith("a bid is a number from -1000000 to 1000000, or None, not ")
 
@@ -109,7 +109,7 @@ def test_an_exception_is_no_bid_with_its_traceback() -> None:
     assert answer(broken).performance is None
     assert "ZeroDivisionError" in answer(broken).error
     assert "the map server" in answer(late).error
-    assert "takes 0 arguments besides the task, found 1" in answer(lambda task: 1.0).error
+    assert "takes 0 arguments besides the context, found 1" in answer(lambda: 1.0).error
 
 
 def test_who_never_answers_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -137,9 +137,9 @@ def test_bids_that_are_made_at_once_are_told_at_once() -> None:
 
 def test_a_program_says_what_it_bids_for_once() -> None:
     program = RobotProgram()
-    program.bid("deliver")(lambda task, parcel: 1.0)
+    program.bid("deliver")(lambda parcel: 1.0)
     with pytest.raises(ProgramError, match="bid 'deliver' is registered twice"):
-        program.bid("deliver")(lambda task, parcel: 2.0)
+        program.bid("deliver")(lambda parcel: 2.0)
     with pytest.raises(ProgramError, match="is not a function"):
         program.bid("carry")(RobotProgram)
 
@@ -154,7 +154,7 @@ def test_a_program_without_the_bids_that_a_mission_asks_for_is_refused() -> None
     assert check_program(program, mission, ["deliver"]) == [
         'no bid for the local task deliver; add @robot.bid("deliver")'
     ]
-    program.bid("*")(lambda task, parcel: 1.0)
+    program.bid("*")(lambda parcel: 1.0)
     assert check_program(program, mission, ["deliver"]) == []
 
 

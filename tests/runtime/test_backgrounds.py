@@ -8,7 +8,7 @@ from typing import Any
 import anyio
 import pytest
 
-from mrbt_mesh import RobotProgram, TaskContext
+from mrbt_mesh import RobotContext, RobotProgram, TaskContext
 from mrbt_mesh.core.mission.failure_reasons import MAX_REASON
 from mrbt_mesh.runtime.backgrounds import failure_text
 from mrbt_mesh.runtime.program_function import ProgramError
@@ -28,10 +28,10 @@ def team(function: Callable[[TaskContext], Any], **costs: Any) -> tuple[RobotPro
         await anyio.sleep(4)
 
     @program.background(**costs)
-    async def lidar(task: TaskContext) -> None:
-        if task.robot == "R1":
-            begun.append(task.unix_time_s())
-            await function(task)
+    async def lidar(context: RobotContext) -> None:
+        if context.robot == "R1":
+            begun.append(context.unix_time_s())
+            await function(context)
 
     return program, begun
 
@@ -114,9 +114,9 @@ def test_by_default_it_costs_all_and_the_program_does_not_restore_it() -> None:
     program, _ = team(sense)
 
     @program.background(costs="none")
-    async def hopeful(task: TaskContext) -> None:
+    async def hopeful(context: RobotContext) -> None:
         while True:
-            task.restore_capability("all")
+            context.restore_capability("all")
             await anyio.sleep(0.2)
 
     found = run(EXPLORE, program)
@@ -131,7 +131,7 @@ def test_what_it_costs_is_checked(costs: Any) -> None:
     with pytest.raises(ProgramError, match="a list of local tasks"):
 
         @program.background(costs=costs)
-        async def lidar(task: TaskContext) -> None: ...
+        async def lidar(context: RobotContext) -> None: ...
 
 
 def test_a_long_reason_keeps_its_place_and_when_it_is_restarted() -> None:

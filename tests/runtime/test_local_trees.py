@@ -9,7 +9,7 @@ from typing import Any
 import anyio
 import pytest
 
-from mrbt_mesh import RobotProgram, TaskContext, TaskFailedError
+from mrbt_mesh import RobotContext, RobotProgram, TaskContext, TaskFailedError
 from mrbt_mesh.core.agent.effects import CancelAction, StartAction
 from mrbt_mesh.core.agent.inputs import ActionFinished, ActionStopped
 from mrbt_mesh.core.bt.tree import NodeSpec, Status, build_tree
@@ -161,9 +161,9 @@ def test_a_condition_that_a_sensor_sets_takes_an_action_back(
     story.stop_s = stop_s
 
     @story.program.background
-    async def slip(task: TaskContext) -> None:
+    async def slip(context: RobotContext) -> None:
         await anyio.sleep(1.5)
-        task.set_local_condition("c1", False)
+        context.set_local_condition("c1", False)
 
     async def steps(runner: ActionRunner, host: Host) -> None:
         runner.start_background()

@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Optional
 
 import pytest
 from mypy import api
 
-from mrbt_mesh import ProgramError, RobotProgram, TaskContext
+from mrbt_mesh import ProgramError, RobotContext, RobotProgram, TaskContext
+from mrbt_mesh.runtime.program import functions_of
 from mrbt_mesh.runtime.user_code import UserCodeError
 from tests.support.fake_port import FakePort, context, run
 from tests.support.paths import ROOT
 
 
-async def no_task() -> None: ...
-async def text_first(part: str) -> None: ...
 async def by_name(task: TaskContext, *, speed: float) -> None: ...
 async def of_path(task: TaskContext, where: Path) -> None: ...
 async def unknown(task: TaskContext, where: Nowhere) -> None: ...  # type: ignore[name-defined]  # noqa: F821
+async def not_annotated(task, part: str) -> None: ...  # type: ignore[no-untyped-def]
 async def right(task: TaskContext) -> None: ...
-async def two(task: TaskContext, other: str) -> None: ...
+async def two(context: RobotContext, other: str) -> None: ...
 def plain(task: TaskContext) -> None: ...
 
 
@@ -30,54 +29,108 @@ class NotAsync:
     def run(self, task: TaskContext) -> None: ...
 
 
-class WithoutTask:
-    async def run(self) -> None: ...
-
-
-def task(program: RobotProgram, name: Any, target: Any) -> None:
-    program.local_task(name)(target)
-
-
-def bid(program: RobotProgram, name: Any, target: Any) -> None:
-    program.bid(name)(target)
-
-
-def background(program: RobotProgram, _: Any, target: Any) -> None:
-    program.background(target)
-
-
 @pytest.mark.parametrize(
-    ("register", "name", "target", "message"),
+    ("register", "target", "message"),
     [
-        (task, "x", plain, r"local task 'x': the function is not async; write `async def plain"),
-        (task, "x", 3, "local task 'x': 3 is not a function"),
-        (task, "x", no_task, r"no parameter for the task; write no_task\(task: TaskContext"),
-        (task, "x", text_first, "the first parameter gets the task; write text_first"),
-        (task, "x", by_name, "parameter 'speed' can only be given by name, .* remove the"),
+        ("local_task", plain, r"local task 'x': the function is not async; write `async def plain"),
+        ("local_task", 3, "local task 'x': 3 is not a function"),
+        ("local_task", by_name, "parameter 'speed' can only be given by name, .* remove the"),
         (
-            task,
-            "x",
+            "local_task",
             of_path,
             "parameter 'where' is annotated with .*Path.*: an argument is a text, which",
         ),
-        (task, "x", unknown, "the annotation of 'where' cannot be read: name 'Nowhere' is not"),
-        (task, "x", NotAsync, "class NotAsync needs a method `async def run"),
-        (task, "x", WithoutTask, r"write run\(self, task: TaskContext, ...\)"),
-        (task, right, right, r'needs a name: write @robot.local_task\("right"\)'),
-        (task, "", right, "needs a name"),
-        (bid, plain, plain, r'needs a name: write @robot.bid\("plain"\)'),
-        (bid, "x", no_task, "no parameter for the task"),
-        (bid, "x", NotAsync, "is not a function"),
-        (background, "", plain, "background function 'plain': the function is not async"),
-        (background, "", no_task, "no parameter for the task"),
-        (background, "", two, r"called with the task alone; write `async def two\(task: Task"),
+        ("local_task", unknown, "the annotation of 'where' cannot be read: name 'Nowhere' is not"),
+        ("local_task", not_annotated, "'task' has no annotation; write `task: TaskContext` for"),
+        ("local_task", NotAsync, "class NotAsync needs a method `async def run"),
+        ("bid", NotAsync, "is not a function"),
+        ("background", plain, "background function 'plain': the function is not async"),
+        ("background", two, r"belongs to no task; write `async def two\(context: RobotContext\)"),
+        ("background", right, r"belongs to no task; write `async def right\(context: RobotC"),
     ],
 )
 def test_what_cannot_be_called_is_refused_when_it_is_registered(
-    register: Callable[..., None], name: Any, target: Any, message: str
+    register: str, target: Any, message: str
 ) -> None:
+    decorator = getattr(RobotProgram(), register)
     with pytest.raises(ProgramError, match=message):
-        register(RobotProgram(), name, target)
+        (decorator if register == "background" else decorator("x"))(target)
+
+
+def test_a_name_is_not_empty() -> None:
+    with pytest.raises(ProgramError, match="the name is empty"):
+        RobotProgram().local_task("")(right)
+
+
+def test_without_a_name_that_of_the_function_counts() -> None:
+    program = RobotProgram()
+
+    @program.local_task
+    async def carry(task: TaskContext, box: str) -> None: ...
+
+    @program.local_task
+    class Look:
+        async def run(self) -> None: ...
+
+    @program.bid
+    def carry_bid(box: str) -> float:
+        return 1.0
+
+    @program.action
+    async def open_gripper() -> None: ...
+
+    @program.condition
+    def is_open() -> bool:
+        return True
+
+    @program.entry
+    def battery() -> float:
+        return 1.0
+
+    @program.source
+    def robot_speed() -> float:
+        return 0.5
+
+    functions = functions_of(program)
+    assert [*functions.local_tasks, *functions.bids] == ["carry", "Look", "carry_bid"]
+    assert functions.leaves.names() == ["is_open", "open_gripper"]
+    assert [*functions.leaves.entries, *functions.leaves.sources] == ["battery", "robot_speed"]
+
+
+async def test_annotations_decide_where_the_context_goes() -> None:
+    program, got = RobotProgram(), list[Any]()
+
+    @program.local_task("first")
+    async def first(task: TaskContext, part: str) -> None:
+        got.append((task.robot, part))
+
+    @program.local_task("last")
+    async def last(part: str, robot: RobotContext) -> None:
+        got.append((robot.robot, part))
+
+    @program.local_task("named")
+    async def named(part: str = "", *rest: str, task: "TaskContext") -> None:  # noqa: UP037
+        got.append((task.robot, part, *rest))
+
+    @program.local_task("none")
+    async def none(*arguments: str) -> None:
+        got.append(arguments)
+
+    @program.local_task("method")
+    class Method:
+        async def run(self, part: int, task: TaskContext) -> None:
+            got.append((task.robot, part))
+
+    for name, *arguments in (
+        ("first", "2"),
+        ("last", "2"),
+        ("named",),
+        ("named", "2", "3"),
+        ("none", "2"),
+        ("method", "2"),
+    ):
+        await run(program, context(FakePort(), name, *arguments))
+    assert got == [("A1", "2"), ("A1", "2"), ("A1", ""), ("A1", "2", "3"), ("2",), ("A1", 2)]
 
 
 def test_a_second_registration_names_the_first() -> None:
@@ -114,8 +167,8 @@ async def test_arguments_have_the_types_of_the_parameters() -> None:
     [
         (["abc"], "parameter 'part': the text 'abc' is no integer"),
         (["1.5"], "parameter 'part': the text '1.5' is no integer"),
-        ([], "the function takes 1 argument besides the task, found 0"),
-        (["1", "2"], "the function takes 1 argument besides the task, found 2"),
+        ([], "the function takes 1 argument besides the context, found 0"),
+        (["1", "2"], "the function takes 1 argument besides the context, found 2"),
     ],
 )
 async def test_arguments_that_do_not_fit_are_a_failure_with_its_place(
@@ -135,7 +188,7 @@ async def test_arguments_that_do_not_fit_are_a_failure_with_its_place(
 
 
 TYPED = """
-from mrbt_mesh import RobotProgram, TaskContext
+from mrbt_mesh import RobotContext, RobotProgram, TaskContext
 
 robot = RobotProgram()
 
@@ -155,18 +208,22 @@ def bid(task: TaskContext, part: int) -> float:
     return 1.0
 
 @robot.background
-async def sense(task: TaskContext) -> None:
-    await a(task, 3)
+async def sense(context: RobotContext) -> None:
+    await d()
+    await move("3")
     C()
 
 @robot.local_task("w1")  # wrong
 def w1(task: TaskContext) -> None: ...
 
-@robot.local_task("w2")  # wrong
-async def w2() -> None: ...
+@robot.local_task
+async def d() -> None: ...
 
-@robot.local_task("w3")  # wrong
-async def w3(part: str) -> None: ...
+@robot.action("Move")
+async def move(part: str) -> None: ...
+
+@robot.local_task  # wrong
+def w2(part: str) -> None: ...
 
 @robot.local_task("w4")
 class W4:  # wrong

@@ -81,7 +81,7 @@ def test_two_files_of_the_same_name_stay_apart(tmp_path: Path) -> None:
         ("import json\n\njson.loads('x')\n", "robot.py:3: JSONDecodeError"),
         ("import sys\nsys.exit(3)\n", "robot.py:2: calls sys.exit() while it is imported"),
         (
-            START + "robot = RobotProgram()\n@robot.local_task('x')\ndef x(task): ...\n",
+            START + "robot = RobotProgram()\n@robot.local_task('x')\ndef x(): ...\n",
             "robot.py:3: local task 'x': the function is not async; write `async def x(...)`",
         ),
     ],
@@ -152,18 +152,18 @@ def test_a_program_for_everything_lacks_nothing() -> None:
 @pytest.mark.parametrize(
     ("code", "problem"),
     [
-        ("async def f(task): ...", "takes 0 arguments besides the task, but the mission declares"),
-        ("async def f(task, a, b): ...", "takes 2 arguments besides the task, but the mission"),
-        ("async def f(task, a, b, *c): ...", "takes at least 2 arguments besides the task"),
-        ("async def f(task, area: int): ...", "parameter 'area': the text 'A' is no integer, in"),
+        ("async def f(): ...", "takes 0 arguments besides the context, but the mission declares"),
+        ("async def f(a, b): ...", "takes 2 arguments besides the context, but the mission"),
+        ("async def f(a, b, *c): ...", "takes at least 2 arguments besides the context"),
+        ("async def f(area: int): ...", "parameter 'area': the text 'A' is no integer, in"),
         (
-            "async def f(task, *areas: float): ...",
+            "async def f(*areas: float): ...",
             "parameter 'areas': the text 'A' is no real number",
         ),
-        ("async def f(task, area: 'str', more: int = 3): ...", ""),
+        ("async def f(area: 'str', more: int = 3): ...", ""),
         ("async def f(*everything): ...", ""),
-        ("class F:\n    async def run(self, task, a: bool): ...", "neither true nor false"),
-        ("class F:\n    async def run(self, task, a: str): ...", ""),
+        ("class F:\n    async def run(self, a: bool): ...", "neither true nor false"),
+        ("class F:\n    async def run(self, a: str): ...", ""),
     ],
 )
 def test_functions_that_do_not_take_what_the_mission_gives(
@@ -181,7 +181,7 @@ def test_functions_that_do_not_take_what_the_mission_gives(
 
 
 def test_a_name_that_is_nearly_right_is_named(tmp_path: Path) -> None:
-    text = f"{START}robot = RobotProgram()\n@robot.local_task('explroe')\nasync def f(task): ...\n"
+    text = f"{START}robot = RobotProgram()\n@robot.local_task('explroe')\nasync def f(): ...\n"
     program, mission = load_program(write(tmp_path, text)), load_mission(mission_file("explore"))
     message = r"robot\.py: no function for the local task explore; rename 'explroe', or add @robot"
     with pytest.raises(ProgramError, match=message + r".* \(robots: R1, R2\)"):

@@ -271,7 +271,7 @@ import asyncio, mrbt_mesh
 robot = mrbt_mesh.RobotProgram()
 
 @robot.local_task("explore")
-async def explore(task, area): ...
+async def explore(area): ...
 
 async def main():
     team = {{"insecure": True, "listen": [{place!r}], "expect": ["R1"]}}

@@ -24,6 +24,7 @@ from mrbt_mesh.btcpp import BehaviorTree, NodeStatus
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.runtime import actions
+from mrbt_mesh.runtime.program import functions_of
 from mrbt_mesh.sim import Lose, SimulationResult, run, simulate
 from tests.support.build import action, make_mission, sequence, task
 from tests.support.misbehaving_code import HERE, STARTED, WAYS, Way, way
@@ -122,12 +123,12 @@ def _slow_bid(task: TaskContext) -> float:
     return 1.0
 
 
-bidding("bid_divides", lambda task: 1 / 0, f"ZeroDivisionError: division by zero {HERE}")
+bidding("bid_divides", lambda: 1 / 0, f"ZeroDivisionError: division by zero {HERE}")
 bidding("bid_exits", _exiting_bid, f"SystemExit: 2 {HERE}")
 bidding("bid_awaits_a_cancelled_future", _cancelled_bid, f"CancelledError.* {HERE}")
 bidding("bid_never_comes", _endless_bid, "no answer within 5 s")
-bidding("bid_is_a_text", lambda task: "3", "a bid is a number from -1000000 to 1000000, or None")
-bidding("bid_is_no_number", lambda task: float("nan"), "a bid is a number")
+bidding("bid_is_a_text", lambda: "3", "a bid is a number from -1000000 to 1000000, or None")
+bidding("bid_is_no_number", lambda: float("nan"), "a bid is a number")
 bidding("bid_blocks", _slow_bid, "blocked for 0.1 s of real time")
 
 
@@ -135,7 +136,7 @@ bidding("bid_blocks", _slow_bid, "blocked for 0.1 s of real time")
 
 
 def sensing(name: str, error: BaseException, told: str) -> None:
-    async def sense(task: TaskContext) -> None:
+    async def sense() -> None:
         await anyio.sleep(1)
         raise error
 
@@ -160,7 +161,7 @@ def leaf(name: str, category: str, function: Callable[..., Any], told: str | Non
             '<root BTCPP_format="4"><BehaviorTree ID="M"><Leaf/></BehaviorTree></root>'.replace(
                 "<Leaf/>", f'<{category.capitalize()} ID="Leaf"/>'
             ),
-            leaves=robot.leaves,
+            leaves=functions_of(robot).leaves,
         )
         if await tree.run() is not NodeStatus.SUCCESS:
             raise TaskFailedError("the tree failed")

@@ -7,7 +7,7 @@ from typing import Any
 import anyio
 import pytest
 
-from mrbt_mesh import RobotProgram, TaskContext
+from mrbt_mesh import RobotContext, RobotProgram, TaskContext
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.planning import make_plan
 from mrbt_mesh.core.planning.plan import Plan
@@ -27,11 +27,11 @@ async def work(task: TaskContext) -> bool:
 
 
 @robot.background
-async def sense(task: TaskContext) -> None:
+async def sense(context: RobotContext) -> None:
     """R2 sets `go` at the time that the mission names."""
-    if task.robot == "R2":
-        await anyio.sleep(task.parameters["at_s"])
-        task.set_condition("go", True)
+    if context.robot == "R2":
+        await anyio.sleep(context.parameters["at_s"])
+        context.set_condition("go", True)
 
 
 MISSION = """

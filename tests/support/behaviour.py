@@ -49,7 +49,7 @@ async def work(task: TaskContext, *arguments: str) -> bool:
     how = behave.get(f"{kind}@{task.robot}", behave.get(kind, {}))
     _record(task, "start")
     try:
-        await anyio.sleep(how.get("seconds", 1.0) / task.speed)
+        await anyio.sleep(how.get("seconds", 1.0) / task.simulation.speed)
     except BaseException:
         _record(task, "cancel")
         raise

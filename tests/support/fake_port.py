@@ -10,6 +10,8 @@ from typing import Any
 import anyio
 
 from mrbt_mesh import RobotProgram, TaskContext
+from mrbt_mesh.runtime.context import Simulation
+from mrbt_mesh.runtime.program import functions_of
 from mrbt_mesh.runtime.task_call import perform
 from mrbt_mesh.runtime.user_code import UserCall
 
@@ -65,33 +67,32 @@ class FakePort:
         return self.now_s
 
 
-def context(port: FakePort, local_task: str, *arguments: str, **changes: Any) -> TaskContext:
+def context(port: Any, local_task: str, *arguments: str, **changes: Any) -> TaskContext:
+    """A context of a robot with this one local task; `port` hears what its program reports."""
     given = {
         "robot": "A1",
         "robot_type": "A",
+        "capabilities": (local_task,),
+        "parameters": {},
+        "simulation": Simulation(pid=42),
+        "_port": port,
         "incarnation": "7-abc",
-        "pid": 42,
         "activation": "act-1",
         "global_task": "goal",
         "local_task": local_task,
         "arguments": arguments,
         "partners": (),
         "performance": 1e6,
-        "work": 1e-6,
-        "speed": 1.0,
-        "parameters": {},
-        "port": port,
-        "capabilities": (local_task,),
     }
     return TaskContext(**{**given, **changes})
 
 
 async def run(program: RobotProgram, task: TaskContext) -> bool:
     """Whether the program's function for a local task succeeds; raises UserCodeError."""
-    function = program.find(task.local_task.partition("(")[0])
+    function = functions_of(program).local_task(task.local_task.partition("(")[0])
     assert function is not None
     call = UserCall(task.local_task, function, partial(function, task, *task.arguments))
-    return await perform(call, task, program.record_work)
+    return await perform(call, task, task._port, program.record_work)
 
 
 def outcomes(port: FakePort) -> list[tuple[str, str | None]]:

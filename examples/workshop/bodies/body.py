@@ -14,7 +14,7 @@ import anyio
 from bodies.driving import Floor, Place, Sights, Site, kept_off
 from bodies.link import Link, SocketLink, VirtualLink
 from bodies.messages import AtTip, Command, Senses
-from mrbt_mesh import TaskContext, TaskFailedError
+from mrbt_mesh import RobotContext, TaskFailedError
 
 PERIOD_S, RETRY_S = 0.1, 0.5
 REPORTS_EVERY = 2
@@ -30,7 +30,7 @@ TRIES = 8
 class Body:
     """One robot's body. `command` is what it is told, ten times a second."""
 
-    def __init__(self, task: TaskContext) -> None:
+    def __init__(self, task: RobotContext) -> None:
         floor = task.parameters["floor"]
         site = Site(
             tuple(floor["hall"]),
@@ -70,7 +70,7 @@ class Body:
                     await link.close()
 
     async def _connect(self) -> Link:
-        if self._task.is_virtual:
+        if self._task.simulation.is_virtual:
             return VirtualLink(self._task.robot, self._task.unix_time_s)
         return await SocketLink.connect(self._task.robot)
 

@@ -37,8 +37,9 @@ from mrbt_mesh.adapters.ros2.bridge_process import (
 from mrbt_mesh.adapters.ros2.expression import MessageExpressionError
 from mrbt_mesh.adapters.ros2.servers import Servers
 from mrbt_mesh.errors import TaskFailedError
+from mrbt_mesh.runtime.context import RobotContext, TaskContext
 from mrbt_mesh.runtime.log import robot_logger
-from mrbt_mesh.runtime.program import RobotProgram, TaskContext
+from mrbt_mesh.runtime.program import RobotProgram
 
 RESTART_S = 1.0
 # Of a bridge that does not come up: longer and longer.
@@ -56,7 +57,7 @@ _FAILURES = {
 }
 
 
-Member: TypeAlias = "Callable[[TaskContext], ConnectedRobot]"
+Member: TypeAlias = "Callable[[RobotContext], ConnectedRobot]"
 
 
 def robot_program(binding_file: str | Path, *, record_work: bool = False) -> RobotProgram:
@@ -78,14 +79,14 @@ def bound_program(file: BindingFile, command: list[str], record_work: bool = Fal
     program = RobotProgram(record_work=record_work)
     robots: dict[str, ConnectedRobot] = {}
 
-    def member(task: TaskContext) -> ConnectedRobot:
-        if task.robot not in robots:
-            robots[task.robot] = ConnectedRobot(file, task.robot, command)
-        return robots[task.robot]
+    def member(context: RobotContext) -> ConnectedRobot:
+        if context.robot not in robots:
+            robots[context.robot] = ConnectedRobot(file, context.robot, command)
+        return robots[context.robot]
 
     @program.background(costs=list(file.local_tasks))
-    async def connect(task: TaskContext) -> None:
-        await member(task).run(task)
+    async def connect(context: RobotContext) -> None:
+        await member(context).run(context)
 
     for name in file.local_tasks:
         _serve(program, member, name)
@@ -94,8 +95,8 @@ def bound_program(file: BindingFile, command: list[str], record_work: bool = Fal
     if file.position is not None:
 
         @program.source("robot_pose")
-        def pose(task: TaskContext) -> tuple[float, float]:
-            return member(task).pose
+        def pose(context: RobotContext) -> tuple[float, float]:
+            return member(context).pose
 
     return program
 
@@ -108,8 +109,8 @@ def _serve(program: RobotProgram, member: Member, name: str) -> None:
 
 def _say(program: RobotProgram, member: Member, name: str) -> None:
     @program.entry(name)
-    def entry(task: TaskContext) -> float | str | None:
-        return member(task).entries.get(name)
+    def entry(context: RobotContext) -> float | str | None:
+        return member(context).entries.get(name)
 
 
 @dataclass
@@ -145,7 +146,7 @@ class ConnectedRobot:
         self._command = command
         self._log = robot_logger(robot)
         self._values = file.robot_values(robot)
-        self._background: TaskContext | None = None
+        self._background: RobotContext | None = None
         self._pipe: BridgePipe | None = None
         self._runs: dict[int, _Run] = {}
         self._count = 0
@@ -256,10 +257,10 @@ class ConnectedRobot:
 
     # -- the bridge ----------------------------------------------------------------------------
 
-    async def run(self, task: TaskContext) -> None:
+    async def run(self, context: RobotContext) -> None:
         """Keep a bridge as long as the robot lives."""
-        self._background = task
-        self._servers.begin(task)
+        self._background = context
+        self._servers.begin(context)
         async with anyio.create_task_group() as group:
             group.start_soon(self._servers.end_start_up)
             await self._keep_bridge()

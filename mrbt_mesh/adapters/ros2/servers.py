@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import anyio
 
 from mrbt_mesh.adapters.ros2.binding_file import BindingFile, KnownValues
+from mrbt_mesh.runtime.context import RobotContext
 from mrbt_mesh.runtime.log import robot_logger
-from mrbt_mesh.runtime.program import TaskContext
 
 # How reasons call what a local task is bound to.
 _KINDS = {"action": "action server", "srv": "service", "msg": "topic"}
@@ -25,12 +25,12 @@ class Servers:
         self._file = file
         self._values = KnownValues(values, {})
         self._log = robot_logger(robot)
-        self._task: TaskContext | None = None
+        self._task: RobotContext | None = None
         self._missing = dict.fromkeys(file.local_tasks, "the bridge to ROS has not started")
         self._found: set[str] = set()
         self._is_starting = True
 
-    def begin(self, task: TaskContext) -> None:
+    def begin(self, task: RobotContext) -> None:
         """The robot has started: say what it cannot do before it fails at that."""
         self._task = task
         # A file may serve robots of several types.

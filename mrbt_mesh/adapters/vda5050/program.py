@@ -48,8 +48,9 @@ from mrbt_mesh.adapters.vda5050.vehicle import (
     Vehicle,
 )
 from mrbt_mesh.errors import InputError, TaskFailedError
+from mrbt_mesh.runtime.context import RobotContext, TaskContext
 from mrbt_mesh.runtime.log import robot_logger
-from mrbt_mesh.runtime.program import RobotProgram, TaskContext
+from mrbt_mesh.runtime.program import RobotProgram
 
 if TYPE_CHECKING:
     import aiomqtt
@@ -78,8 +79,8 @@ def robot_program(layout_file: str | Path, *, record_work: bool = False) -> Robo
     program.before_start(require_extra)
 
     @program.background
-    async def connect(task: TaskContext) -> None:
-        await fleet.member(task).run(task)
+    async def connect(context: RobotContext) -> None:
+        await fleet.member(context).run(context)
 
     for name, template in fleet.file.tasks.items():
         _serve(program, fleet, name, template)
@@ -120,13 +121,13 @@ class Fleet:
         self.file = file
         self._members: dict[str, ConnectedVehicle] = {}
 
-    def member(self, task: TaskContext) -> ConnectedVehicle:
+    def member(self, context: RobotContext) -> ConnectedVehicle:
         """The vehicle of the robot that is asked; raises InputError if the file has none."""
-        if task.robot not in self.file.vehicles:
-            raise InputError(f"{self.file.file}: vehicles has no {task.robot}")
-        if task.robot not in self._members:
-            self._members[task.robot] = ConnectedVehicle(self.file, task.robot)
-        return self._members[task.robot]
+        if context.robot not in self.file.vehicles:
+            raise InputError(f"{self.file.file}: vehicles has no {context.robot}")
+        if context.robot not in self._members:
+            self._members[context.robot] = ConnectedVehicle(self.file, context.robot)
+        return self._members[context.robot]
 
 
 class ConnectedVehicle:
@@ -144,7 +145,7 @@ class ConnectedVehicle:
             file.battery,
             time.monotonic(),
         )
-        self._background: TaskContext | None = None
+        self._background: RobotContext | None = None
         self._job: TaskContext | None = None
         self._end: Ended | None = None
         self._outbox: list[Send] = []
@@ -193,9 +194,9 @@ class ConnectedVehicle:
         except RouteError:
             return None
 
-    async def run(self, task: TaskContext) -> None:
+    async def run(self, context: RobotContext) -> None:
         """Keep the connection to the broker as long as the robot lives."""
-        self._background = task
+        self._background = context
         # A robot without a vehicle has to say that it can do nothing before it fails.
         self._tell_faults()
         async with anyio.create_task_group() as group:

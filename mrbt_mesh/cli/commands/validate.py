@@ -37,6 +37,7 @@ def validate(
     from mrbt_mesh.cli.missions import chosen_robots, fitting_program
     from mrbt_mesh.errors import FileError, InputError
     from mrbt_mesh.formats.mission_file import compile_mission, load_mission, mission_warnings
+    from mrbt_mesh.runtime.program import functions_of
     from mrbt_mesh.runtime.solver_loader import solver_for
 
     check_outputs(mission, {"--compile": compile_to})
@@ -48,7 +49,7 @@ def validate(
     if reference is not None:
         code = fitting_program(loaded, team, reference)
         try:
-            code.check_computer()
+            functions_of(code).check_computer()
         except FileError:
             raise
         except InputError as error:

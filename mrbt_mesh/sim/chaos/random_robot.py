@@ -23,7 +23,7 @@ import hashlib
 
 import anyio
 
-from mrbt_mesh import RobotProgram, TaskContext
+from mrbt_mesh import RobotContext, RobotProgram, TaskContext
 
 robot = RobotProgram()
 STEPS = 3
@@ -42,7 +42,7 @@ def _record(task: TaskContext, event: str, outcome: str | None = None) -> None:
         {
             "t": task.unix_time_s(),
             "robot": task.robot,
-            "pid": task.pid,
+            "pid": task.simulation.pid,
             "event": event,
             "outcome": outcome,
             "activation": task.activation,
@@ -58,7 +58,7 @@ async def work(task: TaskContext, *arguments: str) -> bool:
     _record(task, "start")
     try:
         for step in range(1, STEPS + 1):
-            await anyio.sleep(task.work / (task.performance * task.speed) / STEPS)
+            await anyio.sleep(task.simulation.duration_s / STEPS)
             task.report_progress(step / STEPS)
     except BaseException:
         _record(task, "cancel")
@@ -97,20 +97,20 @@ async def bid(task: TaskContext, *arguments: str) -> float | None:
 
 
 @robot.background
-async def lose(task: TaskContext) -> None:
+async def lose(context: RobotContext) -> None:
     """Lose capabilities at set times, whether they were ever asked for or not."""
     passed_s = 0.0
-    for at_s, name in task.parameters.get("losses", {}).get(task.robot, []):
+    for at_s, name in context.parameters.get("losses", {}).get(context.robot, []):
         await anyio.sleep(max(0.0, at_s - passed_s))
         passed_s = max(passed_s, at_s)
-        task.lose_capability(name)
+        context.lose_capability(name)
 
 
 @robot.background
-async def sense(task: TaskContext) -> None:
+async def sense(context: RobotContext) -> None:
     """Set conditions at set times."""
     passed_s = 0.0
-    for at_s, name, value in task.parameters.get("sensors", {}).get(task.robot, []):
+    for at_s, name, value in context.parameters.get("sensors", {}).get(context.robot, []):
         await anyio.sleep(max(0.0, at_s - passed_s))
         passed_s = max(passed_s, at_s)
-        task.set_condition(name, value)
+        context.set_condition(name, value)

@@ -23,7 +23,9 @@ from mrbt_mesh.adapters.ros2.program import ConnectedRobot, bound_program, robot
 from mrbt_mesh.btcpp import BehaviorTree, NodeStatus
 from mrbt_mesh.errors import InputError, TaskFailedError
 from mrbt_mesh.formats.template import TEMPLATES
-from mrbt_mesh.runtime.program import TaskContext
+from mrbt_mesh.runtime.context import RobotContext, TaskContext
+from mrbt_mesh.runtime.program import functions_of
+from tests.support import fake_port
 from tests.support.paths import ROOT
 
 BINDINGS = """\
@@ -70,14 +72,7 @@ OWN = ("go", "look", "plain", "wave")
 
 
 def context(port: Any) -> TaskContext:
-    nothing: tuple[str, ...] = ()
-    return TaskContext(
-        *("A1", "Rover", "1.a", 1, "", "", "", nothing, nothing, 1.0, 1.0, 1.0),
-        {},
-        port,
-        False,
-        OWN,
-    )
+    return fake_port.context(port, "", robot="A1", robot_type="Rover", capabilities=OWN)
 
 
 class Pipe:
@@ -284,8 +279,9 @@ def test_trees_read_what_topics_have_said_last(
     robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ros2_program, "ConnectedRobot", lambda *_: robot.member)
-    leaves = bound_program(robot.file, ["no-bridge"]).leaves
-    file, given = tmp_path / "tree.xml", {TaskContext: context(robot.told)}
+    leaves = functions_of(bound_program(robot.file, ["no-bridge"])).leaves
+    task = context(robot.told)
+    file, given = tmp_path / "tree.xml", {RobotContext: task, TaskContext: task}
     file.write_text(TREE)
     tree = BehaviorTree.from_file(file, leaves=leaves, given=given)
     heard: list[tuple[object, NodeStatus]] = [
@@ -404,8 +400,8 @@ async def test_a_robot_begins_without_its_capabilities(tmp_path: Path) -> None:
     robot = Robot(tmp_path)
     object.__setattr__(robot.file, "start_up_s", 0.0)
     program = bound_program(robot.file, ["no-such-program"])
-    assert program.names() == ["go", "look", "plain", "wave"]
-    [connect] = program.backgrounds
+    assert sorted(functions_of(program).local_tasks) == ["go", "look", "plain", "wave"]
+    [connect] = functions_of(program).backgrounds
     async with anyio.create_task_group() as group:
         group.start_soon(connect.function, context(robot.told))
         await anyio.wait_all_tasks_blocked()
@@ -435,7 +431,7 @@ def test_a_healthy_start_is_no_fault_and_says_what_is_awaited(tmp_path: Path) ->
 def test_a_program_of_a_file_is_checked_first(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MRBT_ROS2_PYTHON", sys.executable)
     with pytest.raises(InputError, match="cannot import rclpy"):
-        robot_program(TEMPLATES / "ros2/ros2.yaml").check_computer()
+        functions_of(robot_program(TEMPLATES / "ros2/ros2.yaml")).check_computer()
 
 
 def test_the_package_does_not_import_ros() -> None:

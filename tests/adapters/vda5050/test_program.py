@@ -18,8 +18,9 @@ from mrbt_mesh.adapters.vda5050.messages import Link
 from mrbt_mesh.adapters.vda5050.other_adapters import GONE, GRACE_S, HERE, STOPPED
 from mrbt_mesh.adapters.vda5050.program import ConnectedVehicle
 from mrbt_mesh.errors import TaskFailedError
-from mrbt_mesh.runtime.program import TaskContext
+from mrbt_mesh.runtime.context import TaskContext
 from mrbt_mesh.sim.world.clock import VirtualClock, VirtualLoop
+from tests.support import fake_port
 from tests.support.extras import said_without
 from tests.support.paths import EXAMPLES
 from tests.support.vda5050.model_agv import ModelAgv
@@ -41,13 +42,7 @@ OWN = ("count", "deliver")
 
 
 def context(port: Any) -> TaskContext:
-    nothing: tuple[str, ...] = ()
-    return TaskContext(
-        *("F1", "Fork", "1.a", 1, "", "", "", nothing, nothing, 1.0, 1.0, 1.0),
-        {},
-        port,
-        capabilities=OWN,
-    )
+    return fake_port.context(port, "", robot="F1", robot_type="Fork", capabilities=OWN)
 
 
 class Robot:
@@ -83,7 +78,7 @@ class Robot:
 
 def test_without_the_extra_it_says_what_to_install() -> None:
     layout = EXAMPLES / "warehouse/agvs.yaml"
-    call = f"robot_program({str(layout)!r}).check_computer()"
+    call = f"robot_program({str(layout)!r})._functions.check_computer()"
     said = said_without("aiomqtt", "mrbt_mesh.adapters.vda5050", call)
     assert "pip install 'mrbt-mesh[vda5050]'" in said
 

@@ -101,7 +101,7 @@ def program_of(declared: Declarations, seed: int) -> RobotProgram:
     @robot.local_task("*")
     async def work(task: TaskContext, *arguments: str) -> bool:
         does = declared[task.local_task]
-        able = all(task.condition(name) is value for name, value in does.requires.items())
+        able = all(task.read_condition(name) is value for name, value in does.requires.items())
         await anyio.sleep(1)
         unlucky = does.may_fail and random.Random(f"{seed}/{task.local_task}").random() < 0.5
         if not able or unlucky:

@@ -258,15 +258,17 @@ PROGRAMS = [
     coded('"scan"', '"carry"', ":12: local task 'carry' is registered twice, first at "),
     coded("async def scan", "def scan", ":12: local task 'scan': the function is not async; write"),
     coded(
-        "scan(task: TaskContext)", "scan()", ":12: local task 'scan': it has no parameter for the"
+        "scan(task: TaskContext)", "scan(task)", ":12: local task 'scan': parameter 'task' has no"
     ),
     coded(
-        ", box: str", "", ":7: local task 'carry': the function takes 0 arguments besides the task"
+        ", box: str",
+        "",
+        ":7: local task 'carry': the function takes 0 arguments besides the context",
     ),
     coded(
         '@robot.local_task("scan")',
-        '@robot.bid("carry")\ndef bid(task):\n    return 1\n\n\n@robot.local_task("scan")',
-        ":12: bid 'carry': the function takes 0 arguments besides the task",
+        '@robot.bid("carry")\ndef bid():\n    return 1\n\n\n@robot.local_task("scan")',
+        ":12: bid 'carry': the function takes 0 arguments besides the context",
     ),
     coded("box: str", "box, to", ":7: local task 'carry': the function takes 2 arguments besides"),
     coded(
@@ -276,11 +278,16 @@ PROGRAMS = [
         "box: str", "*, box", ":7: local task 'carry': parameter 'box' can only be given by name"
     ),
     coded("box: str", "box: Path", ":7: local task 'carry': parameter 'box' is annotated with"),
-    coded('("scan")', "", ':12: @robot.local_task needs a name: write @robot.local_task("scan")'),
+    coded('"scan"', '""', ":12: local task '': the name is empty"),
     coded(
         'local_task("scan")\nasync def', "background\ndef", ":12: background function 'scan': the"
     ),
-    coded('local_task("scan")', "background", ": no function for the local task scan; add @robot"),
+    coded(
+        'local_task("scan")\nasync def scan(task: TaskContext)',
+        "background\nasync def scan()",
+        ": no function for the local task scan; add @robot",
+    ),
+    coded('local_task("scan")', "background", ":12: background function 'scan': it belongs to no"),
     told(
         written("max: 1}", "max: 1, performance: bid}", ""),
         'robot.py: no bid for the local task carry; add @robot.bid("carry")',

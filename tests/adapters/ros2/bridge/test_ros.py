@@ -20,7 +20,8 @@ from mrbt_mesh.adapters.ros2.binding_file import PYTHON_VARIABLE, load_bindings
 from mrbt_mesh.adapters.ros2.bridge_process import bridge_command, check_bindings
 from mrbt_mesh.adapters.ros2.program import ConnectedRobot
 from mrbt_mesh.errors import FileError, TaskFailedError
-from mrbt_mesh.runtime.program import TaskContext
+from mrbt_mesh.runtime.context import TaskContext
+from tests.support import fake_port
 from tests.support.paths import ROOT
 from tests.support.ros2.virtual_robots import free_domain, lacking
 
@@ -96,14 +97,7 @@ class Told:
 
 
 def context(port: Told) -> TaskContext:
-    nothing: tuple[str, ...] = ()
-    port_: Any = port
-    return TaskContext(
-        *("A1", "Rover", "1.a", 1, "", "", "", nothing, nothing, 1.0, 1.0, 1.0),
-        {},
-        port_,
-        capabilities=CAPABILITIES,
-    )
+    return fake_port.context(port, "", robot="A1", robot_type="Rover", capabilities=CAPABILITIES)
 
 
 class Servers:
