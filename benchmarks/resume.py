@@ -30,7 +30,7 @@ from rich.table import Table
 
 from benchmarks.run import REPAIR, Run, machine, say, tell
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.drills.inject import Deeds, Snapshot
+from mrbt_mesh.drills.inject import InjectedFaults, JournalsAtDeath
 from mrbt_mesh.drills.journals import read
 from mrbt_mesh.drills.judge import losses, repeats, unjournaled
 from mrbt_mesh.drills.physical import spans
@@ -62,42 +62,42 @@ def play(mission: Mission, seed: int, duration_s: float) -> Round:
     if draw.random() < 0.5:
         moments_s.append(draw.uniform(0, duration_s))
     done = Round(seed, [])
-    deeds = Deeds()
+    injected = InjectedFaults()
     with tempfile.TemporaryDirectory(prefix="mrbt-bench-") as folder:
         run = Run(Path(folder), REPAIR, "--speed", SPEED)
         for moment_s in moments_s:
-            snapshot = _kill_at(run, mission, moment_s)
+            at_death = _kill_at(run, mission, moment_s)
             run.end()
-            if snapshot is not None:
+            if at_death is not None:
                 done.killed_at_s.append(round(moment_s, 3))
-                deeds.snapshots.append(snapshot)
+                injected.journals_at_death.append(at_death)
             run = Run(Path(folder), REPAIR, "--speed", SPEED, "--resume")
         summary = run.end()
         found = spans(run.events())
         run_dir = RunDir(run.folder)
         journals = read(run.folder, run_dir.robots(), mission.digest, run_dir.info().run)
-    then = {d for s in deeds.snapshots for held in s.journals.values() for d in held}
-    gaps = unjournaled(found, deeds)
+    then = {d for s in injected.journals_at_death for held in s.journals.values() for d in held}
+    gaps = unjournaled(found, injected)
     done.result = summary["result"]
     done.successes = sum(span.end == "success" for span in found)
     done.journaled = len(then)
-    done.lost = len(losses(deeds, journals))
-    done.repeated = len(repeats(mission, found, deeds))
+    done.lost = len(losses(injected, journals))
+    done.repeated = len(repeats(mission, found, injected))
     done.in_gap = len(gaps)
     done.kills_in_gap = sum(
-        any(_fell_between(span.end_s, index, deeds) for span in gaps)
-        for index in range(len(deeds.snapshots))
+        any(_fell_between(span.end_s, index, injected) for span in gaps)
+        for index in range(len(injected.journals_at_death))
     )
     return done
 
 
-def _fell_between(end_s: float, index: int, deeds: Deeds) -> bool:
+def _fell_between(end_s: float, index: int, injected: InjectedFaults) -> bool:
     """Whether an action ended after the kill before this one, and before this one."""
-    before_s = deeds.snapshots[index - 1].unix_s if index else 0.0
-    return before_s < end_s <= deeds.snapshots[index].unix_s
+    before_s = injected.journals_at_death[index - 1].unix_s if index else 0.0
+    return before_s < end_s <= injected.journals_at_death[index].unix_s
 
 
-def _kill_at(run: Run, mission: Mission, moment_s: float) -> Snapshot | None:
+def _kill_at(run: Run, mission: Mission, moment_s: float) -> JournalsAtDeath | None:
     """Kill all robots at a moment; None if they had ended before."""
     run.wait_for_processes(len(mission.robots))
     time.sleep(moment_s)
@@ -106,7 +106,7 @@ def _kill_at(run: Run, mission: Mission, moment_s: float) -> Snapshot | None:
         return None
     now_s = time.time()
     info = RunDir(run.folder).info()
-    return Snapshot(now_s, read(run.folder, killed, mission.digest, info.run))
+    return JournalsAtDeath(now_s, read(run.folder, killed, mission.digest, info.run))
 
 
 def undisturbed_s() -> float:

@@ -12,7 +12,7 @@ from mrbt_mesh.core.agent.commands import FAULT, LEAVE, ORDER, RESTORE
 from mrbt_mesh.core.facts.records import OrderKind
 from mrbt_mesh.drills.inject import DrillInjector
 from mrbt_mesh.drills.model import StepModel
-from mrbt_mesh.drills.triggers import Sight
+from mrbt_mesh.drills.triggers import Snapshot
 from mrbt_mesh.drills.watched import REFUSALS, TeamDrills
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.fencing import boottime_us
@@ -96,17 +96,17 @@ class Control:
             raise OrderError(f"no process of {robot} runs on this machine")
         told: list[str] = []
         injector = DrillInjector(
-            self._team, self._watcher, None, None, lambda deed: told.append(deed.text)
+            self._team, self._watcher, None, None, lambda fault: told.append(fault.text)
         )
         key, _ = FAULTS[act]
         step = StepModel.model_validate({"after": 0, key: robot})
         try:
-            sight = Sight.of(self._watcher.observer, (), boottime_us())
-            await injector.carry_out(step, sight)
+            snapshot = Snapshot.of(self._watcher.observer, (), boottime_us())
+            await injector.carry_out(step, snapshot)
         except REFUSALS as error:
             raise OrderError(str(error)) from error
-        if injector.deeds.problems:
-            raise OrderError("; ".join(injector.deeds.problems))
+        if injector.injected.problems:
+            raise OrderError("; ".join(injector.injected.problems))
         return f"{robot}: {', '.join(told)}"
 
     async def _word(self, act: str, robot: str, local_task: str) -> str:

@@ -27,7 +27,7 @@ from mrbt_mesh.drills.model import (
 from mrbt_mesh.drills.network import LinkFaults
 from mrbt_mesh.drills.physical import FreezeSpan
 from mrbt_mesh.drills.routers import DrillRouters
-from mrbt_mesh.drills.triggers import Fates, Sight, chosen
+from mrbt_mesh.drills.triggers import FaultLog, Snapshot, chosen
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.launcher import wait_for_exit
 from mrbt_mesh.runtime.team import Team
@@ -35,7 +35,7 @@ from mrbt_mesh.runtime.watcher import Watcher
 
 
 @dataclass(frozen=True)
-class Deed:
+class InjectedFault:
     """One fault as it was carried out. `at_us` on the observer's clock, `unix_s` on events'."""
 
     at_us: int
@@ -46,7 +46,7 @@ class Deed:
 
 
 @dataclass(frozen=True)
-class Snapshot:
+class JournalsAtDeath:
     """What the journals of robots that were just killed held: robot -> successes."""
 
     unix_s: float
@@ -54,24 +54,26 @@ class Snapshot:
 
 
 @dataclass
-class Deeds:
+class InjectedFaults:
     """All that was done to a team; the judge reads it. `deaths`: pid -> s since 1970.
 
     `disturbed`: pairs of robots between which packets were lost, in whichever direction.
     """
 
-    done: list[Deed] = field(default_factory=list)
+    done: list[InjectedFault] = field(default_factory=list)
     disturbed: set[frozenset[str]] = field(default_factory=set)
     deaths: dict[int, float] = field(default_factory=dict)
     freezes: list[FreezeSpan] = field(default_factory=list)
-    snapshots: list[Snapshot] = field(default_factory=list)
+    journals_at_death: list[JournalsAtDeath] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
-    fates: Fates = field(default_factory=Fates)
+    fault_log: FaultLog = field(default_factory=FaultLog)
 
     def hit(self) -> frozenset[str]:
         """Robots whose processes were stopped in some way."""
         ways = ("kill", "stop", "restart", "kill_team", "leave")
-        return frozenset(robot for deed in self.done if deed.fault in ways for robot in deed.robots)
+        return frozenset(
+            robot for fault in self.done if fault.fault in ways for robot in fault.robots
+        )
 
 
 class DrillInjector:
@@ -83,16 +85,16 @@ class DrillInjector:
         watcher: Watcher,
         network: LinkFaults | None,
         routers: DrillRouters | None,
-        tell: Callable[[Deed], None],
+        tell: Callable[[InjectedFault], None],
     ) -> None:
-        self.deeds = Deeds()
+        self.injected = InjectedFaults()
         self._team = team
         self._watcher = watcher
         self._network = network
         self._routers = routers
         self._tell = tell
 
-    async def carry_out(self, step: StepModel, sight: Sight) -> None:
+    async def carry_out(self, step: StepModel, snapshot: Snapshot) -> None:
         """Do all that a step asks for, in the order of its keys."""
         faults = {
             "kill": self._kill,
@@ -104,7 +106,7 @@ class DrillInjector:
         }
         for name, fault in step.faults():
             if name in faults:
-                await faults[name](name, chosen(fault, sight, self.deeds.fates))
+                await faults[name](name, chosen(fault, snapshot, self.injected.fault_log))
             elif name == "kill_team":
                 await self._kill(name, list(self._team.living()))
             elif name == "resume_team":
@@ -112,10 +114,10 @@ class DrillInjector:
                 await self._restart(name, sorted(dead))
             elif isinstance(fault, CapabilityModel):
                 command = FAULT if name == "lose_capability" else RESTORE
-                robots = chosen(fault.robots, sight, self.deeds.fates)
+                robots = chosen(fault.robots, snapshot, self.injected.fault_log)
                 await self._order(name, robots, command, fault.local_task)
             elif isinstance(fault, PerformanceModel):
-                robots = chosen(fault.robots, sight, self.deeds.fates)
+                robots = chosen(fault.robots, snapshot, self.injected.fault_log)
                 argument = f"{fault.local_task}={fault.performance}"
                 await self._order(name, robots, PERFORM, argument)
             elif isinstance(fault, DecisionModel):
@@ -125,14 +127,15 @@ class DrillInjector:
             elif name in ROUTER_FAULTS:
                 await anyio.to_thread.run_sync(self._act_on_router, name, fault)
             else:
-                await self._disturb(name, fault, sight)
+                await self._disturb(name, fault, snapshot)
 
     def _note(self, fault: str, robots: Iterable[str], text: str, at_us: int | None = None) -> None:
         now_us, now_s = boottime_us(), time.time()
         at_us = now_us if at_us is None else at_us
-        deed = Deed(at_us, now_s - (now_us - at_us) / 1e6, fault, tuple(robots), text)
-        self.deeds.done.append(deed)
-        self._tell(deed)
+        unix_s = now_s - (now_us - at_us) / 1e6
+        injected = InjectedFault(at_us, unix_s, fault, tuple(robots), text)
+        self.injected.done.append(injected)
+        self._tell(injected)
 
     def _processes(self, fault: str, robots: Iterable[str]) -> dict[str, psutil.Process]:
         """Those of the robots that have a process; that one has none is a problem."""
@@ -140,7 +143,7 @@ class DrillInjector:
         for robot in robots:
             process = self._team.process(robot)
             if process is None:
-                self.deeds.problems.append(f"{fault}: {robot} had no process any more")
+                self.injected.problems.append(f"{fault}: {robot} had no process any more")
             else:
                 found[robot] = process
         return found
@@ -152,7 +155,7 @@ class DrillInjector:
         at_us = boottime_us()
         for robot, process in processes.items():
             # Noted before, not after: on a busy machine the next line may come much later.
-            self.deeds.deaths[process.pid] = time.time()
+            self.injected.deaths[process.pid] = time.time()
             process.send_signal(signal.SIGKILL)
             self._watcher.observer.record.exited(robot, at_us)
         self._note(fault, processes, "killed (SIGKILL)", at_us)
@@ -160,34 +163,34 @@ class DrillInjector:
 
     async def _died(self, processes: dict[str, psutil.Process]) -> None:
         """Wait until killed processes are gone, and keep what their journals held then."""
-        fates = self.deeds.fates
+        fault_log = self.injected.fault_log
         for robot, process in processes.items():
             await anyio.to_thread.run_sync(wait_for_exit, process.pid)
-            fates.lives(robot)
-            fates.killed.append(robot)
+            fault_log.lives(robot)
+            fault_log.killed.append(robot)
         died_s = time.time()
         run_dir, info = self._team.run_dir, self._team.info
         held = read(run_dir.path, processes, self._team.mission.digest, info.run)
-        self.deeds.snapshots.append(Snapshot(died_s, held))
+        self.injected.journals_at_death.append(JournalsAtDeath(died_s, held))
 
     async def _stop(self, fault: str, robots: Sequence[str]) -> None:
         for robot, process in self._processes(fault, robots).items():
-            self.deeds.freezes.append(FreezeSpan(process.pid, time.time()))
+            self.injected.freezes.append(FreezeSpan(process.pid, time.time()))
             process.send_signal(signal.SIGSTOP)
-            self.deeds.fates.stopped.append(robot)
+            self.injected.fault_log.stopped.append(robot)
             self._note(fault, [robot], "frozen (SIGSTOP)")
 
     async def _continue(self, fault: str, robots: Sequence[str]) -> None:
         for robot, process in self._processes(fault, robots).items():
             now_s = time.time()
-            self.deeds.freezes = [
+            self.injected.freezes = [
                 FreezeSpan(f.pid, f.from_s, min(f.to_s, now_s)) if f.pid == process.pid else f
-                for f in self.deeds.freezes
+                for f in self.injected.freezes
             ]
             process.send_signal(signal.SIGCONT)
-            if robot in self.deeds.fates.stopped:
-                self.deeds.fates.stopped.remove(robot)
-            self.deeds.fates.thawed.append(robot)
+            if robot in self.injected.fault_log.stopped:
+                self.injected.fault_log.stopped.remove(robot)
+            self.injected.fault_log.thawed.append(robot)
             self._note(fault, [robot], "goes on (SIGCONT)")
 
     async def _restart(self, fault: str, robots: Sequence[str]) -> None:
@@ -196,21 +199,21 @@ class DrillInjector:
             if self._team.process(robot) is not None:
                 await self._kill(fault, [robot])
             await self._team.start(robot)
-            self.deeds.fates.lives(robot)
+            self.injected.fault_log.lives(robot)
             self._note(fault, [robot], "joins" if fault == "join" else "started again")
 
     # -- words ----------------------------------------------------------------------------
 
     async def _leave(self, fault: str, robots: Sequence[str]) -> None:
         await self._order(fault, robots, LEAVE, "")
-        self.deeds.fates.left += robots
+        self.injected.fault_log.left += robots
 
     async def _order(self, fault: str, robots: Sequence[str], command: str, argument: str) -> None:
         for robot in robots:
             self._note(fault, [robot], f"is told: {command} {argument}".rstrip())
             good, text = await self._watcher.command(robot, command, argument)
             if not good:
-                self.deeds.problems.append(f"{fault}: {robot}: {text}")
+                self.injected.problems.append(f"{fault}: {robot}: {text}")
 
     # -- routers --------------------------------------------------------------------------
 
@@ -219,7 +222,7 @@ class DrillInjector:
         assert routers is not None, "checked when the drill was read"
         if name == "kill_router":
             if not routers.kill(number):
-                self.deeds.problems.append(f"{name}: router {number} did not run any more")
+                self.injected.problems.append(f"{name}: router {number} did not run any more")
             self._note(name, (), f"router {number} killed (SIGKILL)")
         elif name == "stop_router":
             routers.signal(number, signal.SIGSTOP)
@@ -231,7 +234,7 @@ class DrillInjector:
 
     # -- links ----------------------------------------------------------------------------
 
-    async def _disturb(self, name: str, fault: Any, sight: Sight) -> None:
+    async def _disturb(self, name: str, fault: Any, snapshot: Snapshot) -> None:
         assert self._network is not None, "checked when the drill was read"
         network = self._network
         if name == "heal":
@@ -239,9 +242,9 @@ class DrillInjector:
             self._note(name, (), "the network is whole again")
             return
         if name == "partition":
-            groups = self._groups(fault, sight)
+            groups = self._groups(fault, snapshot)
             await anyio.to_thread.run_sync(lambda: network.partition(*groups))
-            self.deeds.disturbed |= {
+            self.injected.disturbed |= {
                 frozenset((one, other))
                 for left, right in itertools.combinations(groups, 2)
                 for one in left
@@ -250,10 +253,10 @@ class DrillInjector:
             text = " | ".join(" ".join(group) for group in groups)
             self._note(name, (), f"partition: {text}")
             return
-        sources, targets = self._ends(fault.source, sight), self._ends(fault.target, sight)
+        sources, targets = self._ends(fault.source, snapshot), self._ends(fault.target, snapshot)
         pairs = [(s, t) for s in sources for t in targets if s != t]
         if name != "unblock":
-            self.deeds.disturbed |= {frozenset(pair) for pair in pairs}
+            self.injected.disturbed |= {frozenset(pair) for pair in pairs}
         match fault:
             case LossModel(permille=permille):
                 await self._on_links(lambda s, t: network.lose(s, t, permille), pairs)
@@ -267,17 +270,17 @@ class DrillInjector:
                 text = "blocked" if name == "block" else "open again"
         self._note(name, (), f"{' '.join(sources)} → {' '.join(targets)}: {text}")
 
-    def _groups(self, fault: list[Robots], sight: Sight) -> list[list[str]]:
+    def _groups(self, fault: list[Robots], snapshot: Snapshot) -> list[list[str]]:
         """The groups of a partition; robots that none names are one more."""
-        groups = [chosen(group, sight, self.deeds.fates) for group in fault]
+        groups = [chosen(group, snapshot, self.injected.fault_log) for group in fault]
         named = {robot for group in groups for robot in group}
         rest = [robot for robot in sorted(self._team.info.endpoints) if robot not in named]
         return [*groups, rest] if rest else groups
 
-    def _ends(self, robots: Robots | None, sight: Sight) -> list[str]:
+    def _ends(self, robots: Robots | None, snapshot: Snapshot) -> list[str]:
         if robots is None:
             return sorted(self._team.info.endpoints)
-        return chosen(robots, sight, self.deeds.fates)
+        return chosen(robots, snapshot, self.injected.fault_log)
 
     async def _on_links(
         self, act: Callable[[str, str], None], pairs: Iterable[tuple[str, str]]

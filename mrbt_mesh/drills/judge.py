@@ -11,12 +11,12 @@ from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.drills.beside import Check
-from mrbt_mesh.drills.inject import Deeds
+from mrbt_mesh.drills.inject import InjectedFaults
 from mrbt_mesh.drills.journals import Done
 from mrbt_mesh.drills.links import LinkLine, silent_at_the_end, slow_returns
 from mrbt_mesh.drills.model import DoneModel, ExpectModel, NeverModel, Robots
 from mrbt_mesh.drills.physical import Span, most_at_once, moving, spans
-from mrbt_mesh.drills.triggers import Sight, chosen
+from mrbt_mesh.drills.triggers import Snapshot, chosen
 
 LIVING = (State.ALIVE, State.SUSPECT)
 
@@ -41,7 +41,7 @@ class Evidence:
     """
 
     result: str
-    deeds: Deeds = field(default_factory=Deeds)
+    injected: InjectedFaults = field(default_factory=InjectedFaults)
     ended_because: str | None = None
     steps_left: list[str] = field(default_factory=list)
     crashes: list[str] = field(default_factory=list)
@@ -66,8 +66,8 @@ class _Judge:
         self.expect = expect
         self.mission = mission
         self.evidence = evidence
-        self.deeds = evidence.deeds
-        self.spans = spans(evidence.events, self.deeds.deaths)
+        self.injected = evidence.injected
+        self.spans = spans(evidence.events, self.injected.deaths)
 
     def verdicts(self) -> list[DrillVerdict]:
         expect = self.expect
@@ -124,7 +124,7 @@ class _Judge:
 
     def steps(self) -> DrillVerdict:
         wrong = [f"{step}: its moment never came" for step in self.evidence.steps_left]
-        wrong += self.deeds.problems
+        wrong += self.injected.problems
         return DrillVerdict("all faults carried out", not wrong, "; ".join(wrong) or "yes")
 
     def crashes(self) -> DrillVerdict:
@@ -142,7 +142,7 @@ class _Judge:
 
     def robots(self, robots: Robots) -> list[str]:
         """The robots that are meant, with the roles that they had at the end."""
-        return chosen(robots, Sight(0), self.deeds.fates)
+        return chosen(robots, Snapshot(0), self.injected.fault_log)
 
     def listed_blocked(self) -> str:
         return "blocked: " + (", ".join(sorted(self.evidence.blocked)) or "nothing")
@@ -180,7 +180,7 @@ class _Judge:
                 part
                 for span in self.spans
                 if span.ground == ground
-                for part in moving(span, self.deeds.freezes)
+                for part in moving(span, self.injected.freezes)
             ]
             most = most_at_once(parts)
             verdicts.append(
@@ -196,7 +196,7 @@ class _Judge:
         """What a robot was doing when it was frozen, it must cancel when it wakes."""
         frozen = [
             span
-            for freeze in self.deeds.freezes
+            for freeze in self.injected.freezes
             for span in self.spans
             if span.pid == freeze.pid
             and span.robot == robot
@@ -230,9 +230,11 @@ class _Judge:
 
     def links_back(self, limit_s: float) -> DrillVerdict:
         """Links of robots whose processes were stopped are left out."""
-        hit = self.deeds.hit()
+        hit = self.injected.hit()
         lines = [line for line in self.evidence.links if not line.pair & hit]
-        heals_s = [deed.unix_s for deed in self.deeds.done if deed.fault in ("heal", "unblock")]
+        heals_s = [
+            fault.unix_s for fault in self.injected.done if fault.fault in ("heal", "unblock")
+        ]
         wrong = [f"{line.robot} hears {line.peer} no more" for line in silent_at_the_end(lines)]
         wrong += [
             f"{line.robot} heard {line.peer} after {took_s:.1f} s"
@@ -245,11 +247,11 @@ class _Judge:
         )
 
     def stalls(self, most: int) -> DrillVerdict:
-        hit = self.deeds.hit()
+        hit = self.injected.hit()
         found = [
             f"{line.robot} did not hear {line.peer}"
             for line in self.evidence.links
-            if not line.back and not line.pair & hit and line.pair not in self.deeds.disturbed
+            if not line.back and not line.pair & hit and line.pair not in self.injected.disturbed
         ]
         expected = f"at most {most} healthy links stall" if most else "no healthy link stalls"
         return DrillVerdict(expected, len(found) <= most, "; ".join(found) or "none")
@@ -257,13 +259,13 @@ class _Judge:
     # -- journals -----------------------------------------------------------------------------
 
     def repeated(self, most: int) -> DrillVerdict:
-        found = repeats(self.mission, self.spans, self.deeds)
+        found = repeats(self.mission, self.spans, self.injected)
         text = ", ".join(f"{span.ground} by {span.robot}" for span in found)
         expected = f"at most {most} journaled local tasks repeated" if most else "nothing repeated"
         return DrillVerdict(expected, len(found) <= most, text or "none")
 
     def lost(self) -> DrillVerdict:
-        gone = losses(self.deeds, self.evidence.journals)
+        gone = losses(self.injected, self.evidence.journals)
         found = [done for done in gone if not self.evidence.is_obsolete(done.activation)]
         text = ", ".join(f"{done.local_task} by {done.robot}" for done in found)
         return DrillVerdict("nothing journaled is lost", not found, text or "none")
@@ -279,7 +281,7 @@ def needed(mission: Mission) -> Callable[[str, str], int]:
     return lambda global_task, local_task: bounds.get((global_task, local_task), 1)
 
 
-def repeats(mission: Mission, found: Iterable[Span], deeds: Deeds) -> list[Span]:
+def repeats(mission: Mission, found: Iterable[Span], injected: InjectedFaults) -> list[Span]:
     """Executions that began although journals of robots killed before held their end.
 
     That is: as many successes as the local task needs, of one coalition where it asks for that,
@@ -290,9 +292,9 @@ def repeats(mission: Mission, found: Iterable[Span], deeds: Deeds) -> list[Span]
     for span in found:
         known = {
             done
-            for snapshot in deeds.snapshots
-            if snapshot.unix_s < span.start_s
-            for held in snapshot.journals.values()
+            for at_death in injected.journals_at_death
+            if at_death.unix_s < span.start_s
+            for held in at_death.journals.values()
             for done in held
             if (done.activation, done.local_task) == (span.activation, span.ground)
         }
@@ -305,27 +307,29 @@ def repeats(mission: Mission, found: Iterable[Span], deeds: Deeds) -> list[Span]
     return result
 
 
-def losses(deeds: Deeds, journals: Mapping[str, frozenset[Done]]) -> list[Done]:
+def losses(injected: InjectedFaults, journals: Mapping[str, frozenset[Done]]) -> list[Done]:
     """Successes that a robot's journal held when it was killed and no journal holds now.
 
     Those of obsolete activations are forgotten on purpose.
     """
     kept = frozenset(done for held in journals.values() for done in held)
-    then = {done for s in deeds.snapshots for held in s.journals.values() for done in held}
+    then = {
+        done for s in injected.journals_at_death for held in s.journals.values() for done in held
+    }
     return sorted(then - kept)
 
 
-def unjournaled(found: Iterable[Span], deeds: Deeds) -> list[Span]:
+def unjournaled(found: Iterable[Span], injected: InjectedFaults) -> list[Span]:
     """Successes in the world that a kill kept out of their robot's journal.
 
     The action had recorded its end, and the process died before its outcome was committed.
     """
     result = []
     listed = list(found)
-    for snapshot in deeds.snapshots:
-        for robot, held in snapshot.journals.items():
+    for at_death in injected.journals_at_death:
+        for robot, held in at_death.journals.items():
             ends = [s for s in listed if s.robot == robot and s.end == "success"]
-            ends = [s for s in ends if s.end_s <= snapshot.unix_s]
+            ends = [s for s in ends if s.end_s <= at_death.unix_s]
             known = {(done.robot, done.activation, done.local_task) for done in held}
             result += [s for s in ends if (robot, s.activation, s.ground) not in known]
     # One that is missing at a first kill is missing at the next as well.

@@ -16,7 +16,7 @@ from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.drills.beside import beside
 from mrbt_mesh.drills.drill_file import Drill
-from mrbt_mesh.drills.inject import Deed, DrillInjector
+from mrbt_mesh.drills.inject import DrillInjector, InjectedFault
 from mrbt_mesh.drills.journals import read
 from mrbt_mesh.drills.judge import DrillVerdict, Evidence, judge
 from mrbt_mesh.drills.links import read_links
@@ -24,7 +24,7 @@ from mrbt_mesh.drills.model import ConditionTrigger, Profile
 from mrbt_mesh.drills.network import LinkFaults, places
 from mrbt_mesh.drills.physical import read_events
 from mrbt_mesh.drills.routers import DrillRouters, routers
-from mrbt_mesh.drills.triggers import Schedule, Sight
+from mrbt_mesh.drills.triggers import Schedule, Snapshot
 from mrbt_mesh.formats.mission_file import compile_mission
 from mrbt_mesh.runtime.driver import EVENTS_FILE
 from mrbt_mesh.runtime.fencing import boottime_us
@@ -170,7 +170,7 @@ class _Run:
             watcher,
             self.network,
             self.between,
-            lambda deed: self._deed(observer, deed),
+            lambda fault: self._show_fault(observer, fault),
         )
         async with anyio.create_task_group() as group:
             group.start_soon(self.team.note_exits, watcher)
@@ -179,8 +179,8 @@ class _Run:
         self._news(observer)
         result = self.team.result(observer, boottime_us())
         record = observer.record
-        deeds = injector.deeds
-        deeds.problems += self.team.refusals()
+        injected = injector.injected
+        injected.problems += self.team.refusals()
         return Evidence(
             result=result,
             ended_because=why,
@@ -188,10 +188,10 @@ class _Run:
                 f"step {index + 1} of {len(schedule.steps)}"
                 for index in range(schedule.next, len(schedule.steps))
             ],
-            deeds=deeds,
+            injected=injected,
             states={robot: observer.robot_state(robot) for robot in observer.robots()},
             takeovers=[
-                takeover | {"inflicted": fault.robot in deeds.hit(), "ended": fault.exact}
+                takeover | {"inflicted": fault.robot in injected.hit(), "ended": fault.exact}
                 for takeover, fault in zip(
                     run_summary(record, result, boottime_us())["takeovers"],
                     record.major,
@@ -206,17 +206,17 @@ class _Run:
 
     async def _until_over(self, watcher: Watcher, injector: DrillInjector) -> str | None:
         """Why the run ended before the mission did, or None if the mission is over."""
-        schedule, observer, fates = self.schedule, watcher.observer, injector.deeds.fates
+        schedule, observer, fault_log = self.schedule, watcher.observer, injector.injected.fault_log
         deadline_s = time.monotonic() + self.drill.model.timeout_s
         wait_s = FRAME_S
         while True:
             await watcher.wait_for_change(wait_s)
             self._news(observer)
-            sight = Sight.of(observer, self._conditions, boottime_us())
-            step = schedule.due(sight, fates)
+            snapshot = Snapshot.of(observer, self._conditions, boottime_us())
+            step = schedule.due(snapshot, fault_log)
             if step is not None:
-                await injector.carry_out(step, sight)
-                schedule.carried_out(sight.now_us)
+                await injector.carry_out(step, snapshot)
+                schedule.carried_out(snapshot.now_us)
                 self._hold_tasks()
                 wait_s = 0.0
                 continue
@@ -224,9 +224,9 @@ class _Run:
                 return None
             if time.monotonic() >= deadline_s:
                 return f"not over after {self.drill.model.timeout_s:g} s"
-            if schedule.is_over and self._is_blocked_for_good(sight, observer):
+            if schedule.is_over and self._is_blocked_for_good(snapshot, observer):
                 return "blocked, as expected"
-            due_us = schedule.due_us(sight, fates)
+            due_us = schedule.due_us(snapshot, fault_log)
             if due_us is None and not self.team.living():
                 return "no robot is left"
             wait_s = FRAME_S
@@ -236,13 +236,13 @@ class _Run:
     def _hold_tasks(self) -> None:
         write_atomically(self.hold, "".join(f"{task}\n" for task in sorted(self.schedule.held())))
 
-    def _is_blocked_for_good(self, sight: Sight, observer: Observer) -> bool:
+    def _is_blocked_for_good(self, snapshot: Snapshot, observer: Observer) -> bool:
         """Whether the block that is expected has stood for a detection time."""
         if self.drill.model.expect.result != "blocked":
             return False
         standing = [e.from_us for e in observer.record.blocked if e.to_us is None]
         detection_us = self.drill.model.timing.detection_s * 1e6
-        return bool(standing) and sight.now_us >= min(standing) + detection_us
+        return bool(standing) and snapshot.now_us >= min(standing) + detection_us
 
     # -- the timeline ---------------------------------------------------------------------
 
@@ -258,9 +258,9 @@ class _Run:
             self._say(line)
         self._told = len(record.timeline)
 
-    def _deed(self, observer: Observer, deed: Deed) -> None:
-        at_s = observer.record.seconds(deed.at_us) or 0.0
-        self._say(TimelineEntry(at_s, " ".join(deed.robots), deed.text, is_fault=True))
+    def _show_fault(self, observer: Observer, fault: InjectedFault) -> None:
+        at_s = observer.record.seconds(fault.at_us) or 0.0
+        self._say(TimelineEntry(at_s, " ".join(fault.robots), fault.text, is_fault=True))
 
     def _say(self, line: TimelineEntry) -> None:
         self.timeline.append(line)

@@ -40,7 +40,7 @@ class Takeover:
 
 
 @dataclass(frozen=True)
-class Sight:
+class Snapshot:
     """What the observer sees at one moment. `claims` are those of living robots.
 
     `claimed` are all that were ever seen, with the time: some stand for a moment only. `done`
@@ -59,8 +59,8 @@ class Sight:
     blocked: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, observer: Observer, conditions: Sequence[str], now_us: int) -> Sight:
-        """The present sight of an observer; of conditions only those that are asked for."""
+    def of(cls, observer: Observer, conditions: Sequence[str], now_us: int) -> Snapshot:
+        """What an observer sees now; of the conditions, only those asked for."""
         record, facts = observer.record, observer.facts
         claims = {robot: observer.claim(robot) for robot in observer.robots()}
         return cls(
@@ -86,7 +86,7 @@ class Sight:
         )
 
 
-class Fates:
+class FaultLog:
     """What has been done to robots and not undone: the roles killed, stopped, thawed, left."""
 
     def __init__(self) -> None:
@@ -102,64 +102,65 @@ class Fates:
                 listed.remove(robot)
 
 
-def chosen(robots: Robots, sight: Sight, fates: Fates) -> list[str]:
-    """The robots that a step means, at the moment of the sight; they may be none."""
+def chosen(robots: Robots, snapshot: Snapshot, fault_log: FaultLog) -> list[str]:
+    """The robots that a step means at the moment of the snapshot; possibly none."""
     if isinstance(robots, str):
         return [robots]
     if not isinstance(robots, RoleModel):
         return list(robots)
     match robots.role:
         case "performing":
-            return _performing(robots.performing, sight)
+            return _performing(robots.performing, snapshot)
         case "replacement":
-            latest = max(sight.takeovers, key=lambda t: t.at_us, default=None)
+            latest = max(snapshot.takeovers, key=lambda t: t.at_us, default=None)
             return [] if latest is None else [latest.replacement]
         case role:
-            listed: list[str] = getattr(fates, role)
+            listed: list[str] = getattr(fault_log, role)
             return list(listed)
 
 
-def _performing(task: str | None, sight: Sight) -> list[str]:
+def _performing(task: str | None, snapshot: Snapshot) -> list[str]:
     """Who runs it; while nobody does, who has claimed it. Claims may clash until all agree."""
     found = [
         (robot, claim.phase is Phase.RUNNING)
-        for robot, claim in sorted(sight.claims.items())
+        for robot, claim in sorted(snapshot.claims.items())
         if task in (claim.global_task, claim.local_task, type_name(claim.local_task))
     ]
     running = [robot for robot, runs in found if runs]
     return running or [robot for robot, _ in found]
 
 
-def holds(when: Any, sight: Sight, fates: Fates, since_us: int) -> bool:
+def holds(when: Any, snapshot: Snapshot, fault_log: FaultLog, since_us: int) -> bool:
     """Whether a trigger's condition holds; `since_us` is when the step before began."""
     match when:
         case GlobalTaskTrigger(global_task=task, status=status):
-            return sight.statuses.get(task, TaskState.IDLE) is TaskState(status)
+            return snapshot.statuses.get(task, TaskState.IDLE) is TaskState(status)
         case LocalTaskTrigger():
-            return _local_task(when, sight, since_us)
+            return _local_task(when, snapshot, since_us)
         case RobotTrigger(robot=robots, state=state):
-            found = chosen(robots, sight, fates)
-            return bool(found) and all(sight.states.get(r) == State(state) for r in found)
+            found = chosen(robots, snapshot, fault_log)
+            return bool(found) and all(snapshot.states.get(r) == State(state) for r in found)
         case ConditionTrigger(condition=name, value=value):
-            return bool(sight.conditions[name] == value)
+            return bool(snapshot.conditions[name] == value)
         case TakeoverTrigger(takeover=task):
-            return any(t.at_us >= since_us and _is(t.local_task, task) for t in sight.takeovers)
+            return any(t.at_us >= since_us and _is(t.local_task, task) for t in snapshot.takeovers)
         case BlockedTrigger(blocked=task, reason=reason):
-            return reason in sight.blocked.get(task, "") and task in sight.blocked
+            return reason in snapshot.blocked.get(task, "") and task in snapshot.blocked
     raise TypeError(f"no trigger: {when!r}")
 
 
-def _local_task(when: LocalTaskTrigger, sight: Sight, since_us: int) -> bool:
+def _local_task(when: LocalTaskTrigger, snapshot: Snapshot, since_us: int) -> bool:
     if when.phase == DONE:
         return any(
-            _is(done, when.local_task) and when.robot in (None, robot) for robot, done in sight.done
+            _is(done, when.local_task) and when.robot in (None, robot)
+            for robot, done in snapshot.done
         )
-    since = ((robot, claim) for at_us, robot, claim in sight.claimed if at_us >= since_us)
+    since = ((robot, claim) for at_us, robot, claim in snapshot.claimed if at_us >= since_us)
     return any(
         _is(claim.local_task, when.local_task)
         and when.robot in (None, robot)
         and claim.phase.name.lower() == when.phase
-        for robot, claim in (*sight.claims.items(), *since)
+        for robot, claim in (*snapshot.claims.items(), *since)
     )
 
 
@@ -186,30 +187,34 @@ class Schedule:
         """Tasks that the next step means to meet running: they must not end before it."""
         return frozenset() if self.is_over else _met_running(self.steps[self.next])
 
-    def due(self, sight: Sight, fates: Fates) -> StepModel | None:
+    def due(self, snapshot: Snapshot, fault_log: FaultLog) -> StepModel | None:
         """The next step, if its moment has come. Say `carried_out` before asking again."""
-        if self.is_over or sight.started_us is None:
+        if self.is_over or snapshot.started_us is None:
             return None
         step = self.steps[self.next]
-        due_us = self.due_us(sight, fates)
-        if due_us is None or sight.now_us < due_us:
+        due_us = self.due_us(snapshot, fault_log)
+        if due_us is None or snapshot.now_us < due_us:
             return None
         # A role that nobody plays yet is waited for: a request comes before its claims.
-        return step if all(chosen(robots, sight, fates) for robots in _robots_of(step)) else None
+        return (
+            step
+            if all(chosen(robots, snapshot, fault_log) for robots in _robots_of(step))
+            else None
+        )
 
-    def due_us(self, sight: Sight, fates: Fates) -> int | None:
+    def due_us(self, snapshot: Snapshot, fault_log: FaultLog) -> int | None:
         """When the next step is due, if that is known yet."""
-        if self.is_over or sight.started_us is None:
+        if self.is_over or snapshot.started_us is None:
             return None
         step = self.steps[self.next]
-        previous_us = self._previous_us if self._previous_us is not None else sight.started_us
+        previous_us = self._previous_us if self._previous_us is not None else snapshot.started_us
         after_us = round((step.after or 0) * 1e6)
         if step.at is not None:
-            return sight.started_us + round(step.at * 1e6)
+            return snapshot.started_us + round(step.at * 1e6)
         if step.when is None:
             return previous_us + after_us
-        if self._triggered_us is None and holds(step.when, sight, fates, previous_us):
-            self._triggered_us = sight.now_us
+        if self._triggered_us is None and holds(step.when, snapshot, fault_log, previous_us):
+            self._triggered_us = snapshot.now_us
         return None if self._triggered_us is None else self._triggered_us + after_us
 
     def carried_out(self, begun_us: int) -> None:

@@ -13,10 +13,10 @@ import psutil
 
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.drills.drill_file import Drill, drill_files, drill_folder, load_drills
-from mrbt_mesh.drills.inject import Deed, DrillInjector
+from mrbt_mesh.drills.inject import DrillInjector, InjectedFault
 from mrbt_mesh.drills.model import ConditionTrigger
 from mrbt_mesh.drills.step_text import step_text
-from mrbt_mesh.drills.triggers import Schedule, Sight
+from mrbt_mesh.drills.triggers import Schedule, Snapshot
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.team import Team
@@ -91,22 +91,22 @@ class TeamDrills:
         problem = ""
         try:
             while not schedule.is_over and record.result is None:
-                sight = Sight.of(watcher.observer, conditions, boottime_us())
-                step = schedule.due(sight, injector.deeds.fates)
+                snapshot = Snapshot.of(watcher.observer, conditions, boottime_us())
+                step = schedule.due(snapshot, injector.injected.fault_log)
                 if step is None:
                     await anyio.sleep(LOOK_S)
                     continue
-                await injector.carry_out(step, sight)
-                schedule.carried_out(sight.now_us)
+                await injector.carry_out(step, snapshot)
+                schedule.carried_out(snapshot.now_us)
         except REFUSALS as error:
             problem = str(error)
         finally:
             self._running = None
-        problem = problem or "; ".join(injector.deeds.problems)
+        problem = problem or "; ".join(injector.injected.problems)
         left = len(drill.steps) - schedule.next
         end = problem or (f"ended with {left} steps left" if left else "all steps carried out")
         record.say(boottime_us(), f"drill {drill.label}: {end}")
 
-    def _tell(self, deed: Deed) -> None:
-        text = f"drill: {' '.join(deed.robots)} {deed.text}".replace(":  ", ": ")
-        self._watcher.observer.record.say(deed.at_us, text)
+    def _tell(self, fault: InjectedFault) -> None:
+        text = f"drill: {' '.join(fault.robots)} {fault.text}".replace(":  ", ": ")
+        self._watcher.observer.record.say(fault.at_us, text)

@@ -1,4 +1,4 @@
-"""What the judge finds in recorded events, journals and deeds."""
+"""What the judge finds in recorded events, journals and injected faults."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mrbt_mesh.core.facts.records import OUTCOME
 from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.drills.beside import Check
-from mrbt_mesh.drills.inject import Deed, Deeds, Snapshot
+from mrbt_mesh.drills.inject import InjectedFault, InjectedFaults, JournalsAtDeath
 from mrbt_mesh.drills.journals import Done, read
 from mrbt_mesh.drills.judge import DrillVerdict, Evidence, judge, unjournaled
 from mrbt_mesh.drills.links import LinkLine, read_links
@@ -65,7 +65,7 @@ def one(evidence: Evidence, **expect: Any) -> DrillVerdict:
 
 def test_the_result_and_the_steps_are_always_judged() -> None:
     evidence = Evidence("timeout", ended_because="not over after 60 s", steps_left=["step 2 of 2"])
-    evidence.deeds.problems.append("kill: A1 had no process any more")
+    evidence.injected.problems.append("kill: A1 had no process any more")
     evidence.crashes.append("C1 ended with status 1: KeyError: 3")
     result, steps, crashes = judge(ExpectModel(), MISSION, evidence)
     assert crashes == DrillVerdict(
@@ -110,10 +110,10 @@ def test_a_dead_robot_works_no_longer_than_its_process_lived() -> None:
     assert one(without, never=never) == DrillVerdict(
         "never more than 1 at replace_hw(2)", False, "at most 2"
     )
-    deeds = Deeds(deaths={PIDS["A1"]: 1.9})
-    assert one(Evidence("success", deeds, events=KILLED_AT_WORK), never=never).holds
-    deeds = Deeds(deaths={PIDS["A1"]: 2.1})
-    assert not one(Evidence("success", deeds, events=KILLED_AT_WORK), never=never).holds
+    injected = InjectedFaults(deaths={PIDS["A1"]: 1.9})
+    assert one(Evidence("success", injected, events=KILLED_AT_WORK), never=never).holds
+    injected = InjectedFaults(deaths={PIDS["A1"]: 2.1})
+    assert not one(Evidence("success", injected, events=KILLED_AT_WORK), never=never).holds
 
 
 def frozen(end: str) -> Evidence:
@@ -123,9 +123,9 @@ def frozen(end: str) -> Evidence:
         event(3.1, "A1", end, "replace_hw", "2"),
         event(4.0, "B1", "success", "replace_hw", "2"),
     ]
-    deeds = Deeds(freezes=[FreezeSpan(PIDS["A1"], 1.5, 3.0)])
-    deeds.fates.thawed.append("A1")
-    return Evidence("success", deeds, events=events)
+    injected = InjectedFaults(freezes=[FreezeSpan(PIDS["A1"], 1.5, 3.0)])
+    injected.fault_log.thawed.append("A1")
+    return Evidence("success", injected, events=events)
 
 
 def test_a_thawed_robot_must_cancel_what_it_was_doing() -> None:
@@ -139,7 +139,7 @@ def test_a_thawed_robot_must_cancel_what_it_was_doing() -> None:
 
 
 def test_a_robot_that_did_nothing_has_nothing_to_yield() -> None:
-    evidence = Evidence("success", Deeds(freezes=[FreezeSpan(PIDS["A1"], 1.5, 3.0)]))
+    evidence = Evidence("success", InjectedFaults(freezes=[FreezeSpan(PIDS["A1"], 1.5, 3.0)]))
     assert one(evidence, yields="A1") == DrillVerdict(
         "A1 yields when it wakes", False, "it did nothing"
     )
@@ -188,10 +188,10 @@ def test_times_of_what_the_drill_did_and_deaths_that_it_did_not_cause() -> None:
 
 def test_robots_that_were_hit_are_those_whose_processes_suffered() -> None:
     done = [
-        Deed(0, 0.0, fault, (robot,), "")
+        InjectedFault(0, 0.0, fault, (robot,), "")
         for fault, robot in (("kill", "A1"), ("stop", "B1"), ("join", "C2"), ("block", "C1"))
     ]
-    assert Deeds(done=done).hit() == {"A1", "B1"}
+    assert InjectedFaults(done=done).hit() == {"A1", "B1"}
 
 
 # -- links --------------------------------------------------------------------------------
@@ -202,9 +202,9 @@ def link(unix_s: float, robot: str, peer: str, *, back: bool) -> LinkLine:
 
 
 def cut_until(healed_s: float, *links: LinkLine, disturbed: str = "A1 B1") -> Evidence:
-    heal = Deed(0, healed_s, "heal", (), "")
-    deeds = Deeds(done=[heal], disturbed={frozenset(disturbed.split())})
-    return Evidence("success", deeds, links=list(links))
+    heal = InjectedFault(0, healed_s, "heal", (), "")
+    injected = InjectedFaults(done=[heal], disturbed={frozenset(disturbed.split())})
+    return Evidence("success", injected, links=list(links))
 
 
 def test_links_come_back_in_time_or_not() -> None:
@@ -223,7 +223,7 @@ def test_links_come_back_in_time_or_not() -> None:
 def test_links_of_robots_that_were_stopped_are_nobodys_fault() -> None:
     evidence = cut_until(5, link(3, "A1", "C1", back=False), link(6, "A1", "B1", back=True))
     assert [v.holds for v in verdicts(evidence, links_back_within_s=2, stalls=0)] == [False, False]
-    evidence.deeds.done.append(Deed(0, 2.0, "kill", ("C1",), ""))
+    evidence.injected.done.append(InjectedFault(0, 2.0, "kill", ("C1",), ""))
     assert [v.holds for v in verdicts(evidence, links_back_within_s=2, stalls=0)] == [True, True]
 
 
@@ -264,9 +264,11 @@ C2_DONE = Done("C2", "x", "move_frame")
 
 def killed(held: set[Done], kept: set[Done], *after: dict[str, Any]) -> Evidence:
     """The team is killed at 3 with `held` in C1's journal; in the end it holds `kept`."""
-    deeds = Deeds(snapshots=[Snapshot(3.0, {"C1": frozenset(held), "C2": frozenset()})])
+    injected = InjectedFaults(
+        journals_at_death=[JournalsAtDeath(3.0, {"C1": frozenset(held), "C2": frozenset()})]
+    )
     journals = {"C1": frozenset(kept)}
-    return Evidence("success", deeds, events=[*COVER, *after], journals=journals)
+    return Evidence("success", injected, events=[*COVER, *after], journals=journals)
 
 
 def test_what_a_partner_still_has_to_do_is_no_repetition() -> None:
@@ -319,11 +321,11 @@ def test_a_journaled_success_that_is_gone_is_lost() -> None:
 
 def test_what_ended_in_the_world_and_not_in_the_journal() -> None:
     evidence = killed({C1_DONE}, {C1_DONE})
-    assert unjournaled(spans(evidence.events), evidence.deeds) == []
+    assert unjournaled(spans(evidence.events), evidence.injected) == []
     evidence = killed(set(), set())
-    twice = Snapshot(5.0, {"C1": frozenset(), "C2": frozenset()})
-    evidence.deeds.snapshots.append(twice)
-    (span,) = unjournaled(spans(evidence.events), evidence.deeds)
+    twice = JournalsAtDeath(5.0, {"C1": frozenset(), "C2": frozenset()})
+    evidence.injected.journals_at_death.append(twice)
+    (span,) = unjournaled(spans(evidence.events), evidence.injected)
     assert (span.robot, span.ground) == ("C1", "move_frame")
 
 
@@ -377,7 +379,7 @@ def test_a_simulated_run_with_a_kill_is_judged_like_a_real_one() -> None:
     dead = spans(seen.events)
     killed_s = next(s.start_s for s in dead if s.robot == "A1" and s.end is None) + 0.5
     takeovers = [t | {"inflicted": True} for t in seen.summary["takeovers"]]
-    evidence = Evidence("success", Deeds(deaths={pid: killed_s}), takeovers=takeovers)
+    evidence = Evidence("success", InjectedFaults(deaths={pid: killed_s}), takeovers=takeovers)
     evidence.events = seen.events
     done = [{"local_task": "do_diagnosis", "times": 1}, {"local_task": "replace_hw", "times": 1}]
     never = [{"local_task": "replace_hw"}]

@@ -11,7 +11,7 @@ from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.observer.task_log import TaskState
 from mrbt_mesh.drills.model import RoleModel, StepModel
-from mrbt_mesh.drills.triggers import Fates, Schedule, Sight, Takeover, chosen, holds
+from mrbt_mesh.drills.triggers import FaultLog, Schedule, Snapshot, Takeover, chosen, holds
 from mrbt_mesh.sim import Kill, simulate
 from tests.support.runs import example
 
@@ -22,7 +22,7 @@ def claim(local_task: str, phase: Phase = Phase.RUNNING, global_task: str = "fix
     return Claim("x", global_task, local_task, phase, 1)
 
 
-SIGHT = Sight(
+SNAPSHOT = Snapshot(
     now_us=10 * S,
     started_us=2 * S,
     statuses={"fix": TaskState.RUNNING, "open": TaskState.SUCCESS},
@@ -80,21 +80,21 @@ def when(**keys: Any) -> Any:
     ],
 )
 def test_triggers(trigger: dict[str, Any], expected: bool) -> None:
-    fates = Fates()
-    fates.killed.append("A2")
-    assert holds(when(**trigger), SIGHT, fates, since_us=8 * S) is expected
+    fault_log = FaultLog()
+    fault_log.killed.append("A2")
+    assert holds(when(**trigger), SNAPSHOT, fault_log, since_us=8 * S) is expected
 
 
 def test_roles_are_robots_of_the_moment() -> None:
-    fates = Fates()
-    fates.killed += ["B2", "A2"]
-    fates.stopped.append("C1")
+    fault_log = FaultLog()
+    fault_log.killed += ["B2", "A2"]
+    fault_log.stopped.append("C1")
 
     def role(**keys: Any) -> list[str]:
-        return chosen(RoleModel.model_validate(keys), SIGHT, fates)
+        return chosen(RoleModel.model_validate(keys), SNAPSHOT, fault_log)
 
-    assert chosen("A1", SIGHT, fates) == ["A1"]
-    assert chosen(["B1", "A1"], SIGHT, fates) == ["B1", "A1"]
+    assert chosen("A1", SNAPSHOT, fault_log) == ["A1"]
+    assert chosen(["B1", "A1"], SNAPSHOT, fault_log) == ["B1", "A1"]
     assert role(performing="fix") == ["A1"], "B1 has only claimed its part"
     assert role(performing="weld(3)") == ["B1"]
     assert role(performing="weld") == ["A1"]
@@ -102,58 +102,58 @@ def test_roles_are_robots_of_the_moment() -> None:
     assert role(replacement=None) == ["A1"]
     assert role(killed=None) == ["B2", "A2"]
     assert role(stopped=None) == ["C1"]
-    fates.lives("B2")
+    fault_log.lives("B2")
     assert role(killed=None) == ["A2"]
 
 
-def at(now_s: float, **changes: Any) -> Sight:
-    return replace(Sight(0, started_us=2 * S), now_us=round(now_s * S), **changes)
+def at(now_s: float, **changes: Any) -> Snapshot:
+    return replace(Snapshot(0, started_us=2 * S), now_us=round(now_s * S), **changes)
 
 
 def test_at_counts_from_the_start_and_after_from_the_step_before() -> None:
     schedule = Schedule([step(at=1.5, kill="A1"), step(after=0.5, restart="A1")])
-    fates = Fates()
-    assert schedule.due(replace(at(9), started_us=None), fates) is None
-    assert schedule.due(at(3.4), fates) is None
-    assert schedule.due_us(at(3.4), fates) == 3.5 * S
-    first = schedule.due(at(3.6), fates)
+    fault_log = FaultLog()
+    assert schedule.due(replace(at(9), started_us=None), fault_log) is None
+    assert schedule.due(at(3.4), fault_log) is None
+    assert schedule.due_us(at(3.4), fault_log) == 3.5 * S
+    first = schedule.due(at(3.6), fault_log)
     assert first is schedule.steps[0]
     schedule.carried_out(round(3.6 * S))
-    assert schedule.due(at(4.0), fates) is None
-    assert schedule.due(at(4.1), fates) is schedule.steps[1]
+    assert schedule.due(at(4.0), fault_log) is None
+    assert schedule.due(at(4.1), fault_log) is schedule.steps[1]
     schedule.carried_out(round(4.1 * S))
     assert schedule.is_over
-    assert schedule.due(at(99), fates) is None
+    assert schedule.due(at(99), fault_log) is None
 
 
 def test_a_trigger_is_latched_and_after_counts_from_it() -> None:
     schedule = Schedule([step(when={"blocked": "fix"}, after=1, kill="A1")])
-    fates = Fates()
-    assert schedule.due(at(3), fates) is None
-    assert schedule.due(at(4, blocked={"fix": ""}), fates) is None
-    assert schedule.due(at(4.9), fates) is None
-    assert schedule.due(at(5.0), fates) is schedule.steps[0]
+    fault_log = FaultLog()
+    assert schedule.due(at(3), fault_log) is None
+    assert schedule.due(at(4, blocked={"fix": ""}), fault_log) is None
+    assert schedule.due(at(4.9), fault_log) is None
+    assert schedule.due(at(5.0), fault_log) is schedule.steps[0]
 
 
 def test_steps_keep_their_order_although_a_later_trigger_holds_first() -> None:
     steps = [step(when={"blocked": "fix"}, kill="A1"), step(at=0, kill="B1")]
     schedule = Schedule(steps)
-    fates = Fates()
-    assert schedule.due(at(5), fates) is None
-    assert schedule.due(at(6, blocked={"fix": ""}), fates) is steps[0]
+    fault_log = FaultLog()
+    assert schedule.due(at(5), fault_log) is None
+    assert schedule.due(at(6, blocked={"fix": ""}), fault_log) is steps[0]
     schedule.carried_out(6 * S)
-    assert schedule.due(at(6), fates) is steps[1]
+    assert schedule.due(at(6), fault_log) is steps[1]
 
 
 def test_a_takeover_counts_from_the_beginning_of_the_step_before() -> None:
     steps = [step(at=0, kill="A1"), step(when={"takeover": "weld"}, kill={"replacement": None})]
     schedule = Schedule(steps)
-    fates = Fates()
+    fault_log = FaultLog()
     schedule.carried_out(5 * S)
     old = Takeover("A1", "weld", "B1", round(4.9 * S))
-    assert schedule.due(at(6, takeovers=(old,)), fates) is None
+    assert schedule.due(at(6, takeovers=(old,)), fault_log) is None
     new = Takeover("A1", "weld", "B2", round(5.02 * S))
-    assert schedule.due(at(6, takeovers=(old, new)), fates) is steps[1]
+    assert schedule.due(at(6, takeovers=(old, new)), fault_log) is steps[1]
 
 
 def test_a_role_that_nobody_plays_yet_is_waited_for() -> None:
@@ -162,13 +162,13 @@ def test_a_role_that_nobody_plays_yet_is_waited_for() -> None:
         step(after=0, block={"from": {"killed": None}}),
     ]
     schedule = Schedule(steps)
-    fates = Fates()
-    assert schedule.due(at(3), fates) is None
-    assert schedule.due(at(4, claims={"A1": claim("weld(2)")}), fates) is steps[0]
+    fault_log = FaultLog()
+    assert schedule.due(at(3), fault_log) is None
+    assert schedule.due(at(4, claims={"A1": claim("weld(2)")}), fault_log) is steps[0]
     schedule.carried_out(4 * S)
-    assert schedule.due(at(5), fates) is None
-    fates.killed.append("A1")
-    assert schedule.due(at(6), fates) is steps[1]
+    assert schedule.due(at(5), fault_log) is None
+    fault_log.killed.append("A1")
+    assert schedule.due(at(6), fault_log) is steps[1]
 
 
 @pytest.mark.parametrize(
@@ -198,16 +198,16 @@ def test_the_sight_of_an_observer_in_the_middle_of_a_run() -> None:
     mission, program = example("vehicle_repair")
     kill = [(13 * S, Kill("A1"))]
     seen = simulate(mission, program, seed=3, schedule=kill, timeout_us=16 * S)
-    sight = Sight.of(seen.observer, ["broken(2)", "nominal"], 16 * S)
-    assert sight.started_us is not None
-    assert sight.statuses["remove_cover"] is TaskState.SUCCESS
-    assert sight.conditions == {"broken(2)": True, "nominal": False}
-    assert sight.states["A1"] is State.DEAD
-    assert "A1" not in sight.claims
-    assert all(robot in seen.observer.robots() for robot in sight.claims)
-    assert {local_task for _, local_task in sight.done} >= {"use_screwdriver", "do_diagnosis(1)"}
-    (takeover,) = sight.takeovers
+    snapshot = Snapshot.of(seen.observer, ["broken(2)", "nominal"], 16 * S)
+    assert snapshot.started_us is not None
+    assert snapshot.statuses["remove_cover"] is TaskState.SUCCESS
+    assert snapshot.conditions == {"broken(2)": True, "nominal": False}
+    assert snapshot.states["A1"] is State.DEAD
+    assert "A1" not in snapshot.claims
+    assert all(robot in seen.observer.robots() for robot in snapshot.claims)
+    assert {local_task for _, local_task in snapshot.done} >= {"use_screwdriver", "do_diagnosis(1)"}
+    (takeover,) = snapshot.takeovers
     assert takeover.robot == "A1"
     assert takeover.local_task.startswith("replace_hw")
     assert takeover.replacement in ("A2", "B1", "B2")
-    assert not sight.blocked
+    assert not snapshot.blocked

@@ -87,7 +87,7 @@ async def test_who_only_watches_has_no_orders() -> None:
         assert "mrbt top --control" in "".join(on_screen(app))
 
 
-class Deeds:
+class GivenOrders:
     """Orders that are written down."""
 
     def __init__(self, is_done: bool = True) -> None:
@@ -104,26 +104,26 @@ class Deeds:
 
 @pytest.mark.parametrize(("key", "act"), [("k", "kill"), ("f", "freeze"), ("t", "thaw")])
 async def test_an_order_to_a_robot_is_asked_once_and_carried_out(key: str, act: str) -> None:
-    deeds = Deeds()
-    async with opened(orders=deeds.orders()) as (app, pilot):
+    orders = GivenOrders()
+    async with opened(orders=orders.orders()) as (app, pilot):
         assert f"{key} {act}" in on_screen(app)[-1]
         await pilot.press("tab", "down", "down", key)
         assert f"{act} B1?" in line_of(app, f"{act} B1")
         assert ROBOT_ORDERS[act] in "".join(on_screen(app))
-        assert deeds.given == [], "nothing is done before the answer"
+        assert orders.given == [], "nothing is done before the answer"
         await pilot.press("y")
         await app.workers.wait_for_complete()
-        assert deeds.given == [{"act": act, "robot": "B1"}]
+        assert orders.given == [{"act": act, "robot": "B1"}]
         assert [told.message for told in app._notifications] == ["that was said"]
 
 
 @pytest.mark.parametrize(("key", "act"), [("p", "pause"), ("r", "resume"), ("a", "abort")])
 async def test_an_order_to_the_team(key: str, act: str) -> None:
-    deeds = Deeds(is_done=False)
-    async with opened(orders=deeds.orders()) as (app, pilot):
+    orders = GivenOrders(is_done=False)
+    async with opened(orders=orders.orders()) as (app, pilot):
         await pilot.press(key, "y")
         await app.workers.wait_for_complete()
-        assert deeds.given == [{"act": act}]
+        assert orders.given == [{"act": act}]
         await pilot.pause()
         (told,) = app._notifications
         assert told.severity == "error", "what was not done is told as such"
@@ -131,17 +131,17 @@ async def test_an_order_to_the_team(key: str, act: str) -> None:
 
 @pytest.mark.parametrize("answer", ["n", "escape", "enter", "k"])
 async def test_every_other_answer_is_no(answer: str) -> None:
-    deeds = Deeds()
-    async with opened(orders=deeds.orders()) as (app, pilot):
+    orders = GivenOrders()
+    async with opened(orders=orders.orders()) as (app, pilot):
         await pilot.press("k", answer)
         await app.workers.wait_for_complete()
-        assert deeds.given == []
+        assert orders.given == []
         assert len(app.screen_stack) == 1
 
 
 async def test_only_what_is_offered_has_a_key() -> None:
-    deeds = Deeds()
-    async with opened(orders=Orders(deeds.carry_out, {}, TEAM_ORDERS)) as (app, pilot):
+    orders = GivenOrders()
+    async with opened(orders=Orders(orders.carry_out, {}, TEAM_ORDERS)) as (app, pilot):
         assert "kill" not in on_screen(app)[-1]
         assert "p pause" in on_screen(app)[-1]
         await pilot.press("k")
