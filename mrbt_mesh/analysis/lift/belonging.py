@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from mrbt_mesh.analysis.lift.effects import Declarations, guards
-from mrbt_mesh.analysis.places import Placed, walk
 from mrbt_mesh.core.bt.guards import Guards
 from mrbt_mesh.core.bt.tree import CONTROLS, Kind, Memory, NodeSpec, build_tree
 from mrbt_mesh.core.mission.names import split_call
 from mrbt_mesh.formats.declaration import Declaration
+from mrbt_mesh.formats.node_paths import Placed, walk
 
 # A type of action -> the call that its robot has to have done, with the names of its parameters.
 Templates: TypeAlias = dict[str, str]

@@ -25,9 +25,9 @@ from mrbt_mesh.analysis.lift.effects import (
     summary,
     without,
 )
-from mrbt_mesh.analysis.places import child_path, label, root_path
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec
 from mrbt_mesh.formats.declaration import Declaration
+from mrbt_mesh.formats.node_paths import child_path, label, root_path
 
 
 @dataclass(frozen=True, slots=True)

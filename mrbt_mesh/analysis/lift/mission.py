@@ -11,7 +11,6 @@ from typing import Any
 from mrbt_mesh.analysis.lift.annotations import annotated
 from mrbt_mesh.analysis.lift.belonging import Follows, Ownership, Templates, templates
 from mrbt_mesh.analysis.lift.lifter import Lifted, Lifter
-from mrbt_mesh.analysis.places import walk
 from mrbt_mesh.analysis.team_tree import ALWAYS, TeamTree, to_team_tree
 from mrbt_mesh.btcpp.files.document import Category
 from mrbt_mesh.btcpp.files.library import Library, TreeSource
@@ -22,6 +21,7 @@ from mrbt_mesh.errors import FileError, Problem, nearest
 from mrbt_mesh.formats.declaration import Declaration
 from mrbt_mesh.formats.mission_model import FailureReasonModel
 from mrbt_mesh.formats.mission_writer import tree_data
+from mrbt_mesh.formats.node_paths import walk
 from mrbt_mesh.formats.team_file import TeamFile, TeamTaskModel, UnitTaskModel
 
 INDEPENDENT = "_independent"

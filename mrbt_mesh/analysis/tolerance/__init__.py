@@ -2,5 +2,5 @@
 
 `service`, `bound` and `readings` define what must be feasible at one time, `requirement` what the
 tree cannot do without; `model` and `fault_counts` count faults, `advice` finds the cheapest
-additions, `cautions` finds what a mission can hardly mean.
+additions.
 """

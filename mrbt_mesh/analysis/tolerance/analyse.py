@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from mrbt_mesh.analysis.tolerance.advice import Additions, advise
-from mrbt_mesh.analysis.tolerance.cautions import cautions
 from mrbt_mesh.analysis.tolerance.fault_counts import Tolerance, tolerance
 from mrbt_mesh.analysis.tolerance.model import Answer
 from mrbt_mesh.analysis.tolerance.readings import READINGS, Question
@@ -15,6 +14,7 @@ from mrbt_mesh.analysis.tolerance.service import Fault, FaultyTeam, capability_f
 from mrbt_mesh.core.facts.coalitions import majority
 from mrbt_mesh.core.mission.costs import Costs
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.formats.cautions import cautions
 
 # Called with what is being worked out, how much of it is done, and how much there is.
 Say = Callable[[str, int, int], None]

@@ -174,12 +174,6 @@ def tree_requirement(
     return Requirement(states.formulas, states.formulas.any(bad)).simplified()
 
 
-def could_fail(tree: Tree, node: int, services: Mapping[str, Sequence[int]]) -> bool:
-    """Whether a node could fail if every service were feasible."""
-    states = _Builder(tree, services, lambda task: True, {}).of(tree.nodes[node])
-    return any(ideal_f for (_, ideal_f, _, _) in states)
-
-
 class _Builder:
     def __init__(
         self,

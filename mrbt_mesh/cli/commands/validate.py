@@ -26,7 +26,6 @@ def validate(
 
     Example: mrbt validate examples/vehicle_repair/mission.yaml
     """
-    from mrbt_mesh.analysis.tolerance.cautions import cautions
     from mrbt_mesh.cli.framework.terminal import (
         check_outputs,
         console,
@@ -36,6 +35,7 @@ def validate(
     )
     from mrbt_mesh.cli.missions import chosen_robots, fitting_program
     from mrbt_mesh.errors import FileError, InputError
+    from mrbt_mesh.formats.cautions import cautions
     from mrbt_mesh.formats.mission_file import compile_mission, load_mission, mission_warnings
     from mrbt_mesh.runtime.program import functions_of
     from mrbt_mesh.runtime.solver_loader import solver_for

@@ -40,8 +40,10 @@ tree: {Sequence: [{Fallback: [holding: , pick, lift]}, place]}
     code, output, _ = mrbt("validate", str(path), "--json")
     assert code == 0
     stuck, undoing = json.loads(output)["warnings"]
-    assert stuck.startswith("Sequence/Fallback[1]: the alternatives do not get their turn")
-    assert undoing.startswith("Sequence/place sets holding to false, and Sequence asks for the")
+    assert stuck.startswith("Sequence/Fallback[1]: this Fallback waits for ever")
+    assert undoing.startswith(
+        "Sequence/place sets holding to false, but an earlier child of Sequence"
+    )
     code, output, _ = mrbt("analyze", str(path), "--json")
     assert json.loads(output)["cautions"] == [stuck, undoing]
     code, output, _ = mrbt("validate", str(path))

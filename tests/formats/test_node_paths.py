@@ -6,8 +6,8 @@ import random
 
 import pytest
 
-from mrbt_mesh.analysis.places import child_path, root_path, walk
 from mrbt_mesh.core.bt.tree import build_tree
+from mrbt_mesh.formats.node_paths import child_path, root_path, walk
 from tests.support.single_robot_trees import Grower
 
 

@@ -1,4 +1,4 @@
-"""What `mrbt validate` and `mrbt analyze` warn of, and what they do not."""
+"""What `mrbt validate` and `mrbt analyze` warn about, and what they accept."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.analysis.tolerance.cautions import cautions
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.failure_reasons import FailureReason
+from mrbt_mesh.formats.cautions import cautions
 from tests.support.build import (
     action,
     condition,
@@ -24,7 +24,7 @@ from tests.support.build import (
     timeout,
 )
 
-TOLD = FailureReason("global_task", "a", (), "contains", "stuck")
+REASON = FailureReason("global_task", "a", (), "contains", "stuck")
 A, B, C = action("a"), action("b"), action("c")
 X, Y = condition("x"), condition("y")
 FAILS = {"blocked_fail_after_us": 5}
@@ -50,21 +50,20 @@ def of(tree: NodeSpec, *tasks: Any) -> list[str]:
         (sequence(A, B), ""),
     ],
 )
-def test_alternatives_that_never_get_their_turn(tree: NodeSpec, named: str) -> None:
+def test_a_fallback_that_waits_for_ever(tree: NodeSpec, named: str) -> None:
     found = of(tree)
     assert len(found) == bool(named)
     for line in found:
-        assert f"nobody who lives can do {named} and nobody" in line
-        assert "with blocked: {fail_after_s: 20}" in line
+        assert f"no living robot can do {named}; add blocked: {{fail_after_s: 20}}" in line
 
 
 def test_a_task_that_fails_once_it_has_been_blocked_is_no_obstacle() -> None:
     assert of(fallback(A, B), task("a", **FAILS)) == []
     (line,) = of(fallback(A, B, C), task("a", **FAILS))
-    assert "nobody who lives can do b and nobody" in line
+    assert "no living robot can do b;" in line
 
 
-def test_it_is_said_where() -> None:
+def test_a_warning_names_the_node() -> None:
     (line,) = of(sequence(C, parallel(2, C, fallback(A, B))))
     assert line.startswith("Sequence/Parallel[2]/Fallback[2]: ")
 
@@ -98,21 +97,21 @@ def test_actions_that_undo_what_led_to_them(
     found = [line for line in of(tree, setting(**effects)) if "sets" in line]
     assert len(found) == bool(named)
     for line in found:
-        assert f"/a sets {named}, and Sequence" in line
+        assert f"/a sets {named}, but an earlier child of Sequence" in line
         assert "memory: while_running" in line
 
 
-def test_a_large_expression_is_taken_to_turn() -> None:
+def test_a_large_expression_is_assumed_to_turn() -> None:
     many = [condition(f"c{number}") for number in range(12)]
     tree = sequence(parallel(1, *many), A)
     found = cautions(make_mission(tree, tasks=[setting(c3=True)]))
     assert ["sets c3 to true" in line for line in found] == [True]
 
 
-def test_a_reason_of_a_task_that_is_never_asked_for_is_named() -> None:
-    told = {"x": ConditionType("x", failure=TOLD)}
+def test_a_failure_condition_of_a_task_that_is_never_requested() -> None:
+    declared = {"x": ConditionType("x", failure=REASON)}
     quiet = make_mission(fallback(A, sequence(X, B)), tasks=[task("a", **FAILS)])
-    assert cautions(replace(quiet, conditions=told)) == []
+    assert cautions(replace(quiet, conditions=declared)) == []
     never = make_mission(fallback(B, sequence(X, C)), tasks=[task("b", **FAILS)])
-    (found,) = cautions(replace(never, conditions=told))
-    assert "x never holds: it tells why a failed" in found
+    (found,) = cautions(replace(never, conditions=declared))
+    assert "x never holds: it is about a failure of a" in found
