@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeAlias
 
@@ -13,7 +13,7 @@ from mrbt_mesh.core.assignment.problem import SolverError
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.outcome_tick import OutcomeTick
-from mrbt_mesh.core.bt.robot_tree import AssignmentLeaves, RobotTree
+from mrbt_mesh.core.bt.robot_tree import AssignmentValues, RobotTree
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.engine import PlanFunction
 from mrbt_mesh.core.facts import records
@@ -24,21 +24,25 @@ from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.planning.deadlines import Deadlines
 from mrbt_mesh.core.planning.plan import Plan
 
-# Is told each plan that this robot takes up, with the alive set that it was made for.
+# Called with each plan that this robot takes up, and the alive set that it was made for.
 PlanListener: TypeAlias = Callable[[Plan, Mapping[str, Incarnation]], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Awaited:
-    """A plan that is being made elsewhere, for these facts and this alive set."""
+    """A plan that is being made elsewhere, for these facts and this alive set.
+
+    `values`: those of T_A's leaves until it has been made.
+    """
 
     number: int
     state: tuple[int, int]
     alive: Mapping[str, Incarnation]
+    values: AssignmentValues
 
 
 class Planner:
-    """Ticks T_A, whose leaves are here: each change of facts or of the alive set has it plan.
+    """Ticks T_A: each change of facts or of the alive set leads to a new plan.
 
     `plan`: the newest one, None while this robot has never joined. `awaited`: the one that is being
     made elsewhere, if there is one; until then the facts must stay as they are.
@@ -53,7 +57,7 @@ class Planner:
         self._evaluator = context.mission.evaluator
         self._make_plan = context.config.engine.plan_making(context.config.solver)
         self._make_by_default: PlanFunction | None = None
-        # What the robot's solver did wrong; the default one made those plans.
+        # Errors of the robot's solver; the default one made those plans.
         self._failures: list[str] = []
         self._number = 0
         # The facts and the alive set of the plan, and of one that is being made elsewhere.
@@ -68,9 +72,17 @@ class Planner:
         self._listeners.append(listener)
 
     def _take_up(
-        self, plan: Plan, alive: Mapping[str, Incarnation], state: tuple[int, int]
+        self,
+        plan: Plan,
+        alive: Mapping[str, Incarnation],
+        state: tuple[int, int],
+        values: AssignmentValues,
     ) -> None:
         self.plan, self._planned = plan, state
+        solved = Status.SUCCESS if plan.feasible else Status.FAILURE
+        self._robot_tree.tick_assignment(
+            replace(values, check_consistency=plan.consistent, assign_agents=solved)
+        )
         for listener in self._listeners:
             listener(plan, alive)
 
@@ -83,7 +95,7 @@ class Planner:
     def is_current(self) -> bool:
         """Whether the plan is that of the facts and the alive set as they are now.
 
-        Not so between an update's own last words (a claim) and the next one.
+        It is not between the facts that an update writes last (a claim) and the next update.
         """
         return self.plan is not None and self._planned == self._state()
 
@@ -100,24 +112,15 @@ class Planner:
         With `apart` a plan is only asked for: then it is awaited.
         """
         context, facts = self._context, self._context.facts
-        leaves = AssignmentLeaves(
-            self._local_task_finished,
-            self._new_global_task_executed,
-            partial(self._check_consistency, apart),
-            self._assign_agents,
-        )
         dropped: list[tuple[str, str]] = []
         while True:
             self._note_guards(now_us)
             dropped += facts.prune()
-            before = self._number
-            self._robot_tree.tick_assignment(leaves)
+            is_new = self._tick_assignment(apart)
             if self.awaited is not None:
                 break
             assert self.plan is not None
-            latches: list[Fact] = []
-            if self._number != before:
-                latches = self._latches(self.plan, context.alive())
+            latches = self._latches(self.plan, context.alive()) if is_new else []
             latches += self.deadlines.expired(self.plan, facts, now_us, self._is_agreed)
             latches += self._end(self.plan)
             if not latches:
@@ -135,50 +138,38 @@ class Planner:
         awaited = self.awaited
         if awaited is not None and number == awaited.number:
             self.awaited = None
-            self._take_up(plan, awaited.alive, awaited.state)
-            self._robot_tree.end_assignment(_solved(plan))
+            self._take_up(plan, awaited.alive, awaited.state, awaited.values)
             latches = self._latches(plan, awaited.alive)
             if latches:
                 self._context.write(latches, now_us)
 
-    # -- the leaves of T_A --------------------------------------------------------------------
+    # -- T_A ----------------------------------------------------------------------------------
 
-    def _local_task_finished(self) -> bool:
-        """Whether a robot has ended a local task: with an outcome, or because it is gone."""
-        return self._finished != self._ends()
+    def _tick_assignment(self, apart: bool) -> bool:
+        """Compute the values of T_A's leaves and tick it; whether there is a new plan.
+
+        A local task has finished with an outcome or the death of its robot. Any new fact may change
+        what T_G asks for, or the assignment problem: what a robot can do, or is doing.
+        """
+        context, ends, state = self._context, self._ends(), self._state()
+        values = AssignmentValues(
+            self._finished != ends, self._planned != state, True, Status.RUNNING
+        )
+        if not values.is_triggered:
+            return False
+        alive = context.alive()
+        self._finished = ends
+        self._number += 1
+        if apart:
+            self.awaited = Awaited(self._number, state, alive, values)
+            self._robot_tree.tick_assignment(values)
+            context.emit(MakePlan(self._number, partial(self._make, alive)))
+            return False
+        self._take_up(self._make(alive), alive, state, values)
+        return True
 
     def _ends(self) -> tuple[int, int]:
         return self._context.facts.outcome_changes, self._context.membership.member_changes
-
-    def _new_global_task_executed(self) -> bool:
-        """Whether T_G is executed over new facts, and so may ask for something else.
-
-        Any fact counts: what a robot can do, or is doing, changes the assignment problem as well.
-        """
-        return self._planned != self._state()
-
-    def _check_consistency(self, apart: bool) -> bool:
-        """Have a plan made. Its first half says whether any request can be served."""
-        context, state = self._context, self._state()
-        alive = context.alive()
-        self._finished = self._ends()
-        self._number += 1
-        if apart:
-            self.awaited = Awaited(self._number, state, alive)
-            context.emit(MakePlan(self._number, partial(self._make, alive)))
-            return True
-        plan = self._make(alive)
-        self._take_up(plan, alive, state)
-        return plan.consistent
-
-    def _assign_agents(self) -> Status:
-        """Running while the plan is made elsewhere; its second half says how that ended."""
-        if self.awaited is not None:
-            return Status.RUNNING
-        assert self.plan is not None
-        return _solved(self.plan)
-
-    # -- what they do -------------------------------------------------------------------------
 
     def _make(self, alive: Mapping[str, Incarnation]) -> Plan:
         """Any exact solver leads to the same plan, so a broken one can be replaced at once.
@@ -266,8 +257,3 @@ def _result(status: Status, agreed: int) -> list[Fact]:
     if status not in (Status.SUCCESS, Status.FAILURE) or not agreed:
         return []
     return [(records.RESULT, MissionResult(status is Status.SUCCESS, agreed))]
-
-
-def _solved(plan: Plan) -> Status:
-    """What T_A returns behind its triggers."""
-    return Status.SUCCESS if plan.feasible else Status.FAILURE

@@ -2,17 +2,16 @@
 
 Source: paper, section V, equation (1). T_G is the mission's; T_A is the same everywhere; T_Li has
 one branch per local task that the robot can do. All three are evaluated by the same evaluator, T_A
-and T_Li over the robot's own facts. The leaves of T_A are functions: to tick it is to plan.
+and T_Li over values that the robot computes itself: those of T_A are the steps of planning.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TypeAlias
 
-from mrbt_mesh.core.bt.evaluation import OwnFacts, PresentFacts
+from mrbt_mesh.core.bt.evaluation import OwnFacts
 from mrbt_mesh.core.bt.evaluator import Evaluator, parallel_status
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, Tree, build_tree
 
@@ -21,10 +20,6 @@ NEW_GLOBAL_TASK_EXECUTED = "new_global_task_executed"
 CHECK_CONSISTENCY = "check_consistency"
 ASSIGN_AGENTS = "assign_agents"
 ASSIGNED = "assigned"
-
-# A condition of T_A, and its action; each is called when its leaf is ticked, and not before.
-Check: TypeAlias = Callable[[], bool]
-Act: TypeAlias = Callable[[], Status]
 
 
 def assignment_tree() -> Tree:
@@ -67,38 +62,23 @@ def local_tree(local_tasks: Iterable[str], trees: Mapping[str, NodeSpec] | None 
 
 
 @dataclass(frozen=True, slots=True)
-class AssignmentLeaves:
-    """What stands behind the leaves of T_A.
+class AssignmentValues:
+    """The values of T_A's four leaves.
 
-    `local_task_finished` and `new_global_task_executed` say whether there is a reason to plan.
-    `check_consistency` finds the requests that can be served together: false if there are requests
-    and none can be. `assign_agents` puts robots on them: Running while that takes place elsewhere,
-    Failure if the assignment problem has no solution.
+    The first two are the reasons to plan. `check_consistency`: there are no requests, or some can
+    be served. `assign_agents`: Running while a plan is made, Failure if the assignment problem has
+    no solution.
     """
 
-    local_task_finished: Check
-    new_global_task_executed: Check
-    check_consistency: Check
-    assign_agents: Act
+    local_task_finished: bool
+    new_global_task_executed: bool
+    check_consistency: bool
+    assign_agents: Status
 
-
-class _AssignmentFacts(PresentFacts):
-    """The leaves of T_A as its evaluation reads them."""
-
-    def __init__(self, leaves: AssignmentLeaves) -> None:
-        self._leaves = leaves
-        self.was_triggered = False
-
-    def condition(self, name: str) -> bool:
-        if name == CHECK_CONSISTENCY:
-            self.was_triggered = True
-            return self._leaves.check_consistency()
-        if name == LOCAL_TASK_FINISHED:
-            return self._leaves.local_task_finished()
-        return self._leaves.new_global_task_executed()
-
-    def task_status(self, subject: str, activation: str) -> Status:
-        return self._leaves.assign_agents()
+    @property
+    def is_triggered(self) -> bool:
+        """Whether there is a reason to plan."""
+        return self.local_task_finished or self.new_global_task_executed
 
 
 # T_A has no state and is the same for all robots.
@@ -140,16 +120,13 @@ class RobotTree:
         parts = (self._assignment, self._global_tasks, self._local)
         return parallel_status(parts, 3), *parts
 
-    def tick_assignment(self, leaves: AssignmentLeaves) -> None:
-        """Tick T_A, which plans; without a trigger it keeps its last status."""
-        facts = _AssignmentFacts(leaves)
-        status = _ASSIGNMENT.evaluate(facts).status
-        if facts.was_triggered:
-            self._assignment = status
-
-    def end_assignment(self, status: Status) -> None:
-        """*Assign Agents*, which took place elsewhere, has ended: T_A has its status."""
-        self._assignment = status
+    def tick_assignment(self, values: AssignmentValues) -> None:
+        """Tick T_A over these values; without a trigger it keeps its last status."""
+        if values.is_triggered:
+            conditions = (LOCAL_TASK_FINISHED, NEW_GLOBAL_TASK_EXECUTED, CHECK_CONSISTENCY)
+            holding = [name for name in conditions if getattr(values, name)]
+            facts = OwnFacts(holding, {ASSIGN_AGENTS: values.assign_agents})
+            self._assignment = _ASSIGNMENT.evaluate(facts).status
 
     def tick(
         self, global_tasks: Status, assigned: str | None, outcome: Status = Status.RUNNING

@@ -6,19 +6,19 @@ A plan follows from the facts and the alive set alone, to the same bytes on ever
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 from mrbt_mesh.core.assignment.named import NamedDemand, NamedProblem
 from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.assignment.solve import optimum, within
-from mrbt_mesh.core.bt.evaluation import Request
+from mrbt_mesh.core.bt.evaluation import Evaluation, Request
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.coalitions import coalition_at_work
 from mrbt_mesh.core.facts.records import OrderKind
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import AssignmentPolicy, Mission
-from mrbt_mesh.core.planning.bids import bids_for
+from mrbt_mesh.core.planning.bids import Bids, bids_for
 from mrbt_mesh.core.planning.capabilities import Capabilities, Worker, capabilities_of
 from mrbt_mesh.core.planning.consistency import kept_requests, shortages
 from mrbt_mesh.core.planning.demands import Demand, Group, demands_of, incarnations, obstacle
@@ -34,6 +34,33 @@ from mrbt_mesh.core.planning.side_constraints import (
 from mrbt_mesh.core.planning.verdicts import pending_verdicts
 
 
+@dataclass(frozen=True, slots=True)
+class ConsistentRequests:
+    """What *Check Consistency* finds: which requests of T_G can be served together.
+
+    `rest_reason`: why no robot is to work at all, empty if they are. `bids`: the demands of the
+    requests, and what the bids make of them. `offered`: the demands with the robots that may be
+    assigned to them. `kept`: indices of the requests that are served. `pinned`: robots at work that
+    go on -> index of their request.
+    """
+
+    evaluation: Evaluation
+    order: OrderKind
+    ended: Status | None
+    capabilities: Capabilities
+    rest_reason: str
+    bids: Bids = field(default_factory=lambda: Bids(()))
+    obstacles: Mapping[int, str] = field(default_factory=dict)
+    offered: Sequence[Group] = ()
+    kept: Sequence[int] = ()
+    pinned: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def is_consistent(self) -> bool:
+        """Whether there are no requests, or some can be served."""
+        return bool(self.kept or self.rest_reason or not self.evaluation.requests)
+
+
 def make_plan(
     facts: TeamFacts,
     alive: Mapping[str, Incarnation],
@@ -44,40 +71,56 @@ def make_plan(
 
     `capabilities`: those of the robots that the plan may use, where they are known already.
     """
-    # T_G says what is to be done, the alive set who may do it.
-    mission, order = facts.mission, facts.order()
-    evaluation = mission.evaluator.evaluate(facts)
     capabilities = capabilities or capabilities_of(facts, alive)
-    team = capabilities.team
-    outside = {r: _why_outside(facts, r, alive[r]) for r in sorted(alive) if r not in team}
-    ended = facts.result(alive)
+    return assign_agents(facts, alive, check_consistency(facts, alive, capabilities), solver)
+
+
+def check_consistency(
+    facts: TeamFacts, alive: Mapping[str, Incarnation], capabilities: Capabilities
+) -> ConsistentRequests:
+    """T_A, *Check Consistency*: evaluate T_G and keep the requests that can be served together."""
+    mission, order, ended = facts.mission, facts.order(), facts.result(alive)
+    evaluation = mission.evaluator.evaluate(facts)
     if reason := _nothing_to_do(order, ended):
-        return Plan(evaluation, order, {}, dict.fromkeys(team, reason) | outside, (), ended=ended)
-
-    # What that asks of the team.
-    requests = evaluation.requests
+        return ConsistentRequests(evaluation, order, ended, capabilities, reason)
+    requests, team = evaluation.requests, capabilities.team
     bids = bids_for(facts, demands_of(facts, requests, capabilities), team)
-    demands = bids.groups
-    obstacles = _obstacles(facts, requests, demands, team)
-    offered: Sequence[Group] = demands
+    obstacles = _obstacles(facts, requests, bids.groups, team)
+    offered: Sequence[Group] = bids.groups
     if mission.assignment is AssignmentPolicy.SPARE_SCARCE:
-        offered = spare_scarce(facts, evaluation, demands, team)
-
-    # T_A, *Check Consistency*: which requests can be served together. Robots at work go on.
+        offered = spare_scarce(facts, evaluation, bids.groups, team)
     kept, pinned = kept_requests(
         facts, offered, lambda: feasibility(mission.constraints, list(team), offered), obstacles
     )
-    is_consistent = bool(kept) or not requests
+    return ConsistentRequests(
+        evaluation, order, ended, capabilities, "", bids, obstacles, offered, kept, pinned
+    )
+
+
+def assign_agents(
+    facts: TeamFacts,
+    alive: Mapping[str, Incarnation],
+    found: ConsistentRequests,
+    solver: Solver,
+) -> Plan:
+    """T_A, *Assign Agents*: robots at work go on, the others are put on the requests kept."""
+    mission, evaluation, capabilities = facts.mission, found.evaluation, found.capabilities
+    team, order, reason = capabilities.team, found.order, found.rest_reason
+    outside = {r: _why_outside(facts, r, alive[r]) for r in sorted(alive) if r not in team}
+    if reason:
+        idle = dict.fromkeys(team, reason) | outside
+        return Plan(evaluation, order, {}, idle, (), ended=found.ended)
+
+    bids, offered, kept, pinned = found.bids, found.offered, found.kept, found.pinned
     at_work = running_on(offered, pinned)
     lines = {robot: _line(robot, demand, True) for robot, demand in at_work.items()}
-
-    # T_A, *Assign Agents*: the other robots are put on these.
     assigned = None
-    if is_consistent:
+    if found.is_consistent:
         assigned = _assign(mission, [offered[index] for index in kept], team, at_work, solver)
         lines |= assigned or {}
 
-    # Who waits, and why.
+    # The requests that wait, and why.
+    requests, demands, obstacles = evaluation.requests, bids.groups, found.obstacles
     held = bids.held_back(kept, lines)
     later = {requests[index].activation for index in held}
     lines = {robot: lines[robot] for robot in sorted(lines) if lines[robot].activation not in later}
@@ -103,7 +146,7 @@ def make_plan(
         _with_leaders(facts, lines, team),
         idle | outside,
         tuple(waiting.values()),
-        is_consistent,
+        found.is_consistent,
         assigned is not None,
         bids.biddings,
         demands,

@@ -1,8 +1,6 @@
-"""T_A at work: a robot plans because T_A is ticked, and T_i shows how that went."""
+"""T_A at work: its status follows from the plan, and T_i shows it."""
 
 from __future__ import annotations
-
-import pytest
 
 from mrbt_mesh.core.agent import effects as fx
 from mrbt_mesh.core.agent import inputs
@@ -10,7 +8,6 @@ from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
-from mrbt_mesh.core.bt import robot_tree
 from mrbt_mesh.core.bt.tree import Status
 from tests.support import build
 from tests.support.script import Script
@@ -58,17 +55,6 @@ def test_a_request_that_waits_beside_others_is_no_failure() -> None:
     assert plan is not None
     assert [each.global_task for each in plan.waiting] == ["cover"]
     assert view(script, "A").statuses[1] is SUCCESS
-
-
-def test_a_robot_plans_because_t_a_is_ticked(monkeypatch: pytest.MonkeyPatch) -> None:
-    script = team()
-    before = view(script, "A").plan
-    with monkeypatch.context() as patched:
-        patched.setattr(robot_tree.RobotTree, "tick_assignment", lambda *_: None)
-        script.block(["fail C", "pass 1000"])
-        assert view(script, "A").plan is before
-    script.block(["pass 1000", "kill B", "pass 3000"])
-    assert view(script, "A").plan is not before
 
 
 def test_t_a_is_running_while_a_plan_is_made_elsewhere() -> None:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from typing import Any
 
 import pytest
 
 from mrbt_mesh.core.bt.evaluator import parallel_status
 from mrbt_mesh.core.bt.robot_tree import (
-    AssignmentLeaves,
+    AssignmentValues,
     RobotTree,
     assignment_tree,
     local_tree,
@@ -60,61 +59,37 @@ def test_a_branch_of_t_li_has_the_outcome_of_the_local_task(outcome: Status) -> 
     assert tree.statuses[3] is SUCCESS
 
 
-class Leaves:
-    """Leaves of T_A that say what they are told, and note when they are ticked."""
-
-    def __init__(
-        self, finished: bool, requested: bool, consistent: bool = True, solved: Status = SUCCESS
-    ) -> None:
-        self.ticked: list[str] = []
-        self.values = AssignmentLeaves(
-            lambda: self.note("finished", finished),
-            lambda: self.note("requested", requested),
-            lambda: self.note("consistent", consistent),
-            lambda: self.note("assign", solved),
-        )
-
-    def note(self, name: str, value: Any) -> Any:
-        self.ticked.append(name)
-        return value
-
-
-def ticked(tree: RobotTree, leaves: Leaves) -> tuple[Status, list[str]]:
-    """T_A's status after a tick, and its leaves in the order in which they were ticked."""
-    tree.tick_assignment(leaves.values)
+def ticked(tree: RobotTree, values: AssignmentValues) -> Status:
+    """T_A's status after a tick."""
+    tree.tick_assignment(values)
     tree.tick(RUNNING, None)
-    return tree.statuses[1], leaves.ticked
+    return tree.statuses[1]
 
 
 @pytest.mark.parametrize(
-    ("leaves", "status", "order"),
+    ("values", "status"),
     [
-        (Leaves(True, False), SUCCESS, ["finished", "consistent", "assign"]),
-        (Leaves(False, True), SUCCESS, ["finished", "requested", "consistent", "assign"]),
-        (Leaves(True, True, False), FAILURE, ["finished", "consistent"]),
-        (Leaves(True, True, True, FAILURE), FAILURE, ["finished", "consistent", "assign"]),
-        (Leaves(True, True, True, RUNNING), RUNNING, ["finished", "consistent", "assign"]),
+        (AssignmentValues(True, False, True, SUCCESS), SUCCESS),
+        (AssignmentValues(False, True, True, SUCCESS), SUCCESS),
+        (AssignmentValues(True, True, False, SUCCESS), FAILURE),
+        (AssignmentValues(True, True, True, FAILURE), FAILURE),
+        (AssignmentValues(True, True, True, RUNNING), RUNNING),
     ],
 )
-def test_a_trigger_has_t_a_check_consistency_and_then_assign_agents(
-    leaves: Leaves, status: Status, order: list[str]
+def test_after_a_trigger_t_a_needs_consistent_requests_and_an_assignment(
+    values: AssignmentValues, status: Status
 ) -> None:
-    assert ticked(RobotTree({"weld"}), leaves) == (status, order)
-
-
-@pytest.mark.parametrize("before", [SUCCESS, FAILURE])
-def test_without_a_trigger_t_a_does_nothing_and_keeps_its_last_status(before: Status) -> None:
     tree = RobotTree({"weld"})
-    tree.tick_assignment(Leaves(True, False, True, before).values)
-    assert ticked(tree, Leaves(False, False)) == (before, ["finished", "requested"])
+    tree.tick_assignment(AssignmentValues(True, False, status is not SUCCESS, SUCCESS))
+    assert ticked(tree, values) is status
 
 
-def test_an_assignment_that_takes_place_elsewhere_is_running_until_it_has_ended() -> None:
+@pytest.mark.parametrize("before", [SUCCESS, FAILURE, RUNNING])
+def test_without_a_trigger_t_a_keeps_its_last_status(before: Status) -> None:
     tree = RobotTree({"weld"})
-    tree.tick_assignment(Leaves(True, False, True, RUNNING).values)
-    assert ticked(tree, Leaves(False, False))[0] is RUNNING
-    tree.end_assignment(FAILURE)
-    assert ticked(tree, Leaves(False, False))[0] is FAILURE
+    tree.tick_assignment(AssignmentValues(True, False, True, before))
+    for solved in (SUCCESS, FAILURE):
+        assert ticked(tree, AssignmentValues(False, False, True, solved)) is before
 
 
 def test_t_i_succeeds_when_all_three_parts_do() -> None:
@@ -122,7 +97,7 @@ def test_t_i_succeeds_when_all_three_parts_do() -> None:
         (RUNNING, SUCCESS, FAILURE), ("weld", None, "fly"), (RUNNING, SUCCESS, FAILURE)
     ):
         tree = RobotTree({"weld"})
-        tree.tick_assignment(Leaves(True, True, True, solved).values)
+        tree.tick_assignment(AssignmentValues(True, True, True, solved))
         tree.tick(t_g, assigned)
         whole, *parts = tree.statuses
         assert parts[:2] == [solved, t_g]

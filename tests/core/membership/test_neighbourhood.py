@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from typing import Any
 
 import pytest
 
@@ -132,14 +133,14 @@ def test_tokens_that_anybody_can_show_have_nobody_spoken_to() -> None:
 
 def test_who_begins_together_is_planned_for_together(monkeypatch: pytest.MonkeyPatch) -> None:
     robots, plans = 24, 0
-    assign = Planner._assign_agents
+    take_up = Planner._take_up
 
-    def counted(self: Planner) -> bool:
+    def counted(self: Planner, *plan: Any) -> None:
         nonlocal plans
         plans += 1
-        return assign(self)
+        take_up(self, *plan)
 
-    monkeypatch.setattr(Planner, "_assign_agents", counted)
+    monkeypatch.setattr(Planner, "_take_up", counted)
     started(robots, GOOD)
     assert plans / robots < robots // 2, "fewer than there are robots that have begun something"
 
