@@ -17,6 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.run import REPAIR, say
+from mrbt_mesh.adapters.metrics.meter import Meter
+from mrbt_mesh.adapters.metrics.pages import robot_page
+from mrbt_mesh.adapters.metrics.server import metrics_app
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.effects import Ask, Effect, Publish, Reply
@@ -32,9 +35,6 @@ from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.runtime.metrics.meter import Meter
-from mrbt_mesh.runtime.metrics.robot_page import robot_page
-from mrbt_mesh.runtime.metrics.server import metrics_app
 
 ROUNDS, STEP_US, SCRAPE_S = 101, 50_000, 5.0
 TIMING = Timing()

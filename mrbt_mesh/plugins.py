@@ -8,7 +8,7 @@ cheap to import: what needs an extra is imported when the plug-in is used, after
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import AbstractAsyncContextManager
+from contextlib import AbstractAsyncContextManager, AbstractContextManager
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
@@ -22,11 +22,16 @@ if TYPE_CHECKING:
 
     import anyio
 
+    from mrbt_mesh.core.agent.effects import Effect
+    from mrbt_mesh.core.agent.inputs import Input
+    from mrbt_mesh.core.agent.view import AgentView
+    from mrbt_mesh.core.engine import Engine
     from mrbt_mesh.core.mission.conditions import ConditionType
     from mrbt_mesh.core.mission.mission import Mission
     from mrbt_mesh.core.mission.program_trees import ProgramTree
     from mrbt_mesh.core.observer.observer import Observer
     from mrbt_mesh.runtime.context import TaskContext
+    from mrbt_mesh.runtime.journal_writer import Durations
     from mrbt_mesh.runtime.team import Team
     from mrbt_mesh.runtime.watcher import Watcher
 
@@ -133,6 +138,60 @@ class Export(Protocol):
         """
 
 
+@dataclass(frozen=True)
+class MetricsAddress:
+    """Where metrics are served: the port, and the address of the interface."""
+
+    port: int
+    host: str = "127.0.0.1"
+
+    def __str__(self) -> str:
+        return f"{self.host}:{self.port}"
+
+
+class RobotMeter(Protocol):
+    """Counts the inputs and effects of one robot, and serves the counts. It changes nothing.
+
+    `sync_s`: durations of synced writes to the journal. `dropped`: messages that the inbox dropped.
+    """
+
+    sync_s: Durations
+    dropped: int
+
+    def take(self, event: Input) -> None:
+        """Count an input of the agent."""
+
+    def carry_out(self, effect: Effect) -> None:
+        """Count an effect of the agent."""
+
+    def look(self, lag_s: float, agrees: bool) -> None:
+        """Note by how much the event loop was late, and whether all robots agree with this one."""
+
+    def timed(self, engine: Engine) -> Engine:
+        """The same engine, with each plan timed."""
+
+    def serving(self, view: AgentView) -> AbstractContextManager[int]:
+        """Serve the counts until the context ends; called in the event loop. Raises InputError."""
+
+
+class Metrics(Protocol):
+    """Serves metrics of robots and teams: `--metrics-port`."""
+
+    def check(self) -> None:
+        """Raise InputError if it lacks a library."""
+
+    def meter(self, robot: str, mission: Mission, address: MetricsAddress) -> RobotMeter:
+        """The meter of one robot, to be served at the address. Raises InputError."""
+
+    def serving_team(
+        self, observer: Observer, address: MetricsAddress
+    ) -> AbstractContextManager[int]:
+        """Serve metrics of a team, in the event loop, until the context ends. Raises InputError."""
+
+    def team_page(self, observer: Observer, accept: str) -> tuple[bytes, str]:
+        """(page, content type) of a team, for a request with this `Accept` header."""
+
+
 class ProgramKind(Protocol):
     """Robots of one kind: `mrbt new FOLDER --NAME` copies the files in `template`."""
 
@@ -201,6 +260,7 @@ class TreeFormat(Protocol):
 COMMANDS: Group[Callable[..., None]] = Group("mrbt_mesh.commands", "command")
 VIEWS: Group[Viewer] = Group("mrbt_mesh.views", "view")
 ADAPTERS: Group[Export] = Group("mrbt_mesh.adapters", "adapter")
+METRICS: Group[Metrics] = Group("mrbt_mesh.metrics", "kind of metrics")
 PROGRAMS: Group[ProgramKind] = Group("mrbt_mesh.programs", "kind of robots")
 # By the file's ending without the dot: "xml".
 FILE_FORMATS: Group[TreeFormat] = Group("mrbt_mesh.file_formats", "file format")
@@ -209,3 +269,8 @@ FILE_FORMATS: Group[TreeFormat] = Group("mrbt_mesh.file_formats", "file format")
 def tree_format(file: str) -> TreeFormat:
     """The format of the trees in a file, by its ending. Raises InputError for an unknown one."""
     return FILE_FORMATS.load(file.rpartition(".")[2].lower())
+
+
+def metrics() -> Metrics:
+    """The installed kind of metrics. Raises InputError without one."""
+    return METRICS.load("prometheus")

@@ -11,7 +11,6 @@ import signal
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -61,9 +60,8 @@ from mrbt_mesh.runtime.token_holders import life_of
 from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
 
 if TYPE_CHECKING:
+    from mrbt_mesh.plugins import RobotMeter
     from mrbt_mesh.runtime.manifest_watch import ManifestWatch
-    from mrbt_mesh.runtime.metrics.meter import Meter
-    from mrbt_mesh.runtime.metrics.server import MetricsAddress
 
 EVENTS_FILE = "events.jsonl"
 CLOSE_TIMEOUT_S = 1.0
@@ -81,10 +79,10 @@ SILENT_BEATS = 5
 class RobotSetup:
     """What a robot's process is made of. Without `run_dir`, it keeps no journal and no events.
 
-    `record`: where it records what it knows and does, None: nowhere. `meter` counts what happens,
-    served at `metrics`. `log`: with its levels as methods, None: the robot's. `is_guest`: it
-    lives inside another program, whose process, signals and memory are not its own. `keep_bytes`:
-    the size at which its files are begun anew.
+    `record`: where it records what it knows and does, None: nowhere. `meter` counts what happens
+    and serves it. `log`: with its levels as methods, None: the robot's. `is_guest`: it lives
+    inside another program, whose process, signals and memory are not its own. `keep_bytes`: the
+    size at which its files are begun anew.
     """
 
     mission: Mission
@@ -95,8 +93,7 @@ class RobotSetup:
     run_dir: Path | None = None
     journal: Journal | None = None
     manifest: ManifestWatch | None = None
-    meter: Meter | None = None
-    metrics: MetricsAddress | None = None
+    meter: RobotMeter | None = None
     record: RecordTo | None = None
     log: Any = None
     is_guest: bool = False
@@ -168,20 +165,10 @@ class Driver:
             return await self._live(None, selector)
 
     async def _main(self, launcher: LauncherWatch | None, selector: FencingSelector) -> Stop:
-        with self._serving_metrics():
+        with contextlib.ExitStack() as stack:
+            if self._meter is not None:
+                stack.enter_context(self._meter.serving(self._agent.view))
             return await self._live(launcher, selector)
-
-    def _serving_metrics(self) -> contextlib.AbstractContextManager[object]:
-        address = self._setup.metrics
-        if self._meter is None or address is None:
-            return contextlib.nullcontext()
-        from mrbt_mesh.runtime.metrics.robot_page import robot_page
-        from mrbt_mesh.runtime.metrics.server import metrics_app, read_in_loop, serving
-
-        read = partial(robot_page, self._agent.view, self._meter)
-        return serving(
-            address, metrics_app(partial(read_in_loop, asyncio.get_running_loop(), read))
-        )
 
     async def _live(self, launcher: LauncherWatch | None, selector: FencingSelector) -> Stop:
         self._stopped = anyio.Event()

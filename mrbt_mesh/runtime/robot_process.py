@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from mrbt_mesh import plugins
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.membership.timing import SECOND_US
@@ -40,10 +41,9 @@ from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.version import __version__
 
 if TYPE_CHECKING:
+    from mrbt_mesh.plugins import MetricsAddress
     from mrbt_mesh.runtime.manifest_watch import ManifestWatch
     from mrbt_mesh.runtime.member_keys import MemberKeys
-    from mrbt_mesh.runtime.metrics.meter import Meter
-    from mrbt_mesh.runtime.metrics.server import MetricsAddress
 
 # From so many on, planning may take longer than the event loop may stand still.
 LARGE_ROBOTS = 100
@@ -137,8 +137,9 @@ def robot_setup(
     journal = open_journal(start.run_dir, mission, address.run, start.robot, logger)
     restored, problem = _begin(journal, mission)
     solver = solver_for(mission, start.solver)
-    meter, engine = _meter(start, mission), chosen_engine()
-    if meter is not None:
+    meter, engine = None, chosen_engine()
+    if start.metrics is not None:
+        meter = plugins.metrics().meter(start.robot, mission, start.metrics)
         engine = meter.timed(engine)
     is_large = len(mission.robots) >= LARGE_ROBOTS or len(mission.tree.nodes) >= LARGE_NODES
     config = AgentConfig(
@@ -173,7 +174,6 @@ def robot_setup(
         journal,
         manifest,
         meter,
-        start.metrics,
         _record_to(start),
         guest_log,
         is_guest=guest_log is not None,
@@ -196,14 +196,6 @@ def _begin(journal: Journal | None, mission: Mission) -> tuple[tuple[Entry, ...]
     if any(task.exclusive for task in mission.global_tasks.values()):
         return (), NO_JOURNAL
     return (), ""
-
-
-def _meter(start: RobotStart, mission: Mission) -> Meter | None:
-    if start.metrics is None:
-        return None
-    from mrbt_mesh.runtime.metrics.meter import Meter
-
-    return Meter(start.robot, mission)
 
 
 def _expected(start: RobotStart, mission: Mission) -> frozenset[str]:

@@ -15,10 +15,10 @@ from urllib.request import urlopen
 import pytest
 from ruamel.yaml import YAML
 
-from mrbt_mesh.runtime.metrics.families import Family, FamilyKind
-from mrbt_mesh.runtime.metrics.robot_page import robot_page
-from mrbt_mesh.runtime.metrics.server import MetricsAddress, metrics_app, read_in_loop, serving
-from mrbt_mesh.runtime.metrics.team_page import team_page
+from mrbt_mesh.adapters.metrics.families import Family, FamilyKind
+from mrbt_mesh.adapters.metrics.pages import robot_page, team_page
+from mrbt_mesh.adapters.metrics.server import metrics_app, read_in_loop, serving
+from mrbt_mesh.plugins import MetricsAddress
 from tests.support.metered import MeteredTeam
 from tests.support.paths import ROOT
 

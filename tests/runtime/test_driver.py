@@ -1,46 +1,19 @@
-"""The driver around an agent, on a transport that is only slow."""
+"""The driver around an agent, on a transport that is slow to open."""
 
 from __future__ import annotations
 
-import contextlib
-import re
-import socket
-import threading
 from functools import partial
 from pathlib import Path
-from typing import Any
-from urllib.request import urlopen
 
 import pytest
 
-from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime import driver
-from mrbt_mesh.runtime.metrics.server import MetricsAddress
 from mrbt_mesh.runtime.robot_process import RobotStart, make_driver
 from mrbt_mesh.runtime.team_address import on_network
 from tests.support.paths import mission_file
+from tests.support.slow_transport import SlowTransport
 
 EXPLORE = mission_file("explore")
-
-
-class SlowTransport:
-    """Takes longer to open than the detection time, as on a machine that is very busy."""
-
-    def __init__(self, config: Any, deliver: Any, life_of: Any) -> None:
-        self.is_open = False
-        self.told: list[str] = []
-
-    def open(self) -> None:
-        threading.Event().wait(0.6)
-        self.is_open = True
-
-    def __getattr__(self, name: str) -> Any:
-        def used(*arguments: Any) -> list[str]:
-            assert self.is_open, f"{name} before the session is open"
-            self.told.append(name)
-            return []
-
-        return used
 
 
 def test_a_robot_whose_start_takes_long_starts_all_the_same(
@@ -53,59 +26,3 @@ def test_a_robot_whose_start_takes_long_starts_all_the_same(
     where = {"robot": "R1", "listen": ("tcp/127.0.0.1:0",), "beat_s": 0.1, "detection_s": 0.3}
     stop = make_driver(start, partial(on_network, **where)).run()
     assert (stop.code, stop.reason) == (0, "mission success")
-
-
-def pages(port: int, found: list[str]) -> None:
-    """Read the robot's metrics until it has joined, and written that down."""
-    is_written = re.compile("mrbt_joined 1.0.*mrbt_journal_sync_duration_seconds_count [1-9]", re.S)
-    while not found or not is_written.search(found[-1]):
-        with contextlib.suppress(OSError):
-            page = urlopen(f"http://127.0.0.1:{port}/metrics", timeout=5).read().decode()
-            found.append(page)
-
-
-def test_a_robot_serves_metrics_while_it_lives(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(driver, "ZenohTransport", SlowTransport)
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    start = RobotStart(
-        EXPLORE,
-        "R1",
-        expect=("R1",),
-        speed=20,
-        run_dir=tmp_path,
-        exit_when_done=True,
-        metrics=MetricsAddress(port),
-    )
-    where = {"robot": "R1", "listen": ("tcp/127.0.0.1:0",), "beat_s": 0.1, "detection_s": 0.3}
-    found: list[str] = []
-    reader = threading.Thread(target=pages, args=(port, found), daemon=True)
-    reader.start()
-    stop = make_driver(start, partial(on_network, **where)).run()
-    reader.join()
-    assert stop.code == 0
-    last = found[-1]
-    assert 'mrbt_robot_info{mission="explore",robot="R1"' in last
-    assert "mrbt_event_loop_responds 1.0" in last
-    # Beginning a life is written to the journal, synced.
-    (syncs,) = re.findall(r"mrbt_journal_sync_duration_seconds_count (\S+)", last)
-    assert float(syncs) >= 1
-    with pytest.raises(OSError, match="refused"):
-        urlopen(f"http://127.0.0.1:{port}/metrics", timeout=5)
-
-
-def test_a_robot_that_cannot_serve_metrics_refuses_to_start(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(driver, "ZenohTransport", SlowTransport)
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        address = MetricsAddress(taken.getsockname()[1])
-        start = RobotStart(EXPLORE, "R1", run_dir=tmp_path, metrics=address)
-        robot = make_driver(start, partial(on_network, robot="R1"))
-        with pytest.raises(InputError, match=f"metrics cannot be served on {address}"):
-            robot.run()

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from unittest.mock import patch
 
+from mrbt_mesh.adapters.metrics.families import Distribution, Family
+from mrbt_mesh.adapters.metrics.meter import Meter
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.effects import Effect
 from mrbt_mesh.core.agent.inputs import Input
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.runtime.metrics.families import Distribution, Family
-from mrbt_mesh.runtime.metrics.meter import Meter
 from tests.support import harness
 from tests.support.script import Script
 from tests.support.watched import COVER

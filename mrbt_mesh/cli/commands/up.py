@@ -83,11 +83,11 @@ def up(
 
     Example: mrbt up examples/vehicle_repair/mission.yaml --speed 2
     """
+    from mrbt_mesh import plugins
     from mrbt_mesh.cli.missions import checked_program, chosen_robots
     from mrbt_mesh.cli.team.launching import created, resumed, run_team
     from mrbt_mesh.cli.team.network_options import endpoints_of, warn_insecure
     from mrbt_mesh.formats.mission_file import load_mission
-    from mrbt_mesh.runtime.metrics.server import require_metrics
     from mrbt_mesh.runtime.solver_loader import solver_for
     from mrbt_mesh.runtime.team import new_run
 
@@ -103,7 +103,7 @@ def up(
         given.refuse(["--record-beats"], "with --no-record nothing is recorded")
     served = page.page() if web else None
     if launch.metrics_port is not None:
-        require_metrics()
+        plugins.metrics().check()
     loaded = load_mission(mission)
     robots = chosen_robots("--robots", launch.robots, loaded)
     program = checked_program(loaded, robots, launch.program)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from mrbt_mesh.cli.framework.declare import Given, option
 
 if TYPE_CHECKING:
-    from mrbt_mesh.runtime.metrics.server import MetricsAddress
+    from mrbt_mesh.plugins import MetricsAddress
 
 PANEL = "Metrics"
 MOST_PORTS = 65_535
@@ -41,6 +41,6 @@ class MetricsOptions:
         if self.metrics_port is None:
             given.refuse(("--metrics-host",), "give --metrics-port too")
             return None
-        from mrbt_mesh.runtime.metrics.server import MetricsAddress
+        from mrbt_mesh.plugins import MetricsAddress
 
         return MetricsAddress(self.metrics_port, self.metrics_host)

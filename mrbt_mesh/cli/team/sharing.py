@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import asyncio
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
-from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
+from mrbt_mesh import plugins
 from mrbt_mesh.cli.exporting import ExportOptions, LookOn
 
 if TYPE_CHECKING:
     from mrbt_mesh.core.observer.observer import Observer
-    from mrbt_mesh.runtime.metrics.server import MetricsAddress
+    from mrbt_mesh.plugins import MetricsAddress
     from mrbt_mesh.runtime.watcher import Watcher
 
 # Open while the team is watched; what it yields is shown all that is seen.
@@ -41,15 +40,7 @@ def sharing(
 
     with ExitStack() as stack:
         if metrics is not None:
-            stack.enter_context(_serving(metrics, watcher))
+            stack.enter_context(plugins.metrics().serving_team(watcher.observer, metrics))
         now_us, unix_us = boottime_us(), time.time_ns() // 1_000
         mission = watcher.observer.mission
         yield stack.enter_context(export.writing(mission, now_us, unix_us))
-
-
-def _serving(address: MetricsAddress, watcher: Watcher) -> AbstractContextManager[int]:
-    from mrbt_mesh.runtime.metrics.server import metrics_app, read_in_loop, serving
-    from mrbt_mesh.runtime.metrics.team_page import team_page
-
-    page = partial(team_page, watcher.observer)
-    return serving(address, metrics_app(partial(read_in_loop, asyncio.get_running_loop(), page)))

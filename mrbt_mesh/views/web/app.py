@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import mimetypes
 from collections.abc import Callable, Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -17,10 +16,9 @@ from starlette.responses import HTMLResponse, JSONResponse, Response, StreamingR
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
+from mrbt_mesh import plugins
 from mrbt_mesh.drills.control import Control, OrderError
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.runtime.metrics.server import written
-from mrbt_mesh.runtime.metrics.team_page import team_page
 from mrbt_mesh.views.model.mission_view import mission_view
 from mrbt_mesh.views.model.own_trees import own_trees
 from mrbt_mesh.views.model.why import why_robot, why_task
@@ -122,9 +120,8 @@ class Page:
         if self._projector is not None:
             raise HTTPException(404, "a recording has no metrics")
         try:
-            text, content_type = written(
-                partial(team_page, self._feed.observer), request.headers.get("accept", "")
-            )
+            accept = request.headers.get("accept", "")
+            text, content_type = plugins.metrics().team_page(self._feed.observer, accept)
         except InputError as error:
             raise HTTPException(501, str(error)) from error
         return Response(text, headers={"content-type": content_type})

@@ -10,9 +10,9 @@ import pytest
 
 from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.plugins import MetricsAddress
 from mrbt_mesh.runtime import robot_process
 from mrbt_mesh.runtime.key_folder import KeyFolder
-from mrbt_mesh.runtime.metrics.server import MetricsAddress
 from mrbt_mesh.runtime.robot_process import RobotStart
 from mrbt_mesh.runtime.team_address import TeamAddress
 from tests.support.command import EXPLORE, mrbt

@@ -1,8 +1,8 @@
 """Serves families to Prometheus over HTTP, as OpenMetrics or in Prometheus' text format.
 
-The page is written on a thread of its own; what it says is read in the event loop, where nothing
-changes meanwhile. One request is answered at a time, and a slow one given up: whoever asks too much
-waits, and the robot does not.
+A thread of its own writes the page; its values are read in the event loop, where nothing changes
+meanwhile. One request is answered at a time, and a slow one is cut off, so that requests never
+delay the robot.
 """
 
 from __future__ import annotations
@@ -14,13 +14,12 @@ import socketserver
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
 
+from mrbt_mesh.adapters.metrics.families import Distribution, Family, FamilyKind, single
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.runtime.metrics.families import Distribution, Family, FamilyKind, single
+from mrbt_mesh.plugins import MetricsAddress, require
 
 if TYPE_CHECKING:
     from wsgiref.types import WSGIApplication
@@ -30,35 +29,23 @@ if TYPE_CHECKING:
 
 LOOP_TIMEOUT_S = 2.0
 REQUEST_TIMEOUT_S = 2.0
-# However steadily somebody talks or reads: a page that waits for the loop has time to be told.
+# For a client that sends or reads slowly; long enough for a page that waits for the loop.
 WHOLE_REQUEST_S = LOOP_TIMEOUT_S + REQUEST_TIMEOUT_S
-# How often the server looks whether it is to end, which is waited for.
+# How often the server looks whether it is to end.
 END_LOOK_S = 0.1
-LOCALHOST = "127.0.0.1"
 RESPONDS = "mrbt_event_loop_responds"
 
 ReadFamilies = Callable[[], list[Family]]
 
 
-@dataclass(frozen=True)
-class MetricsAddress:
-    """Where metrics are served: the port, and the address of the interface."""
-
-    port: int
-    host: str = LOCALHOST
-
-    def __str__(self) -> str:
-        return f"{self.host}:{self.port}"
-
-
 def read_in_loop(loop: asyncio.AbstractEventLoop, read: ReadFamilies) -> list[Family]:
-    """What `read` returns in the loop, and whether the loop answers in time; from any thread."""
+    """Call `read` in the loop, from another thread; adds whether the loop answered in time."""
     answer: concurrent.futures.Future[list[Family]] = concurrent.futures.Future()
 
     def call() -> None:
         try:
             answer.set_result(read())
-        except Exception as error:  # of whatever kind: it is for the thread that asked
+        except Exception as error:  # it is raised in the thread that waits
             answer.set_exception(error)
 
     found: list[Family] = []
@@ -73,10 +60,7 @@ def read_in_loop(loop: asyncio.AbstractEventLoop, read: ReadFamilies) -> list[Fa
 
 
 def metrics_app(read: ReadFamilies) -> WSGIApplication:
-    """A web page for Prometheus, to be mounted wherever there is a server.
-
-    Raises InputError without the library.
-    """
+    """A web page for Prometheus. Raises InputError without the library."""
     registry = _registry(read)
     from prometheus_client import make_wsgi_app
 
@@ -84,7 +68,7 @@ def metrics_app(read: ReadFamilies) -> WSGIApplication:
 
 
 def written(read: ReadFamilies, accept: str) -> tuple[bytes, str]:
-    """(page, its content type) for a request that accepts this, where there is a server already.
+    """(page, its content type) for a request with this `Accept` header.
 
     Raises InputError without the library.
     """
@@ -95,19 +79,18 @@ def written(read: ReadFamilies, accept: str) -> tuple[bytes, str]:
     return encode(registry), content_type
 
 
-def require_metrics() -> None:
+def require_library() -> None:
     """Raise InputError without the library."""
-    if find_spec("prometheus_client") is None:
-        raise InputError("metrics need the extra `metrics`: pip install 'mrbt-mesh[metrics]'")
+    require("Prometheus", "metrics", "prometheus_client")
 
 
 def _registry(read: ReadFamilies) -> CollectorRegistry:
-    require_metrics()
+    require_library()
     from prometheus_client import CollectorRegistry
 
     class Collector:
         def describe(self) -> Iterable[Metric]:
-            return ()  # or the registry would read everything once before anybody has asked
+            return ()  # otherwise the registry reads everything once before the first request
 
         def collect(self) -> Iterator[Metric]:
             return map(_metric, read())
@@ -150,7 +133,7 @@ class _Handler(WSGIRequestHandler):
 
 class _Server(WSGIServer):
     def server_bind(self) -> None:
-        # As the base class does, which also asks the domain name system for its own name.
+        # As in the base class, but without a look-up of its own name in the domain name system.
         socketserver.TCPServer.server_bind(self)
         self.server_name, self.server_port = str(self.server_address[0]), self.server_address[1]
         self.setup_environ()
@@ -165,7 +148,7 @@ class _Server(WSGIServer):
             timer.cancel()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        pass  # whoever asked has gone, or says nothing
+        pass  # the client has gone or was cut off
 
 
 def _cut_off(connection: socket.socket) -> None:

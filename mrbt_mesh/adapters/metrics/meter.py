@@ -1,4 +1,4 @@
-"""Counts what goes into one agent and comes out of it, beside the driver; it changes nothing."""
+"""Counts the inputs and effects of one agent; it changes nothing."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 
+from mrbt_mesh.adapters.metrics.families import Distribution, robot_label, task_label
 from mrbt_mesh.core.agent.effects import (
     Ask,
     Effect,
@@ -31,14 +32,12 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.plan import Plan
-from mrbt_mesh.runtime.metrics.families import Distribution
-from mrbt_mesh.runtime.metrics.labels import robot_label, task_label
 
 REPLY = "reply"
 
 
 class Traffic:
-    """How many messages and bytes there were, by kind."""
+    """Numbers of messages and bytes, by kind."""
 
     def __init__(self) -> None:
         # Written with every message, so each kind has its list of two numbers.
@@ -52,12 +51,12 @@ class Traffic:
         counts[1] += len(data)
 
     def count_reply(self, data: bytes) -> None:
-        """One more answer to a question or a command: whoever sends it need not know which."""
+        """One more answer to a question or a command."""
         self._replies[0] += 1
         self._replies[1] += len(data)
 
     def by_kind(self) -> dict[str, tuple[int, int]]:
-        """Kind -> (messages, bytes), of those that there were."""
+        """Kind -> (messages, bytes), without kinds that did not occur."""
         named = {kind.name.lower(): counts for kind, counts in self._counts.items()}
         named[REPLY] = self._replies
         return {name: (count, size) for name, (count, size) in named.items() if count}
@@ -67,10 +66,10 @@ class Meter:
     """What one robot's process has counted since it began.
 
     `claims`: facts about its work, by local task and phase; `outcomes`: by local task and result.
-    `suspicions` and `deaths`: what it has said of others, by robot. `plan_s`, `lag_s` and `sync_s`
-    are durations: of making a plan, by which the event loop was late, of a synced write to the
-    journal. `started_s` is when the running local task began, on `time.monotonic`. `agreed_since`:
-    since when, in Unix seconds, it has agreed with all, or not.
+    `suspicions` and `deaths`: declared by this robot, by robot. `plan_s`, `lag_s` and `sync_s`:
+    durations of planning, of the event loop's delays, of synced writes to the journal.
+    `started_s`: when the running local task began, on `time.monotonic`. `agreed_since_s`: Unix
+    time of the last change of whether it agrees with all robots.
     """
 
     def __init__(self, robot: str, mission: Mission) -> None:
@@ -148,7 +147,7 @@ class Meter:
     # -- what is looked at regularly ----------------------------------------------------------
 
     def look(self, lag_s: float, agrees: bool) -> None:
-        """The event loop came so late; whether all agree with this robot."""
+        """Note by how much the event loop was late, and whether all robots agree with this one."""
         self.lag_s.observe(max(0.0, lag_s))
         if agrees is not self._agrees:
             self._agrees = agrees
@@ -157,7 +156,7 @@ class Meter:
     # -- plans --------------------------------------------------------------------------------
 
     def timed(self, engine: Engine) -> Engine:
-        """The same engine, which also says how long each plan took."""
+        """The same engine, with each plan timed."""
 
         def timed_planning(solver: Solver) -> PlanFunction:
             make_plan = engine.plan_making(solver)

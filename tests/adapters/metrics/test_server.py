@@ -13,21 +13,16 @@ import pytest
 from prometheus_client.openmetrics.parser import text_string_to_metric_families as parse_openmetrics
 from prometheus_client.parser import text_string_to_metric_families as parse_text
 
+from mrbt_mesh.adapters.metrics import server
+from mrbt_mesh.adapters.metrics.families import Distribution, Family, FamilyKind, labelled, single
+from mrbt_mesh.adapters.metrics.pages import robot_page, team_page
+from mrbt_mesh.adapters.metrics.server import metrics_app, read_in_loop, serving
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.runtime.metrics import server
-from mrbt_mesh.runtime.metrics.families import Distribution, Family, FamilyKind, labelled, single
-from mrbt_mesh.runtime.metrics.robot_page import robot_page
-from mrbt_mesh.runtime.metrics.server import (
-    LOCALHOST,
-    MetricsAddress,
-    metrics_app,
-    read_in_loop,
-    serving,
-)
-from mrbt_mesh.runtime.metrics.team_page import team_page
+from mrbt_mesh.plugins import MetricsAddress
 from tests.support.extras import said_without
 from tests.support.metered import MeteredTeam
 
+LOCALHOST = "127.0.0.1"
 OPENMETRICS = "application/openmetrics-text; version=1.0.0"
 
 
@@ -150,6 +145,6 @@ def test_a_loop_that_hangs_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_without_the_library_it_is_said_how_to_get_it() -> None:
     said = said_without(
-        "prometheus_client", "mrbt_mesh.runtime.metrics.server", "metrics_app(list)"
+        "prometheus_client", "mrbt_mesh.adapters.metrics.server", "metrics_app(list)"
     )
     assert "pip install 'mrbt-mesh[metrics]'" in said

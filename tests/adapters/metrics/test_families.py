@@ -7,7 +7,7 @@ import itertools
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.runtime.metrics.families import DURATIONS_S, Distribution, one_of
+from mrbt_mesh.adapters.metrics.families import DURATIONS_S, Distribution, one_of
 
 
 def test_a_duration_counts_up_to_its_bound_included() -> None:

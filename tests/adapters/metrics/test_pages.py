@@ -1,8 +1,8 @@
-"""What one robot tells Prometheus."""
+"""The metrics of a robot, and of a team."""
 
 from __future__ import annotations
 
-from mrbt_mesh.runtime.metrics.robot_page import robot_page
+from mrbt_mesh.adapters.metrics.pages import robot_page, team_page
 from tests.support.metered import MeteredTeam, values
 
 
@@ -51,3 +51,36 @@ def test_the_names_are_those_that_prometheus_asks_for() -> None:
     for name in names:
         assert name.startswith("mrbt_")
         assert not name.endswith(("_total", "_info", "_count", "_sum", "_bucket", "_ms", "_us"))
+
+
+def observed(*commands: str) -> dict[tuple[str, ...], float]:
+    return values(team_page(MeteredTeam(*commands).observer))
+
+
+def test_an_observed_team_at_work() -> None:
+    found = observed()
+    assert found["mrbt_team_robots", "alive"] == 3
+    assert found["mrbt_team_robot_live", "A"] == 1
+    assert found["mrbt_team_robot_working", "A", "weld"] == 1
+    assert found["mrbt_team_agreement",] == found["mrbt_team_observer_caught_up",] == 1
+    assert found["mrbt_team_mission_status", "running"] == 1
+    assert found["mrbt_team_requests", "served"] == 1
+    assert found["mrbt_team_global_tasks", "running"] == 1
+    assert found["mrbt_team_faults", "major"] == found["mrbt_team_faults", "minor"] == 0
+
+
+def test_a_takeover_has_its_durations() -> None:
+    found = observed("kill A", "pass 2000")
+    assert found["mrbt_team_robots", "dead"] == 1
+    assert found["mrbt_team_robot_live", "A"] == 0
+    assert found["mrbt_team_faults", "major"] == 1
+    assert found["mrbt_team_robot_working", "B", "weld"] == 1
+    assert found["mrbt_team_detection_duration_seconds",] == 1
+    assert found["mrbt_team_takeover_duration_seconds",] == 1
+
+
+def test_outcomes_and_what_is_blocked() -> None:
+    found = observed("succeed A", "pass 300", "kill B", "pass 2000")
+    assert found["mrbt_team_outcomes", "weld", "success"] == 1
+    assert found["mrbt_team_requests", "blocked"] == 1
+    assert found["mrbt_team_global_tasks", "success"] == 1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from mrbt_mesh.adapters.metrics.families import OTHER
+from mrbt_mesh.adapters.metrics.meter import Meter
 from mrbt_mesh.core.agent.effects import Log, Persist, Reply
 from mrbt_mesh.core.agent.inputs import AnswerReceived, InputBatch, MessageReceived, QueryReceived
 from mrbt_mesh.core.assignment.solvers import default_solver
@@ -9,8 +11,6 @@ from mrbt_mesh.core.engine import FASTEST
 from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.wire import MessageKind
-from mrbt_mesh.runtime.metrics.labels import OTHER
-from mrbt_mesh.runtime.metrics.meter import Meter
 from tests.support.build import RUN, action, make_mission, sequence
 from tests.support.metered import MeteredTeam
 

@@ -9,9 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mrbt_mesh.adapters.metrics.families import (
+    MALFORMED,
+    OTHER,
+    REASONS,
+    reason_class,
+    refusals_by_class,
+)
 from mrbt_mesh.core.membership.authorship import NOT_AUTHENTIC
-from mrbt_mesh.runtime.metrics.labels import OTHER
-from mrbt_mesh.runtime.metrics.refusals import MALFORMED, REASONS, reason_class, refusals_by_class
 from tests.support.build import action, make_mission, sequence
 from tests.support.paths import ROOT
 

@@ -1,0 +1,127 @@
+"""Metrics as plain data, in Prometheus' terms: families of samples with labels.
+
+Names follow Prometheus' rules: `mrbt_` first, base units (seconds, bytes) last. A counter's name
+is given without `_total`, which the server adds. Labels are names from the mission file and
+constants: messages quote what strangers send, and labels must stay few.
+"""
+
+from __future__ import annotations
+
+import enum
+import re
+from bisect import bisect_left
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.names import type_name
+
+# The label of a name that the mission does not have.
+OTHER = "other"
+# Upper bounds in seconds: from what nobody notices to what has a robot declared dead.
+DURATIONS_S = (0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
+
+
+class FamilyKind(enum.StrEnum):
+    """How a family's values are read. INFO: always 1; its labels carry the information."""
+
+    GAUGE = "gauge"
+    COUNTER = "counter"
+    INFO = "info"
+    HISTOGRAM = "histogram"
+
+
+class Distribution:
+    """Durations, counted by the bounds that they do not exceed."""
+
+    def __init__(self, bounds_s: tuple[float, ...] = DURATIONS_S) -> None:
+        self.bounds_s = bounds_s
+        self.counts = [0] * (len(bounds_s) + 1)
+        self.sum_s = 0.0
+
+    def observe(self, seconds: float) -> None:
+        """Count one duration."""
+        self.counts[bisect_left(self.bounds_s, seconds)] += 1
+        self.sum_s += seconds
+
+    def buckets(self) -> list[tuple[str, float]]:
+        """(upper bound, number of durations not above it); the last bound is `+Inf`."""
+        found, so_far = [], 0
+        names = (*map(repr, self.bounds_s), "+Inf")
+        for name, count in zip(names, self.counts, strict=True):
+            so_far += count
+            found.append((name, float(so_far)))
+        return found
+
+
+Value = float | Distribution
+Labels = tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """One metric. `samples`: (values of `labels`, value); only histograms have distributions."""
+
+    kind: FamilyKind
+    name: str
+    help: str
+    labels: Labels
+    samples: tuple[tuple[Labels, Value], ...]
+
+
+def single(kind: FamilyKind, name: str, text: str, value: Value) -> Family:
+    """A family of one sample without labels."""
+    return Family(kind, name, text, (), (((), value),))
+
+
+def labelled(
+    kind: FamilyKind, name: str, text: str, labels: Labels, samples: Iterable[tuple[Labels, float]]
+) -> Family:
+    """A family with labels, its samples in the order of these."""
+    return Family(kind, name, text, labels, tuple(sorted(samples)))
+
+
+def one_of(name: str, text: str, label: str, all_names: Iterable[str], holds: str) -> Family:
+    """A gauge for each name: 1 for `holds`, 0 for the others."""
+    samples = tuple(((each,), float(each == holds)) for each in all_names)
+    return Family(FamilyKind.GAUGE, name, text, (label,), samples)
+
+
+def robot_label(mission: Mission, name: str) -> str:
+    """A robot's name, if the mission lists it."""
+    return name if name in mission.robots else OTHER
+
+
+def task_label(mission: Mission, local_task: str) -> str:
+    """The type of a local task, if the mission has it."""
+    name = type_name(local_task)
+    return name if name in mission.local_tasks else OTHER
+
+
+# Why messages are refused, in this order; what matches none of them is malformed.
+_CLASSES = (
+    ("flood", r"too much to check"),
+    ("replayed", r"said before"),
+    ("misdirected", r"meant for somebody else|not meant for this member"),
+    ("unsigned", r"^not signed$"),
+    ("forged", r"signature is wrong|has no key|under the (name|key) of|may not say this"),
+    ("forged", r"not signed by its author|another author"),
+    ("incompatible", r"^(run|mission) '|wire schema|^signed: this team"),
+)
+MALFORMED = "malformed"
+REASONS = (*dict.fromkeys(name for name, _ in _CLASSES), MALFORMED)
+
+
+def reason_class(reason: str) -> str:
+    """One of `REASONS`."""
+    return next((name for name, text in _CLASSES if re.search(text, reason)), MALFORMED)
+
+
+def refusals_by_class(mission: Mission, refused: Mapping[str, int]) -> Counter[tuple[str, str]]:
+    """(source, class) -> number of messages, from `AgentView.refused`."""
+    found: Counter[tuple[str, str]] = Counter()
+    for text, count in refused.items():
+        source, _, reason = text.partition(": ")
+        found[robot_label(mission, source), reason_class(reason) if reason else OTHER] += count
+    return found

@@ -1,1 +1,0 @@
-"""What operators measure: counted by each robot and by who watches, served to Prometheus."""
