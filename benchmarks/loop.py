@@ -45,7 +45,6 @@ from mrbt_mesh.core.membership.wire import (
 )
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.plan import Line, Plan
-from mrbt_mesh.runtime.solver_process import SolverProcess
 
 SIZES = ((200, 1_000), (1_000, 10_000))
 EVENTS, QUICK_EVENTS = 60, 16
@@ -127,9 +126,8 @@ class Robot:
     def __init__(self, others: Others, apart: bool, group: TaskGroup) -> None:
         self.others = others
         mission = others.mission
-        solver = SolverProcess(default_solver) if apart else default_solver
         can = dict(mission.robots[ME].capabilities)
-        config = AgentConfig(ME, "T", can, RUN, "n", solver, plans_apart=apart)
+        config = AgentConfig(ME, "T", can, RUN, "n", default_solver, plans_apart=apart)
         self.agent = Agent(mission, config, 0)
         self.lags = Lags()
         self._now_us = 0

@@ -36,7 +36,6 @@ from mrbt_mesh.runtime.recording import RecordTo
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S
 from mrbt_mesh.runtime.solver_loader import solver_for
-from mrbt_mesh.runtime.solver_process import SolverProcess
 from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.version import __version__
 
@@ -136,7 +135,6 @@ def robot_setup(
         logger.warning("not_secure", reason="messages are not signed")
     journal = open_journal(start.run_dir, mission, address.run, start.robot, logger)
     restored, problem = _begin(journal, mission)
-    solver = solver_for(mission, start.solver)
     meter, engine = None, chosen_engine()
     if start.metrics is not None:
         meter = plugins.metrics().meter(start.robot, mission, start.metrics)
@@ -148,7 +146,7 @@ def robot_setup(
         capabilities=dict(capabilities),
         run=address.run,
         nonce=secrets.token_hex(4),
-        solver=SolverProcess(solver) if is_large else solver,
+        solver=solver_for(mission, start.solver),
         plans_apart=is_large,
         engine=engine,
         timing=address.timing,
