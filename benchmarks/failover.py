@@ -88,10 +88,10 @@ def at_rest(count: int, transport: str) -> dict[str, float]:
         mission = Path(folder) / "mission.yaml"
         program = Path(folder) / "robot.py"
         program.write_text(
-            "from mrbt_mesh import RobotProgram\n"
+            "from mrbt_mesh import RobotProgram, TaskContext\n"
             "robot = RobotProgram()\n"
             "@robot.local_task('wait')\n"
-            "async def wait(task):\n"
+            "async def wait(task: TaskContext) -> None:\n"
             "    pass\n"
         )
         mission.write_text(REST_MISSION.format(program=program.name, robots=robots))

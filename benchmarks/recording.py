@@ -40,14 +40,15 @@ import anyio
 
 sys.path.insert(0, {agents!r})
 from explore import robot
+from mrbt_mesh import RobotContext
 
 
 @robot.background
-async def drive(task):
+async def drive(context: RobotContext) -> None:
     at = 0
     while True:
         at += 1
-        task.report_position(at / 10, at / 20, heading=at / 100)
+        context.report_position(at / 10, at / 20, heading=at / 100)
         await anyio.sleep(0.1)
 """
 MISSION = """\

@@ -42,13 +42,13 @@ tree:
 """
 PROGRAM = """\
 import anyio
-from mrbt_mesh import RobotProgram
+from mrbt_mesh import RobotProgram, TaskContext
 
 robot = RobotProgram(record_work=True)
 
 
-@robot.local_task("step")
-async def step(task, line):
+@robot.local_task
+async def step(task: TaskContext, line: str) -> None:
     await anyio.sleep(0.1)
 """
 
