@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import anyio
 import zmq
 
-from mrbt_mesh.adapters.groot2.monitored import MonitoredTree
-from mrbt_mesh.adapters.groot2.serve import answer_all, listening
+from mrbt_mesh.adapters.groot2.monitor import MonitoredTree
+from mrbt_mesh.adapters.groot2.viewer import answer_all, listening
 from mrbt_mesh.adapters.node_statuses import observed_tree
 from mrbt_mesh.core.observer.observer import Observer
 from tests.support.script import Script

@@ -10,8 +10,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 
-from mrbt_mesh.adapters.groot2.full_tree import FullTree
-from mrbt_mesh.adapters.groot2.protocol import transition
+from mrbt_mesh.adapters.groot2.monitor import FullTree, transition
 from mrbt_mesh.adapters.node_statuses import GlobalTree, ObservedTree
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.observer import Observer

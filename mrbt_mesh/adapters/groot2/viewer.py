@@ -1,21 +1,28 @@
-"""The plug-in that shows a team's tree in Groot2 and in other monitors of BehaviorTree.CPP."""
+"""Shows a team's tree live in Groot2 and in other monitors of BehaviorTree.CPP, over ZeroMQ."""
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from typing import TYPE_CHECKING
 
 import anyio
+import anyio.lowlevel
 
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.plugins import OpenView, ViewerOptions, require
 
 if TYPE_CHECKING:
+    import zmq.asyncio
+
+    from mrbt_mesh.adapters.groot2.monitor import MonitoredTree
     from mrbt_mesh.runtime.team import Team
     from mrbt_mesh.runtime.watcher import Watcher
 
 # Groot2's own.
 PORT = 1667
+# Requests are a few bytes; names of blackboards may be longer.
+MAX_REQUEST_BYTES = 1 << 16
 
 
 class Groot2Viewer:
@@ -25,15 +32,14 @@ class Groot2Viewer:
 
     def check(self, options: ViewerOptions) -> None:
         """Raises InputError without the extra."""
-        require("Groot2's protocol", "groot2", "zmq")
+        require_library()
 
     @asynccontextmanager
     async def showing(
         self, watcher: Watcher, team: Team | None, options: ViewerOptions
     ) -> AsyncIterator[OpenView]:
         """Answer monitors. Raises InputError if it cannot listen, or the robot is not known."""
-        from mrbt_mesh.adapters.groot2.monitored import MonitoredTree
-        from mrbt_mesh.adapters.groot2.serve import answer_all, listening
+        from mrbt_mesh.adapters.groot2.monitor import MonitoredTree
         from mrbt_mesh.adapters.node_statuses import observed_tree
         from mrbt_mesh.runtime.fencing import boottime_us
 
@@ -52,3 +58,52 @@ class Groot2Viewer:
 
 
 viewer = Groot2Viewer()
+
+
+def require_library() -> None:
+    """Raise InputError without the library."""
+    require("Groot2's protocol", "groot2", "zmq")
+
+
+@contextmanager
+def listening(host: str, port: int) -> Iterator[tuple[zmq.asyncio.Socket, int]]:
+    """A socket for monitors, and its port (`port` 0: any that is free).
+
+    Raises InputError without the library, and where it cannot listen.
+    """
+    require_library()
+    import zmq
+    import zmq.asyncio
+
+    context = zmq.asyncio.Context()
+    # Not REP, which raises an error for a message without its envelope.
+    socket = context.socket(zmq.ROUTER)
+    try:
+        socket.setsockopt(zmq.LINGER, 0)
+        socket.setsockopt(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
+        try:
+            socket.bind(f"tcp://{host}:{port or '*'}")
+        except zmq.ZMQError as error:
+            raise InputError(f"{host}:{port}: cannot listen for Groot2: {error.strerror}") from None
+        endpoint = socket.getsockopt_string(zmq.LAST_ENDPOINT)
+        yield socket, int(endpoint.rpartition(":")[2])
+    finally:
+        socket.close()
+        context.term()
+
+
+async def answer_all(socket: zmq.asyncio.Socket, monitored: MonitoredTree) -> None:
+    """Answer one request after the other; never returns.
+
+    A request follows its sender's address and an empty part; other messages are dropped.
+    """
+    from mrbt_mesh.runtime.fencing import boottime_us
+
+    while True:
+        message = await socket.recv_multipart()
+        begin = message.index(b"", 1) + 1 if b"" in message[1:] else len(message)
+        if message[begin:]:
+            answer = monitored.answer(message[begin:], boottime_us())
+            await socket.send_multipart([*message[:begin], *answer])
+        # Many requests at once must not keep the team's messages waiting.
+        await anyio.lowlevel.checkpoint()

@@ -8,8 +8,8 @@ import sys
 import anyio
 import click
 
-from mrbt_mesh.adapters.groot2.monitored import MonitoredTree
-from mrbt_mesh.adapters.groot2.serve import answer_all, listening
+from mrbt_mesh.adapters.groot2.monitor import MonitoredTree
+from mrbt_mesh.adapters.groot2.viewer import answer_all, listening
 from mrbt_mesh.adapters.node_statuses import ObservedTree
 from mrbt_mesh.cli.framework.exits import SUCCESS
 from mrbt_mesh.cli.framework.terminal import print_json

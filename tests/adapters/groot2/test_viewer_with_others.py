@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from mrbt_mesh.adapters.groot2.full_tree import FullTree
+from mrbt_mesh.adapters.groot2.monitor import FullTree
 from mrbt_mesh.adapters.node_statuses import observed_tree
 from mrbt_mesh.core.bt.tree import Tree
 from mrbt_mesh.formats.mission_file import load_mission

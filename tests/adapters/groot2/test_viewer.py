@@ -12,7 +12,7 @@ import msgpack
 import pytest
 import zmq
 
-from mrbt_mesh.adapters.groot2.serve import MAX_REQUEST_BYTES, listening
+from mrbt_mesh.adapters.groot2.viewer import MAX_REQUEST_BYTES, listening
 from mrbt_mesh.errors import InputError
 from tests.support.extras import said_without
 from tests.support.groot2 import Desk, Monitor, monitoring, served
@@ -94,6 +94,6 @@ async def test_a_port_that_is_taken_is_said() -> None:
 
 def test_without_the_library_it_is_said_how_to_get_it() -> None:
     said = said_without(
-        "zmq", "mrbt_mesh.adapters.groot2.serve", "listening('127.0.0.1', 0).__enter__()"
+        "zmq", "mrbt_mesh.adapters.groot2.viewer", "listening('127.0.0.1', 0).__enter__()"
     )
     assert "pip install 'mrbt-mesh[groot2]'" in said
