@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,24 +13,16 @@ from pydantic import ValidationError
 
 from mrbt_mesh.core.membership.timing import SECOND_US, Timing
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.mission.names import split_call
 from mrbt_mesh.drills.model import (
     DRILL_EXPLAINED,
     NETWORK_FAULTS,
-    BlockedTrigger,
-    CapabilityModel,
-    ConditionTrigger,
+    ROUTER_FAULTS,
     CycleModel,
-    DecisionModel,
     DrillModel,
-    GlobalTaskTrigger,
-    LinksModel,
-    LocalTaskTrigger,
-    PerformanceModel,
-    RobotTrigger,
+    DrillReport,
+    Robots,
     RoleModel,
     StepModel,
-    TakeoverTrigger,
 )
 from mrbt_mesh.errors import nearest, read_limited, whole_file_error
 from mrbt_mesh.formats.file_model import explain
@@ -79,7 +71,9 @@ def load_drills(path: Path) -> list[Drill]:
     Raises FileError, and nothing else, for whatever may be wrong with it or its mission.
     """
     file = str(path)
-    data, report = read_yaml(decode(read_limited(path, MAX_BYTES), file), file)
+    data, read = read_yaml(decode(read_limited(path, MAX_BYTES), file), file)
+    read.raise_if_any()
+    report = DrillReport(read.file, read.lines)
     if not isinstance(data, dict):
         raise whole_file_error(
             file, f"a drill is expected (name: ..., steps: ...), found {found(data)}"
@@ -143,175 +137,79 @@ def _load_one(
     path: Path,
     data: Any,
     values: Mapping[str, Any],
-    report: Report,
+    report: DrillReport,
     missions: dict[Path, Mission],
 ) -> Drill | None:
+    given = data.get("mission")
+    mission_path = (path.parent / given).resolve() if isinstance(given, str) else path
+    if not mission_path.is_file():
+        report.add(("mission",), f"there is no such file: {mission_path}")
+    elif isinstance(given, str):
+        mission = missions.get(mission_path) or load_mission(mission_path)
+        missions[mission_path] = report.mission = mission
+        if mission.program is None:
+            report.add(("mission",), f"{mission_path} names no program")
     try:
         model = DrillModel.model_validate(data, context=report)
     except ValidationError as error:
         for detail in error.errors(include_url=False):
             report.add(*explain(detail, DRILL_EXPLAINED))
         return None
-    mission_path = (path.parent / model.mission).resolve()
-    if not mission_path.is_file():
-        report.add(("mission",), f"there is no such file: {mission_path}")
+    if report.mission is None:
         return None
-    mission = missions.get(mission_path) or load_mission(mission_path)
-    missions[mission_path] = mission
-    if mission.program is None:
-        report.add(("mission",), f"{mission_path} names no program")
-    _Checker(model, mission, report).check()
+    _check(model, report)
     where = ",".join(f"{name}={value}" for name, value in values.items())
     return Drill(
         path,
         f"{model.name}[{where}]" if where else model.name,
         model,
         tuple(model.unrolled()),
-        mission,
+        report.mission,
         mission_path,
-        tuple(sorted(mission.robots if model.robots is None else model.robots)),
+        tuple(sorted(report.mission.robots if model.robots is None else model.robots)),
     )
 
 
-class _Checker:
-    """Checks a drill against its mission."""
+def _check(model: DrillModel, report: DrillReport) -> None:
+    """Report the parts of a drill that do not fit together."""
+    if model.routers and (model.network != "loopback" or model.profiles != ["wired"]):
+        report.add(("routers",), "routers need `network: loopback`, `transport: wired`")
+    try:
+        Timing(round(model.timing.beat_s * SECOND_US), round(model.timing.detection_s * SECOND_US))
+    except ValueError as error:
+        report.add(("timing",), str(error))
+    at_s = 0.0
+    for path, step in _steps(model):
+        if step.at is not None:
+            if len(path) > 2:
+                report.add((*path, "at"), "a step that is repeated has no `at`; use after")
+            elif step.at < at_s:
+                report.add((*path, "at"), f"the step before is at {at_s:g} already")
+            at_s = step.at
+        for name, fault in step.faults():
+            if name in NETWORK_FAULTS and model.network != "namespaces":
+                report.add((*path, name), f"{name} needs `network: namespaces`")
+            if name in ROUTER_FAULTS and fault > model.routers:
+                text = f"there is no router {fault}: the drill's `routers` is {model.routers}"
+                report.add((*path, name), text)
+        if step.join is not None:
+            _check_join(step.join, model, (*path, "join"), report)
 
-    def __init__(self, model: DrillModel, mission: Mission, report: Report) -> None:
-        self.model = model
-        self.mission = mission
-        self.report = report
-        self.local_tasks = {n.local_task for t in mission.global_tasks.values() for n in t.needs}
 
-    def check(self) -> None:
-        model = self.model
-        self.robots(("robots",), model.robots)
-        if model.routers and (model.network != "loopback" or model.profiles != ["wired"]):
-            self.report.add(("routers",), "routers need `network: loopback`, `transport: wired`")
-        try:
-            Timing(
-                round(model.timing.beat_s * SECOND_US), round(model.timing.detection_s * SECOND_US)
-            )
-        except ValueError as error:
-            self.report.add(("timing",), str(error))
-        at_s = 0.0
-        for path, step in self.steps():
-            if step.at is not None:
-                if len(path) > 2:
-                    self.report.add((*path, "at"), "a step that is repeated has no `at`; use after")
-                elif step.at < at_s:
-                    self.report.add((*path, "at"), f"the step before is at {at_s:g} already")
-                at_s = step.at
-            self.when((*path, "when"), step.when)
-            for name, fault in step.faults():
-                self.fault((*path, name), name, fault)
-        self.expect()
+def _steps(model: DrillModel) -> Iterator[tuple[SourcePath, StepModel]]:
+    for i, item in enumerate(model.steps):
+        if isinstance(item, CycleModel):
+            yield from ((("steps", i, "steps", j), step) for j, step in enumerate(item.steps))
+        else:
+            yield ("steps", i), item
 
-    def steps(self) -> Iterable[tuple[SourcePath, StepModel]]:
-        for i, item in enumerate(self.model.steps):
-            if isinstance(item, CycleModel):
-                yield from ((("steps", i, "steps", j), step) for j, step in enumerate(item.steps))
-            else:
-                yield ("steps", i), item
 
-    def when(self, path: SourcePath, when: Any) -> None:
-        match when:
-            case GlobalTaskTrigger(global_task=task):
-                self.global_task((*path, "global_task"), task)
-            case BlockedTrigger(blocked=task):
-                self.global_task((*path, "blocked"), task)
-            case LocalTaskTrigger(local_task=task, robot=robot):
-                self.local_task((*path, "local_task"), task)
-                self.robots((*path, "robot"), robot)
-            case RobotTrigger(robot=robots):
-                self.robots((*path, "robot"), robots)
-            case TakeoverTrigger(takeover=task):
-                self.local_task((*path, "takeover"), task)
-            case ConditionTrigger(condition=condition):
-                if not self.mission.knows_condition(condition):
-                    hint = nearest(condition, self.mission.conditions)
-                    self.report.add((*path, "condition"), f"no condition {condition!r}{hint}")
-
-    def fault(self, path: SourcePath, name: str, fault: Any) -> None:
-        if name in NETWORK_FAULTS and self.model.network != "namespaces":
-            self.report.add(path, f"{name} needs `network: namespaces`")
-        match fault:
-            case True:
-                pass
-            case int():
-                self.router(path, fault)
-            case CapabilityModel(robots=robots, local_task=task):
-                self.robots((*path, "robots"), robots)
-                if task != "all":
-                    self.local_task((*path, "local_task"), task)
-            case PerformanceModel(robots=robots, local_task=task):
-                self.robots((*path, "robots"), robots)
-                self.local_task((*path, "local_task"), task)
-            case DecisionModel(global_task=task):
-                self.global_task((*path, "global_task"), task)
-            case LinksModel(source=source, target=target):
-                self.robots((*path, "from"), source)
-                self.robots((*path, "to"), target)
-            case list() if name == "partition":
-                for i, group in enumerate(fault):
-                    self.robots((*path, i), group)
-            case _:
-                self.robots(path, fault)
-                if name == "join":
-                    self.join(path, fault)
-
-    def router(self, path: SourcePath, number: int) -> None:
-        if number > self.model.routers:
-            text = f"there is no router {number}: the drill's `routers` is {self.model.routers}"
-            self.report.add(path, text)
-
-    def join(self, path: SourcePath, robots: Any) -> None:
-        started = self.model.robots or list(self.mission.robots)
-        listed = [robots] if isinstance(robots, str) else robots
-        if isinstance(listed, RoleModel):
-            self.report.add(path, "a robot, or a list of robots, is expected; see also restart")
-            return
-        for robot in listed:
-            if robot in started:
-                self.report.add(
-                    path, f"{robot} is in the team from the start; leave it out of `robots`"
-                )
-
-    def expect(self) -> None:
-        expect = self.model.expect
-        for i, done in enumerate(expect.done):
-            self.local_task(("expect", "done", i, "local_task"), done.local_task)
-            if done.global_task is not None:
-                self.global_task(("expect", "done", i, "global_task"), done.global_task)
-        for i, never in enumerate(expect.never):
-            self.local_task(("expect", "never", i, "local_task"), never.local_task)
-        for i, task in enumerate(expect.was_blocked):
-            self.global_task(("expect", "was_blocked", i), task)
-        for name in ("dead", "alive", "left", "yields"):
-            self.robots(("expect", name), getattr(expect, name))
-
-    # -- names ----------------------------------------------------------------------------
-
-    def robots(self, path: SourcePath, robots: Any) -> None:
-        if isinstance(robots, RoleModel):
-            task = robots.performing
-            known = {*self.mission.global_tasks, *self.local_tasks}
-            if task is not None and task not in known:
-                hint = nearest(task, known)
-                self.report.add((*path, "performing"), f"no task {task!r} in this mission{hint}")
-            return
-        for robot in [robots] if isinstance(robots, str) else robots or []:
-            if robot not in self.mission.robots:
-                hint = nearest(robot, self.mission.robots)
-                self.report.add(path, f"no robot {robot!r} in this mission{hint}")
-
-    def global_task(self, path: SourcePath, task: str) -> None:
-        if task not in self.mission.global_tasks:
-            hint = nearest(task, self.mission.global_tasks)
-            self.report.add(path, f"no global task {task!r} in this mission{hint}")
-
-    def local_task(self, path: SourcePath, task: str) -> None:
-        """A ground local task that the mission asks for, or the type of one."""
-        types = {split_call(name)[0] for name in self.local_tasks}
-        if task not in self.local_tasks and task not in types:
-            hint = nearest(task, self.local_tasks | types)
-            self.report.add(path, f"no local task {task!r} in this mission{hint}")
+def _check_join(robots: Robots, model: DrillModel, path: SourcePath, report: DrillReport) -> None:
+    assert report.mission is not None
+    if isinstance(robots, RoleModel):
+        report.add(path, "a robot, or a list of robots, is expected; see also restart")
+        return
+    for robot in [robots] if isinstance(robots, str) else robots:
+        if robot in (model.robots or report.mission.robots):
+            text = f"{robot} is in the team from the start; leave it out of `robots`"
+            report.add(path, text)

@@ -1,20 +1,26 @@
 """The drill file as pydantic models: what happens when, and what must hold at the end.
 
-What needs the mission (are there such robots and tasks) is checked in `drill_file`.
+The names of robots, tasks and conditions are checked against the mission of a `DrillReport`, if
+that is the context of the validation.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, TypeAlias
+import string
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationInfo, model_validator
 from pydantic_core import PydanticCustomError
 
 from mrbt_mesh.core.agent.commands import Decision
 from mrbt_mesh.core.facts.records import Phase
-from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MAX_ROBOTS, MICRO
+from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MAX_ROBOTS, MICRO, Mission
+from mrbt_mesh.core.mission.names import split_call
 from mrbt_mesh.core.observer.task_log import TaskState
 from mrbt_mesh.drills.beside import words
+from mrbt_mesh.errors import nearest
 from mrbt_mesh.formats.file_model import (
     EXPLAINED,
     FileModel,
@@ -24,6 +30,7 @@ from mrbt_mesh.formats.file_model import (
     by_type,
     one_of,
 )
+from mrbt_mesh.formats.problems import Report
 
 MAX_SECONDS = 3_600.0
 MAX_STEPS, MAX_BESIDE = 1_000, 9
@@ -42,6 +49,45 @@ def _is_command(text: object) -> bool:
         return False
 
 
+@dataclass
+class DrillReport(Report):
+    """The problems of a drill file, and the mission whose names it may use."""
+
+    mission: Mission | None = None
+
+
+def _local_tasks(mission: Mission) -> set[str]:
+    """The ground local tasks that the mission asks for, and their types."""
+    ground = {need.local_task for task in mission.global_tasks.values() for need in task.needs}
+    return ground | {split_call(name)[0] for name in ground}
+
+
+def _known(kind: str, names: Callable[[Mission], Collection[str]]) -> AfterValidator:
+    """A name that the mission has."""
+
+    def check(name: str, info: ValidationInfo) -> str:
+        mission = info.context.mission if isinstance(info.context, DrillReport) else None
+        if mission is not None and name not in names(mission):
+            # An instance of a parametrised condition is known by the condition's name.
+            if kind == "condition" and mission.knows_condition(name):
+                return name
+            text = f"no {kind} {name!r} in this mission{nearest(name, names(mission))}"
+            raise PydanticCustomError("node", "{text}", {"text": text})
+        return name
+
+    return AfterValidator(check)
+
+
+Robot: TypeAlias = Annotated[RobotName, _known("robot", lambda m: m.robots)]
+GlobalTask: TypeAlias = Annotated[GroundText, _known("global task", lambda m: m.global_tasks)]
+LocalTask: TypeAlias = Annotated[GroundText, _known("local task", _local_tasks)]
+AnyTask: TypeAlias = Annotated[
+    GroundText, _known("task", lambda m: {*m.global_tasks, *_local_tasks(m)})
+]
+Capability: TypeAlias = Annotated[
+    GroundText, _known("local task", lambda m: {"all", *_local_tasks(m)})
+]
+Condition: TypeAlias = Annotated[GroundText, _known("condition", lambda m: m.conditions)]
 Seconds: TypeAlias = Annotated[float, Field(ge=0, le=MAX_SECONDS)]
 Permille: TypeAlias = Annotated[int, Field(ge=1, le=1_000)]
 Count: TypeAlias = Annotated[int, Field(ge=0, le=MAX_ROBOTS)]
@@ -66,6 +112,21 @@ def _only_one_key(data: Any, what: str, known: list[str]) -> None:
         )
 
 
+class _Words(string.Formatter):
+    """Fills in the sentences of triggers and faults."""
+
+    def format_field(self, value: Any, spec: str) -> str:
+        match value:
+            case None:
+                return "any robot"
+            case bool():
+                return str(value).lower()
+            case list():
+                within = " | " if any(isinstance(each, list) for each in value) else ", "
+                return within.join(self.format_field(each, "") for each in value)
+        return format(value, spec)
+
+
 class RoleModel(FileModel):
     """Robots by what they do or what befell them: `{performing: fix_hw(2)}`, `{replacement}`.
 
@@ -74,7 +135,7 @@ class RoleModel(FileModel):
     done to, and not undone. thawed: those that were stopped and go on.
     """
 
-    performing: GroundText | None = None
+    performing: AnyTask | None = None
     replacement: None = None
     killed: None = None
     stopped: None = None
@@ -93,10 +154,21 @@ class RoleModel(FileModel):
         (name,) = self.model_fields_set
         return name
 
+    def __str__(self) -> str:
+        words = {
+            "performing": f"the robots that perform {self.performing}",
+            "replacement": "the replacement",
+            "killed": "the killed robots",
+            "stopped": "the frozen robots",
+            "thawed": "the thawed robots",
+            "left": "the robots that have left",
+        }
+        return words[self.role]
+
 
 Robots: TypeAlias = Annotated[
-    Annotated[RobotName, Tag("<text>")]
-    | Annotated[list[RobotName], Field(min_length=1), Tag("<list>")]
+    Annotated[Robot, Tag("<text>")]
+    | Annotated[list[Robot], Field(min_length=1), Tag("<list>")]
     | Annotated[RoleModel, Tag("<mapping>")],
     by_type(
         "a robot, a list of robots, or a role, e.g. {performing: fix_hw(2)}",
@@ -111,21 +183,24 @@ Robots: TypeAlias = Annotated[
 class GlobalTaskTrigger(FileModel):
     """A global task has come to a status: idle, running, success, failure, cancelled."""
 
-    global_task: GroundText
+    SENTENCE: ClassVar = "{0.global_task} is {0.status}"
+    global_task: GlobalTask
     status: _in(_STATUSES) = "running"  # type: ignore[valid-type]
 
 
 class LocalTaskTrigger(FileModel):
     """A robot (or any) has claimed a local task, or runs it, or has done it."""
 
-    local_task: GroundText
-    robot: RobotName | None = None
+    SENTENCE: ClassVar = "{0.robot} has {0.local_task} {0.phase}"
+    local_task: LocalTask
+    robot: Robot | None = None
     phase: _in(_PHASES) = "running"  # type: ignore[valid-type]
 
 
 class RobotTrigger(FileModel):
     """Robots are seen in a state by the drill's observer."""
 
+    SENTENCE: ClassVar = "{0.robot} is {0.state}"
     robot: Robots
     state: Literal["alive", "suspect", "dead", "left"]
 
@@ -133,20 +208,23 @@ class RobotTrigger(FileModel):
 class ConditionTrigger(FileModel):
     """A condition has a value."""
 
-    condition: GroundText
+    SENTENCE: ClassVar = "{0.condition} is {0.value}"
+    condition: Condition
     value: Annotated[bool, Field(alias="is")] = True
 
 
 class TakeoverTrigger(FileModel):
-    """Since the step before, somebody has taken over this local task of a dead robot."""
+    """Since the step before, a robot has taken over this local task of a dead one."""
 
-    takeover: GroundText
+    SENTENCE: ClassVar = "a robot has taken {0.takeover} over"
+    takeover: LocalTask
 
 
 class BlockedTrigger(FileModel):
     """A global task is blocked; `reason`: and this is part of the reason, e.g. in doubt."""
 
-    blocked: GroundText
+    SENTENCE: ClassVar = "{0.blocked} is blocked"
+    blocked: GlobalTask
     reason: str = ""
 
 
@@ -182,26 +260,26 @@ class CapabilityModel(FileModel):
     """Robots and a capability: a local task, ground or a type, or `all`."""
 
     robots: Robots
-    local_task: GroundText = "all"
+    local_task: Capability = "all"
 
 
 class PerformanceModel(FileModel):
     """Robots, a local task, ground or a type, and how well they do it from now on."""
 
     robots: Robots
-    local_task: GroundText
+    local_task: LocalTask
     performance: Annotated[float, Field(ge=0, le=MAX_PERFORMANCE // MICRO)]
 
 
 class DecisionModel(FileModel):
     """The operator's word on an exclusive task that is in doubt."""
 
-    global_task: GroundText
+    global_task: GlobalTask
     decision: _in(tuple(Decision))  # type: ignore[valid-type]
 
 
 class LinksModel(FileModel):
-    """Links in one direction; from or to everybody where nothing is said."""
+    """Links in one direction; from or to every robot by default."""
 
     source: Annotated[Robots | None, Field(alias="from")] = None
     target: Annotated[Robots | None, Field(alias="to")] = None
@@ -211,6 +289,11 @@ class LossModel(LinksModel):
     """Independent loss of packets, in thousandths, on links in one direction."""
 
     permille: Permille
+
+    @property
+    def percent(self) -> float:
+        """The loss in percent."""
+        return self.permille / 10
 
 
 class DelayModel(LinksModel):
@@ -266,7 +349,7 @@ class StepModel(FileModel):
         return self
 
     def faults(self) -> list[tuple[str, Any]]:
-        """(key in the file, what stands there), in the order of this model."""
+        """(key in the file, its value), in the order of this model."""
         moments = ("at", "when", "after")
         return [
             (field.alias or name, getattr(self, name))
@@ -274,7 +357,54 @@ class StepModel(FileModel):
             if name not in moments and getattr(self, name) is not None
         ]
 
+    def robots(self) -> list[Robots]:
+        """The robots that the faults are about, unless it is all of them."""
+        processes = (self.kill, self.stop, self.continue_, self.leave, self.restart, self.join)
+        tasks = (self.lose_capability, self.restore_capability, self.change_performance)
+        links = (self.block, self.unblock, self.lose, self.delay)
+        found = [*processes, *(self.partition or ())]
+        found += [fault.robots for fault in tasks if fault is not None]
+        found += [
+            end for fault in links if fault is not None for end in (fault.source, fault.target)
+        ]
+        return [robots for robots in found if robots is not None]
 
+    def text(self) -> str:
+        """`when replace_hw(2) is running, after 0.2 s: freeze A1`."""
+        words, moments = _Words(), []
+        if self.at is not None:
+            moments.append(f"{self.at:g} s after the start")
+        if self.when is not None:
+            moments.append("when " + words.format(self.when.SENTENCE, self.when))
+        if self.after is not None:
+            moments.append(f"after {self.after:g} s")
+        faults = (words.format(_SENTENCES[name], fault) for name, fault in self.faults())
+        return f"{', '.join(moments)}: {' and '.join(faults)}"
+
+
+_SENTENCES = {
+    "kill": "kill {0}",
+    "stop": "freeze {0}",
+    "continue": "thaw {0}",
+    "leave": "have {0} leave",
+    "restart": "start {0} again",
+    "join": "start {0}",
+    "kill_team": "kill all robots",
+    "resume_team": "start all robots again",
+    "lose_capability": "have {0.robots} lose {0.local_task}",
+    "restore_capability": "give {0.local_task} back to {0.robots}",
+    "change_performance": "have {0.robots} do {0.local_task} at {0.performance:g}",
+    "decide": "decide that {0.global_task} counts as {0.decision}",
+    "partition": "cut the team into {0}",
+    "block": "block the links from {0.source} to {0.target}",
+    "unblock": "unblock the links from {0.source} to {0.target}",
+    "lose": "lose {0.percent:g} % of the messages from {0.source} to {0.target}",
+    "delay": "delay messages from {0.source} to {0.target} by {0.ms} ms",
+    "heal": "heal the network",
+    "kill_router": "kill router {0}",
+    "stop_router": "freeze router {0}",
+    "restart_router": "start router {0} again",
+}
 ROUTER_FAULTS = frozenset({"kill_router", "stop_router", "restart_router"})
 NETWORK_FAULTS = frozenset({"partition", "block", "unblock", "lose", "delay", "heal"})
 
@@ -312,8 +442,8 @@ class DoneModel(FileModel):
     `times` is both bounds at once.
     """
 
-    local_task: GroundText
-    global_task: GroundText | None = None
+    local_task: LocalTask
+    global_task: GlobalTask | None = None
     times: Count | None = None
     at_least: Count | None = None
     at_most: Count | None = None
@@ -340,7 +470,7 @@ class NeverModel(FileModel):
     A type stands for each of its ground tasks.
     """
 
-    local_task: GroundText
+    local_task: LocalTask
     more_than: Count = 1
 
 
@@ -359,7 +489,7 @@ class ExpectModel(FileModel):
     alive: Robots | None = None
     left: Robots | None = None
     yields: Robots | None = None
-    was_blocked: list[GroundText] = []
+    was_blocked: list[GlobalTask] = []
     detected_within_s: Seconds | None = None
     takeover_within_s: Seconds | None = None
     repeated: Count | None = None
@@ -397,7 +527,7 @@ class DrillModel(FileModel):
     quick: bool = False
     mission: str
     for_each: dict[Name, list[Any]] = {}
-    robots: Annotated[list[RobotName], Field(min_length=1)] | None = None
+    robots: Annotated[list[Robot], Field(min_length=1)] | None = None
     speed: Annotated[float, Field(gt=0, le=1_000)] = 1.0
     timing: TimingModel = TimingModel()
     timeout_s: Annotated[float, Field(gt=0, le=MAX_SECONDS)] = 120.0

@@ -14,13 +14,9 @@ from mrbt_mesh.core.observer.task_log import TaskState
 from mrbt_mesh.drills.model import (
     DONE,
     BlockedTrigger,
-    CapabilityModel,
     ConditionTrigger,
-    DecisionModel,
     GlobalTaskTrigger,
-    LinksModel,
     LocalTaskTrigger,
-    PerformanceModel,
     Robots,
     RobotTrigger,
     RoleModel,
@@ -195,12 +191,9 @@ class Schedule:
         due_us = self.due_us(snapshot, fault_log)
         if due_us is None or snapshot.now_us < due_us:
             return None
-        # A role that nobody plays yet is waited for: a request comes before its claims.
-        return (
-            step
-            if all(chosen(robots, snapshot, fault_log) for robots in _robots_of(step))
-            else None
-        )
+        # A role may have no robot yet: a request comes before its claims.
+        is_played = all(chosen(robots, snapshot, fault_log) for robots in step.robots())
+        return step if is_played else None
 
     def due_us(self, snapshot: Snapshot, fault_log: FaultLog) -> int | None:
         """When the next step is due, if that is known yet."""
@@ -236,24 +229,7 @@ def _met_running(step: StepModel) -> frozenset[str]:
         case TakeoverTrigger(takeover=task):
             return frozenset({task})
         case None:
-            roles = [robots for robots in _robots_of(step) if isinstance(robots, RoleModel)]
+            roles = [robots for robots in step.robots() if isinstance(robots, RoleModel)]
             return frozenset(role.performing for role in roles if role.performing is not None)
         case _:
             return frozenset()
-
-
-def _robots_of(step: StepModel) -> list[Robots]:
-    found: list[Robots] = []
-    for name, fault in step.faults():
-        match fault:
-            case True | int() | DecisionModel():
-                pass
-            case CapabilityModel(robots=robots) | PerformanceModel(robots=robots):
-                found.append(robots)
-            case LinksModel(source=source, target=target):
-                found += [robots for robots in (source, target) if robots is not None]
-            case list() if name == "partition":
-                found += fault
-            case _:
-                found.append(fault)
-    return found

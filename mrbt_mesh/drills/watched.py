@@ -15,7 +15,6 @@ from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.drills.drill_file import Drill, drill_files, drill_folder, load_drills
 from mrbt_mesh.drills.inject import DrillInjector, InjectedFault
 from mrbt_mesh.drills.model import ConditionTrigger
-from mrbt_mesh.drills.step_text import step_text
 from mrbt_mesh.drills.triggers import Schedule, Snapshot
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.fencing import boottime_us
@@ -65,7 +64,7 @@ class TeamDrills:
                 "label": drill.label,
                 "file": drill.path.name,
                 "description": " ".join(drill.model.description.split()),
-                "steps": [step_text(step) for step in drill.steps],
+                "steps": [step.text() for step in drill.steps],
             }
             for drill in (await self._drills()).values()
         ]

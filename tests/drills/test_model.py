@@ -1,4 +1,4 @@
-"""Every step of every drill that comes with the project is told as a sentence."""
+"""Every step of every drill that comes with the project is described in a sentence."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import pytest
 
 from mrbt_mesh.drills.drill_file import drill_files, load_drills
 from mrbt_mesh.drills.model import StepModel
-from mrbt_mesh.drills.step_text import step_text
 from tests.support.paths import ROOT
 
 
@@ -20,8 +19,8 @@ from tests.support.paths import ROOT
                 "after": 0.2,
                 "stop": {"performing": "replace_hw(2)"},
             },
-            "when somebody has replace_hw(2) running, after 0.2 s: "
-            "freeze whoever performs replace_hw(2)",
+            "when any robot has replace_hw(2) running, after 0.2 s: "
+            "freeze the robots that perform replace_hw(2)",
         ),
         (
             {"after": 1, "lose_capability": {"robots": ["A1", "A2"], "local_task": "weld"}},
@@ -29,25 +28,25 @@ from tests.support.paths import ROOT
         ),
         (
             {"when": {"takeover": "weld"}, "kill": {"replacement": None}},
-            "when somebody has taken weld over: kill the replacement",
+            "when a robot has taken weld over: kill the replacement",
         ),
         ({"after": 0, "partition": [["A", "B"], "C"]}, "after 0 s: cut the team into A, B | C"),
-        ({"after": 0, "heal": True}, "after 0 s: mend the network"),
+        ({"after": 0, "heal": True}, "after 0 s: heal the network"),
         (
             {"after": 0, "lose": {"permille": 300}},
-            "after 0 s: lose 30 % of the messages from everybody to everybody",
+            "after 0 s: lose 30 % of the messages from any robot to any robot",
         ),
     ],
 )
 def test_steps(step: dict[str, object], text: str) -> None:
-    assert step_text(StepModel.model_validate(step)) == text
+    assert StepModel.model_validate(step).text() == text
 
 
 def test_all_that_come_with_the_project() -> None:
     for path in drill_files(ROOT / "drills"):
         for drill in load_drills(path)[:1]:
             for step in drill.steps:
-                moment, _, what = step_text(step).partition(": ")
+                moment, _, what = step.text().partition(": ")
                 assert moment, drill.label
                 assert what, drill.label
                 assert "Model" not in what, drill.label
