@@ -13,8 +13,7 @@ from typing import Any
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.engine import FASTEST, Engine
-from mrbt_mesh.core.membership.arrival_history import ArrivalHistory
-from mrbt_mesh.core.membership.peer import Peer, State
+from mrbt_mesh.core.membership.peer import ArrivalHistory, Peer, State
 from mrbt_mesh.core.membership.timing import NEVER_US
 from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport
 from mrbt_mesh.core.observer.observer import Observer

@@ -21,7 +21,7 @@ CAUGHT = {
     "digest_ignores_conditions": ("I2", (44, 46)),
     "stale_claims_stay_valid": ("I6", (80, 166)),
     "no_repair": ("I2", (4, 34)),
-    "starts_without_agreement": ("I4", (23,)),
+    "starts_without_agreement": ("I4", (40, 56)),
     "any_optimum": ("I7", (40, 31)),
     "bids_not_awaited": ("I7", (0, 19)),
     "told_before_synced": ("I9", (0, 1)),

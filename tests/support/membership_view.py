@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.dissemination import Dissemination, Urgent
 from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.timing import Timing
@@ -17,13 +18,23 @@ ALIVE, SUSPECT, DEAD, LEFT = State.ALIVE, State.SUSPECT, State.DEAD, State.LEFT
 PLAN = b"planplan"
 
 
+# Nothing that others must hear at once.
+CALM = Urgent(b"", 0, (), True, False, None, (), 0, False)
+
+
+def recipients(around: Dissemination, number: int, is_new: bool = False) -> tuple[str, ...] | None:
+    """The robots that get heartbeat `number`, after the first, if nothing is urgent."""
+    around.route(CALM, number, False, is_new, None) if number == 1 else None
+    return around.route(CALM, number, False, is_new, None).to
+
+
 class View:
     """Robot M's view of the others, told what it hears at which millisecond; with `me` empty that
     of an observer.
     """
 
     def __init__(self, *robots: str, me: str = "M") -> None:
-        self.members = Membership(me, TIMING)
+        self.members = Membership(me, TIMING, (me, *robots) if me else ())
         self.ms = 0
         self.numbers: dict[str, int] = {}
         self.can_answer = False
@@ -84,7 +95,7 @@ class View:
         self.members.detect_failures(self.ms * MS)
 
     def __getitem__(self, robot: str) -> State:
-        return self.members.states()[robot]
+        return self.members.peers[robot].state
 
     def states(self, robots: str) -> list[State]:
         return [self[robot] for robot in robots]

@@ -70,7 +70,7 @@ class Agent:
         executor = Executor(context, planner, tree, leases)
         self._reports = reports = Reports(context, planner, executor, schedule)
         self._lifecycle = lifecycle = Lifecycle(context, planner, leases, duplicates, schedule)
-        heartbeats = Heartbeats(context, schedule, planner, executor, now_us)
+        heartbeats = Heartbeats(context, schedule, planner, executor)
         commands = Commands(context, planner, reports)
         self._inbound = Inbound(context, executor, duplicates, schedule, commands)
         self._deferred = DeferredInputs()

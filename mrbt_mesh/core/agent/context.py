@@ -47,7 +47,7 @@ class Context:
         )
         self.replica.restore(config.restored)
         self.durability = Durability(config.journal_problem, bool(config.journal_problem))
-        self.membership = Membership(self.me, config.timing)
+        self.membership = Membership(self.me, config.timing, mission.robots)
         self.joining: Joining | None = Joining(
             config.timing, config.expected - {self.me}, now_us, gather_us=config.gather_us
         )
@@ -104,7 +104,7 @@ class Context:
         """Ask these peers for the facts that this robot lacks."""
         alive = bytes(DIGEST_BYTES)
         if self.has_place:
-            alive = self.membership.members_digest(self.replica.incarnation)
+            alive = self.membership.around.members_digest(self.replica.incarnation)
         for peer in peers:
             self.replica.anti_entropy.mark_asked(peer, now_us)
             self._effects.append(Ask(peer, self.replica.write_pull(alive)))

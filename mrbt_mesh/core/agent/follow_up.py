@@ -28,8 +28,6 @@ from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.timing import NEVER_US
 
-# In a team of which not all are neighbours plans come no closer than so much for each other robot.
-PLAN_SPACING_US = 200
 # What robots and operators ask for always has its answer.
 _MAY_CHANGE_NOTHING = (
     MessageReceived,
@@ -125,13 +123,13 @@ class FollowUp:
             self._heartbeats.send_if_due(now_us)
 
     def _awaits_joining(self, now_us: int) -> bool:
-        """Whether a plan would be too early: in a large team, while others are about to join.
+        """Whether a plan would be too early, while others are about to join.
 
         Each of them changes the plan, and nobody begins before they have it too. They are waited
         for no longer than agreement is, from the last one that did.
         """
         membership = self._context.membership
-        if membership.neighbourhood.is_complete or not membership.newcomers:
+        if not membership.around.newcomers:
             self._joining_until_us = None
         elif self._joining_until_us is None or membership.joined_count > self._most_joined:
             self._most_joined = membership.joined_count
@@ -139,20 +137,16 @@ class FollowUp:
         return self._joining_until_us is not None and now_us < self._joining_until_us
 
     def _awaits_news(self, events: Sequence[Input], now_us: int) -> bool:
-        """Whether a plan would be too early: in a large team, right after another one.
+        """Whether a plan would be too early, right after another one.
 
         Where many begin at once each of them changes the plan of all. What the robot itself says
         is followed up at once: it is a step of the tree.
         """
-        membership = self._context.membership
         self._plans_at_us = None
-        if (
-            membership.neighbourhood.is_complete
-            or self._planner.is_current
-            or not all(isinstance(event, NetworkInput | TimerFired) for event in events)
-        ):
+        are_from_network = all(isinstance(event, NetworkInput | TimerFired) for event in events)
+        if self._planner.is_current or not are_from_network:
             return False
-        earliest_us = self._planned_us + PLAN_SPACING_US * len(membership.peers)
+        earliest_us = self._planned_us + self._context.membership.around.plan_spacing_us
         if now_us < earliest_us:
             self._plans_at_us = earliest_us
         return now_us < earliest_us
@@ -190,7 +184,7 @@ class FollowUp:
         changes = (
             self._context.facts.changes + membership.member_changes + membership.suspicion_changes
         )
-        changes += membership.news_changes + self._duplicates.changes
+        changes += membership.around.broadcast_generation + self._duplicates.changes
         return changes + membership.report_changes if self._reads_reports else changes
 
     def _note_what_is_done(self, now_us: int) -> None:

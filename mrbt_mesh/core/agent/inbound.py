@@ -21,7 +21,6 @@ from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
-from mrbt_mesh.core.membership.lost_tokens import LostTokens
 from mrbt_mesh.core.membership.replica import Received
 from mrbt_mesh.core.membership.wire import (
     DIGEST_BYTES,
@@ -54,7 +53,6 @@ class Inbound:
         self._duplicates = duplicates
         self._schedule = schedule
         self._commands = commands
-        self._lost_tokens = LostTokens()
 
     def take(self, event: FromOutside, now_us: int, is_planning: bool) -> None:
         """Take in one; `is_planning`: a plan is being made, until then facts stay as they are."""
@@ -114,7 +112,6 @@ class Inbound:
             )
             context.stop(2, reason)
             return
-        self._lost_tokens.heard(source)
         known = membership.peers.get(source)
         if membership.receive_heartbeat(source, beat, now_us):
             if known is None or known.incarnation != beat.report.incarnation:
@@ -125,24 +122,20 @@ class Inbound:
             if (beat.lease_request is not None or beat.lease_grants) and not is_planning:
                 self._executor.lease_asked(source, beat, now_us)
             if beat.suspicions and membership.can_answer_probe(beat, mine):
-                self._schedule.speed_up(membership.live_peer_count, now_us)
+                self._schedule.speed_up(membership.present_count, now_us)
         if joining is not None:
             joining.mark_heard(source)
         self._check_relays(source, beat, starting, now_us)
 
     def _compare_digest(self, source: str, beat: Heartbeat, now_us: int) -> None:
-        """In a large team, where not everybody hears everybody, also of who is alive."""
+        """Of the facts, and, once both have joined, of the members as each sees them."""
         context = self._context
-        theirs, mine = beat.fact_digest, context.facts.map.digest()
-        membership = context.membership
-        if (
-            context.has_place
-            and beat.report.has_joined
-            and not membership.neighbourhood.is_complete
-        ):
-            theirs += beat.members_digest
-            mine += membership.members_digest(context.replica.incarnation)
-        context.replica.compare_digest(source, theirs, now_us, mine)
+        theirs = ours = bytes(DIGEST_BYTES)
+        if context.has_place and beat.report.has_joined:
+            theirs = beat.members_digest
+            ours = context.membership.around.members_digest(context.replica.incarnation)
+        mine = context.facts.map.digest() + ours
+        context.replica.compare_digest(source, beat.fact_digest + theirs, now_us, mine)
 
     def _check_relays(self, source: str, beat: Heartbeat, starting: bool, now_us: int) -> None:
         context = self._context
@@ -151,16 +144,13 @@ class Inbound:
         context.stop(2, reason)
 
     def _token(self, event: TokenChanged | RouterAnswered) -> None:
-        membership, lost_tokens = self._context.membership, self._lost_tokens
+        membership = self._context.membership
         match event:
             case TokenChanged(robot, incarnation, held, router):
-                if lost_tokens.must_ask(robot, incarnation, held, router):
+                if membership.receive_token(robot, incarnation, held, router):
                     self._context.emit(AskRouter(robot, incarnation, router))
-                else:
-                    membership.receive_token(robot, incarnation, held)
             case RouterAnswered(robot, incarnation, is_linked):
-                if lost_tokens.is_loss(robot, incarnation, is_linked):
-                    membership.receive_token(robot, incarnation, False)
+                membership.router_answered(robot, incarnation, is_linked)
 
     def _query(self, query: int, kind: MessageKind, data: bytes, now_us: int) -> None:
         context = self._context
@@ -184,7 +174,7 @@ class Inbound:
         """
         context = self._context
         incarnation = context.replica.incarnation
-        same = context.membership.members_digest(incarnation) == members_digest
+        same = context.membership.around.members_digest(incarnation) == members_digest
         if context.joining is not None or same:
             return {}
         mine = SelfReport(incarnation, 0, bytes(DIGEST_BYTES), True, 0)
@@ -201,7 +191,7 @@ class Inbound:
             self._refuse(peer, error)
             return
         self._take_in(peer, received)
-        if received.view and not context.membership.neighbourhood.is_complete:
+        if received.view:
             context.membership.compare_view(peer, received.view, now_us)
         if not received.has_more:
             context.replica.anti_entropy.mark_answered(peer, now_us)
@@ -215,14 +205,11 @@ class Inbound:
             self._context.refuse(source, received.reason)
 
     def _note_place(self, source: str, received: Received, now_us: int) -> None:
-        """A robot that joins tells it by its facts: in a large team few hear its heartbeats."""
-        if self._context.config.timing.is_small(len(self._context.mission.robots)):
-            return
         for entry in received.changed:
             if entry.name == records.MEMBER and entry.author == source:
                 life, running = entry.version.incarnation, int(Status.RUNNING)
                 report = SelfReport(life, 0, bytes(DIGEST_BYTES), True, running)
-                self._context.membership.receive_report(source, report, now_us)
+                self._context.membership.receive_join(source, report, now_us)
 
     def _refuse(self, source: str, error: WireError) -> None:
         self._context.refuse(source, str(error), isinstance(error, IncompatibleError))

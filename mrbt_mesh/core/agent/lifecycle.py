@@ -124,21 +124,19 @@ class Lifecycle:
         context, joining = self._context, self._context.joining
         if joining is None or context.is_leaving:
             return False
-        peers, digest = context.membership.peers, context.facts.map.digest()
-        around = context.membership.neighbourhood
-        near = peers if around.is_complete else {r: peers[r] for r in around.robots}
-        wanted = joining.still_to_ask(near, digest, now_us)
+        around, digest = context.membership.around, context.facts.map.digest()
+        wanted = joining.still_to_ask(around.near(), digest, now_us)
         context.ask(context.replica.anti_entropy.choose_to_ask(wanted, now_us), now_us)
         awaited = joining.is_first and self._duplicates.is_other_life_relayed
         team_is_there = bool(context.membership.members())
         if wanted or not joining.is_done(awaited, team_is_there, now_us):
             return False
-        if not joining.keeps_life and not around.is_complete:
-            ahead = sum(robot < context.me for robot in context.membership.newcomers)
+        if not joining.keeps_life:
+            ahead = sum(robot < context.me for robot in around.newcomers)
             if joining.yields(ahead, context.membership.joined_count, now_us):
                 return False
         if joining.is_first:
-            if joining.refusal and not peers:
+            if joining.refusal and not context.membership.peers:
                 context.stop(2, f"the team runs something else: {joining.refusal}")
                 return False
             self._begin_new_life(joining)

@@ -206,14 +206,14 @@ class Planner:
     def _end(self, plan: Plan) -> list[Fact]:
         """The mission has ended once all robots report that T_G has.
 
-        In a large team the robots that would watch one of this name say so for all.
+        In a large team the robots that would judge one of this name write it for all.
         """
         context, membership = self._context, self._context.membership
         if (
             not plan.is_about_to_end(context.mission)
             or not membership.all_report_result(int(plan.result))
             or not self._is_agreed()
-            or context.me not in membership.neighbourhood.monitors(records.RESULT)
+            or not membership.around.judges(records.RESULT)
         ):
             return []
         robots = context.mission.robots

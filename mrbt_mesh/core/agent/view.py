@@ -87,7 +87,7 @@ class AgentView:
 
     def judges(self, robot: str) -> bool:
         """Whether it listens for a robot, or would if that were alive: it is a neighbour of it."""
-        return self._context.membership.neighbourhood.judges(robot)
+        return self._context.membership.around.judges(robot)
 
     @property
     def version(self) -> tuple[int, int]:

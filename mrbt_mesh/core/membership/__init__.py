@@ -2,13 +2,11 @@
 
 Where to find it:
 
-- whom a robot beats to, and whose silence it judges: `ring`, `neighbourhood`
-- who passes on what the others plan: `sections`
+- the robots that get a heartbeat, and those whose silence a robot judges: `dissemination`; in a
+  large team: `ring`
 - how long everything takes: `timing`; when a heartbeat is sent: `heartbeat`
-- what is known of the others: `membership`, `members`; of one of them: `peer`,
-  `arrival_history`
+- what is known of the others: `membership`; of one of them: `peer`
 - when a robot is suspected, probed, declared dead: `failure_detector`
-- how much longer a robot that is slow itself waits for others: `local_health`
 - when a new incarnation may take part: `joining`; two robots of one id: `duplicate_ids`
 - where a lease is granted, renewed, given up: `leases`
 - what this robot writes and takes in: `replica`; whom it asks for what it missed: `anti_entropy`

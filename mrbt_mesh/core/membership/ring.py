@@ -1,26 +1,63 @@
-"""Who looks after whom: the robots of a team in a ring, each beside a few others.
+"""Large teams: each robot hears its neighbours in a ring, and what a robot sends and receives does
+not grow with its team.
 
-In a team of at most `2 * reach + 1` robots everybody is everybody's neighbour. In a larger one a
-robot's neighbours are the `reach` robots on either side of it: they hear its heartbeats, judge its
-silence and pass news of it on to one another. So what a robot sends and receives does not grow with
-its team.
+A robot's neighbours are the `reach` healthy robots on either side of it, by a hash of their ids: so
+those that fail together, because they are alike or near one another, are seldom neighbours. They
+hear its heartbeats, judge its silence and pass news of it on to one another. Besides them these get
+a robot's heartbeats:
 
-Robots stand in the ring by a hash of their ids, so that those that fail together, because they are
-alike or near one another, are seldom neighbours. All that know of the same robots have the same
-ring (consistent hashing: Karger et al. 1997; neighbours as monitors: Chord, Stoica et al. 2001).
+- one more robot with each heartbeat, all of the team in turn, dead ones included: so two parts of a
+  team that were cut off from each other find out, and differences are repaired;
+- robots that judge this robot, or are new, by their own last heartbeat: two robots that see
+  different rings hear each other;
+- while this robot is about to join, some that it has not heard yet;
+- robots that are *checked*: others know otherwise of them than this robot does;
+- everybody, if the heartbeat concerns everybody: a robot leaves, seeks a lease, has declared a
+  neighbour dead, or lives although others have declared it dead;
+- robots that wait for agreement, by way of representatives. The ring of the mission's robots is cut
+  into *groups*, about as many as each has robots. The first healthy robots of a group *represent*
+  it: the others report each new plan to them, and once the whole group has the same plan they relay
+  its self-reports to those who wait. These hear two messages of each group where they would hear
+  one of every robot. What counts is still what each robot has reported itself.
+
+Sources: consistent hashing (Karger et al. 1997); neighbours as monitors: Chord (Stoica et al.
+2001); Lifeguard's local health (Dadgar, Phillips, Currey 2018).
 """
 
 from __future__ import annotations
 
 import hashlib
-from bisect import bisect_left
-from collections.abc import Iterable
+from bisect import bisect_left, bisect_right
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import lru_cache
+from math import isqrt
+
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.dissemination import (
+    Dissemination,
+    Judges,
+    Route,
+    Urgent,
+    Waiting,
+)
+from mrbt_mesh.core.membership.peer import Peer, State, set_member
+from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.membership.wire import DIGEST_BYTES, Heartbeat, SelfReport
+
+# How many robots are checked at a time, are sought by a newcomer, are named as suspects.
+MAX_CHECKED, SOUGHT_AT_A_TIME, MAX_SUSPICIONS = 16, 4, 32
+# Representatives per group: another way for a message that is lost. One that dies is itself a
+# robot whose report is waited for, until it is declared dead.
+REPRESENTATIVES = 2
+# Plans come no closer than this for each other robot.
+PLAN_SPACING_US = 200
+# A robot that has trouble waits longer for silent ones, at most so many detection times.
+MAX_EXTRA_DETECTIONS = 4
 
 
 @lru_cache(maxsize=4_096)
 def place(robot: str) -> bytes:
-    """Where a robot stands in the ring: 8 bytes."""
+    """A robot's place in the ring: 8 bytes."""
     return hashlib.blake2b(robot.encode(), digest_size=8).digest()
 
 
@@ -31,40 +68,401 @@ class Ring:
         self._keys = sorted((place(robot), robot) for robot in robots)
         self._reach = reach
 
-    def put(self, robot: str, is_in: bool) -> None:
-        """Let a robot have its place in the ring, or none."""
+    def _find(self, robot: str) -> tuple[int, bool]:
+        """The index of a robot, or that it would have; whether it is in the ring."""
         key = (place(robot), robot)
         at = bisect_left(self._keys, key)
-        was_in = at < len(self._keys) and self._keys[at] == key
+        return at, at < len(self._keys) and self._keys[at] == key
+
+    def put(self, robot: str, is_in: bool) -> None:
+        """Give a robot its place in the ring, or take it out."""
+        at, was_in = self._find(robot)
         if is_in and not was_in:
-            self._keys.insert(at, key)
+            self._keys.insert(at, (place(robot), robot))
         elif was_in and not is_in:
             del self._keys[at]
 
-    @property
-    def is_complete(self) -> bool:
-        """Whether everybody is everybody's neighbour."""
-        return len(self._keys) <= 2 * self._reach + 1
-
     def are_near(self, robot: str, other: str) -> bool:
         """Whether `other`, which is in the ring, is among the neighbours of a robot."""
-        keys, key = self._keys, (place(robot), robot)
-        at = bisect_left(keys, key)
-        is_in = at < len(keys) and keys[at] == key
-        if robot == other or len(keys) - is_in <= 2 * self._reach:
+        count, (at, is_in) = len(self._keys), self._find(robot)
+        if robot == other or count - is_in <= 2 * self._reach:
             return robot != other
-        steps = (bisect_left(keys, (place(other), other)) - at) % len(keys)
-        reach = self._reach if is_in else self._reach - 1
-        return steps <= reach or steps >= len(keys) - self._reach
+        steps = (self._find(other)[0] - at) % count
+        return steps <= self._reach - (not is_in) or steps >= count - self._reach
 
     def neighbours(self, robot: str) -> tuple[str, ...]:
         """Those of a robot, sorted by id; of one that is not in the ring, those it would have."""
-        keys, reach = self._keys, self._reach
-        at = bisect_left(keys, (place(robot), robot))
-        is_in = at < len(keys) and keys[at][1] == robot
-        others = len(keys) - is_in
-        if others <= 2 * reach:
+        keys, reach, (at, is_in) = self._keys, self._reach, self._find(robot)
+        if len(keys) - is_in <= 2 * reach:
             return tuple(sorted(each for _, each in keys if each != robot))
-        after = at + 1 if is_in else at
-        near = [*range(at - reach, at), *range(after, after + reach)]
+        near = [*range(at - reach, at), *range(at + is_in, at + is_in + reach)]
         return tuple(sorted(keys[index % len(keys)][1] for index in near))
+
+
+class RingGroup:
+    """The group of the robot `me` in the ring of a mission's robots, among its `peers`.
+
+    A group has at least as many robots as a robot can have neighbours, and itself.
+    """
+
+    def __init__(
+        self, me: str, mission: Collection[str], peers: Mapping[str, Peer], reach: int
+    ) -> None:
+        self._me = me
+        self._peers = peers
+        keys = sorted((place(robot), robot) for robot in mission)
+        size = max(2 * reach + 1, isqrt(max(0, len(keys) - 1)) + 1)
+        self._starts = keys[::size]
+        mine = self.number_of(me)
+        names = [robot for _, robot in keys if self.number_of(robot) == mine]
+        self.members = tuple(names if me in names else [*names, me])
+
+    def number_of(self, robot: str) -> int:
+        """The number of a robot's group, also of one that the mission does not name."""
+        return max(0, bisect_right(self._starts, (place(robot), robot)) - 1)
+
+    def _healthy(self) -> list[str]:
+        me, peers = self._me, self._peers
+        return [r for r in self.members if r == me or (r in peers and peers[r].state.is_healthy)]
+
+    def representatives(self) -> tuple[str, ...]:
+        """Those of the group, as this robot sees it."""
+        return tuple(self._healthy()[:REPRESENTATIVES])
+
+    def reports(self) -> dict[str, SelfReport]:
+        """The newest self-reports of the other healthy robots in it."""
+        return {r: self._peers[r].report for r in self._healthy() if r != self._me}
+
+    def all_report(self, digest: bytes) -> bool:
+        """Whether all other healthy robots of the group report this plan digest."""
+        reports = self.reports().values()
+        return all(each.has_joined and each.plan_digest == digest for each in reports)
+
+
+class LocalHealth:
+    """Of one robot: each trouble adds a detection time to what it waits, at most one per heartbeat
+    period; one is taken off in every detection time, the first one after the longest silence.
+
+    `extra_us`: how much longer it waits; `better_at_us`: when that becomes less, None: it is 0.
+    """
+
+    def __init__(self, timing: Timing) -> None:
+        self.extra_us = 0
+        self.better_at_us: int | None = None
+        self._timing = timing
+        self._next_worse_us = 0
+
+    def worsen(self, now_us: int) -> None:
+        """It was slow, or others held it for dead."""
+        if now_us >= self._next_worse_us:
+            most_us = MAX_EXTRA_DETECTIONS * self._timing.detection_us
+            self.extra_us = min(most_us, self.extra_us + self._timing.detection_us)
+            self._next_worse_us = now_us + self._timing.heartbeat_us
+            self.better_at_us = now_us + self._timing.max_silence_us
+
+    def recover(self, now_us: int) -> None:
+        """Time has passed."""
+        if self.better_at_us is not None and now_us >= self.better_at_us:
+            self.extra_us -= self._timing.detection_us
+            self.better_at_us = now_us + self._timing.detection_us if self.extra_us else None
+
+
+class PlanRecipients:
+    """Which robots hear of one robot's plans: its representatives, and those who wait for it."""
+
+    def __init__(self, group: RingGroup, timing: Timing) -> None:
+        self._group = group
+        self._timing = timing
+        # What is reported, and to which representatives; until when heartbeats repeat it.
+        self._reported: tuple[bytes, bool, tuple[str, ...]] | None = None
+        self._until_us = 0
+        # The robots that were notified that the group agrees, and who waited for that plan; and
+        # those that still go by one that is no longer agreed on.
+        self._notified: set[str] = set()
+        self._notified_waiting: Waiting | None = None
+        self._stale: set[str] = set()
+
+    def of_heartbeat(
+        self, urgent: Urgent, number: int, waiting: Waiting | None, judges: Judges, now_us: int
+    ) -> tuple[set[str], Mapping[str, SelfReport]]:
+        """The robots that get heartbeat `number` because of plans, and what it relays to them.
+
+        A repetition, for what was lost, goes to one representative after the other.
+        """
+        representatives = self._group.representatives()
+        reported = urgent.digest, urgent.is_agreed, representatives
+        if reported == self._reported:
+            representatives = representatives[number % len(representatives) :][:1]
+        else:
+            self._reported = reported
+            self._until_us = now_us + self._timing.repeat_offsets_us()[-1]
+            waited = self._notified_waiting
+            self._stale = self._notified & waited(judges) if self._notified and waited else set()
+            self._notified = set()
+        if waiting is None:
+            return set(), {}
+        is_new = now_us <= self._until_us
+        found = set(self._stale) if is_new else set()
+        if urgent.is_agreed:
+            wait = waiting(judges)
+            found |= wait if is_new else wait - self._notified
+            self._notified |= wait
+            self._notified_waiting = waiting
+        relays = self._group.reports() if found else {}
+        return (found.union(representatives) if is_new else found), relays
+
+
+class RingDissemination(Dissemination):
+    """That of the robot `me` in the team of a mission's robots."""
+
+    learns_joins_from_facts = True
+
+    def __init__(
+        self, me: str, peers: Mapping[str, Peer], timing: Timing, mission: Collection[str]
+    ) -> None:
+        super().__init__(me, peers)
+        self._timing = timing
+        self._mission = mission
+        self._ring = Ring([me], timing.reach)
+        self._group = RingGroup(me, mission, peers, timing.reach)
+        self._plans = PlanRecipients(self._group, timing)
+        self._health = LocalHealth(timing)
+        # Robots of which something has changed since they were looked at; whether all else has.
+        self._changed: set[str] = set()
+        self._is_stale = True
+        self._suspects: set[str] = set()
+        # All that may be there, in the order in which they get one more heartbeat.
+        self._in_turn: list[str] | None = None
+        self._to_answer: set[str] = set()
+        # Until when robots are checked, and deaths named that others may not have declared.
+        self._checked_until_us: dict[str, int] = {}
+        self._named_until_us: dict[str, int] = {}
+        self._next_denial_us = 0
+        # Over the members: the sum of a hash of each incarnation that has joined.
+        self._hashes: dict[str, int] = {}
+        self._hash_sum = 0
+        # Whether this robot's group agrees, and what that was found from.
+        self._is_agreed = False
+        self._agreed_from: tuple[bytes, int] | None = None
+        # What the last heartbeat reported; whether only plans have changed since neighbours had
+        # one, which shows them facts that they lack; until when a change is repeated to them.
+        self._last: Urgent | None = None
+        self._only_plans = self._regular_due = False
+        self._repeats_until_us = 0
+        self._sent_broadcast = 0
+        self._next_broadcast_us = 0
+
+    # -- the robots that this one judges ------------------------------------------------------
+
+    def note(self, robot: str, peer: Peer) -> None:
+        self._changed.add(robot)
+        set_member(self.newcomers, robot, peer.state.is_healthy and not peer.report.has_joined)
+        is_counted = peer.state.is_member and peer.report.has_joined
+        self._hash_sum -= self._hashes.pop(robot, 0)
+        if is_counted:
+            self._hashes[robot] = _hash(robot, peer.incarnation)
+            self._hash_sum += self._hashes[robot]
+        self.plan_spacing_us = PLAN_SPACING_US * len(self._peers)
+
+    @property
+    def judged(self) -> Mapping[str, Peer]:
+        self._follow()
+        return self._judged
+
+    def _follow(self) -> None:
+        """Be up to date with who is healthy. A robot judged from now on was not silent before."""
+        if not (self._changed or self._is_stale):
+            return
+        peers, ring, me = self._peers, self._ring, self.me
+        for robot in self._changed:
+            state = peers[robot].state
+            ring.put(robot, state.is_healthy)
+            set_member(self._suspects, robot, state is State.SUSPECT)
+            self._in_turn = None
+            # A change far away makes no difference to this robot.
+            self._is_stale |= robot in self._judged or ring.are_near(robot, me)
+        self._changed.clear()
+        if not self._is_stale:
+            return
+        self._is_stale = False
+        checked = (r for r in self._checked_until_us if r in peers and peers[r].state.is_member)
+        suspects = (robot for robot in self._suspects if ring.are_near(robot, me))
+        mine = {*ring.neighbours(me), *checked, *suspects}
+        for robot in self._judged.keys() - mine:
+            peers[robot].is_judged = peers[robot].is_probed = False
+        self._judged = {robot: peers[robot] for robot in sorted(mine)}
+        for peer in self._judged.values():
+            if not peer.is_judged:
+                peer.last_heard_us = max(peer.last_heard_us, self.now_us)
+            peer.is_judged = True
+
+    def judges(self, robot: str) -> bool:
+        return robot in self.judged or self._ring.are_near(robot, self.me)
+
+    def witnesses(self, robot: str) -> list[str]:
+        self._follow()
+        near = self._ring.neighbours(self.me)
+        return [name for name in self._ring.neighbours(robot) if name in near]
+
+    def near(self) -> Mapping[str, Peer]:
+        self._follow()
+        return {robot: self._peers[robot] for robot in self._ring.neighbours(self.me)}
+
+    # -- what comes in ------------------------------------------------------------------------
+
+    def heard(self, robot: str, heartbeat: Heartbeat, before: State | None) -> None:
+        if self._checked_until_us.pop(robot, None) is not None:
+            self._is_stale = True
+        if before is State.DEAD:
+            self.broadcast_generation += 1  # others that it was with may hold this one for dead
+        if before is None or self.me in heartbeat.relays:
+            self._to_answer.add(robot)
+        for suspicion in heartbeat.suspicions:
+            if suspicion.robot == self.me:
+                self._to_answer.add(robot)  # it may see another ring than this one
+                if suspicion.is_dead:
+                    self._deny()
+
+    def _deny(self) -> None:
+        """Others hold this robot for dead: everybody has to hear it; it may itself be slow.
+
+        Those who do so report it together and again: one answer in each period is enough.
+        """
+        self._worsen()
+        if self.now_us >= self._next_denial_us:
+            self._next_denial_us = self.now_us + self._timing.heartbeat_us
+            self.broadcast_generation += 1
+
+    def heard_outdated(self, robot: str, heartbeat: Heartbeat) -> None:
+        if not heartbeat.report.incarnation.counter:
+            self._to_answer.add(robot)  # it starts again, and does not know its earlier life yet
+
+    def was_late(self) -> None:
+        self._worsen()
+
+    def _worsen(self) -> None:
+        self._health.worsen(self.now_us)
+        self.patience_us = self._health.extra_us
+
+    def check(self, robot: str) -> None:
+        """Listen to a robot for some time, and let it hear from this one."""
+        if robot not in self._checked_until_us and len(self._checked_until_us) < MAX_CHECKED:
+            self._checked_until_us[robot] = self.now_us + self._timing.max_detection_us
+            self._is_stale = True
+
+    def is_given_up(self, robot: str, peer: Peer, accusers: int) -> bool:
+        """One accuser is enough if the token is lost here too. Of a robot that this one does not
+        judge most of those who do must have declared its death.
+        """
+        if peer.is_token_lost and accusers:
+            return True
+        return not peer.is_judged and accusers > len(self._ring.neighbours(robot)) // 2
+
+    def declared_dead(self, robot: str, is_known: bool) -> None:
+        self._named_until_us[robot] = self.now_us + self._timing.max_silence_us
+        self.broadcast_generation += not is_known
+
+    def expire(self) -> None:
+        self._health.recover(self.now_us)
+        self.patience_us = self._health.extra_us
+        for ends_us in (self._checked_until_us, self._named_until_us):
+            for robot in [r for r, until_us in ends_us.items() if self.now_us >= until_us]:
+                del ends_us[robot]
+                self._is_stale = True
+
+    def ends_us(self) -> list[int]:
+        better_at_us = self._health.better_at_us
+        health_us = [] if better_at_us is None else [better_at_us]
+        return [*self._checked_until_us.values(), *self._named_until_us.values(), *health_us]
+
+    # -- what goes out ------------------------------------------------------------------------
+
+    def to_name(self, suspected: Mapping[str, Peer]) -> list[tuple[str, Peer]]:
+        self._follow()
+        named = [(r, p) for r, p in suspected.items() if p.is_judged or r in self._named_until_us]
+        return sorted(named, key=lambda each: each[0])[:MAX_SUSPICIONS]
+
+    def members_digest(self, mine: Incarnation) -> bytes:
+        total = (self._hash_sum + _hash(self.me, mine)) % (1 << 128)
+        return hashlib.blake2b(total.to_bytes(16, "big"), digest_size=DIGEST_BYTES).digest()
+
+    def agrees(self, digest: bytes, reports: int) -> bool:
+        if (digest, reports) != self._agreed_from:
+            self._agreed_from = digest, reports
+            is_representative = bool(digest) and self.me in self._group.representatives()
+            self._is_agreed = is_representative and self._group.all_report(digest)
+        return self._is_agreed
+
+    def is_for_plans_only(self, urgent: Urgent, is_regular_due: bool) -> bool:
+        """Of plans neighbours hear by the first repetition, when those who go on by them may have
+        gone on; of everything else, and whenever it is time, at once and again.
+        """
+        last = self._last
+        if last is None:
+            return False
+        if urgent != last:
+            self._regular_due = True
+            same = urgent._replace(digest=last.digest, is_agreed=last.is_agreed)
+            self._only_plans = same == last
+            if not self._only_plans:
+                self._repeats_until_us = self.now_us + self._timing.repeat_offsets_us()[-1]
+        elif self._regular_due or self.now_us <= self._repeats_until_us:
+            self._regular_due = False
+            return False
+        is_for_all = urgent.sought is not None or urgent.broadcast != self._sent_broadcast
+        return self._only_plans and not is_for_all and not is_regular_due
+
+    def route(
+        self, urgent: Urgent, number: int, plans_only: bool, is_new: bool, waiting: Waiting | None
+    ) -> Route:
+        now_us, last, self._last = self.now_us, self._last, urgent
+        self._follow()
+        judges = self._ring.neighbours
+        found, relays = self._plans.of_heartbeat(urgent, number, waiting, judges, now_us)
+        has_sought = last is not None and last.sought is not None
+        is_to_all = last is None or has_sought or urgent.sought is not None
+        is_to_all |= last is not None and last.is_leaving is not urgent.is_leaving
+        if urgent.broadcast != self._sent_broadcast and now_us >= self._next_broadcast_us:
+            # At most once per period: a team that has trouble must not make more of it.
+            self._sent_broadcast = urgent.broadcast
+            self._next_broadcast_us = now_us + self._timing.heartbeat_us
+            # If others hold a newcomer for dead they mean an earlier life of it.
+            is_to_all |= not is_new
+        found.update(member for _, member in urgent.granted)
+        if plans_only:
+            return Route(tuple(sorted(found - {self.me})), relays)
+        near = self._near_recipients(number, is_new)
+        return Route(None if is_to_all else tuple(sorted(self._present(found | near))), relays)
+
+    def _near_recipients(self, number: int, is_new: bool) -> set[str]:
+        """The robots that get a heartbeat whatever it reports, all that wait for an answer too."""
+        answered, self._to_answer = self._to_answer, set()
+        judged, peers = self._judged, self._peers
+        found = {*self._ring.neighbours(self.me), *judged, *self._checked_until_us, *answered}
+        for robot, peer in judged.items():
+            if peer.is_probed:
+                found.update(self._ring.neighbours(robot))
+        if self._in_turn is None:
+            self._in_turn = sorted(self._present({*peers, *self._mission}))
+        found.update(self._some_of(self._in_turn, number, 1))
+        if is_new:
+            unheard = [r for r in self._in_turn if r not in peers or peers[r].heartbeat is None]
+            found.update(self._some_of(unheard, number, SOUGHT_AT_A_TIME))
+        return found
+
+    def _some_of(self, robots: Sequence[str], number: int, count: int) -> list[str]:
+        """Others for each number. Robots that started together begin with different ones."""
+        begin = bisect_left(robots, self.me) + number * count
+        return [robots[(begin + k) % len(robots)] for k in range(min(count, len(robots)))]
+
+    def _present(self, robots: Collection[str]) -> set[str]:
+        """Those that have not left, but for this one."""
+        peers = self._peers
+        left = {r for r in robots if r in peers and peers[r].state is State.LEFT}
+        return set(robots) - left - {self.me}
+
+
+@lru_cache(maxsize=4_096)
+def _hash(robot: str, incarnation: Incarnation) -> int:
+    text = f"{robot} {incarnation}"
+    return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=16).digest(), "big")

@@ -54,7 +54,7 @@ class Timing:
         of six. Beyond that only the odds depend on the size of the team: twice as many robots are
         twice as often taken for dead by chance.
         """
-        if self.is_small(robots):
+        if self.all_are_neighbours(robots):
             return self
         detection_us = self.detection_us * 3 // 2
         return replace(
@@ -64,7 +64,7 @@ class Timing:
             odds_bits=self.odds_bits + ((robots - 1) // (2 * self.reach + 1)).bit_length(),
         )
 
-    def is_small(self, robots: int) -> bool:
+    def all_are_neighbours(self, robots: int) -> bool:
         """Whether in a team of so many robots all are neighbours."""
         return robots <= 2 * self.reach + 1
 

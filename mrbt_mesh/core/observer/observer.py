@@ -15,7 +15,6 @@ from mrbt_mesh.core.facts.records import Claim, OrderKind
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.keys import Keys
-from mrbt_mesh.core.membership.lost_tokens import LostTokens
 from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.replica import Replica
@@ -27,7 +26,7 @@ from mrbt_mesh.core.membership.wire import (
     MessageKind,
     WireError,
 )
-from mrbt_mesh.core.mission.mission import MAX_ROBOTS, Mission, MissionEnd
+from mrbt_mesh.core.mission.mission import Mission, MissionEnd
 from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.core.planning.plan import Plan
 
@@ -52,7 +51,7 @@ class Observer:
         self.facts = TeamFacts(mission, run)
         header = Header(mission.digest[:16], mission.name, run, "")
         self.replica = Replica(self.facts, header, timing, "", engine.read_batch, keys)
-        self.membership = Membership("", timing, MAX_ROBOTS)
+        self.membership = Membership("", timing)
         self.evaluator = mission.evaluator
         self.record = RunRecord(mission)
         self.plan: Plan | None = None
@@ -63,7 +62,6 @@ class Observer:
         self._updated: tuple[int, int, int] = (-1, -1, -1)
         self._recorded: tuple[Plan | None, bool] = (None, False)
         self._has_caught_up = False
-        self._lost_tokens = LostTokens()
         self._first_heard_us: int | None = None
 
     def watch_from(self, now_us: int, until_us: int) -> None:
@@ -71,7 +69,7 @@ class Observer:
 
         Who is there has yet to be heard: those of then need not live any more.
         """
-        self.membership = Membership("", self.membership.timing, MAX_ROBOTS)
+        self.membership = Membership("", self.membership.timing)
         self._planned, self._updated = (-1, -1), (-1, -1, -1)
         self._recorded, self._has_caught_up = (None, False), False
         self._first_heard_us = None
@@ -125,18 +123,13 @@ class Observer:
 
     def token(self, robot: str, incarnation: Incarnation, held: bool, router: str = "") -> bool:
         """A liveliness token came or went; whether the robot's router must be asked about it."""
-        if self._lost_tokens.must_ask(robot, incarnation, held, router):
-            return True
-        self.membership.receive_token(robot, incarnation, held)
-        return False
+        return self.membership.receive_token(robot, incarnation, held, router)
 
     def router_answered(self, robot: str, incarnation: Incarnation, is_linked: bool | None) -> None:
         """A router was asked about a lost token: see `RouterAnswered`."""
-        if self._lost_tokens.is_loss(robot, incarnation, is_linked):
-            self.membership.receive_token(robot, incarnation, False)
+        self.membership.router_answered(robot, incarnation, is_linked)
 
     def _beat(self, source: str, beat: Heartbeat, now_us: int) -> None:
-        self._lost_tokens.heard(source)
         if self._first_heard_us is None:
             self._first_heard_us = now_us
             if beat.report.has_joined and not self.record.is_catching_up:

@@ -8,7 +8,7 @@ import pytest
 
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.effects import Publish
-from mrbt_mesh.core.agent.heartbeats import Urgent
+from mrbt_mesh.core.membership.dissemination import Urgent
 from mrbt_mesh.core.membership.ring import Ring
 from mrbt_mesh.core.membership.timing import SECOND_US, Timing
 from tests.support.patrols import MS, started
@@ -55,7 +55,7 @@ def speaker() -> Speaker:
 def test_of_a_plan_neighbours_hear_by_the_first_repetition(speaker: Speaker) -> None:
     first = speaker.says(100 * MS, digest=b"another ")
     assert isinstance(first, tuple)
-    assert len(first) <= 2, "speakers only"
+    assert len(first) <= 2, "representatives only"
     second = speaker.says(TIMING.repeat_offsets_us()[0])
     assert isinstance(second, tuple)
     assert speaker.neighbours <= set(second)
@@ -67,8 +67,8 @@ def test_of_a_plan_neighbours_hear_by_the_first_repetition(speaker: Speaker) -> 
 def test_what_everybody_is_to_hear_is_not_told_to_some_because_a_plan_changes_too(
     speaker: Speaker,
 ) -> None:
-    news = speaker.urgent.news
-    assert speaker.says(100 * MS, news=news + 1) is None
+    broadcast = speaker.urgent.broadcast
+    assert speaker.says(100 * MS, broadcast=broadcast + 1) is None
     # At most once per period: neighbours hear of it now, all others as soon as that is over.
-    assert isinstance(speaker.says(50 * MS, news=news + 2), tuple)
+    assert isinstance(speaker.says(50 * MS, broadcast=broadcast + 2), tuple)
     assert speaker.says(TIMING.heartbeat_us - 20 * MS, digest=b"another ") is None

@@ -94,25 +94,24 @@ def test_a_verdict_of_another_robot_alone_kills_nobody() -> None:
 def test_in_a_large_team_it_is_enough_if_the_token_of_a_neighbour_is_gone_here_as_well() -> None:
     names = [f"R{number}" for number in range(16)]
     view = View(*names)
-    around = view.members.neighbourhood
-    gone = around.robots[0]
+    gone = min(view.members.around.near())
     accuser = next(robot for robot in names if robot != gone)
     view.hear(accuser, declares_dead=[gone])
     assert view[gone] is ALIVE
     view.lose_token(gone)
     assert view[gone] is DEAD
-    assert view.members.news_changes == 0, "one has told everybody"
+    assert view.members.around.broadcast_generation == 0, "one has told everybody"
 
 
 def test_of_neighbours_that_lose_a_token_those_tell_everybody_whom_nobody_has_told() -> None:
     view = View(*(f"R{number}" for number in range(16)))
-    gone = view.members.neighbourhood.robots[0]
+    around = view.members.around
+    gone = min(around.near())
     view.lose_token(gone)
-    assert (view[gone], view.members.news_changes) == (SUSPECT, 0)
-    for monitor in view.members.neighbourhood.monitors(gone):
-        if monitor in view.numbers:
-            view.hear(monitor, lost_token=[gone])
-    assert (view[gone], view.members.news_changes) == (DEAD, 1)
+    assert (view[gone], around.broadcast_generation) == (SUSPECT, 0)
+    for witness in around.witnesses(gone):
+        view.hear(witness, lost_token=[gone])
+    assert (view[gone], around.broadcast_generation) == (DEAD, 1)
 
 
 def test_in_a_small_team_each_hears_of_tokens_itself_and_all_must_have_lost_it() -> None:

@@ -9,7 +9,17 @@ from hypothesis import strategies as st
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.timing import Timing
-from tests.support.membership_view import ALIVE, DEAD, LEFT, MS, PLAN, SUSPECT, TIMING, View
+from tests.support.membership_view import (
+    ALIVE,
+    DEAD,
+    LEFT,
+    MS,
+    PLAN,
+    SUSPECT,
+    TIMING,
+    View,
+    recipients,
+)
 
 # -- silence ----------------------------------------------------------------------------------
 
@@ -28,7 +38,7 @@ def test_a_robot_that_misses_beats_is_suspect_and_then_dead() -> None:
     assert view.at(1000)["A"] is DEAD
 
 
-def test_a_suspect_is_in_the_alive_set_and_a_dead_robot_is_not() -> None:
+def test_a_suspect_is_a_member_and_a_dead_robot_is_not() -> None:
     view = View("A", "B")
     assert list(view.at(600).members.members()) == ["A", "B"]
     view.hear("B")
@@ -137,7 +147,7 @@ def test_two_robots_that_relay_one_another_do_not_keep_a_third_alive() -> None:
 def test_a_relay_of_oneself_is_ignored() -> None:
     view = View("B")
     view.hear("B", relays={"M": 9})
-    assert "M" not in view.members.states()
+    assert "M" not in view.members.peers
 
 
 # -- liveliness tokens ------------------------------------------------------------------------
@@ -397,9 +407,9 @@ def test_who_suspects_this_robot_hears_from_it_although_it_is_no_neighbour() -> 
     """Two robots may see different rings, and only one of them the other as its neighbour."""
     names = [f"R{number}" for number in range(16)]
     view = View(*names)
-    around = view.members.neighbourhood
-    around.audience(1, (), ())
-    suspecting = next(robot for robot in names if robot not in around.robots)
-    for number in range(20):
+    around = view.members.around
+    recipients(around, 1)
+    suspecting = next(robot for robot in names if robot not in around.near())
+    for number in range(2, 22):
         view.hear(suspecting, probes=["M"])
-        assert suspecting in (around.audience(number, (), ()) or ())
+        assert suspecting in (recipients(around, number) or ())

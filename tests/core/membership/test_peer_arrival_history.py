@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.membership.arrival_history import ArrivalHistory
+from mrbt_mesh.core.membership.peer import ArrivalHistory
 from mrbt_mesh.core.membership.timing import ODDS_BITS, Timing
 
 BEAT_US = 200_000

@@ -16,17 +16,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.membership.team import SteppedTeam
-from mrbt_mesh.core.agent import plan_news
-from mrbt_mesh.core.agent.heartbeats import Heartbeats, Urgent
+from mrbt_mesh.core.agent import heartbeats
 from mrbt_mesh.core.agent.inputs import CapabilityChanged
-from mrbt_mesh.core.agent.plan_news import PlanNews
 from mrbt_mesh.core.facts.store import Incarnation
-from mrbt_mesh.core.membership.arrival_history import ArrivalHistory
+from mrbt_mesh.core.membership.dissemination import Urgent
 from mrbt_mesh.core.membership.membership import Membership
-from mrbt_mesh.core.membership.neighbourhood import Neighbourhood
-from mrbt_mesh.core.membership.peer import Peer, State
-from mrbt_mesh.core.membership.ring import Ring, place
-from mrbt_mesh.core.membership.sections import SPEAKERS, Sections
+from mrbt_mesh.core.membership.peer import ArrivalHistory, Peer, State
+from mrbt_mesh.core.membership.ring import (
+    REPRESENTATIVES,
+    PlanRecipients,
+    Ring,
+    RingDissemination,
+    RingGroup,
+    place,
+)
 from mrbt_mesh.core.membership.timing import SECOND_US, Timing
 from mrbt_mesh.core.membership.wire import SelfReport
 from mrbt_mesh.sim.world.network import LinkKnobs, NetworkKnobs
@@ -42,48 +45,48 @@ def peer(state: State = State.ALIVE, digest: bytes = DIGEST, has_joined: bool = 
     return Peer(life, report, 0, ArrivalHistory.of_new_robot(timing), 0, 0, state=state)
 
 
-# -- sections ---------------------------------------------------------------------------------
+# -- groups ---------------------------------------------------------------------------------
 
 
 @given(st.sets(names, min_size=1, max_size=80), st.integers(1, 3), st.sets(names, max_size=5))
-def test_every_robot_is_in_one_section_of_those_that_stand_beside_it(
+def test_every_robot_is_in_one_group_of_those_that_stand_beside_it(
     mission: set[str], reach: int, strangers: set[str]
 ) -> None:
-    known = {robot: Sections(robot, mission, {}, reach) for robot in mission | strangers}
+    known = {robot: RingGroup(robot, mission, {}, reach) for robot in mission | strangers}
     order = sorted(mission, key=lambda robot: (place(robot), robot))
-    found = [known[robot].of(robot) for robot in order]
+    found = [known[robot].number_of(robot) for robot in order]
     assert found == sorted(found)
-    for robot, sections in known.items():
-        mine = {each for each in mission if known[each].of(each) == sections.of(robot)}
-        assert set(sections.members) == mine | {robot}
+    for robot, groups in known.items():
+        mine = {each for each in mission if known[each].number_of(each) == groups.number_of(robot)}
+        assert set(groups.members) == mine | {robot}
     sizes = [found.count(number) for number in set(found)]
     assert all(size >= 2 * reach + 1 for size in sizes[:-1])
     assert max(sizes) <= max(2 * reach + 1, len(mission) ** 0.5 + 1)
     assert len(sizes) <= len(mission) ** 0.5 + 1
 
 
-def test_a_team_in_which_all_are_neighbours_is_one_section() -> None:
+def test_a_team_in_which_all_are_neighbours_is_one_group() -> None:
     robots = [f"R{number}" for number in range(7)]
-    assert set(Sections("R0", robots, {}, 3).members) == set(robots)
+    assert set(RingGroup("R0", robots, {}, 3).members) == set(robots)
 
 
 def test_the_first_in_good_standing_speak_and_the_rest_are_those_who_count() -> None:
     robots = [f"R{number}" for number in range(7)]
     peers = {robot: peer() for robot in robots[1:]}
-    sections = Sections("R0", robots, peers, 3)
-    speakers = sections.speakers()
-    assert speakers == sections.members[:SPEAKERS]
-    gone = next(robot for robot in speakers if robot != "R0")
+    groups = RingGroup("R0", robots, peers, 3)
+    representatives = groups.representatives()
+    assert representatives == groups.members[:REPRESENTATIVES]
+    gone = next(robot for robot in representatives if robot != "R0")
     for state in (State.SUSPECT, State.DEAD, State.LEFT):
         peers[gone] = peer(state, OTHER)
-        assert gone not in sections.speakers()
-        assert len(sections.speakers()) == SPEAKERS
-        assert gone not in sections.relays()
-        assert sections.all_report(DIGEST)
+        assert gone not in groups.representatives()
+        assert len(groups.representatives()) == REPRESENTATIVES
+        assert gone not in groups.reports()
+        assert groups.all_report(DIGEST)
     peers[gone] = peer(digest=OTHER)
-    assert not sections.all_report(DIGEST)
+    assert not groups.all_report(DIGEST)
     peers[gone] = peer(has_joined=False)
-    assert not sections.all_report(DIGEST)
+    assert not groups.all_report(DIGEST)
 
 
 # -- stories ----------------------------------------------------------------------------------
@@ -101,10 +104,10 @@ def started(robots: int = ROBOTS, token_delay_us: int | None = 5 * MS) -> Steppe
     return team
 
 
-def speaks(team: SteppedTeam, robot: str) -> bool:
-    """Whether it speaks for its section."""
+def represents(team: SteppedTeam, robot: str) -> bool:
+    """Whether it represents its group."""
     peers = team.agent(robot).peers
-    return robot in Sections(robot, team.mission.robots, peers, Timing().reach).speakers()
+    return robot in RingGroup(robot, team.mission.robots, peers, Timing().reach).representatives()
 
 
 def replaced_at_once() -> None:
@@ -122,7 +125,7 @@ def waits_for_who_plans_otherwise() -> None:
     loser = team.at_work()[0]
     free = sorted(team.mission.robots.keys() - set(team.at_work()))
     near = Ring(team.mission.robots, Timing().reach).neighbours(free[0])
-    late = next(robot for robot in free[1:] if robot not in near and not speaks(team, robot))
+    late = next(robot for robot in free[1:] if robot not in near and not represents(team, robot))
     missed = [(loser, late)]
     before = set(team.at_work())
     team.network.block(missed)
@@ -172,24 +175,24 @@ def caught_by(story: Callable[[], None]) -> Callable[[Callable[[], Iterator[None
 
 
 @caught_by(waits_for_who_plans_otherwise)
-def speakers_vouch_for_their_sections() -> Iterator[None]:
-    """A speaker says at once that all of its section plan what it plans, unheard."""
+def representatives_vouch_for_their_groups() -> Iterator[None]:
+    """A representative says at once that all of its group plan what it plans, unheard."""
 
-    def all_report(self: Sections, digest: bytes) -> bool:
+    def all_report(self: RingGroup, digest: bytes) -> bool:
         said[id(self)] = digest
         return True
 
-    def relays(self: Sections) -> Mapping[str, SelfReport]:
+    def reports(self: RingGroup) -> Mapping[str, SelfReport]:
         return {
             robot: replace(report, plan_digest=said[id(self)], number=report.number + 1)
             for robot, report in original(self).items()
         }
 
     said: dict[int, bytes] = {}
-    original = Sections.relays
+    original = RingGroup.reports
     with (
-        mock.patch.object(Sections, "relays", relays),
-        mock.patch.object(Sections, "all_report", all_report),
+        mock.patch.object(RingGroup, "reports", reports),
+        mock.patch.object(RingGroup, "all_report", all_report),
     ):
         yield
 
@@ -199,7 +202,7 @@ def only_neighbours_have_to_agree() -> Iterator[None]:
     """A robot begins once those agree whom it judges."""
 
     def all_report_plan(self: Membership, digest: bytes) -> bool:
-        judged = self.neighbourhood.judged.values()
+        judged = self.around.judged.values()
         return all(each.report.plan_digest == digest for each in judged)
 
     with mock.patch.object(Membership, "all_report_plan", all_report_plan):
@@ -207,7 +210,7 @@ def only_neighbours_have_to_agree() -> Iterator[None]:
 
 
 @caught_by(waits_for_who_plans_otherwise)
-def a_section_that_has_spoken_counts() -> Iterator[None]:
+def half_of_the_team_counts() -> Iterator[None]:
     """A robot begins once half of the team agrees."""
 
     def all_report_plan(self: Membership, digest: bytes) -> bool:
@@ -219,22 +222,22 @@ def a_section_that_has_spoken_counts() -> Iterator[None]:
 
 
 @caught_by(replaced_at_once)
-def speakers_are_silent() -> Iterator[None]:
-    """Nobody passes on what a section has planned."""
-    with mock.patch.object(plan_news, "who_waits", return_value=set()):
+def representatives_are_silent() -> Iterator[None]:
+    """Nobody passes on what a group has planned."""
+    with mock.patch.object(heartbeats, "who_waits", return_value=set()):
         yield
 
 
 @caught_by(replaced_at_once)
-def speakers_are_not_told() -> Iterator[None]:
+def representatives_are_not_notified() -> Iterator[None]:
     """Of another plan only neighbours hear."""
 
-    def hearers(self: PlanNews, *which: Any) -> Any:
+    def of_heartbeat(self: PlanRecipients, *which: Any) -> Any:
         found, relays = original(self, *which)
-        return found - set(self._sections.speakers()), relays
+        return found - set(self._group.representatives()), relays
 
-    original = PlanNews.hearers
-    with mock.patch.object(PlanNews, "hearers", hearers):
+    original = PlanRecipients.of_heartbeat
+    with mock.patch.object(PlanRecipients, "of_heartbeat", of_heartbeat):
         yield
 
 
@@ -242,11 +245,11 @@ def speakers_are_not_told() -> Iterator[None]:
 def neighbours_keep_deaths_to_themselves() -> Iterator[None]:
     """What everybody is to hear is told to neighbours alone."""
 
-    def audience(self: Heartbeats, urgent: Urgent, *rest: Any) -> Any:
-        return original(self, urgent._replace(news=self._told_news), *rest)
+    def route(self: RingDissemination, urgent: Urgent, *rest: Any) -> Any:
+        return original(self, urgent._replace(broadcast=self._sent_broadcast), *rest)
 
-    original = Heartbeats._audience
-    with mock.patch.object(Heartbeats, "_audience", audience):
+    original = RingDissemination.route
+    with mock.patch.object(RingDissemination, "route", route):
         yield
 
 
@@ -254,20 +257,19 @@ def neighbours_keep_deaths_to_themselves() -> Iterator[None]:
 def neighbours_judge_nobody() -> Iterator[None]:
     """In a large team silence says nothing."""
 
-    def follow(self: Neighbourhood, now_us: int) -> None:
-        original(self, now_us)
-        if not self._ring.is_complete:
-            self.judged = {}
+    def follow(self: RingDissemination) -> None:
+        original(self)
+        self._judged = {}
 
-    original = Neighbourhood.follow
-    with mock.patch.object(Neighbourhood, "follow", follow):
+    original = RingDissemination._follow
+    with mock.patch.object(RingDissemination, "_follow", follow):
         yield
 
 
 @caught_by(found_when_frozen)
 def nobody_believes_in_deaths() -> Iterator[None]:
     """A robot holds for dead only whom it judges itself."""
-    with mock.patch("mrbt_mesh.core.membership.failure_detector._is_given_up", return_value=False):
+    with mock.patch.object(RingDissemination, "is_given_up", return_value=False):
         yield
 
 

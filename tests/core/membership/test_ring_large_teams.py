@@ -11,12 +11,12 @@ from benchmarks.membership.team import SteppedTeam
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.membership import Membership
-from mrbt_mesh.core.membership.neighbourhood import SOUGHT_AT_A_TIME
-from mrbt_mesh.core.membership.ring import Ring
+from mrbt_mesh.core.membership.ring import SOUGHT_AT_A_TIME, Ring
 from mrbt_mesh.core.membership.timing import SECOND_US, Timing
 from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport
 from mrbt_mesh.sim.world.network import LinkKnobs, NetworkKnobs
 from tests.support.effort import IS_LONG, seeds
+from tests.support.membership_view import recipients
 from tests.support.patrols import GOOD, MS, NO_TOKENS, alive, patrol, started
 
 BAD = NetworkKnobs(
@@ -72,15 +72,15 @@ def heartbeat_of(has_joined: bool) -> Heartbeat:
 
 def test_a_newcomer_looks_for_those_that_it_has_not_heard() -> None:
     robots = [f"R{number:02}" for number in range(40)]
-    members = Membership("R00", Timing().of_team(40))
+    members = Membership("R00", Timing().of_team(40), robots)
     beat = heartbeat_of(False)
     for robot in robots[1:21]:
         members.receive_heartbeat(robot, beat, 0)
     sought: set[str] = set()
     for number in range(1, 6):
-        found = members.neighbourhood.audience(number, robots, (), seeks=True)
+        found = recipients(members.around, number, is_new=True)
         assert found is not None
-        plain = members.neighbourhood.audience(number, robots, ())
+        plain = recipients(members.around, number)
         assert plain is not None
         if number > 1:  # all that are new have had their answer
             assert len(set(found) - set(plain)) <= SOUGHT_AT_A_TIME
@@ -91,15 +91,14 @@ def test_a_newcomer_looks_for_those_that_it_has_not_heard() -> None:
 
 def test_who_knows_few_of_a_large_team_does_not_talk_to_all_of_it() -> None:
     robots = [f"R{number:02}" for number in range(40)]
-    members = Membership("R00", Timing().of_team(40))
+    members = Membership("R00", Timing().of_team(40), robots)
     beat = heartbeat_of(False)
     for robot in robots[1:4]:
         members.receive_heartbeat(robot, beat, 0)
-    found = members.neighbourhood.audience(1, robots, (), seeks=True)
+    found = recipients(members.around, 1, is_new=True)
     assert found is not None
     assert set(robots[1:4]) <= set(found)
     assert len(found) <= 3 + 1 + SOUGHT_AT_A_TIME
-    assert members.neighbourhood.audience(2, robots[:7], ()) is None
 
 
 def test_that_a_robot_has_joined_is_told_by_its_facts_and_not_once_more() -> None:
@@ -119,16 +118,16 @@ def test_that_a_robot_has_joined_is_told_by_its_facts_and_not_once_more() -> Non
 
 def test_tokens_that_anybody_can_show_have_nobody_spoken_to() -> None:
     robots = [f"R{number:02}" for number in range(40)]
-    members = Membership("R00", Timing().of_team(40))
+    members = Membership("R00", Timing().of_team(40), robots)
     beat = heartbeat_of(True)
     for robot in robots[1:]:
         members.receive_heartbeat(robot, beat, 0)
-    members.neighbourhood.audience(1, robots, ())
-    before = members.neighbourhood.audience(2, robots, ())
+    recipients(members.around, 1)
+    before = recipients(members.around, 2)
     for number in range(1_000):
         members.receive_token(f"X{number}", Incarnation(1, "n"), True)
         members.receive_token(robots[number % 39 + 1], Incarnation(number, "x"), True)
-    assert members.neighbourhood.audience(2, robots, ()) == before
+    assert recipients(members.around, 2) == before
 
 
 def test_who_begins_together_is_planned_for_together(monkeypatch: pytest.MonkeyPatch) -> None:
