@@ -21,6 +21,7 @@ from mrbt_mesh.core.membership.wire import (
     read_heartbeat,
     write_heartbeat,
 )
+from mrbt_mesh.core.planning.capabilities import Capabilities, capabilities_of
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
 
@@ -30,10 +31,22 @@ PlanMaking: TypeAlias = Callable[[Solver], PlanFunction]
 
 
 def plain_plans(solver: Solver) -> PlanFunction:
-    """Each plan by the definition."""
+    """Each plan from its facts alone."""
 
     def plan(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
         return make_plan(facts, alive, solver)
+
+    return plan
+
+
+def quick_plans(solver: Solver) -> PlanFunction:
+    """The same plans: what robots can do is looked up for those alone that differ."""
+    known: Capabilities | None = None
+
+    def plan(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
+        nonlocal known
+        known = capabilities = capabilities_of(facts, alive, known)
+        return make_plan(facts, alive, solver, capabilities)
 
     return plan
 
@@ -42,7 +55,7 @@ def plain_plans(solver: Solver) -> PlanFunction:
 class Engine:
     """What an agent or an observer computes with."""
 
-    plan_making: PlanMaking = plain_plans
+    plan_making: PlanMaking = quick_plans
     write_heartbeat: WriteHeartbeat = write_heartbeat
     read_heartbeat: ReadHeartbeat = read_heartbeat
     read_batch: ReadBatch = read_batch
@@ -50,5 +63,5 @@ class Engine:
 
 # What robots use.
 FASTEST = Engine()
-# Everything by its definition.
+# Nothing is kept from one plan to the next.
 DEFINITIONS = Engine(plain_plans)

@@ -31,6 +31,7 @@ CAUGHT = {
     "grants_not_synced": ("I9", (50, 57)),
     "rounds_are_mixed": ("I4", (89, 240)),
     "garbled_commands_pause": ("I8", (0, 63)),
+    "losses_are_overlooked": ("I7", (0, 1)),
     "guards_are_counted_one_by_one": ("I3", (34, 88)),
     "compound_conditions_guard_nothing": ("I3", (23, 42)),
     "per_robot_conditions_are_anybodys": ("I4", (183, 257)),

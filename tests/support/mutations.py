@@ -323,6 +323,17 @@ def garbled_commands_pause() -> Iterator[None]:
 
 
 @mutation
+def losses_are_overlooked() -> Iterator[None]:
+    """What a robot can do is looked up once, and not again when that changes."""
+
+    def is_same(worker: capabilities.Worker, other: capabilities.Worker | None) -> bool:
+        return other is not None and worker.incarnation == other.incarnation
+
+    with mock.patch.object(capabilities, "_is_same", is_same):
+        yield
+
+
+@mutation
 def guards_are_counted_one_by_one() -> Iterator[None]:
     """Each condition counts by itself, whether or not it decides anything."""
     with mock.patch.object(Guards, "read_before", _one_by_one):

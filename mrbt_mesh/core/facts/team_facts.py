@@ -52,8 +52,10 @@ class KnownClaim(NamedTuple):
 
 def capability(member: Member, local_task: str) -> int | None:
     """p(i, l) in micro-units of a member, None where it cannot do it, or not now."""
-    if any(n in member.lost or n in member.pending for n in (local_task, type_name(local_task))):
-        return None
+    if member.lost or member.pending:
+        names = local_task, type_name(local_task)
+        if any(name in member.lost or name in member.pending for name in names):
+            return None
     return performance(member.capabilities, local_task)
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from mrbt_mesh.core.facts.records import Member
 from mrbt_mesh.core.facts.store import Incarnation
@@ -30,17 +31,50 @@ def workers(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> dict[str, Wor
     return found
 
 
-class Capabilities:
-    """What the robots of a team can do: p(i, l) of the paper, in micro-units."""
+class RobotMasks:
+    """Sets of robots as bit masks. Robots that have no bit are left out."""
 
-    def __init__(self, team: dict[str, Worker]) -> None:
+    def __init__(self, robots: Iterable[str]) -> None:
+        self.robots = tuple(robots)
+        self._bits = {robot: 1 << number for number, robot in enumerate(self.robots)}
+        # By the identity of a set: that set, which keeps the identity from being used again.
+        self._remembered: dict[int, tuple[Collection[str], int]] = {}
+
+    def of(self, robots: Iterable[str]) -> int:
+        """The mask of some robots."""
+        remembered = self._remembered.get(id(robots))
+        if remembered is not None:
+            return remembered[1]
+        mask, bits = 0, self._bits
+        for robot in robots:
+            mask |= bits.get(robot, 0)
+        return mask
+
+    def remember(self, robots: Collection[str], mask: int) -> None:
+        """Keep the mask of a set that never changes."""
+        self._remembered[id(robots)] = robots, mask
+
+
+class Capabilities:
+    """What the robots of a team can do: p(i, l) of the paper, in micro-units.
+
+    What it returns must not be changed: the capabilities of the next team share it. `masks` has
+    bits for the robots of the team.
+    """
+
+    def __init__(self, team: dict[str, Worker], masks: RobotMasks | None = None) -> None:
         self.team = team
+        self.masks = masks or RobotMasks(team)
         self._able: dict[str, dict[str, int]] = {}
-        # By the name of a capability, which is that of a local task or of a type of them.
-        self._having: dict[str, list[str]] = {}
-        for robot, worker in team.items():
+
+    @cached_property
+    def _having(self) -> dict[str, list[str]]:
+        """Robots by the name of a capability, which is that of a local task or of a type."""
+        found: dict[str, list[str]] = {}
+        for robot, worker in self.team.items():
             for name in worker.member.capabilities:
-                self._having.setdefault(name, []).append(robot)
+                found.setdefault(name, []).append(robot)
+        return found
 
     def able(self, local_task: str) -> Mapping[str, int]:
         """The robots that can do it, sorted by id, and how well."""
@@ -52,10 +86,48 @@ class Capabilities:
                 having = sorted({*having, *self._having.get(kind, ())})
             values = ((r, capability(self.team[r].member, local_task)) for r in having)
             found = {robot: value for robot, value in values if value is not None}
-            self._able[local_task] = found
+            self._keep(local_task, found, self.masks.of(found))
+        return found
+
+    def _keep(self, local_task: str, able: dict[str, int], mask: int) -> None:
+        self.masks.remember(able, mask)
+        self._able[local_task] = able
+
+    def after(self, team: dict[str, Worker]) -> Capabilities:
+        """Those of the team as it is now: only robots that differ are looked up again."""
+        gone = [r for r, worker in self.team.items() if not _is_same(worker, team.get(r))]
+        come = [r for r, worker in team.items() if not _is_same(worker, self.team.get(r))]
+        if not gone and not come:
+            return self
+        known = set(self.masks.robots)
+        masks = RobotMasks([*self.masks.robots, *(r for r in come if r not in known)])
+        lost, found = masks.of(gone), Capabilities(team, masks)
+        for local_task, before in self._able.items():
+            able, mask = before, self.masks.of(before)
+            if mask & lost:
+                able = before.copy()
+                for robot in gone:
+                    able.pop(robot, None)
+            values = ((r, capability(team[r].member, local_task)) for r in come)
+            added = {robot: value for robot, value in values if value is not None}
+            if added:
+                able = dict(sorted((able | added).items()))
+            found._keep(local_task, able, mask & ~lost | masks.of(added))
         return found
 
 
-def capabilities_of(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Capabilities:
-    """Those of the robots that a plan may use."""
-    return Capabilities(workers(facts, alive))
+def _is_same(worker: Worker, other: Worker | None) -> bool:
+    """Whether nothing that was looked up differs: records are never changed, only replaced."""
+    return (
+        other is not None
+        and worker.member is other.member
+        and worker.incarnation == other.incarnation
+    )
+
+
+def capabilities_of(
+    facts: TeamFacts, alive: Mapping[str, Incarnation], before: Capabilities | None = None
+) -> Capabilities:
+    """Those of the robots that a plan may use; `before`: those of the team's last plan."""
+    team = workers(facts, alive)
+    return Capabilities(team) if before is None else before.after(team)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Protocol, TypeAlias
 
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.planning.capabilities import Capabilities
+from mrbt_mesh.core.planning.capabilities import Capabilities, RobotMasks
 from mrbt_mesh.core.planning.demands import Demand
 from mrbt_mesh.core.planning.plan import Shortage
 
@@ -33,24 +33,6 @@ class Feasibility(Protocol):
         ...
 
 
-class RobotMasks:
-    """Sets of robots as bit masks. Robots have bits in the order in which they were first seen."""
-
-    def __init__(self) -> None:
-        self.robots: list[str] = []
-        self._bits: dict[str, int] = {}
-
-    def of(self, robots: Iterable[str]) -> int:
-        """The mask of some robots."""
-        mask, bits = 0, self._bits
-        for robot in robots:
-            if robot not in bits:
-                bits[robot] = 1 << len(self.robots)
-                self.robots.append(robot)
-            mask |= bits[robot]
-        return mask
-
-
 class Consistency:
     """Feasible: every lower bound can be met by different robots.
 
@@ -61,8 +43,9 @@ class Consistency:
     """
 
     def __init__(self, team: Iterable[str], masks: RobotMasks | None = None) -> None:
-        self._masks = masks or RobotMasks()
-        self._team = self._free = self._masks.of(sorted(team))
+        robots = sorted(team)
+        self._masks = masks or RobotMasks(robots)
+        self._team = self._free = self._masks.of(robots)
         self._pinned: Mapping[str, int] = {}
         # By slot: its request, the robots that could serve it, and the one that does.
         self._keys: list[int] = []

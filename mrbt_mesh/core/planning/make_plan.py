@@ -90,7 +90,10 @@ def check_consistency(
     if mission.assignment is AssignmentPolicy.SPARE_SCARCE:
         offered = spare_scarce(facts, evaluation, bids.groups, team)
     kept, pinned = kept_requests(
-        facts, offered, lambda: feasibility(mission.constraints, list(team), offered), obstacles
+        facts,
+        offered,
+        lambda: feasibility(mission.constraints, list(team), offered, capabilities.masks),
+        obstacles,
     )
     return ConsistentRequests(
         evaluation, order, ended, capabilities, "", bids, obstacles, offered, kept, pinned

@@ -21,6 +21,7 @@ from mrbt_mesh.core.assignment.problem import (
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.mission.constraints import AtMost, Constraint, NotAtOnce
 from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.core.planning.capabilities import RobotMasks
 from mrbt_mesh.core.planning.consistency import Consistency, Feasibility
 from mrbt_mesh.core.planning.demands import Demand
 
@@ -103,10 +104,15 @@ def running_on(demands: Sequence[Group], pinned: Mapping[str, int]) -> dict[str,
 
 
 def feasibility(
-    constraints: Sequence[Constraint], robots: Sequence[str], demands: Sequence[Group]
+    constraints: Sequence[Constraint],
+    robots: Sequence[str],
+    demands: Sequence[Group],
+    masks: RobotMasks | None = None,
 ) -> Feasibility:
     """What decides which of the requests with these demands can be kept."""
-    return SideConstraintCheck(constraints, robots, demands) if constraints else Consistency(robots)
+    if constraints:
+        return SideConstraintCheck(constraints, robots, demands)
+    return Consistency(robots, masks)
 
 
 class SideConstraintCheck:
