@@ -41,7 +41,7 @@ fixed = RobotProgram()
 
 @fixed.local_task("*")
 async def take_fixed_time(task: TaskContext) -> None:
-    await anyio.sleep(task.work)
+    await anyio.sleep(task.simulation.work)
 
 
 exponential = RobotProgram()
@@ -50,7 +50,7 @@ exponential = RobotProgram()
 @exponential.local_task("*")
 async def take_exponential_time(task: TaskContext) -> None:
     """The same for the same activation: it names the run, which names the seed."""
-    await anyio.sleep(random.Random(task.activation).expovariate(1 / task.work))
+    await anyio.sleep(random.Random(task.activation).expovariate(1 / task.simulation.work))
 
 
 def mission_of(tree: NodeSpec) -> Mission:
