@@ -8,13 +8,11 @@ as many as there are cores. CPU time is of one run in one process, without the s
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import time
-from pathlib import Path
 from typing import Any
 
+from benchmarks.report import script_parser, write_json
 from benchmarks.run import REPAIR, machine, say
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.sim.estimate import Experiment, outcomes, run_one
@@ -46,18 +44,16 @@ def per_minute(runs: int, jobs: int) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = script_parser(__doc__)
     parser.add_argument("--runs", type=int, default=200)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--json", type=Path, metavar="FILE")
     options = parser.parse_args()
     found: dict[str, Any] = {"machine": machine(), "runs": options.runs, "jobs": options.jobs}
     found["cpu_s_per_run"] = round(cpu_s(max(1, options.runs // 10)), 4)
     say(f"one run: {found['cpu_s_per_run'] * 1e3:.0f} ms of CPU")
     found["runs_per_minute"] = round(per_minute(options.runs, options.jobs), 1)
     say(f"{options.jobs} processes: {found['runs_per_minute']:.0f} runs a minute")
-    if options.json is not None:
-        options.json.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    write_json(found, options.json)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ team is left at rest with 6 and with 24 processes, and memory and CPU share are 
 
 from __future__ import annotations
 
-import argparse
 import os
 import signal
 import statistics
@@ -21,6 +20,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
+from benchmarks.report import script_parser
 from benchmarks.run import REPAIR, WAIT_S, Run, machine, say, tell
 
 DETECTION_S = 1.0
@@ -137,11 +137,10 @@ def trials(number: signal.Signals, count: int, name: str, transport: str) -> dic
 
 def main() -> None:
     """Run the benchmark."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser = script_parser(__doc__)
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--freezes", type=int, default=5)
     parser.add_argument("--transport", choices=("wired", "wireless"), default="wired")
-    parser.add_argument("--json", type=Path, help="also write the result here")
     options = parser.parse_args()
     result: dict[str, Any] = {
         "machine": machine(),

@@ -8,14 +8,12 @@ asking    processor time for one page, and its share of a robot's time at one pa
 
 from __future__ import annotations
 
-import argparse
-import json
 import statistics
 import time
 from collections import deque
-from pathlib import Path
 from typing import Any
 
+from benchmarks.report import script_parser, write_json
 from benchmarks.run import REPAIR, say
 from mrbt_mesh.adapters.metrics.meter import Meter
 from mrbt_mesh.adapters.metrics.pages import robot_page
@@ -141,9 +139,8 @@ def page_ms(mission: Mission, pages: int = 200) -> float:
 
 def main() -> None:
     """Measure, and say so."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = script_parser(__doc__)
     parser.add_argument("--beats", type=int, default=20_000)
-    parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     mission = load_mission(REPAIR)
     found = ratio(mission, given.beats)
@@ -151,9 +148,8 @@ def main() -> None:
     share = round(100 * page / 1e3 / SCRAPE_S, 3)
     say(f"counting: {found['ratio']} times the time without ({found['input_us']} us an input)")
     say(f"asking: {page} ms a page, {share} % of one core at a page in {SCRAPE_S:g} s")
-    if given.json is not None:
-        data = found | {"page_ms": page, "page_share_percent": share}
-        given.json.write_text(json.dumps(data, indent=2) + "\n")
+    data = found | {"page_ms": page, "page_share_percent": share}
+    write_json(data, given.json)
 
 
 if __name__ == "__main__":

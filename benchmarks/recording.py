@@ -10,7 +10,6 @@ matter how fast the machine is or what else it does.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import signal
@@ -21,6 +20,7 @@ import time
 from pathlib import Path
 from typing import Any, NoReturn
 
+from benchmarks.report import script_parser
 from benchmarks.run import ROOT, machine, say, tell
 from mrbt_mesh.core.agent.effects import Effect
 from mrbt_mesh.core.agent.inputs import Input
@@ -38,9 +38,10 @@ import sys
 
 import anyio
 
+from mrbt_mesh import RobotContext
+
 sys.path.insert(0, {agents!r})
 from explore import robot
-from mrbt_mesh import RobotContext
 
 
 @robot.background
@@ -165,12 +166,9 @@ def main() -> None:
     if sys.argv[1:2] == ["--measured"]:
         name, folder, *arguments = sys.argv[2:]
         robot(Path(folder) / f"{name}.measured", arguments)
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
+    parser = script_parser(__doc__)
     parser.add_argument("--robots", type=int, default=6)
     parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="mrbt-bench-") as folder:
         found = measure(Path(folder), given.robots, given.seconds)

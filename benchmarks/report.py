@@ -1,18 +1,72 @@
-"""How the benchmarks show their progress and write their tables."""
+"""What benchmarks share: their options, work in several processes, tables, pages of docs."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import argparse
+import json
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any, TypeVar
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import track
+
+from mrbt_mesh.sim.parallel import spread
+
+_Key = TypeVar("_Key")
+_Result = TypeVar("_Result")
 
 
-def bar_of_jobs() -> Progress:
-    """How many are done, on standard error."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    return Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True))
+def script_parser(doc: str | None) -> argparse.ArgumentParser:
+    """The options of a benchmark that is a program of its own; `doc` describes it."""
+    parser = argparse.ArgumentParser(
+        description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures here")
+    return parser
+
+
+def page_parser(doc: str | None, page: Path) -> argparse.ArgumentParser:
+    """The options of a benchmark whose tables are part of a page."""
+    parser = script_parser(doc)
+    parser.add_argument("--write-docs", action="store_true", help=f"update {page.name}")
+    return parser
+
+
+def positive(text: str) -> int:
+    """The number of an option; raises ArgumentTypeError."""
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"a number from 1 is expected, found {text}")
+    return number
+
+
+def write_json(result: Mapping[str, Any], file: Path | None) -> None:
+    """Write the figures to a file if one is named."""
+    if file is not None:
+        file.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+
+
+def finish(text: str, result: Mapping[str, Any], page: Path, options: argparse.Namespace) -> None:
+    """Print the tables; write the figures and update the page where the options say so."""
+    sys.stdout.write(text + "\n")
+    write_json(result, options.json)
+    if options.write_docs:
+        write_docs(page, text)
+
+
+def in_processes(
+    calls: Sequence[tuple[_Key, Callable[[], _Result]]], processes: int
+) -> Iterable[tuple[_Key, _Result]]:
+    """Make the calls in processes, with a progress bar; results in the order of their ends."""
+    results = spread(_call, calls, processes, chunk=1)
+    return track(results, "", total=len(calls), console=Console(stderr=True))
+
+
+def _call(named: tuple[_Key, Callable[[], _Result]]) -> tuple[_Key, _Result]:
+    key, call = named
+    return key, call()
 
 
 def grid(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -22,13 +76,13 @@ def grid(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def marks(name: str = "") -> tuple[str, str]:
-    """What stands before and after what was measured, on a page where several things are."""
+    """The lines before and after the tables of a benchmark on a page."""
     what = f"measured {name}" if name else "measured"
     return f"<!-- {what}: begin -->", f"<!-- {what}: end -->"
 
 
 def write_docs(path: Path, text: str, name: str = "") -> None:
-    """Put what was measured between the marks of a page; raises ValueError if it has none."""
+    """Replace what is between the marks of a page; raises ValueError if it has none."""
     page = path.read_text(encoding="utf-8")
     first, last = marks(name)
     before, begin, rest = page.partition(first)

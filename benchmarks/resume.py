@@ -16,7 +16,6 @@ in gap    kills between an action's end and the commit of its outcome: that acti
 
 from __future__ import annotations
 
-import argparse
 import os
 import random
 import tempfile
@@ -28,6 +27,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.report import script_parser
 from benchmarks.run import REPAIR, Run, machine, say, tell
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.drills.inject import InjectedFaults, JournalsAtDeath
@@ -146,10 +146,9 @@ def show(result: dict[str, Any]) -> None:
 
 def main() -> None:
     """Run the benchmark; exit status 1 if anything was lost or repeated."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser = script_parser(__doc__)
     parser.add_argument("--rounds", type=int, default=50)
     parser.add_argument("--seed", type=int, default=1, help="seed of the first round")
-    parser.add_argument("--json", type=Path, help="also write the result here")
     options = parser.parse_args()
     mission = load_mission(REPAIR)
     load_before = os.getloadavg()[0]

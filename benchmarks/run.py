@@ -9,13 +9,15 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import psutil
 
+from benchmarks.report import write_json
 from mrbt_mesh.drills.physical import read_events
 from mrbt_mesh.runtime.driver import EVENTS_FILE
 from mrbt_mesh.runtime.run_dir import RunDir
@@ -96,6 +98,27 @@ class Run:
         self.process.wait(timeout=30)
 
 
+@contextmanager
+def stranger(program: str, run_dir: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
+    """A program of this package that disturbs the team of a run; it has begun."""
+    info = json.loads((run_dir / "run.json").read_text())
+    command = [sys.executable, "-m", f"benchmarks.{program}", *options, info["team"]]
+    process = subprocess.Popen(
+        [*command, *info["endpoints"].values()],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+    )
+    try:
+        assert process.stdout is not None
+        process.stdout.readline()
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
 def machine() -> str:
     """What the figures were measured on."""
     system = f"{platform.system()}, Python {platform.python_version()}"
@@ -115,10 +138,8 @@ def versions() -> dict[str, str]:
 
 def tell(result: Mapping[str, Any], file: Path | None) -> None:
     """The figures as JSON on stdout, and in a file if one is named."""
-    text = json.dumps(result, indent=2)
-    sys.stdout.write(text + "\n")
-    if file is not None:
-        file.write_text(text + "\n", encoding="utf-8")
+    sys.stdout.write(json.dumps(result, indent=2) + "\n")
+    write_json(result, file)
 
 
 def say(text: str) -> None:

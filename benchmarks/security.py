@@ -10,21 +10,17 @@ flood     the time from a SIGKILL until the replacement has started, calm and wh
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import signal
 import statistics
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 from benchmarks.failover import at_rest, failover_s, spread
-from benchmarks.run import ROOT, Run, machine, say, tell
+from benchmarks.report import script_parser
+from benchmarks.run import Run, machine, say, stranger, tell
 from mrbt_mesh.core.agent.inputs import Input, MessageReceived
 from mrbt_mesh.core.membership.envelope import MAX_TAGS, Guard
 from mrbt_mesh.core.membership.keys import Role
@@ -107,24 +103,10 @@ def rest_share(costs: dict[str, dict[str, float]]) -> dict[str, float]:
 def flood(run: Run, rate: int, rates: list[int]) -> Iterator[None]:
     """A stranger floods the team."""
     run.wait_for("use_screwdriver", "start")
-    info = json.loads((run.folder / "run.json").read_text())
-    words = [str(rate), info["team"], *info["endpoints"].values()]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "benchmarks.flooder", *words],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-    )
-    try:
-        assert process.stdout is not None
-        process.stdout.readline()
+    with stranger("flooder", run.folder, str(rate)) as process:
         yield
-        told, _ = process.communicate(timeout=30)
-        rates.append(int(told))
-    finally:
-        process.kill()
-        process.wait()
+        sent, _ = process.communicate(timeout=30)
+        rates.append(int(sent))
 
 
 def takeovers(kills: int, rate: int) -> dict[str, Any]:
@@ -141,11 +123,10 @@ def takeovers(kills: int, rate: int) -> dict[str, Any]:
 
 def main() -> None:
     """Run the benchmark."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser = script_parser(__doc__)
     parser.add_argument("--messages", type=int, default=5_000)
     parser.add_argument("--kills", type=int, default=10, help="0: no flood")
     parser.add_argument("--rate", type=int, default=20_000, help="messages a second")
-    parser.add_argument("--json", type=Path, help="also write the result here")
     options = parser.parse_args()
     result: dict[str, Any] = {"machine": machine(), "load_before": os.getloadavg()[0]}
     result["tags"] = message_costs(ROBOTS, options.messages)

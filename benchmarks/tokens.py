@@ -10,18 +10,14 @@ time that a robot used.
 
 from __future__ import annotations
 
-import argparse
-import json
 import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from benchmarks.run import ROOT, Run, machine, say, tell
+from benchmarks.report import script_parser
+from benchmarks.run import Run, machine, say, stranger, tell
 from mrbt_mesh.drills.physical import read_events
 from mrbt_mesh.runtime.run_dir import RunDir
 
@@ -61,27 +57,6 @@ def write_mission(folder: Path) -> Path:
     return mission
 
 
-@contextmanager
-def stranger(run_dir: Path, count: int, names: str) -> Iterator[subprocess.Popen[str]]:
-    """A stranger shows and drops tokens meanwhile."""
-    info = json.loads((run_dir / "run.json").read_text())
-    words = [str(count), names, info["team"], *info["endpoints"].values()]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "benchmarks.token_stranger", *words],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-    )
-    try:
-        assert process.stdout is not None
-        process.stdout.readline()
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
-
-
 def deaths(run_dir: Path) -> list[tuple[str, str]]:
     """(who declared it, who was declared dead), from the robots' logs."""
     logs = {robot: read_events(run_dir / f"{robot}.log") for robot in RunDir(run_dir).robots()}
@@ -103,7 +78,7 @@ def measure(seconds: float, count: int, names: str) -> dict[str, Any]:
             run.wait_for("step", "start", robot=ROBOTS[-1])
             if not count:
                 return _counted(run, seconds)
-            with stranger(run.folder, count, names) as process:
+            with stranger("token_stranger", run.folder, str(count), names) as process:
                 found = _counted(run, seconds)
                 try:
                     told, _ = process.communicate(timeout=5)
@@ -136,11 +111,10 @@ def _starts(run: Run) -> int:
 
 def main() -> None:
     """Run the benchmark."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser = script_parser(__doc__)
     parser.add_argument("--seconds", type=float, default=15.0)
     parser.add_argument("--tokens", type=int, nargs="+", default=[1_000, 5_000])
     parser.add_argument("--names", default="mixed", help="live, lives, unknown or mixed")
-    parser.add_argument("--json", type=Path, help="also write the result here")
     options = parser.parse_args()
     alone = measure(options.seconds, 0, "")
     say(f"alone: {alone}")

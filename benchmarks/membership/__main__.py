@@ -1,68 +1,42 @@
-"""Who is thought dead, how soon, and how fast a team agrees, on networks from good to hopeless.
+"""False deaths, detection times and agreement on networks from good to hopeless.
 
     python -m benchmarks.membership [--full] [--jobs 2] [--json FILE] [--write-docs]
 
-Virtual time; the robots are the real agents with the default knobs. Beside them stands a plain
-detector that sees the same beats: dead after the detection time without a beat of the robot
-itself. `--full` runs longer and takes hours; `--write-docs` puts the tables into
-docs/membership.md.
+Virtual time; the robots are the real agents with the default timing. A plain detector sees the
+same heartbeats for comparison: it declares a robot dead after the detection time without one.
+`--full` takes hours; `--write-docs` puts the tables into docs/membership.md.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
-import sys
 import time
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from pathlib import Path
 from typing import Any
 
-from benchmarks.membership.jobs import Job, jobs
+from benchmarks.membership.jobs import jobs
 from benchmarks.membership.networks import Net
 from benchmarks.membership.results import markdown, summary
-from benchmarks.report import bar_of_jobs, write_docs
+from benchmarks.report import finish, in_processes, page_parser, positive
+from benchmarks.run import ROOT
 
-DOCS = Path(__file__).resolve().parents[2] / "docs" / "membership.md"
-
-
-def run_all(todo: list[Job], processes: int) -> dict[tuple[str, int, Net], list[Any]]:
-    """All results by kind, size and network."""
-    found: dict[tuple[str, int, Net], list[Any]] = {}
-    with bar_of_jobs() as progress, ProcessPoolExecutor(processes) as pool:
-        bar = progress.add_task("networks", total=len(todo))
-        running = {pool.submit(job.run): job for job in todo}
-        for future in as_completed(running):
-            job = running[future]
-            found.setdefault((job.kind, job.robots, job.net), []).append(future.result())
-            progress.advance(bar)
-    return found
+DOCS = ROOT / "docs" / "membership.md"
 
 
 def main() -> None:
     """Run the benchmark."""
-    assert __doc__ is not None
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.membership",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = page_parser(__doc__, DOCS)
+    parser.add_argument("--jobs", type=positive, default=os.cpu_count(), help="processes")
     parser.add_argument("--full", action="store_true", help="more and longer runs: hours")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes (all cores)")
-    parser.add_argument("--json", type=Path, help="also write the result here")
-    parser.add_argument("--write-docs", action="store_true", help="update docs/membership.md")
     options = parser.parse_args()
-    started = time.monotonic()
-    todo = list(jobs(options.full))
-    tables = summary(run_all(todo, options.jobs))
-    text = markdown(tables)
-    sys.stdout.write(text + "\n")
-    if options.json:
-        result = {"seconds": round(time.monotonic() - started), "full": options.full, **tables}
-        options.json.write_text(json.dumps(result, indent=2) + "\n")
-    if options.write_docs:
-        write_docs(DOCS, text)
+    started_s = time.monotonic()
+    found: dict[tuple[str, int, Net], list[Any]] = {}
+    calls = [((job.kind, job.robots, job.net), job.run) for job in jobs(options.full)]
+    for key, result in in_processes(calls, options.jobs):
+        found.setdefault(key, []).append(result)
+    tables = summary(found)
+    seconds = round(time.monotonic() - started_s)
+    result = {"seconds": seconds, "full": options.full, **tables}
+    finish(markdown(tables), result, DOCS, options)
 
 
 if __name__ == "__main__":

@@ -21,13 +21,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import psutil
-from rich.table import Table
 
 from benchmarks.run import ROOT, Run, say
 
 SIZES = (6, 12, 24, 48, 64)
 LAUNCH_TIMEOUT_S, KILL_TIMEOUT_S = 240.0, 60.0
-# After the launch, until what it leaves to do is done; then so long is measured.
+# How long the team settles after the launch, and how long is measured then.
 SETTLE_S, REST_S = 10.0, 10.0
 LOOK_S = 0.005
 
@@ -47,7 +46,7 @@ tree:
 
 @dataclass
 class Size:
-    """What was found of one team; None: not in time."""
+    """Figures of one team; None: not in time."""
 
     robots: int
     launch_s: float | None = None
@@ -58,7 +57,7 @@ class Size:
 
 
 def patrol(robots: int) -> str:
-    """The mission file of a team of so many robots."""
+    """The mission file of a team of this many robots."""
     return PATROL.format(
         program=ROOT / "agents" / "explore.py",
         areas=", ".join(f"a{area:03}" for area in range(robots // 2)),
@@ -99,7 +98,7 @@ def _cpu_s(processes: list[psutil.Process]) -> float:
 
 
 def kill_ms(run: Run, area: str) -> float | None:
-    """Kill who works in an area; milliseconds until another robot has started there."""
+    """Kill the robot at work in an area; milliseconds until another one has started there."""
     victim = workers(run)[area]
     killed_s = time.time()
     os.kill(run.processes()[victim].pid, signal.SIGKILL)
@@ -131,23 +130,3 @@ def measure(robots: int, kills: int, *options: str) -> Size:
         finally:
             run.stop()
     return found
-
-
-def table(sizes: list[Size]) -> Table:
-    """The findings for people."""
-    shown = Table(box=None, title="Robots on one machine", title_justify="left")
-    heads = ("robots", "launch, s", "all at rest, % of a core", "resident, MB", "share, MB")
-    for head in (*heads, "kill, median ms", "worst ms"):
-        shown.add_column(head, justify="right")
-    for size in sizes:
-        in_time = [ms for ms in size.kills_ms if ms is not None]
-        late = f"> {KILL_TIMEOUT_S:g} s" if None in size.kills_ms else ""
-        launched = "not in time" if size.launch_s is None else f"{size.launch_s:.1f}"
-        kills = (
-            f"{statistics.median(in_time):.0f}" if in_time else "",
-            late or (f"{max(in_time):.0f}" if in_time else ""),
-        )
-        costs = (size.cpu_at_rest_percent, size.rss_mb, size.share_mb)
-        cells = ["" if cost is None else f"{cost:.1f}" for cost in costs]
-        shown.add_row(str(size.robots), launched, *cells, *kills)
-    return shown

@@ -16,26 +16,26 @@ _Answer = TypeVar("_Answer")
 
 
 def spread(
-    work: Callable[[_Item], _Answer], items: Iterable[_Item], jobs: int
+    work: Callable[[_Item], _Answer], items: Iterable[_Item], jobs: int, chunk: int = CHUNK
 ) -> Iterator[_Answer]:
-    """The answers for all items, in the order in which they are done.
+    """The answers for all items, in the order in which they are ready.
 
-    With several `jobs` in as many processes, started afresh; they are gone when the iterator
-    is closed or exhausted, and leave Ctrl-C to this process. `work` can be pickled then.
+    Several `jobs` work in as many new processes, which get `chunk` items at a time, leave Ctrl-C to
+    this process and end when the iterator is closed or exhausted; `work` must be picklable then.
     """
     if jobs == 1:
         yield from map(work, items)
         return
     context = multiprocessing.get_context("spawn")
     rest = iter(items)
-    chunks = iter(lambda: list(islice(rest, CHUNK)), [])
+    chunks = iter(lambda: list(islice(rest, chunk)), [])
     pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin)
     try:
         running: set[Future[list[_Answer]]] = set()
         while True:
             # A short queue, so that an interrupt does not wait for long.
-            while len(running) < 2 * jobs and (chunk := next(chunks, None)):
-                running.add(pool.submit(_chunk, work, chunk))
+            while len(running) < 2 * jobs and (part := next(chunks, None)):
+                running.add(pool.submit(_chunk, work, part))
             if not running:
                 return
             done, running = wait(running, return_when=FIRST_COMPLETED)

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 from typing import cast
 
 import pytest
-from rich.console import Console
 
 from benchmarks.report import marks
 from benchmarks.run import Run
@@ -38,17 +37,6 @@ def test_half_of_a_patrol_is_free(robots: int, tmp_path: Path) -> None:
 def test_who_works_where() -> None:
     run = seen(("R1", "a1"), ("R2", "a2"), ("R3", "a1"))
     assert processes.workers(run) == {"a1": "R3", "a2": "R2"}
-
-
-def test_what_did_not_come_in_time_is_told() -> None:
-    late = processes.Size(64)
-    slow = processes.Size(24, 7.25, 44.0, 52.0, 21.0, [80.0, None, 90.0])
-    console = Console(width=120, record=True, file=None)
-    with console.capture() as captured:
-        console.print(processes.table([slow, late]))
-    lines = captured.get().splitlines()
-    assert lines[2].split() == ["24", "7.2", "44.0", "52.0", "21.0", "85", ">", "60", "s"]
-    assert lines[3].split() == ["64", "not", "in", "time"]
 
 
 def test_a_team_of_one_is_refused() -> None:
