@@ -27,7 +27,7 @@ from mrbt_mesh.drills.model import (
 from mrbt_mesh.drills.network import LinkFaults
 from mrbt_mesh.drills.physical import FreezeSpan
 from mrbt_mesh.drills.routers import DrillRouters
-from mrbt_mesh.drills.triggers import FaultLog, Snapshot, chosen
+from mrbt_mesh.drills.triggers import FaultLog, Schedule, Snapshot, chosen
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.launcher import wait_for_exit
 from mrbt_mesh.runtime.team import Team
@@ -93,6 +93,14 @@ class DrillInjector:
         self._network = network
         self._routers = routers
         self._tell = tell
+
+    async def carry_out_due(self, schedule: Schedule, snapshot: Snapshot) -> bool:
+        """Carry out the next step if its moment has come; whether it had."""
+        step = schedule.due(snapshot, self.injected.fault_log)
+        if step is not None:
+            await self.carry_out(step, snapshot)
+            schedule.carried_out(snapshot.now_us)
+        return step is not None
 
     async def carry_out(self, step: StepModel, snapshot: Snapshot) -> None:
         """Do all that a step asks for, in the order of its keys."""

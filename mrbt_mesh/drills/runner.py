@@ -20,7 +20,7 @@ from mrbt_mesh.drills.inject import DrillInjector, InjectedFault
 from mrbt_mesh.drills.journals import read
 from mrbt_mesh.drills.judge import DrillVerdict, Evidence, judge
 from mrbt_mesh.drills.links import read_links
-from mrbt_mesh.drills.model import ConditionTrigger, Profile
+from mrbt_mesh.drills.model import Profile
 from mrbt_mesh.drills.network import LinkFaults, places
 from mrbt_mesh.drills.physical import read_events
 from mrbt_mesh.drills.routers import DrillRouters, routers
@@ -157,9 +157,6 @@ class _Run:
         self.timeline: list[TimelineEntry] = []
         self._tell = tell
         self._told = 0
-        self._conditions = [
-            step.when.condition for step in drill.steps if isinstance(step.when, ConditionTrigger)
-        ]
 
     async def to_the_end(self, watcher: Watcher) -> Evidence:
         """Follow the team, carry steps out, and collect what the judge needs."""
@@ -212,11 +209,8 @@ class _Run:
         while True:
             await watcher.wait_for_change(wait_s)
             self._news(observer)
-            snapshot = Snapshot.of(observer, self._conditions, boottime_us())
-            step = schedule.due(snapshot, fault_log)
-            if step is not None:
-                await injector.carry_out(step, snapshot)
-                schedule.carried_out(snapshot.now_us)
+            snapshot = schedule.look(observer)
+            if await injector.carry_out_due(schedule, snapshot):
                 self._hold_tasks()
                 wait_s = 0.0
                 continue

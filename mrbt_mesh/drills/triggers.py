@@ -1,4 +1,4 @@
-"""When a step of a drill is due: pure functions of what the drill's observer sees."""
+"""When a step of a drill is due: functions of what the drill's observer sees."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from mrbt_mesh.drills.model import (
     StepModel,
     TakeoverTrigger,
 )
+from mrbt_mesh.runtime.fencing import boottime_us
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,6 +172,9 @@ class Schedule:
     def __init__(self, steps: Sequence[StepModel]) -> None:
         self.steps = steps
         self.next = 0
+        self._conditions = [
+            step.when.condition for step in steps if isinstance(step.when, ConditionTrigger)
+        ]
         self._previous_us: int | None = None
         self._triggered_us: int | None = None
 
@@ -182,6 +186,10 @@ class Schedule:
     def held(self) -> frozenset[str]:
         """Tasks that the next step means to meet running: they must not end before it."""
         return frozenset() if self.is_over else _met_running(self.steps[self.next])
+
+    def look(self, observer: Observer) -> Snapshot:
+        """What an observer sees now of all that triggers are about."""
+        return Snapshot.of(observer, self._conditions, boottime_us())
 
     def due(self, snapshot: Snapshot, fault_log: FaultLog) -> StepModel | None:
         """The next step, if its moment has come. Say `carried_out` before asking again."""

@@ -14,8 +14,7 @@ import psutil
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.drills.drill_file import Drill, drill_files, drill_folder, load_drills
 from mrbt_mesh.drills.inject import DrillInjector, InjectedFault
-from mrbt_mesh.drills.model import ConditionTrigger
-from mrbt_mesh.drills.triggers import Schedule, Snapshot
+from mrbt_mesh.drills.triggers import Schedule
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.team import Team
@@ -70,12 +69,12 @@ class TeamDrills:
         ]
 
     async def start(self, label: str) -> str:
-        """Begin a drill; raises InputError if there is none, or another one is on its way."""
+        """Begin a drill; raises InputError if there is none, or another drill runs."""
         drill = (await self._drills()).get(label)
         if drill is None:
             raise InputError(f"no drill {label[:80]!r} fits this mission")
         if self._running is not None:
-            raise InputError(f"{self._running} is on its way")
+            raise InputError(f"the drill {self._running} runs")
         self._running = label
         self._group.start_soon(self._run, drill)
         return f"{label}: {len(drill.steps)} steps, each at its moment"
@@ -84,19 +83,11 @@ class TeamDrills:
         record, watcher = self._watcher.observer.record, self._watcher
         injector = DrillInjector(self._team, watcher, None, None, self._tell)
         schedule = Schedule(drill.steps)
-        conditions = [
-            step.when.condition for step in drill.steps if isinstance(step.when, ConditionTrigger)
-        ]
         problem = ""
         try:
             while not schedule.is_over and record.result is None:
-                snapshot = Snapshot.of(watcher.observer, conditions, boottime_us())
-                step = schedule.due(snapshot, injector.injected.fault_log)
-                if step is None:
+                if not await injector.carry_out_due(schedule, schedule.look(watcher.observer)):
                     await anyio.sleep(LOOK_S)
-                    continue
-                await injector.carry_out(step, snapshot)
-                schedule.carried_out(snapshot.now_us)
         except REFUSALS as error:
             problem = str(error)
         finally:

@@ -154,7 +154,7 @@ def test_a_drill_file_is_carried_out_on_this_team(team: Team, browser: Browser) 
     page.click('button:has-text("Drills…")')
     label = f"kill_at_work[task={HELD},phase=running]"
     page.fill("#drills-search", label)
-    page.wait_for_selector(f'#drills-list li:has-text("kill whoever performs {HELD}")')
+    page.wait_for_selector(f'#drills-list li:has-text("kill the robots that perform {HELD}")')
     page.click("#drills-list button")
     page.wait_for_selector(TAKEN_OVER)
     page.click("#happened summary")
