@@ -18,7 +18,7 @@ from mrbt_mesh.cli.framework.terminal import console
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.player import Player
-from mrbt_mesh.views.replay.playback import Playback
+from mrbt_mesh.views.replay.shown_recording import Playback
 from mrbt_mesh.views.terminal.live import LiveNotes, LiveView
 
 FRAME_S = 0.05

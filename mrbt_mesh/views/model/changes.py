@@ -1,5 +1,5 @@
-"""Items with the version at which each has changed last, so that whoever falls behind is told the
-newest of each item, and never a queue of old ones.
+"""Items with the version of their last change: a slow reader gets the newest of each item, never a
+queue of old ones.
 """
 
 from __future__ import annotations
@@ -9,9 +9,9 @@ from typing import Any
 
 
 class ChangeLog:
-    """Key -> newest value. `version` grows by one with every change; 0: nothing was said yet.
+    """Key -> newest value. `version` grows by one with every change; 0: nothing was put yet.
 
-    A value is plain data and is not changed once it was put. None says that the item is gone.
+    A value is plain data, never changed after it was put. None removes the item.
     """
 
     def __init__(self) -> None:
@@ -20,7 +20,7 @@ class ChangeLog:
         self._items: OrderedDict[str, tuple[int, Any]] = OrderedDict()
 
     def put(self, key: str, value: Any) -> bool:
-        """Whether that is another value than before."""
+        """Put a value; whether it differs from the one before."""
         known = self._items.get(key)
         if (known is None and value is None) or (known is not None and known[1] == value):
             return False

@@ -1,7 +1,7 @@
 """T_A and T_Li of one robot, with the statuses of their nodes as far as they can be seen.
 
-A robot tells the others the statuses of the roots, and of the tree that carries out its local task
-if one does; the rest follows from the facts that all hold.
+A robot reports the statuses of the roots, and of the tree that carries out its local task if there
+is one; the rest follows from the facts of the team.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ class OwnTrees:
         return self._local.tree
 
     def statuses(self, observer: Observer) -> tuple[bytes, bytes]:
-        """T_A's as of the last plan, T_Li's as of the robot's claim and what it tells of the tree
-        that it runs; all idle unless it lives.
+        """(T_A's by the last plan, T_Li's by the robot's claim and its reports on the tree that it
+        runs); all idle unless the robot is a member.
         """
         plan = observer.plan
         if plan is None or not observer.robot_state(self._robot).is_member:
@@ -63,7 +63,7 @@ class OwnTrees:
         nodes, names = self.local.nodes, _assigned_names(running.local_task)
         for node in nodes:
             if running.statuses and node.subject in names:
-                first = node.index + 1  # what is done when it is assigned stands beside that
+                first = node.index + 1  # the part that runs once it is assigned
                 after = (n.index for n in nodes[first + 1 :] if n.parent < first)
                 last = next(after, len(nodes))
                 if last - first == len(running.statuses):
@@ -81,7 +81,7 @@ class RunningTree(NamedTuple):
 
 
 def running_tree(observer: Observer, robot: str) -> RunningTree:
-    """As the robot has told it last."""
+    """As the robot has last reported it."""
     claim, peer = observer.claim(robot), observer.membership.peers.get(robot)
     beat = peer.heartbeat if peer is not None and peer.state.is_member else None
     if claim is None or beat is None or claim.phase is not Phase.RUNNING:
@@ -104,7 +104,7 @@ def _local_facts(observer: Observer, robot: str) -> OwnFacts:
 
 
 def _assigned_names(local_task: str) -> set[str]:
-    """The conditions of T_Li that say that this one is assigned."""
+    """The conditions of T_Li for this local task being assigned."""
     return {f"{ASSIGNED}({name})" for name in (local_task, type_name(local_task))}
 
 

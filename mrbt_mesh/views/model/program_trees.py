@@ -1,6 +1,6 @@
 """BehaviorTree.CPP trees of local tasks, as views draw them below T_Li.
 
-The statuses of their nodes are what the robot tells of the one that it runs.
+A robot reports the statuses of the nodes of the tree that it runs.
 """
 
 from __future__ import annotations
@@ -74,8 +74,8 @@ def with_programs(
         if program is not None:
             inner = list(_rows(program_tree(program), here, len(found)))
             found += inner
-            is_told = type_name(running[0]) == row["subject"] and len(running[1]) == len(inner)
-            after += running[1] if is_told else bytes(len(inner))
+            is_reported = type_name(running[0]) == row["subject"] and len(running[1]) == len(inner)
+            after += running[1] if is_reported else bytes(len(inner))
     return found, after
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 from mrbt_mesh.core.bt.tree import Status
@@ -11,7 +12,6 @@ from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.formats.mission_map import place_states, told_places
-from mrbt_mesh.views.model.agreement import AgreementView
 from mrbt_mesh.views.model.changes import ChangeLog
 from mrbt_mesh.views.model.mission_view import in_units
 from mrbt_mesh.views.model.own_trees import running_tree
@@ -19,12 +19,45 @@ from mrbt_mesh.views.model.timeline import TimelineView
 from mrbt_mesh.views.model.why import why_takeover
 
 
+def reported_plans(observer: Observer) -> dict[str, bytes]:
+    """Robot -> digest of the plan that it last reported, empty for none; sorted.
+
+    Only healthy robots that have joined.
+    """
+    return {
+        robot: peer.report.plan_digest
+        for robot, peer in sorted(observer.membership.peers.items())
+        if peer.report.has_joined and peer.state.is_healthy
+    }
+
+
+class AgreementView:
+    """Remembers since when each robot differs from most of the others."""
+
+    def __init__(self) -> None:
+        self._since_us: dict[str, int] = {}
+
+    def look(self, observer: Observer, now_us: int) -> dict[str, Any]:
+        """`equal`, how many `robots` report a plan, and `differ`: robot -> since when, in s."""
+        digests = reported_plans(observer)
+        counts = Counter(digests.values())
+        own = observer.plan.digest if observer.plan is not None else b""
+        usual = max(counts, key=lambda digest: (counts[digest], digest == own, digest), default=b"")
+        differ = [robot for robot, digest in digests.items() if digest != usual]
+        self._since_us = {robot: self._since_us.get(robot, now_us) for robot in differ}
+        return {
+            "equal": not differ,
+            "robots": len(digests),
+            "differ": {r: observer.record.seconds(at_us) for r, at_us in self._since_us.items()},
+        }
+
+
 class TeamState:
     """The team as it is now, as its observer knows it. Puts these items into `changes`:
 
     `team`: result, order, agreement, what is blocked. `robot/ID`: one robot. `task/NAME`: a global
     task. `node/N`: `[status, robots, note, activations]` of a node of T_G that was ever ticked.
-    `place/NAME`: a place of the map. `position/ID`: where a robot says it is.
+    `place/NAME`: a place of the map. `position/ID`: the position that a robot reports.
     """
 
     def __init__(self, observer: Observer, changes: ChangeLog) -> None:
@@ -35,7 +68,7 @@ class TeamState:
         self._marked: set[int] = set()
         self._activations: dict[int, set[str]] = {}
         self._counted: Plan | None = None
-        self._told_places = told_places(observer.mission)
+        self._places = told_places(observer.mission)
         # What tasks and nodes follow from; a new plan follows from a change of the others.
         self._causes: tuple[int, int, int] = (-1, -1, 0)
 
@@ -53,7 +86,7 @@ class TeamState:
             self._what_follows_from_facts()
 
     def count_activations(self) -> None:
-        """Look at the observer's plan; for whoever goes on by several plans before `update`."""
+        """Count the plan's activations; for callers that skip `update` after some plans."""
         plan = self.observer.plan
         if plan is not None and plan is not self._counted:
             self._counted = plan
@@ -61,13 +94,13 @@ class TeamState:
                 self._activations.setdefault(request.node, set()).add(request.activation)
 
     def _what_follows_from_facts(self) -> None:
-        """Tasks, nodes, places: most of the time there is nothing new of them."""
+        """Update tasks, nodes and places, which change only with the facts."""
         observer, working = self.observer, self._working()
         self._tasks(working)
         if observer.plan is not None:
             self._nodes(observer.plan, working)
         has_succeeded = observer.record.task_log.has_succeeded
-        states = place_states(self._told_places, observer.facts, has_succeeded)
+        states = place_states(self._places, observer.facts, has_succeeded)
         for name, state in states.items():
             self.changes.put(f"place/{name}", state)
 
@@ -132,13 +165,13 @@ class TeamState:
         }
 
     def _position(self, robot: str) -> dict[str, Any] | None:
-        """Where it has said it is, last."""
+        """Its last reported position."""
         peer = self.observer.membership.peers.get(robot)
         where = peer.position if peer is not None else None
         return where.in_units() if where is not None else None
 
     def _state(self, robot: str, peer: Peer | None) -> str:
-        """As `State`, or `joining`, or `leaving`: it has said so and is still there."""
+        """As `State`, or `joining`, or `leaving`: announced, but still there."""
         state = self.observer.robot_state(robot)
         if peer is not None and peer.state.is_healthy:
             if state is State.LEFT:
@@ -176,7 +209,7 @@ class TeamState:
             self.changes.put(f"task/{name}", row)
 
     def _nodes(self, plan: Plan, working: dict[str, list[str]]) -> None:
-        """Only nodes that may have changed are looked at: a tree may have thousands."""
+        """Put only the nodes that may have changed: a tree may have thousands."""
         self.count_activations()
         statuses = plan.evaluation.statuses
         waiting = {w.activation: w for w in plan.waiting}
@@ -199,7 +232,7 @@ class TeamState:
 class TakeoversView:
     """Puts `why/N` into a log: the explanation of takeover N.
 
-    It is made when that has happened: later its reasons are others.
+    It is made at once: the reasons change later.
     """
 
     def __init__(self, observer: Observer) -> None:
@@ -235,5 +268,5 @@ class TeamView:
         return self.changes.version != before
 
     def seconds(self, at_us: int) -> float | None:
-        """A time of the observer's clock as the page tells it."""
+        """A time of the observer's clock in seconds from the start of the run."""
         return self.observer.record.seconds(at_us)

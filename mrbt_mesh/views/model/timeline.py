@@ -1,7 +1,4 @@
-"""A run as people read it afterwards: who did what from when to when, faults, what happened.
-
-All of it only grows, so a page that is opened late gets the whole past.
-"""
+"""The timeline of a run: work, faults and events. It only grows: a late page gets all of it."""
 
 from __future__ import annotations
 
@@ -34,7 +31,7 @@ class TimelineView:
         self._works = len(spans)
         for index in self._open_work:
             log.put(f"work/{index}", self._work(spans[index]))
-        # Until all has been said of it: how it ended may be heard of after its end.
+        # Until it is settled: its result may arrive after its end.
         self._open_work = [i for i in self._open_work if not self._is_settled(spans, i)]
         for index, fault in enumerate(self._record.major):
             log.put(f"fault/{index}", self._major(fault))

@@ -1,5 +1,5 @@
-"""Why a robot does what it does, a task waits, or this robot took over: a sentence with numbers,
-and who else could have done it.
+"""Why a robot does its task, a task waits, or a robot took over: a sentence with numbers, and the
+other candidates.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from mrbt_mesh.core.planning.plan import line_reason, plan_bids, shortened
 class Candidate:
     """A robot that can do a local task, or could. `performance` in units; None: it made no bid.
 
-    `is_chosen`: the plan has it there. `reason` says how things stand with it.
+    `is_chosen`: the plan has it there. `reason`: why, or why not.
     """
 
     robot: str
@@ -50,7 +50,7 @@ def candidates(observer: Observer, activation: str, local_task: str) -> list[Can
             found.append(_candidate(observer, robot, declared, activation, local_task))
 
     def order(each: Candidate) -> tuple[bool, float, str]:
-        # Who made no bid comes last.
+        # Robots without a bid come last.
         number = float("-inf") if each.performance is None else each.performance
         return not each.is_chosen, -number, each.robot
 
@@ -101,7 +101,7 @@ def _lost(member: Member, local_task: str) -> str:
 
 
 def _failures(observer: Observer, task: str) -> str:
-    """Why robots failed at a global task, the last word of each."""
+    """Why robots failed at a global task: the last reason of each."""
     said = {e.robot: e for e in observer.record.failures if e.global_task == task and e.reason}
     return "".join(f" {r} failed at {e.local_task}: {e.reason}." for r, e in sorted(said.items()))
 
@@ -121,13 +121,13 @@ def _number(each: Candidate) -> str:
 
 
 def _others(found: list[Candidate], but: str) -> str:
-    """Who else could, as a sentence."""
+    """The other candidates, as a sentence."""
     others = [each for each in found if each.robot != but]
     if not others:
         return "No other robot has this capability."
-    told = "; ".join(f"{_number(each)} {each.reason}" for each in others[:4])
+    listed = "; ".join(f"{_number(each)} {each.reason}" for each in others[:4])
     more = f"; and {len(others) - 4} more" if len(others) > 4 else ""
-    return f"Others with this capability: {told}{more}."
+    return f"Others with this capability: {listed}{more}."
 
 
 def _answer(
@@ -151,7 +151,7 @@ def why_robot(observer: Observer, robot: str) -> dict[str, Any]:
         faults = [fault for fault in observer.record.major if fault.robot == robot]
         if faults:
             return _answer(robot, _fault_sentence(observer, faults[-1]), [])
-        return _answer(robot, f"{robot} is dead: nobody has heard of it since.", [])
+        return _answer(robot, f"{robot} is dead: no message from it since.", [])
     if state is State.LEFT:
         return _answer(robot, f"{robot} has left on purpose, and handed its work over.", [])
     if plan is None or robot not in {*plan.lines, *plan.idle}:
@@ -166,7 +166,7 @@ def why_robot(observer: Observer, robot: str) -> dict[str, Any]:
 
 
 def why_task(observer: Observer, task: str) -> dict[str, Any]:
-    """How it stands with a global task and why; raises KeyError for one that is not known."""
+    """The state of a global task and why; raises KeyError for one that is not known."""
     known, record = observer.mission.global_tasks[task], observer.record.task_log.tasks[task]
     plan = observer.plan
     requests = [r for r in plan.evaluation.requests if r.subject == task] if plan else []
@@ -180,7 +180,7 @@ def why_task(observer: Observer, task: str) -> dict[str, Any]:
     if waiting is not None:
         sentence = f"{task} is {waiting.reason}. It needs {bounds}."
     elif not lines:
-        sentence = f"{task} is requested, and nobody is put on it. It needs {bounds}."
+        sentence = f"{task} is requested, and no robot is assigned to it. It needs {bounds}."
     else:
         working = shortened([line.robot for line in lines])
         sentence = f"{task} is carried out by {working}. It needs {bounds}."
@@ -201,7 +201,7 @@ _ENDS = {
     TaskState.RUNNING: "is requested, and not planned yet",
     TaskState.SUCCESS: "has succeeded",
     TaskState.FAILURE: "has failed",
-    TaskState.CANCELLED: "was requested and is no more, without a result",
+    TaskState.CANCELLED: "is no longer requested, and has no result",
 }
 
 

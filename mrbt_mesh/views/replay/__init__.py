@@ -1,8 +1,5 @@
-"""Recordings read again: as they were (`player`), as they must have been (`verify`), as they might
-have gone on (`what_if`).
+"""Recordings read again: shown (`shown_recording`), verified (`verify`), continued (`what_if`).
 
-`verify` trusts nothing that stands in a recording: it makes every plan again from the recorded
-facts, with the plain definitions, and compares what the robots of one run have recorded.
-
-It may import the simulator and what is below.
+`verify` makes every plan again from the recorded facts, with the plain definitions, and compares
+the recordings of one run. This package may import the simulator.
 """

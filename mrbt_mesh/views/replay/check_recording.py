@@ -5,30 +5,56 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.assignment.solvers import default_solver
+from mrbt_mesh.core.facts.store import Entry, Incarnation
+from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.authorship import AuthorshipCheck
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.planning.make_plan import make_plan
+from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.messages import pack_alive, pack_nodes, pack_plan, same
 from mrbt_mesh.recording.reader import RecordedMessage, Recording
 from mrbt_mesh.recording.recorded_state import NothingNewError
 from mrbt_mesh.views.replay.check_work import WorkCheck
-from mrbt_mesh.views.replay.checked_state import CheckedState
-from mrbt_mesh.views.replay.plan_again import PlanAgain
+from mrbt_mesh.views.replay.findings import CheckedState
+
+
+class PlanAgain:
+    """Makes plans again by the plain definitions, once for the same facts and alive set."""
+
+    def __init__(self, mission: Mission) -> None:
+        self.mission = mission
+        self._made: dict[tuple[bytes, tuple[tuple[str, Incarnation], ...]], Plan] = {}
+
+    def plan(self, facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
+        """The plan for these facts, with these robots alive."""
+        key = (facts.map.digest(), tuple(sorted(alive.items())))
+        if key not in self._made:
+            self._made[key] = make_plan(facts, alive, default_solver)
+        return self._made[key]
+
+    def obsolete(self, facts: TeamFacts) -> list[tuple[str, str]]:
+        """(author, name) of the facts that no node can read any more, sorted."""
+        names = self.mission.evaluator
+        said = facts.activations.values()
+        obsolete = [each for each in said if names.is_obsolete(each.activation, facts)]
+        return sorted(key for each in obsolete for key in each.keys)
 
 
 class RecordingCheck(CheckedState):
-    """Call `run` once. `said` are the facts in the recording, each with its message."""
+    """Call `run` once. `facts`: those in the recording, each with its message."""
 
     def __init__(
         self, recording: Recording, plans: PlanAgain, authorship: AuthorshipCheck | None
     ) -> None:
         super().__init__(recording, plans.mission)
-        self.said: list[tuple[RecordedMessage, Entry]] = []
+        self.facts: list[tuple[RecordedMessage, Entry]] = []
         self._plans = plans
         self._authorship = authorship
         self._work = WorkCheck(self) if recording.metadata.robot else None
-        # Author and name of a fact -> the record that told it last.
-        self._told: dict[tuple[str, str], RecordedMessage] = {}
+        # Author and name of a fact -> its newest record.
+        self._latest: dict[tuple[str, str], RecordedMessage] = {}
         self._to_drop: list[tuple[str, str]] = []
         self._made = 0
 
@@ -42,7 +68,7 @@ class RecordingCheck(CheckedState):
             except ValueError as error:
                 self.say(record, str(error))
                 if isinstance(error, NothingNewError):
-                    self._doubt_what_was_told(record)
+                    self._doubt_earlier_record(record)
 
     def _check(self, record: RecordedMessage) -> None:
         topic, data = record.topic, record.data
@@ -55,7 +81,7 @@ class RecordingCheck(CheckedState):
         if topic == channels.DROPPED:
             self._dropped(data)
         if topic == channels.ALIVE and data["robots"] == pack_alive(self.state.alive):
-            raise ValueError("the alive set is told anew, but has not changed")
+            raise ValueError("the alive set is recorded again, but has not changed")
         if topic == channels.PLANS:
             self._planned(data)
         if topic == channels.STATUSES:
@@ -66,14 +92,14 @@ class RecordingCheck(CheckedState):
         if self._work is not None:
             self._work.after(record, entry)
 
-    def _doubt_what_was_told(self, record: RecordedMessage) -> None:
-        """A fact changes nothing where an earlier record has a version that was not there yet."""
-        before = self._told[record.data["author"], record.data["name"]]
+    def _doubt_earlier_record(self, record: RecordedMessage) -> None:
+        """A fact that changes nothing: an earlier record has a version that came later."""
+        before = self._latest[record.data["author"], record.data["name"]]
         self.say(before, f"it does not fit record {record.number}: one of them is false")
 
     def _fact(self, record: RecordedMessage, entry: Entry) -> None:
-        self.said.append((record, entry))
-        self._told[entry.author, entry.name] = record
+        self.facts.append((record, entry))
+        self._latest[entry.author, entry.name] = record
         self.counts["facts"] += 1
         if self._authorship is not None:
             self.counts["signatures"] += 1
@@ -95,7 +121,7 @@ class RecordingCheck(CheckedState):
         self.counts["plans"] += 1
         self._made += 1
         if data["alive"] != pack_alive(state.alive):
-            raise ValueError("the plan's alive set is not the one that was told before")
+            raise ValueError("the plan's alive set is not the one recorded before it")
         if self._plans.obsolete(state.facts):
             raise ValueError("the plan was made with facts that should have been dropped")
         self.plan = self._plans.plan(state.facts, state.alive)

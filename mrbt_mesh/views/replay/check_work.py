@@ -1,4 +1,4 @@
-"""Whether a robot did what its plans said, and why it took over what others had been at."""
+"""Whether a robot followed its plans, and why it took over the work of others."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from mrbt_mesh.core.planning.plan import Line
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.messages import read_incarnation
 from mrbt_mesh.recording.reader import RecordedMessage
-from mrbt_mesh.views.replay.checked_state import CheckedState
-from mrbt_mesh.views.replay.findings import ProvedTakeover
+from mrbt_mesh.views.replay.findings import CheckedState, ProvedTakeover
 
 Place = tuple[str, str]
 
@@ -34,9 +33,9 @@ class WorkCheck:
         self._is_out = False
 
     def before(self, record: RecordedMessage) -> None:
-        """Before a record is applied: until facts or alive set change, the newest plan stands.
+        """Before a record is applied: the newest plan is valid until facts or alive set change.
 
-        One of the same instant as the change was not followed: another one was due already.
+        A plan of the same instant as the change need not be followed: the next one was due.
         """
         is_own = record.data.get("author") == self._me and record.data.get("name") == CLAIM
         changes = record.topic in (channels.FACTS, channels.DROPPED, channels.ALIVE)
@@ -46,13 +45,14 @@ class WorkCheck:
                 self._follows(planned)
 
     def after(self, record: RecordedMessage, entry: Entry | None) -> None:
-        """After a record is applied. Raises ValueError for what no plan of the robot says."""
+        """After a record is applied. Raises ValueError for work that the plan does not have."""
         if record.topic == channels.PLANS:
             self._planned = record
         elif record.topic == channels.LIFE:
             self._is_out = record.data["event"] not in ("joined", "caught_up")
-        elif record.topic == channels.ACTIONS:
-            self._action(record)
+        elif record.topic == channels.ACTIONS and record.data["event"] == "started":
+            self._check.counts["actions"] += 1
+            self._started(record, record.data)
         if entry is not None and isinstance(entry.record, Claim):
             self._claimed(entry, entry.record)
 
@@ -80,7 +80,7 @@ class WorkCheck:
             raise ValueError(f"{claim.activation} is one of {line.global_task}")
 
     def _follows(self, planned: RecordedMessage) -> None:
-        """The robot has claimed what its plan gives it, unless it has ended it, or is out."""
+        """The robot must claim the task of its plan, unless it has ended it or is out."""
         check, line = self._check, self._line
         check.counts["lines"] += 1
         facts, mine = check.state.facts, check.state.alive.get(self._me)
@@ -88,40 +88,24 @@ class WorkCheck:
         claim = held.claim if held is not None and held.incarnation == mine else None
         wanted = (line.activation, line.local_task) if line is not None else None
         found = (claim.activation, claim.local_task) if claim is not None else None
-        if wanted == found or self._is_out:
-            return
-        if wanted is not None and self._has_ended(*wanted):
-            return
-        check.say(planned, f"{self._me} holds {_told(found)}, and its plan says {_told(wanted)}")
-
-    def _has_ended(self, activation: str, local_task: str) -> bool:
-        """Whether an outcome of this robot stands there, of any of its coalitions."""
-        said = self._check.state.facts.activations.get(activation)
-        keys = said.keys if said is not None else ()
-        start = f"outcome/{activation}/{local_task}"
-        return any(author == self._me and name.startswith(start) for author, name in keys)
-
-    # -- actions ------------------------------------------------------------------------------
-
-    def _action(self, record: RecordedMessage) -> None:
-        data = record.data
-        if data["event"] == "started":
-            self._check.counts["actions"] += 1
-            self._started(record, data)
+        has_ended = wanted is not None and self._outcome(self._me, wanted) is not None
+        if wanted != found and not self._is_out and not has_ended:
+            text = f"{self._me} holds {_text(found)}, and its plan has {_text(wanted)}"
+            check.say(planned, text)
 
     def _started(self, record: RecordedMessage, data: Mapping[str, Any]) -> None:
         place, line = (data["activation"], data["local_task"]), self._line
         entry = self._check.state.facts.map.get(self._me, CLAIM)
         claim = entry.record if entry is not None else None
         if line is None or (line.activation, line.local_task) != place:
-            raise ValueError(f"{self._me} starts {_told(place)}, which its plan does not give it")
+            raise ValueError(f"{self._me} starts {_text(place)}, which its plan does not give it")
         if (
             not isinstance(claim, Claim)
             or claim.phase is not Phase.RUNNING
             or (claim.activation, claim.local_task, claim.global_task, claim.coalition)
             != (*place, data["global_task"], data["coalition"])
         ):
-            raise ValueError(f"{self._me} starts {_told(place)}, and claims something else")
+            raise ValueError(f"{self._me} starts {_text(place)}, and claims something else")
         at_us = record.at_us - self._check.recording.begin_us
         for robot, incarnation in sorted(self._at_work.get(place, {}).items()):
             if robot == self._me:
@@ -132,7 +116,7 @@ class WorkCheck:
                 self._check.takeovers.append(ProvedTakeover(at_us, self._me, *of, cause))
 
     def _cause(self, robot: str, incarnation: Incarnation, place: Place) -> str:
-        """Why a robot that was at work there is not any more; empty where it still is, or is done.
+        """Why a robot has stopped its work there; empty if it still works or has succeeded.
 
         Raises ValueError if the recording has no cause.
         """
@@ -181,5 +165,5 @@ class WorkCheck:
         return f"{robot} is {known['state']}"
 
 
-def _told(place: Place | None) -> str:
+def _text(place: Place | None) -> str:
     return f"{place[1]} of {place[0]}" if place is not None else "nothing"

@@ -1,4 +1,4 @@
-"""A recording as people look at it: its whole timeline, and the team at one place of it."""
+"""A recording as views show it: its whole timeline, and the team at one time of it."""
 
 from __future__ import annotations
 
@@ -10,14 +10,51 @@ from mrbt_mesh.recording.player import Player
 from mrbt_mesh.views.model.changes import ChangeLog
 from mrbt_mesh.views.model.team_view import TakeoversView, TeamState
 from mrbt_mesh.views.model.timeline import TimelineView
-from mrbt_mesh.views.replay.playback import Playback
+
+SLOWEST, FASTEST = 0.01, 1000.0
+
+
+class Playback:
+    """`at_us` is where it is, always within the recording; `catch_up` brings the player there.
+
+    `speed` is within `SLOWEST` and `FASTEST`.
+    """
+
+    def __init__(self, player: Player, at_us: int, speed: float) -> None:
+        self.player = player
+        self.speed = speed
+        self.is_paused = False
+        self.at_us = player.begin_us
+        self.go_to(at_us)
+
+    @property
+    def is_at_end(self) -> bool:
+        """Whether nothing is left to be played."""
+        return self.at_us == self.player.end_us
+
+    def go_to(self, at_us: int) -> None:
+        """Go there, or to the nearest time of the recording."""
+        self.at_us = min(max(at_us, self.player.begin_us), self.player.end_us)
+
+    def set_speed(self, speed: float) -> None:
+        """Play at this multiple of real time, limited to the bounds."""
+        self.speed = min(max(speed, SLOWEST), FASTEST)
+
+    def passed(self, seconds: float) -> None:
+        """Go on for a time of the viewer, unless it is paused."""
+        if not self.is_paused:
+            self.go_to(self.at_us + round(seconds * self.speed * SECOND_US))
+
+    def catch_up(self) -> None:
+        """Bring the player to `at_us`. Raises RecordingError where that cannot be played."""
+        self.player.seek(self.at_us)
 
 
 class ShownRecording:
     """`changes` has the items of a `TeamView`: those of the timeline for the whole recording, the
     others as the team was where `playback` is; and `playback`: where that is, in seconds.
 
-    Times are told from the start of the run, as on a live page, so the recording may begin before
+    Times count from the start of the run, as on a live page, so the recording may begin before
     0. Raises RecordingError where it is damaged.
     """
 
@@ -32,7 +69,7 @@ class ShownRecording:
     def _put_whole_run(self, player: Player) -> int:
         """Play all of it once, for the timeline; when the run started."""
         takeovers = TakeoversView(player.observer)
-        # What stands at one time happened in one step.
+        # Records of one time are of one step.
         for at_us in sorted({record.at_us for record in player.recording.records}):
             player.seek(at_us)
             takeovers.put(self.changes)
@@ -54,25 +91,25 @@ class ShownRecording:
         return round((at_us - self._start_us) / SECOND_US, 6)
 
     def go_to(self, at_s: float) -> None:
-        """Go to so many seconds after the start of the run."""
+        """Go to a time in seconds from the start of the run."""
         self.playback.go_to(self._start_us + round(at_s * SECOND_US))
 
     def play(self, is_paused: bool) -> None:
-        """Go on, at the end from the begin; or pause."""
+        """Play, from the begin if it is at the end; or pause."""
         playback = self.playback
         playback.is_paused = is_paused
         if not is_paused and playback.is_at_end:
             playback.go_to(playback.player.begin_us)
 
     def passed(self, seconds: float) -> None:
-        """So much time has passed for whoever looks on; at the end it pauses."""
+        """Go on for a time of the viewer; at the end it pauses."""
         self.playback.passed(seconds)
         self.playback.is_paused |= self.playback.is_at_end
 
     def step(self, records: int) -> bool:
-        """Play so many records at most; whether the player is where it is to be.
+        """Play at most `records` records; whether the player has caught up.
 
-        A recording with large plans takes its time, in which others must be served.
+        The caller serves pages in between: large plans take long to make.
         """
         playing = self.playback.player.play_to(self.playback.at_us)
         for count, _ in enumerate(playing, 1):
@@ -84,7 +121,7 @@ class ShownRecording:
         return True
 
     def update(self, now_us: int) -> bool:
-        """Bring `changes` up to date, for the player's time; whether anything has changed."""
+        """Bring `changes` up to date; whether anything has changed."""
         before = self.changes.version
         if self._state.observer is not self.observer:
             self._begin_state()
@@ -110,7 +147,7 @@ class ShownRecording:
         }
 
     def to_json(self) -> dict[str, Any]:
-        """What is known of it once: whose it is, and from when to when it goes."""
+        """What does not change: whose recording it is, its begin and end."""
         recording, player = self.playback.player.recording, self.playback.player
         return {
             "file": recording.name,

@@ -1,7 +1,7 @@
 """Whether the recordings of one run prove what the team did: each by itself, and against the rest.
 
-Proved is: the same facts led to the same plan, by the plain definitions; each robot did what its
-plans said; every takeover had a cause; and no recording tells what another one contradicts.
+Verified: the same facts led to the same plan, by the plain definitions; each robot followed its
+plans; every takeover had a cause; and no recording contradicts another one.
 """
 
 from __future__ import annotations
@@ -14,15 +14,14 @@ from mrbt_mesh.core.membership.authorship import AuthorshipCheck, WasSigned
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.messages import read_incarnation
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError
-from mrbt_mesh.views.replay.check_recording import RecordingCheck
+from mrbt_mesh.views.replay.check_recording import PlanAgain, RecordingCheck
 from mrbt_mesh.views.replay.findings import ProvedTakeover, RecordingFinding, Verification
-from mrbt_mesh.views.replay.plan_again import PlanAgain
 
 _Key = tuple[str, str, Version]
 
 
 def verify(recordings: Sequence[Recording], was_signed: WasSigned | None = None) -> Verification:
-    """Verify recordings of one run, at least one; `was_signed` knows who signed what.
+    """Verify recordings of one run, at least one; `was_signed` checks signatures.
 
     Raises RecordingError if they are not of one run of one mission, or the mission cannot be read.
     """
@@ -76,7 +75,7 @@ def _contradictions(checks: Sequence[RecordingCheck]) -> list[RecordingFinding]:
     """A fact of one author, name and version is the same in all recordings, with one proof."""
     holders: dict[_Key, dict[tuple[int, bytes], list[tuple[RecordingCheck, RecordedMessage]]]] = {}
     for check in checks:
-        for record, entry in check.said:
+        for record, entry in check.facts:
             key = (entry.author, entry.name, entry.version)
             proof = entry.proof.hashes + entry.proof.signature if entry.proof is not None else b""
             said = holders.setdefault(key, {}).setdefault((entry.hash, proof), [])
@@ -85,12 +84,12 @@ def _contradictions(checks: Sequence[RecordingCheck]) -> list[RecordingFinding]:
     for (author, name, _), by_hash in holders.items():
         if len(by_hash) == 1:
             continue
-        told = max(by_hash.values(), key=lambda each: _weight(author, each))
+        believed = max(by_hash.values(), key=lambda each: _weight(author, each))
         for rows in by_hash.values():
-            if rows is not told:
+            if rows is not believed:
                 check, record = rows[0]
-                against = {other.recording.name for other, _ in told}
-                text = f"{author}'s {name} says something else than elsewhere"
+                against = {other.recording.name for other, _ in believed}
+                text = f"{author}'s {name} differs from the other recordings"
                 findings.append(_finding(check, record, text, against))
     return findings
 
@@ -98,15 +97,15 @@ def _contradictions(checks: Sequence[RecordingCheck]) -> list[RecordingFinding]:
 def _weight(
     author: str, rows: Sequence[tuple[RecordingCheck, RecordedMessage]]
 ) -> tuple[int, bool]:
-    """Most recordings are believed; of as many, its author's."""
+    """The majority is believed; on a tie, the author's recording."""
     names = {check.recording.name for check, _ in rows}
     return len(names), any(check.recording.metadata.robot == author for check, _ in rows)
 
 
 def _unsaid(checks: Sequence[RecordingCheck]) -> list[RecordingFinding]:
-    """What others have of a robot, it has written down itself before it told anybody.
+    """Facts that others have of a robot and its own recording lacks: it records before it sends.
 
-    Where it has not, what it has in that place, and nobody else, is told as well.
+    In such a place a fact that only its own recording has is a finding too.
     """
     lives: dict[tuple[str, Incarnation], list[str]] = {}
     own: set[tuple[str, str, Version, int]] = set()
@@ -115,29 +114,29 @@ def _unsaid(checks: Sequence[RecordingCheck]) -> list[RecordingFinding]:
         me = check.recording.metadata.robot
         for incarnation in _lives(check.recording):
             lives.setdefault((me, incarnation), []).append(check.recording.name)
-        for _, entry in check.said:
+        for _, entry in check.facts:
             (own if entry.author == me else heard).add(_whole(entry))
     findings: list[RecordingFinding] = []
     missing: dict[tuple[str, str, Incarnation], set[str]] = {}
-    for check, record, entry in _all_said(checks):
+    for check, record, entry in _all_facts(checks):
         authors = lives.get((entry.author, entry.version.incarnation), [])
         if authors and _whole(entry) not in own and not check.recording.damage:
-            text = f"{entry.author} has not recorded that it said {entry.name}"
+            text = f"{entry.author} has not recorded its {entry.name}"
             findings.append(_finding(check, record, text, authors))
             missing.setdefault(_place(entry), set()).add(check.recording.name)
-    for check, record, entry in _all_said(checks):
+    for check, record, entry in _all_facts(checks):
         others = missing.get(_place(entry))
         is_own = entry.author == check.recording.metadata.robot
         if others is not None and is_own and _whole(entry) not in heard:
-            text = f"nobody else has heard this {entry.name}, and others heard something else"
+            text = f"no other recording has this {entry.name}, and others have a different one"
             findings.append(_finding(check, record, text, others))
     return findings
 
 
-def _all_said(
+def _all_facts(
     checks: Sequence[RecordingCheck],
 ) -> Iterator[tuple[RecordingCheck, RecordedMessage, Entry]]:
-    return ((check, record, entry) for check in checks for record, entry in check.said)
+    return ((check, record, entry) for check in checks for record, entry in check.facts)
 
 
 def _finding(

@@ -1,6 +1,6 @@
-"""Goes on in the simulator from a place of a recording, with faults that did not happen.
+"""Continues a recording in the simulator from a given time, with other faults.
 
-What a recording does not say is assumed, and told: `ASSUMED`.
+`ASSUMED`: what a recording does not contain, and is assumed.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from mrbt_mesh.sim.run import SimulationResult, simulate
 from mrbt_mesh.sim.world.faults import ChangePerformance, Fault, Lose
 from mrbt_mesh.sim.world.setup import Beginning
 
-# In the simulator the team joins first; then it is as late as in the recording.
+# In the simulator the team joins first; that time is not counted.
 JOIN_US = 300_000
 ASSUMED = (
     "all robots know the same facts: those of this recording",
     "robots that are alive join anew, within 0.3 s that are not counted, and plan anew",
-    "work under way goes on where it was if the same robot is given it again, else from its begin",
-    "robots work as the program says for simulated ones; the network is a good one",
+    "work under way continues if the same robot gets it again, else it starts anew",
+    "robots work as the program's simulation does; the network loses nothing",
 )
 
 
 @dataclass(frozen=True)
 class Continuation:
-    """How it would have gone on, from `at_us` of the recording: `result`, its times from 0 on.
+    """The simulated continuation from `at_us` of the recording; times of `result` begin at 0.
 
-    `under_way`: who was at which local task then.
+    `under_way`: robot -> the local task that it had then.
     """
 
     at_us: int
@@ -56,7 +56,7 @@ def what_if(
 ) -> Continuation:
     """Go on from a time of the recording; faults have times of the recording, not before `at_us`.
 
-    Raises RecordingError where nobody is alive then or the recording is damaged, ValueError for
+    Raises RecordingError if no robot is alive then or the recording is damaged, ValueError for
     faults of robots that the mission does not have, SimulationError.
     """
     player = Player(recording)
@@ -101,14 +101,14 @@ def _running(player: Player, at_us: int) -> dict[str, tuple[Claim, int]]:
 
 
 def _kept(facts: TeamFacts) -> tuple[Entry, ...]:
-    """What robots know that start again: their claims were those of their last lives."""
+    """The facts that robots know when they start: all but claims."""
     return tuple(e for e in facts.map if not isinstance(e.record, Claim | NoClaim))
 
 
 def _described(
     mission: Mission, facts: TeamFacts, robots: Iterable[str]
 ) -> Iterable[tuple[int, Fault]]:
-    """What robots had lost, or did better or worse, before."""
+    """The capabilities that robots had lost, and performances that had changed."""
     for robot in robots:
         known = facts.members.get(robot)
         if known is None:

@@ -1,4 +1,4 @@
-"""The figures of a report on runs, from their recordings or from what commands told of them.
+"""Reports on runs, from their recordings or from the summaries that commands wrote.
 
-`recorded` and `told` make `model`'s figures; how they look is for the command line.
+`recorded` and `summaries` make the figures of `model`; `page` and `gantt` draw them.
 """

@@ -17,7 +17,7 @@ _STEPS = (1, 2, 5)
 
 
 def gantt(run: RunReport) -> str:
-    """The chart; empty where nobody's work is known."""
+    """The chart; empty if no work is known."""
     if not run.work or run.duration_s <= 0:
         return ""
     return _Gantt(run).svg()
@@ -29,7 +29,7 @@ def kinds(run: RunReport) -> list[str]:
 
 
 def ticks(duration_s: float, most: int = 10) -> list[float]:
-    """Round times from 0 to the end, at most so many and one."""
+    """Round times from 0 to the end, at most `most` + 1."""
     unit = 0.001
     while True:
         for step in _STEPS:
@@ -88,8 +88,8 @@ class _Gantt:
         begin = end if work.running_s is None else self._x(work.running_s)
         hue = self.hues[_kind(work.local_task)]
         how = ENDS.get(work.end or "", work.end or "not over")
-        told = f"{work.robot}: {work.local_task} for {work.global_task}, {_span(work)}, {how}"
-        parts = [f"<g><title>{escape(told)}</title>"]
+        title = f"{work.robot}: {work.local_task} for {work.global_task}, {_span(work)}, {how}"
+        parts = [f"<g><title>{escape(title)}</title>"]
         if begin - x >= 0.3:
             parts.append(_rect("starting", x, y + 6, begin - x, BAR - 12))
         if work.running_s is not None:
@@ -116,28 +116,28 @@ class _Gantt:
 
     def _lost(self, fault: ReportedFault) -> str:
         x, y = self._x(fault.at_s), self._y(fault.robot)
-        told = f"{fault.robot} {lost_text(fault.lost, fault.reason)}, at {fault.at_s:.3f} s"
+        title = f"{fault.robot} {lost_text(fault.lost, fault.reason)}, at {fault.at_s:.3f} s"
         d = f"M{x} {y + 1}l5 9h-10z"
-        return f'<g><title>{escape(told)}</title><path class="minor" d="{d}"/></g>'
+        return f'<g><title>{escape(title)}</title><path class="minor" d="{d}"/></g>'
 
     def _death(self, fault: ReportedFault) -> str:
         x, y = self._x(fault.at_s), self._y(fault.robot)
         until = self._x(self.run.duration_s if fault.until_s is None else fault.until_s)
-        told = f"{fault.robot} died at {fault.at_s:.3f} s"
+        title = f"{fault.robot} died at {fault.at_s:.3f} s"
         parts = [_rect("away", x, y + 1, max(0.0, until - x), LANE - 2)]
         for name, after_ms in (
             ("detected", fault.detected_ms),
             ("taken over", fault.taken_over_ms),
         ):
             if after_ms is not None:
-                told += f", {name} after {after_ms:g} ms"
+                title += f", {name} after {after_ms:g} ms"
         if fault.detected_ms is not None:
             end = self._x(fault.at_s + fault.detected_ms / 1e3)
             parts.append(_rect("detection", x, y + 1, end - x, 3))
         if fault.replacement in self.robots:
             after_s = (fault.taken_over_ms or 0) / 1e3
             to_x, to_y = self._x(fault.at_s + after_s), self._y(fault.replacement)
-            told += f" by {fault.replacement}"
+            title += f" by {fault.replacement}"
             if fault.detected_ms is not None:
                 begin = self._x(fault.at_s + fault.detected_ms / 1e3)
                 parts.append(_rect("takeover", begin, y + 1, max(0.0, to_x - begin), 3))
@@ -148,7 +148,7 @@ class _Gantt:
             label += f", taken over in {fault.taken_over_ms:.0f} ms"
         if until - x > len(label) * LETTER + 10:
             parts.append(f'<text class="dead" x="{x + 6}" y="{y + 19}">{escape(label)}</text>')
-        return f"<g><title>{escape(told)}</title>{''.join(parts)}</g>"
+        return f"<g><title>{escape(title)}</title>{''.join(parts)}</g>"
 
 
 def _arrow(x: float, y: float, to_x: float, to_y: float) -> str:

@@ -1,4 +1,4 @@
-"""What is observed while a recording is played: who waits, who differs, which plans robots hold."""
+"""What a played recording shows: waiting robots, differing plans, the plans that robots hold."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.observer.episodes import MajorFault
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Waiting
-from mrbt_mesh.views.model.agreement import AgreementView, reported_plans
+from mrbt_mesh.views.model.team_view import AgreementView, reported_plans
 from mrbt_mesh.views.model.why import candidates, why_takeover
 from mrbt_mesh.views.report.model import Disagreement, ReportedPlan, Wait, WaitKind
 

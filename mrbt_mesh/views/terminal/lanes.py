@@ -3,26 +3,79 @@
     A1  ┣move_frame━━━✔┣┄do_diagnosis━━━✖·········
     B1      ┣look━━━━━━✔              ↳do_diagnosis━▶
 
-Everything is told by signs; colours repeat it.
+Signs carry all information; colours repeat it.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from rich.text import Text
 
 from mrbt_mesh.cli.views.marks import END_MARKS
-from mrbt_mesh.views.terminal.past import Item, Past
+from mrbt_mesh.core.observer.run_record import RunRecord
+from mrbt_mesh.views.model.changes import ChangeLog
+from mrbt_mesh.views.model.timeline import TimelineView
 
-# So many seconds are shown as long as nobody zooms.
+# Seconds that are shown without a zoom.
 USUAL_S = 60.0
 LEAST_S = 10.0
-# A label on the axis every so many columns, at least.
+# Columns between labels on the axis, at least.
 LABEL_COLUMNS = 10
 LEAST_LABEL = 3
 LEGEND = "┣┄ claimed  ━ at work  ✔ done  ✘ failed  ↷ dropped  ✖ died  ↳ took over  ▾ lost"
+
+Item = dict[str, Any]
+
+
+class Past:
+    """Keeps the items `work/N`, `fault/N` and `loss/N` by robot, in their order."""
+
+    def __init__(self) -> None:
+        self.faults: dict[int, Item] = {}
+        self.losses: dict[int, Item] = {}
+        # Robot -> its works by number, in the order of their claims.
+        self._works: dict[str, dict[int, Item]] = {}
+
+    def take(self, items: Mapping[str, Any]) -> None:
+        """Take over changes of a `ChangeLog`; items of other kinds are ignored."""
+        for key, item in items.items():
+            kind, _, number = key.partition("/")
+            if kind == "work":
+                self._works.setdefault(item["robot"], {})[int(number)] = item
+            elif kind == "fault":
+                self.faults[int(number)] = item
+            elif kind == "loss":
+                self.losses[int(number)] = item
+
+    def works(self, robot: str, from_s: float) -> list[Item]:
+        """Its works that had not ended by `from_s`, oldest first."""
+        found = []
+        for item in reversed(self._works.get(robot, {}).values()):
+            if item["ended_s"] is not None and item["ended_s"] < from_s:
+                break
+            found.append(item)
+        return found[::-1]
+
+
+class RecordedPast:
+    """Follows a record; a new record, e.g. after a step back in a replay, starts anew."""
+
+    def __init__(self) -> None:
+        self._record: RunRecord | None = None
+
+    def of(self, record: RunRecord) -> Past:
+        """The past of this record, up to date."""
+        if record is not self._record:
+            self._record, self._version = record, 0
+            self._log, self._view, self._past = ChangeLog(), TimelineView(record), Past()
+        self._view.put(self._log)
+        self._past.take(self._log.since(self._version))
+        self._version = self._log.version
+        return self._past
 
 
 @dataclass(frozen=True)
@@ -133,7 +186,7 @@ def _step_s(least_s: float) -> float:
 
 
 def latest_fault(past: Past) -> str:
-    """The latest death in a few words: when, when the others knew, and who took over when."""
+    """The latest death in a few words: its time, its detection, and the takeover."""
     if not past.faults:
         return ""
     fault = past.faults[max(past.faults)]

@@ -21,8 +21,7 @@ from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.run_record import RunRecord
-from mrbt_mesh.views.terminal.lanes import Window, axis, lane, latest_fault
-from mrbt_mesh.views.terminal.past import Past, RecordedPast
+from mrbt_mesh.views.terminal.lanes import Past, RecordedPast, Window, axis, lane, latest_fault
 
 # Columns of robots and timeline, at least; from how many on the robots' trees have room.
 LEAST_RIGHT = 44

@@ -21,12 +21,11 @@ from mrbt_mesh.views.terminal.robot_rows import (
     problems_text,
     robot_text,
     trees_text,
+    why_text,
 )
-from mrbt_mesh.views.terminal.robot_tree import RobotRows
 from mrbt_mesh.views.terminal.rows import Rows
 from mrbt_mesh.views.terminal.team import ShownTeam
-from mrbt_mesh.views.terminal.tree_rows import FoldingTree
-from mrbt_mesh.views.terminal.why_text import why_text
+from mrbt_mesh.views.terminal.tree_rows import FoldingTree, RobotRows
 
 ZOOM = 1.5
 # A step to the side is such a part of what is shown.

@@ -1,4 +1,4 @@
-"""Robots as rows: state, task, progress, capabilities with what is lost struck out."""
+"""Texts about robots: rows with state, task and progress; capabilities; explanations."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TREES = ("T_i", "T_A", "T_G", "T_Li")
 
 
 def robot_text(robot: str, item: dict[str, Any], name_width: int) -> Text:
-    """State, what it works on and how far it is; `item` as `TeamView` tells it."""
+    """State, task and progress; `item`: as in `TeamView`."""
     sign, style = STATE_MARKS[item["state"]]
     text = Text(no_wrap=True)
     text.append(f"{robot:{name_width}} ", "bold")
@@ -43,7 +43,7 @@ def robot_text(robot: str, item: dict[str, Any], name_width: int) -> Text:
 
 
 def problems_text(item: dict[str, Any]) -> Text:
-    """What is wrong with its program and its journal, a line for each part."""
+    """Problems of its program and its journal, one line each."""
     return Text("\n".join(item["problems"]), "red")
 
 
@@ -54,7 +54,7 @@ def bar(percent: int) -> str:
 
 
 def capabilities_text(item: dict[str, Any]) -> Text:
-    """Everything that it can do with how well; what is lost is struck out, behind a cross."""
+    """Its capabilities with their performance; lost ones are struck out, behind a cross."""
     text = Text().append("can ", "dim")
     lost = item["lost"]
     for number, (name, value) in enumerate(item["capabilities"].items()):
@@ -76,4 +76,19 @@ def trees_text(item: dict[str, Any]) -> Text:
         sign, style = MARKS[Status[word.upper()]]
         text.append(f"{name} ", "dim")
         text.append(f"{sign} {word}  ", style)
+    return text
+
+
+def why_text(answer: dict[str, Any]) -> Text:
+    """An explanation of `model/why.py`: the sentence, then a line for each candidate."""
+    text = Text(answer["sentence"])
+    for group in answer["groups"]:
+        if group["local_task"]:
+            text.append(f"\n{group['local_task']}", "bold")
+        for each in group["candidates"]:
+            number = "no bid" if each["performance"] is None else f"{each['performance']:g}"
+            sign, style = ("✔", "green") if each["chosen"] else ("·", "dim")
+            text.append(f"\n  {sign} ", style)
+            text.append(f"{each['robot']:<8}{number:>8}  ")
+            text.append(each["reason"], "" if each["chosen"] else "dim")
     return text

@@ -7,7 +7,7 @@ from typing import Any
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.views.model.mission_view import mission_view
 from mrbt_mesh.views.model.team_view import TeamView
-from mrbt_mesh.views.terminal.past import Past
+from mrbt_mesh.views.terminal.lanes import Past
 
 
 class ShownTeam:

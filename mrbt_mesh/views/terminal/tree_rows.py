@@ -1,22 +1,28 @@
-"""T_G as rows that fold, are searched, and tell the status of each node."""
+"""Trees as rows that fold and can be searched: T_G, and T_i of a robot."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.text import Text
 
 from mrbt_mesh.cli.views.marks import MARKS
 from mrbt_mesh.core.bt.tree import Kind, Status
+from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.views.model.mission_view import tree_view
+from mrbt_mesh.views.model.own_trees import OwnTrees, local_tree_of, running_tree
+from mrbt_mesh.views.model.program_trees import with_programs
 
 # Larger trees begin with what does not run folded.
 LARGE = 30
 NEVER_TICKED: list[Any] = [int(Status.IDLE), [], "", 0]
 
+MEANINGS = {"T_A": "how it plans", "T_G": "the team's tree", "T_Li": "its own tasks"}
+
 
 class FoldingTree:
-    """Which rows are shown. `rows`: nodes by index, as `tree_view` tells them."""
+    """Which rows are shown. `rows`: nodes by index, as in `tree_view`."""
 
     def __init__(self, rows: list[dict[str, Any]]) -> None:
         self.rows = rows
@@ -29,7 +35,7 @@ class FoldingTree:
                 self._children[row["parent"]].append(index)
 
     def children(self, index: int) -> list[int]:
-        """The rows below a row. A subtree's one child has its status: its name says more."""
+        """The rows below a row. A subtree replaces its only child, which has the same status."""
         below = self._children[index]
         if self.rows[index]["kind"] == str(Kind.SUBTREE) and below:
             return self._children[below[0]] or below
@@ -42,7 +48,7 @@ class FoldingTree:
         return int(self.rows[above]["parent"]) if is_passed_over else above
 
     def is_folded(self, index: int, nodes: Mapping[int, list[Any]]) -> bool:
-        """Whether what is below it is hidden; `nodes` as `TeamView` tells them."""
+        """Whether the rows below it are hidden; `nodes`: as in `TeamView`."""
         if not self._children[index]:
             return False
         runs = nodes.get(index, NEVER_TICKED)[0] == Status.RUNNING
@@ -86,7 +92,7 @@ class FoldingTree:
             above = self.parent(above)
 
     def text(self, index: int, depth: int, nodes: Mapping[int, list[Any]]) -> Text:
-        """A row: fold sign, status sign, label, who works there, what it waits for, status."""
+        """A row: fold sign, status sign, label, robots at work, what it waits for, status."""
         number, robots, note, count = nodes.get(index, NEVER_TICKED)
         status = Status(number)
         sign, style = MARKS[status]
@@ -110,3 +116,56 @@ def _unfolded(tree: FoldingTree) -> list[tuple[int, int]]:
     opened = FoldingTree(tree.rows)
     opened.fold_resting(False)
     return opened.visible({})
+
+
+class RobotRows:
+    """T_i = Parallel(T_A, T_G, T_Li, 3) of one robot, with T_G as one row.
+
+    `rows`: as in `tree_view`, from the root T_i; `nodes`: as in `TeamView`.
+    """
+
+    def __init__(self, observer: Observer, robot: str) -> None:
+        """Raises KeyError for a robot without a description."""
+        self.robot = robot
+        self._observer = observer
+        self._capabilities = self._described()
+        self._trees = OwnTrees(robot, local_tree_of(observer.mission, self._capabilities))
+        self.rows = [_row(f"T_i: {Kind.PARALLEL} 3/3", Kind.PARALLEL, -1)]
+        self._add("T_A", tree_view(self._trees.assignment))
+        self.rows.append(_row(f"T_G, {MEANINGS['T_G']}", Kind.SUBTREE, 0))
+        self._local = tree_view(self._trees.local)
+        self._add("T_Li", self._with_programs(bytes(len(self._local)))[0])
+
+    def is_current(self) -> bool:
+        """Whether its capabilities are unchanged; a restarted robot may have others."""
+        return self._described() == self._capabilities
+
+    def nodes(self, reported: Sequence[str]) -> dict[int, list[Any]]:
+        """The nodes now; `reported`: the statuses of T_i, T_A, T_G and T_Li as words, last
+        reported by the robot; empty if it is not there.
+        """
+        whole, _, team, _ = [int(Status[word.upper()]) for word in reported or ["idle"] * 4]
+        assignment, local = self._trees.statuses(self._observer)
+        statuses = [whole, *assignment, team, *self._with_programs(local)[1]]
+        return {index: [status, [], "", 0] for index, status in enumerate(statuses)}
+
+    def _described(self) -> Mapping[str, int]:
+        return self._observer.facts.members[self.robot].member.capabilities
+
+    def _with_programs(self, statuses: bytes) -> tuple[list[dict[str, Any]], list[int]]:
+        running = running_tree(self._observer, self.robot)
+        return with_programs(self._local, statuses, self._observer.mission, running)
+
+    def _add(self, part: str, rows: Sequence[Mapping[str, Any]]) -> None:
+        first = len(self.rows)
+        for given in rows:
+            row = dict(given)
+            if row["parent"] < 0:
+                row |= {"label": f"{part}, {MEANINGS[part]}: {row['label']}", "parent": 0}
+            else:
+                row["parent"] += first
+            self.rows.append(row)
+
+
+def _row(label: str, kind: Kind, parent: int) -> dict[str, Any]:
+    return {"kind": str(kind), "label": label, "name": "", "subject": "", "parent": parent}

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import mimetypes
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
@@ -17,6 +17,7 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from mrbt_mesh import plugins
+from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.drills.control import Control, OrderError
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.views.model.mission_view import mission_view
@@ -27,19 +28,20 @@ from mrbt_mesh.views.web.protection import Protection, policy, why_no_order
 
 STATIC = Path(__file__).with_name("static")
 MAX_ORDER_BYTES = 4_096
+Endpoint: TypeAlias = Callable[[Request], Awaitable[Response]]
 
 # Not every system knows them, and a browser runs no module of another type.
 mimetypes.add_type("text/javascript", ".mjs")
 
 
 class Projector(Protocol):
-    """What shows a recording, as those who look on wish."""
+    """Shows a recording, as its viewers control it."""
 
     def to_json(self) -> Mapping[str, Any]:
-        """What the page needs to know of the recording once."""
+        """What does not change about the recording."""
 
     def carry_out(self, wish: Any) -> None:
-        """Pause, go on, go somewhere, faster or slower; raises ValueError for anything else."""
+        """Pause, play, go to a time, change the speed; raises ValueError for anything else."""
 
 
 class Page:
@@ -68,9 +70,9 @@ class Page:
             Route("/", self._index),
             Route("/mission", self._mission),
             Route("/events", self._events),
-            Route("/why/robot/{name}", self._why_robot),
-            Route("/why/task/{name:path}", self._why_task),
-            Route("/trees/{name}", self._trees),
+            Route("/why/robot/{name}", self._about(why_robot)),
+            Route("/why/task/{name:path}", self._about(why_task)),
+            Route("/trees/{name}", self._about(own_trees)),
             Route("/drills", self._drills),
             Route("/orders", self._order, methods=["POST"]),
             Route("/metrics", self._metrics),
@@ -87,9 +89,9 @@ class Page:
 
     async def _mission(self, request: Request) -> Response:
         control = self._control.offers() if self._control is not None else None
-        told = mission_view(self._feed.observer.mission)
+        mission = mission_view(self._feed.observer.mission)
         recording = self._projector.to_json() if self._projector is not None else None
-        return JSONResponse(told | {"control": control, "recording": recording})
+        return JSONResponse(mission | {"control": control, "recording": recording})
 
     async def _events(self, request: Request) -> Response:
         last = request.headers.get("last-event-id", "")
@@ -97,23 +99,17 @@ class Page:
         messages = self._feed.messages(last, address)
         return StreamingResponse(messages, media_type="text/event-stream")
 
-    def _told(self, tell: Callable[[str], Mapping[str, Any]], name: str) -> Response:
-        try:
-            return JSONResponse(tell(name))
-        except KeyError:
-            raise HTTPException(404, f"nothing is known of {name[:80]}") from None
+    def _about(self, explain: Callable[[Observer, str], Mapping[str, Any]]) -> Endpoint:
+        """An endpoint that answers for the name in the path."""
 
-    async def _why_robot(self, request: Request) -> Response:
-        observer = self._feed.observer
-        return self._told(lambda name: why_robot(observer, name), request.path_params["name"])
+        async def answer(request: Request) -> Response:
+            name = request.path_params["name"]
+            try:
+                return JSONResponse(explain(self._feed.observer, name))
+            except KeyError:
+                raise HTTPException(404, f"nothing is known of {name[:80]}") from None
 
-    async def _why_task(self, request: Request) -> Response:
-        observer = self._feed.observer
-        return self._told(lambda name: why_task(observer, name), request.path_params["name"])
-
-    async def _trees(self, request: Request) -> Response:
-        observer = self._feed.observer
-        return self._told(lambda name: own_trees(observer, name), request.path_params["name"])
+        return answer
 
     async def _metrics(self, request: Request) -> Response:
         """The team for Prometheus; a recording is past, and nothing to be measured."""
@@ -129,7 +125,7 @@ class Page:
     # -- orders ---------------------------------------------------------------------------
 
     def _controlled(self, request: Request) -> Control:
-        """Who carries orders out, for a request that may give them."""
+        """What carries out orders, for a request that may give them."""
         if self._control is None:
             raise HTTPException(403, "this page only watches: start it with --control")
         refusal = why_no_order(request.headers, self._hosts, self._token)
@@ -147,13 +143,13 @@ class Page:
         control = self._controlled(request)
         body = await _body(request)
         try:
-            told = await control.carry_out(json.loads(body))
+            text = await control.carry_out(json.loads(body))
         except (OrderError, ValueError, RecursionError) as error:
             return JSONResponse({"done": False, "text": str(error)}, status_code=400)
-        return JSONResponse({"done": True, "text": told})
+        return JSONResponse({"done": True, "text": text})
 
     async def _playback(self, request: Request) -> Response:
-        """A wish of who looks at a recording: everybody may, from this page."""
+        """A viewer of a recording controls the playback; any page of this server may."""
         if self._projector is None:
             raise HTTPException(404, "this page shows a team that runs, no recording")
         refusal = why_no_order(request.headers, self._hosts)

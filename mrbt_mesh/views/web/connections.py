@@ -1,7 +1,7 @@
-"""How many connections the page's server keeps, and how long one may take to say what it wants.
+"""Limits on the connections of the page's server, and on the time that a request may take.
 
-Whoever opens many, or says half a request, keeps nobody else out: the server closes what waits
-before what it answers, and first those of the address that has the most.
+Many connections or half a request keep no other client out: the server closes idle connections
+first, and of these the ones of the address that has the most.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Protocol, TypeVar
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 MAX_CONNECTIONS = 256
-# Within this time from its beginning, or from the answer before, a request has to be there.
+# A request must be complete within this time of the connection's begin or the last answer.
 REQUEST_TIMEOUT_S = 10.0
 
 
@@ -27,14 +27,14 @@ class Guest(Hashable, Protocol):
 
     @property
     def is_served(self) -> bool:
-        """Whether something is done for it: it gives its place up last."""
+        """Whether it is being served: it gives its place up last."""
 
 
 G = TypeVar("G", bound=Guest)
 
 
 def gives_way(guests: Collection[G]) -> G:
-    """Who of several, the oldest first, gives up its place to a new one."""
+    """Which of several, the oldest first, gives up its place to a new one."""
     counts = Counter(guest.address for guest in guests)
     return min(guests, key=lambda guest: (guest.is_served, -counts[guest.address]))
 

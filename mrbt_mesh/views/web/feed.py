@@ -1,4 +1,4 @@
-"""What a page is told while the team runs: a stream that merges, so that no page lags behind."""
+"""The stream of changes for pages; changes are merged, so that no page lags behind."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.views.model.changes import ChangeLog
 from mrbt_mesh.views.web.connections import gives_way
 
-# A page hears at least so often how late it is, and so notices a connection that is gone.
+# Longest time between messages, by which a page notices a lost connection.
 TICK_S = 1.0
-# Each hears all that happens: so many are told at once.
+# Pages that follow at once; each gets every change.
 MAX_PAGES = 64
-# So often, at most, pages are told something.
+# Shortest time between messages.
 FRAME_US = 80_000
 
 
@@ -51,7 +51,7 @@ class Feed:
 
     def __init__(self, view: Shown, clock_us: Callable[[], int]) -> None:
         self.view = view
-        # Whoever has followed for the longest time first.
+        # The oldest first.
         self._pages: list[_Page] = []
         # Versions are those of this feed; a page of an earlier one begins anew.
         self.epoch = secrets.token_hex(4)
@@ -71,19 +71,19 @@ class Feed:
         return len(self._pages)
 
     def update(self) -> None:
-        """Look at the observer, which is up to date, and tell the pages; call it often."""
+        """Look at the observer, which is up to date, and send changes; call it often."""
         now_us = self._clock_us()
         if now_us >= self._next_us:
             self._next_us = now_us + FRAME_US
             self.show()
 
     def show(self) -> None:
-        """Look now, however short it is since the last time, and tell the pages."""
+        """Look at the observer at once, and send changes."""
         if self.view.update(self._clock_us()):
             self.wake()
 
     def close(self) -> None:
-        """Tell the pages that nothing more comes."""
+        """Send the last changes, and end the stream."""
         self.view.update(self._clock_us())
         self._is_closed = True
         self.wake()

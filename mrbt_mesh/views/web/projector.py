@@ -1,4 +1,4 @@
-"""Shows a recording to whoever looks: one showing, which all pages see and may steer."""
+"""Plays a recording for all pages, each of which may control the playback."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from mrbt_mesh.views.web.app import Page
 from mrbt_mesh.views.web.feed import FRAME_US, Feed
 from mrbt_mesh.views.web.server import PageOptions, served
 
-# So many records are played before others are served.
+# Records that are played before other tasks run.
 STEP_RECORDS = 20
 
 
 class RecordingProjector:
-    """Time passes while somebody looks. `feed` is what pages follow."""
+    """Plays while a page is open. `feed`: what pages follow."""
 
     def __init__(self, shown: ShownRecording) -> None:
         self._shown = shown
@@ -27,7 +27,7 @@ class RecordingProjector:
         self._is_wished = anyio.Event()
 
     def to_json(self) -> Mapping[str, Any]:
-        """What the page needs to know of the recording once."""
+        """What does not change about the recording."""
         return self._shown.to_json()
 
     def carry_out(self, wish: Any) -> None:

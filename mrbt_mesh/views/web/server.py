@@ -30,7 +30,7 @@ CLOSE_TIMEOUT_S = 1
 
 
 class PageError(InputError):
-    """The page cannot be served; the message says why."""
+    """The page cannot be served; the message has the reason."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class PageOptions:
 
 
 class _Server(uvicorn.Server):
-    """Leaves signals to whoever watches the team."""
+    """Leaves signals to the caller."""
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -54,7 +54,7 @@ class _Server(uvicorn.Server):
 async def serving(
     watcher: Watcher, team: Team | None, options: PageOptions
 ) -> AsyncIterator[tuple[str, Feed]]:
-    """(the page's address, the feed, which is told of updates by `follow`).
+    """(the page's address, the feed, which `follow` keeps up to date).
 
     `team`: its processes, if they are of this machine. Raises PageError.
     """
@@ -101,7 +101,7 @@ async def served(
 
 
 def names_of(host: str) -> set[str]:
-    """Under which names this machine is reached, where the page is served on all its addresses."""
+    """The names of this machine, if the page is served on all its addresses."""
     if host not in ANYWHERE:
         return set()
     found = {address.address for each in psutil.net_if_addrs().values() for address in each}

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.sim import Kill, Lose
-from mrbt_mesh.views.terminal.lanes import Window, axis, lane, latest_fault
-from mrbt_mesh.views.terminal.past import Past, RecordedPast
+from mrbt_mesh.views.terminal.lanes import Past, RecordedPast, Window, axis, lane, latest_fault
 from tests.support.runs import run_example
 
 SECOND = 1_000_000

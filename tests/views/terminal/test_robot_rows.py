@@ -9,9 +9,9 @@ from mrbt_mesh.views.terminal.robot_rows import (
     capabilities_text,
     robot_text,
     trees_text,
+    why_text,
 )
 from mrbt_mesh.views.terminal.team import ShownTeam
-from mrbt_mesh.views.terminal.why_text import why_text
 from tests.support.runs import run_example
 
 SECOND = 1_000_000

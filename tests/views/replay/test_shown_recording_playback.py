@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mrbt_mesh.recording.folder import observer_file
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import Recording, read_recording
-from mrbt_mesh.views.replay.playback import FASTEST, SLOWEST, Playback
+from mrbt_mesh.views.replay.shown_recording import FASTEST, SLOWEST, Playback
 from tests.support.recorded import record_example
 
 

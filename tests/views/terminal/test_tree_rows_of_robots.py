@@ -9,8 +9,7 @@ import pytest
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.views.model.own_trees import own_trees
-from mrbt_mesh.views.terminal.robot_tree import RobotRows
-from mrbt_mesh.views.terminal.tree_rows import FoldingTree
+from mrbt_mesh.views.terminal.tree_rows import FoldingTree, RobotRows
 from tests.support.runs import run_example
 from tests.support.watched import ALONE, watched
 
