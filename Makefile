@@ -39,9 +39,9 @@ help:
 	@echo "make bench-tokens    what a stranger's liveliness tokens cost a team"
 	@echo "make bench-resume    50 rounds of killing the whole team and resuming it"
 	@echo "make bench-membership false deaths, detection and agreement on bad networks"
-	@echo "make bench-estimate  how many runs mrbt estimate makes in a minute"
+	@echo "make bench-estimate  how many runs mrbt sim estimate makes in a minute"
 	@echo "make bench-robustness robots that die of their work, against published figures"
-	@echo "make bench-page      frame times of the live page with 2,000 nodes, and what mrbt web costs"
+	@echo "make bench-page      frame times of the live page with 2,000 nodes, and what mrbt watch --web costs"
 	@echo "make bench-metrics   what it costs a robot to be measured"
 	@echo "make bench-recording what recording costs a robot, beside all that its process does"
 	@echo "make verify-recordings 200 recorded runs of chaos, and all drills, verified: no false alarm"
@@ -219,7 +219,7 @@ paper: $(READY)
 MINUTES := 30
 JOBS := 2
 soak: $(READY)
-	$(BIN)/mrbt chaos --generated --seeds $$(date +%s)000 --minutes $(MINUTES) --jobs $(JOBS)
+	$(BIN)/mrbt sim chaos --generated --seeds $$(date +%s)000 --minutes $(MINUTES) --jobs $(JOBS)
 
 lock:
 	$(BIN)/python -m pip install --quiet uv

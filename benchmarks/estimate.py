@@ -1,4 +1,4 @@
-"""How many runs of the vehicle repair `mrbt estimate` makes in a minute.
+"""How many runs of the vehicle repair `mrbt sim estimate` makes in a minute.
 
     python -m benchmarks.estimate [--runs 200] [--jobs N] [--json FILE]
 

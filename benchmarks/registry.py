@@ -109,7 +109,7 @@ SCRIPTS = {
         ("--sizes", "6,12", "--kills", "2"),
     ),
     "membership": Script("false deaths, detection and agreement on bad networks", (), ()),
-    "estimate": Script("how many runs mrbt estimate makes in a minute", (), ("--runs", "20")),
+    "estimate": Script("how many runs mrbt sim estimate makes in a minute", (), ("--runs", "20")),
     "robustness": Script(
         "robots that die of their work, against published figures", (), ("--runs", "10")
     ),

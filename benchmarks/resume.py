@@ -71,7 +71,7 @@ def play(mission: Mission, seed: int, duration_s: float) -> Round:
             if at_death is not None:
                 done.killed_at_s.append(round(moment_s, 3))
                 injected.journals_at_death.append(at_death)
-            run = Run(Path(folder), REPAIR, "--speed", SPEED, "--resume")
+            run = Run(Path(folder), REPAIR, "--speed", SPEED, "--continue")
         summary = run.end()
         found = spans(run.events())
         run_dir = RunDir(run.folder)

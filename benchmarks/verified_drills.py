@@ -35,7 +35,9 @@ def main() -> None:
                 say(f"{run['drill']}: not held")
                 continue
             done = subprocess.run(
-                [*mrbt, "verify", run["run_dir"], "--json"], stdout=subprocess.PIPE, check=False
+                [*mrbt, "recording", "verify", run["run_dir"], "--json"],
+                stdout=subprocess.PIPE,
+                check=False,
             )
             verdict = json.loads(done.stdout)
             verified += 1

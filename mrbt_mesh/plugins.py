@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
     import anyio
+    import click
 
     from mrbt_mesh.core.agent.effects import Effect
     from mrbt_mesh.core.agent.inputs import Input
@@ -256,8 +257,8 @@ class TreeFormat(Protocol):
         """
 
 
-# A command is a function as in `cli/commands`; its name has its group's before it: "tree.check".
-COMMANDS: Group[Callable[..., None]] = Group("mrbt_mesh.commands", "command")
+# A command of `mrbt`, or a group of them; "tree.lift" is added to the group "tree".
+COMMANDS: Group[click.Command] = Group("mrbt_mesh.commands", "command")
 VIEWS: Group[Viewer] = Group("mrbt_mesh.views", "view")
 ADAPTERS: Group[Export] = Group("mrbt_mesh.adapters", "adapter")
 METRICS: Group[Metrics] = Group("mrbt_mesh.metrics", "kind of metrics")

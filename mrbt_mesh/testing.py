@@ -167,9 +167,9 @@ class Event:
 class MissionRun:
     """What came of a run of `mission`.
 
-    `result`: success, failure, timeout or blocked. `summary` is that of `mrbt sim --json`. `starts`
-    and `ends` are in the order of time; a robot that was killed at work has no end of it. `whole`
-    is all that the simulator tells.
+    `result`: success, failure, timeout or blocked. `summary` is what `sim run --json` prints.
+    `starts` and `ends` are in the order of time; a robot that was killed at work has no end of
+    it. `whole` is all that the simulator reports.
     """
 
     result: str

@@ -17,7 +17,7 @@ from paper.tolerance import spares, survived
 
 DOCUMENT = Path("docs") / "paper.md"
 PICTURES = Path("docs") / "paper"
-COMMAND = "`mrbt sim examples/vehicle_repair/standing_by.yaml --timeout 90`"
+COMMAND = "`mrbt sim run examples/vehicle_repair/standing_by.yaml --timeout 90`"
 
 
 def files(seed: int = SEED) -> dict[Path, str]:

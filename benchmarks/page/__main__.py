@@ -15,7 +15,7 @@ def main() -> None:
     tasks = parser.add_subparsers(dest="task", required=True)
     smooth = tasks.add_parser("frames", help="64 robots, 2,000 nodes, ten changes a second")
     smooth.add_argument("--seconds", type=float, default=60, help="600: the long form")
-    share = tasks.add_parser("cost", help="processor time of `mrbt web` beside that of a team")
+    share = tasks.add_parser("cost", help="processor time of `mrbt watch --web` and of a team")
     share.add_argument("--seconds", type=float, default=60)
     drawn = tasks.add_parser("pictures", help="those of the README")
     drawn.add_argument("folder", type=Path)

@@ -1,4 +1,4 @@
-"""What `mrbt web` uses of the processor, with a page open, beside the team that it shows."""
+"""Processor time of `mrbt watch --web`, with a page open, beside that of the team."""
 
 from __future__ import annotations
 
@@ -41,9 +41,10 @@ def measure(seconds: float) -> dict[str, Any]:
             check=True,
             stdout=subprocess.DEVNULL,
         )
-        web = subprocess.Popen([*mrbt, "web"], env=environment, stdout=subprocess.PIPE, text=True)
+        watch = [*mrbt, "watch", "--web"]
+        web = subprocess.Popen(watch, env=environment, stdout=subprocess.PIPE, text=True)
         assert web.stdout is not None
-        found = re.search(r"page: (\S+)", web.stdout.readline())
+        found = re.search(r"web: (\S+)", web.stdout.readline())
         assert found is not None
         threading.Thread(target=_listen, args=(found[1],), daemon=True).start()
         done = subprocess.run(

@@ -1,6 +1,6 @@
 """The robots of the workshop: what local tasks are for a body that drives, reaches and lifts.
 
-The same program runs in virtual time (`mrbt sim`, with the world in the same process) and in real
+The same program runs in virtual time (`sim run`, with the world in the same process) and in real
 time (`mrbt up`, with the world in its own).
 """
 

@@ -2,12 +2,12 @@
 
     python -m mrbt_mesh.cli.fork_server RUN_DIR [arrays]
 
-It is told on standard input, line by line, whom to start with which arguments of `mrbt`, and says
-on standard output who has which pid and how it ended: `runtime/robot_forks.py` is its other end. It
-ends with its launcher, and its robots go on.
+Reads requests from standard input, a line of JSON each: a robot, and its arguments of `mrbt`.
+Writes to standard output the pid of each robot, and later how it ended. `runtime/robot_forks.py` is
+the other end. It ends with its launcher, and its robots go on.
 
-Nothing may be begun here that does not survive a fork, as a Zenoh session or a thread. numpy's
-library has threads, and ends them itself before a fork.
+Nothing may be started here that does not survive a fork, such as a Zenoh session or a thread.
+numpy's library has threads, and ends them itself before a fork.
 """
 
 from __future__ import annotations

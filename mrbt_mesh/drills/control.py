@@ -1,5 +1,5 @@
 """What may be done by hand to a team that is watched: faults to processes of this machine, words to
-robots, drills. The live page and `mrbt top` offer it.
+robots, drills. The live page and `mrbt watch --top` offer it.
 """
 
 from __future__ import annotations

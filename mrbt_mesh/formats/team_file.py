@@ -63,7 +63,7 @@ class TeamTaskModel(LocalTaskModel):
 
 
 class UnitTaskModel(TeamTaskModel):
-    """A local task that is a unit of a tree; no team file has one, `mrbt lift` makes them."""
+    """A local task that is a unit of a tree; no team file has one, `mrbt tree lift` makes them."""
 
     tree: str = ""
     ports: dict[str, str] = {}

@@ -29,7 +29,7 @@ _NO_DIGEST = bytes(8)
 class Player:
     """`state` and `observer` are as they were at `now_us`, which is the time of the recording.
 
-    Raises RecordingError where the recording is damaged: `mrbt verify` tells how.
+    Raises RecordingError where the recording is damaged: `mrbt recording verify` tells how.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Player:
         self._rewind()
 
     def _refuse(self, text: str) -> None:
-        raise RecordingError(f"{self.recording.path}: {text}: `mrbt verify` tells all")
+        raise RecordingError(f"{self.recording.path}: {text}: `mrbt recording verify` tells all")
 
     def _new_observer(self) -> Observer:
         metadata = self.recording.metadata

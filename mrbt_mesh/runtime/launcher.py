@@ -128,7 +128,7 @@ def agent_arguments(
     command += ["--beat", str(info.beat_s), "--detection", str(info.detection_s)]
     command += ["--speed", str(info.speed), "--expect", ",".join(info.robots)]
     gather_s = max(DEFAULT_GATHER_S, START_S_PER_ROBOT * len(info.robots))
-    command += ["--gather", f"{gather_s:g}"]
+    command += ["--join-timeout", f"{gather_s:g}"]
     command += ["--insecure"] if info.insecure else ["--keys", str(run_dir.keys_path)]
     command += ["--transport", info.transport, "--exit-when-done"]
     if info.routers:

@@ -13,7 +13,7 @@ fork_server.out     what was printed by the process that forks the robots: nothi
 events.jsonl        the physical truth, written by the robots
 recordings/         what each robot knew and did (see `recording.folder`)
 run.mcap            what `up` heard of it
-summary.json        written by `up` at the end; for a detached team by `cli/team/summary_writer.py`
+summary.json        written by `up` at the end; for a detached team by `cli/finished.py`
 summary_writer.out  what was printed by that process: nothing, unless it fails
 metrics-targets.json  where robots serve metrics, as Prometheus reads it (file_sd_configs)
 """
@@ -122,7 +122,7 @@ class RunDir:
         """
         if (path / RUN_FILE).exists():
             raise RunDirError(
-                f"{path} already holds a run: choose another --run-dir, or go on with --resume"
+                f"{path} already holds a run: choose another --run-dir, or add --continue"
             )
         if path.exists() and not path.is_dir():
             raise RunDirError(f"--run-dir {path}: is a file; name a folder")

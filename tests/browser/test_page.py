@@ -172,7 +172,7 @@ def test_orders_without_the_token_are_refused(team: Team, browser: Browser) -> N
 
 
 def test_a_lost_connection_says_so_and_comes_back(team: Team, browser: Browser) -> None:
-    """`mrbt web` is an observer: it goes and comes, and the team does not notice."""
+    """`mrbt watch --web` is an observer: it goes and comes, and the team does not notice."""
     team.hold(HELD)
     team.up(REPAIR)
     team.wait_for_event("do_diagnosis", args=["2"])
@@ -193,10 +193,10 @@ def test_a_lost_connection_says_so_and_comes_back(team: Team, browser: Browser) 
 
 
 def serve(team: Team, port: str) -> tuple[subprocess.Popen[str], str]:
-    """`mrbt web` in the background, and the address that it prints."""
-    process = team.start("web", "--run-dir", str(team.run_dir), "--port", port)
+    """`mrbt watch --web` in the background, and the address that it prints."""
+    process = team.start("watch", "--web", "--run-dir", str(team.run_dir), "--port", port)
     assert process.stdout is not None
-    found = re.search(r"page: (\S+)", process.stdout.readline())
+    found = re.search(r"web: (\S+)", process.stdout.readline())
     assert found is not None
     return process, found[1]
 

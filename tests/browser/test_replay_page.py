@@ -50,9 +50,9 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 @contextmanager
 def served(file: Path, *options: str) -> Iterator[str]:
-    """`mrbt replay FILE --web` as long as the block runs: the address that it prints."""
+    """`mrbt recording replay FILE --web` as long as the block runs: the address that it prints."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "mrbt_mesh", "replay", str(file), "--web", *options],
+        [sys.executable, "-m", "mrbt_mesh", "recording", "replay", str(file), "--web", *options],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         text=True,

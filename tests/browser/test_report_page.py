@@ -36,7 +36,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "chaos.json").write_text(json.dumps(chaos))
     page = folder / "report.html"
     given = (str(folder), str(folder / "summary.json"), str(folder / "chaos.json"))
-    assert mrbt("report", *given, "-o", str(page))[0] == 0
+    assert mrbt("recording", "report", *given, "-o", str(page))[0] == 0
     return page
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from ruamel.yaml import YAML
 
-from mrbt_mesh.cli.app import app
+from mrbt_mesh.cli.main import main
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.settings import (
     KEYS_VARIABLE,
@@ -78,7 +78,7 @@ def test_the_commands_are_those_that_there_are(services: dict[str, Any]) -> None
         if service == "keys" or each["image"] != "mrbt-mesh":
             continue  # a line of a shell's, and other programs
         _, name, *arguments = each["command"].replace("${MRBT_SPEED:-1}", "1").split()
-        command = app.get_command(None, name)  # type: ignore[arg-type]
+        command = main.get_command(None, name)  # type: ignore[arg-type]
         assert command is not None, name
         known = {text for parameter in command.params for text in parameter.opts}
         assert {word for word in arguments if word.startswith("--")} <= known

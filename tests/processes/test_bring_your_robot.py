@@ -13,21 +13,21 @@ pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
 
 
 @pytest.mark.parametrize(
-    ("local_task", "options"),
+    ("local_task", "words"),
     [
-        ("carry", ()),
+        ("carry", ("new",)),
         (
             "ComputePathToPose_to_TakePhoto",
-            ("--btcpp", str(EXAMPLES / "robot_trees" / "nav2" / "patrol.xml")),
+            ("tree", "lift", str(EXAMPLES / "robot_trees" / "nav2" / "patrol.xml"), "--new"),
         ),
     ],
     ids=["a driver in Python", "a tree of one robot"],
 )
 def test_a_robot_of_a_new_team_is_killed_and_replaced(
-    team: Team, local_task: str, options: tuple[str, ...]
+    team: Team, local_task: str, words: tuple[str, ...]
 ) -> None:
     folder = team.folder / "mine"
-    team.mrbt("new", str(folder), *options)
+    team.mrbt(*words, str(folder))
     team.up(folder / "mission.yaml", speed=2)
     victim = team.wait_for_work(team.wait_for_event(local_task))
     team.signal(victim["robot"], signal.SIGKILL)

@@ -69,7 +69,7 @@ def test_a_locked_journal_is_no_damage_and_nothing_is_dosed_twice(team: Team) ->
         lock.execute("BEGIN EXCLUSIVE")
     before = doses_begun(team)
     team.release()
-    team.up(DISPENSE, "--resume")
+    team.up(DISPENSE, "--continue")
     team.wait_for_line("journal cannot be written: it is locked by another process")
     for lock in locks:
         lock.close()

@@ -1,4 +1,4 @@
-"""A team of real processes in Foxglove: `mrbt web --foxglove`, and a viewer that comes late."""
+"""A team of real processes in Foxglove, and a viewer that comes late."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ REMEDY = "is not installed: make test-interop, or pip install 'mrbt-mesh[interop
 
 
 def addresses(process: object) -> dict[str, str]:
-    """What `mrbt web --json` says, once it has."""
+    """What `mrbt watch --web --json` says, once it has."""
     text = ""
     while not text.endswith("}\n"):
         line = process.stdout.readline()  # type: ignore[attr-defined]
@@ -34,7 +34,7 @@ async def test_a_viewer_sees_where_robots_are_and_that_one_dies(team: Team) -> N
     team.up(REPAIR)
     team.wait_for_event("do_diagnosis")
     where = ("--run-dir", str(team.run_dir), "--port", "0")
-    web = team.start("web", *where, "--foxglove", "--foxglove-port", "0", "--json")
+    web = team.start("watch", "--web", "--foxglove", *where, "--json")
     async with viewer(addresses(web)["foxglove"]) as client:
         topics = (MAP, SCENE, POSITIONS, ALIVE, PLANS, FAULTS)
         await client.offered(topics)

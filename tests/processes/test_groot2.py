@@ -17,13 +17,13 @@ RUNNING, SUCCESS = 1, 2
 
 
 def listening_on(process: object) -> int:
-    """The port of `mrbt groot2 --json`, once it has said it."""
+    """The port of `mrbt watch --groot2 --json`, once it has said it."""
     text = ""
     while not text.endswith("}\n"):
         line = process.stdout.readline()  # type: ignore[attr-defined]
         assert line, text
         text += line
-    return int(json.loads(text)["port"])
+    return int(json.loads(text)["groot2"].rpartition(":")[2])
 
 
 def test_monitors_and_files_tell_what_the_team_does(team: Team) -> None:
@@ -31,7 +31,8 @@ def test_monitors_and_files_tell_what_the_team_does(team: Team) -> None:
     team.up(EXPLORE)
     team.wait_for_event("explore")
     where = ("--run-dir", str(team.run_dir), "--port", "0", "--json")
-    whole, one = team.start("groot2", *where), team.start("groot2", *where, "--robot", "R1")
+    words = ("watch", "--groot2", *where)
+    whole, one = team.start(*words), team.start(*words, "--robot", "R1")
     log, lines = team.folder / "run.btlog", team.folder / "run.jsonl"
     files = ("--btlog", str(log), "--py-trees-js", str(lines))
     watch = team.start("watch", "--run-dir", str(team.run_dir), "--headless", *files)
@@ -66,7 +67,7 @@ def test_monitors_and_files_tell_what_the_team_does(team: Team) -> None:
 
 
 def test_what_cannot_be_shown_is_said(team: Team) -> None:
-    done = team.command("groot2", "--mission", str(EXPLORE), "--robot", "X")
+    done = team.command("watch", "--groot2", "--mission", str(EXPLORE), "--robot", "X")
     assert (done.returncode, done.stdout) == (2, "")
     assert "mission explore has no robot 'X' (it has R1, R2)" in done.stderr
     assert "Traceback" not in done.stderr

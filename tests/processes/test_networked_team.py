@@ -53,9 +53,9 @@ def test_a_team_found_by_multicast_is_watched_asked_and_told(team: Team) -> None
     }
     assert {row["state"] for row in found["robots"].values()} == {"alive"}
     assert found["run_dir"] is None
-    assert "R2 has lost explore" in team.mrbt("fault", "R2", "--lose", "explore", *where)
+    assert "R2 has lost explore" in team.mrbt("fault", "R2", "explore", *where)
     assert status(team, *where)["robots"]["R2"]["lost"] == {"explore": "operator"}
-    team.mrbt("restore", "R2", *where)
+    team.mrbt("fault", "R2", "all", "--end", *where)
     team.mrbt("resume", *where)
     team.release()
     assert "no robot R9 (R1, R2)" in team.command("leave", "R9", *where).stderr

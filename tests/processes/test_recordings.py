@@ -52,7 +52,7 @@ def test_a_killed_robot_has_recorded_all_that_others_heard_of_it(team: Team) -> 
     assert own
     for path in robot_files(team.run_dir):
         assert facts_by(read_recording(path), "A1") <= own, path
-    told = json.loads(team.mrbt("verify", str(team.run_dir), "--json"))
+    told = json.loads(team.mrbt("recording", "verify", str(team.run_dir), "--json"))
     assert told["verified"]
     assert len(told["files"]) == 7
     assert told["counts"]["signatures"] == told["counts"]["facts"]

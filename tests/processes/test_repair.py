@@ -141,13 +141,13 @@ def test_minor_fault_and_restore(team: Team) -> None:
     team.hold("do_diagnosis")
     team.up()
     victim = team.wait_for_event("do_diagnosis", robot="B1")
-    told = team.mrbt("fault", "B1", "--lose", "do_diagnosis")
+    told = team.mrbt("fault", "B1", "do_diagnosis")
     assert "B1 has lost do_diagnosis" in told
     team.wait_for_event("do_diagnosis", "cancel", robot="B1")
     assert team.status()["robots"]["B1"]["lost"] == {"do_diagnosis": "operator"}
     team.wait_for_line("B1 lost do_diagnosis: operator")
-    assert "B1 has lost nothing" in team.mrbt("restore", "B1")
-    wrong = team.command("fault", "B1", "--lose", "move_frame")
+    assert "B1 has lost nothing" in team.mrbt("fault", "B1", "all", "--end")
+    wrong = team.command("fault", "B1", "move_frame")
     assert wrong.returncode == 1
     assert "B1 has no local task 'move_frame'" in wrong.stderr
     team.release()

@@ -37,7 +37,7 @@ def test_the_whole_team_killed_goes_on_where_it_was(
     assert summary["ended_because"] == "no robot is left"
     before = len(team.events())
     team.release()
-    team.up(REPAIR, "--resume")
+    team.up(REPAIR, "--continue")
     code, summary = team.end()
     assert code == 0, team.logs()
     assert summary["result"] == "success"
@@ -58,17 +58,17 @@ def test_resume_refuses_a_running_team_another_mission_and_no_directory(team: Te
     team.hold("explore")
     team.up(EXPLORE)
     team.wait_for_event("explore")
-    running = team.command("up", str(EXPLORE), "--run-dir", str(team.run_dir), "--resume")
+    running = team.command("up", str(EXPLORE), "--run-dir", str(team.run_dir), "--continue")
     assert running.returncode == 2
     assert "still run; see `mrbt watch`" in running.stderr
     team.kill_all()
     team.end()
-    other = team.command("up", str(REPAIR), "--run-dir", str(team.run_dir), "--resume")
+    other = team.command("up", str(REPAIR), "--run-dir", str(team.run_dir), "--continue")
     assert other.returncode == 2
     assert "is a run of another mission" in other.stderr
-    nowhere = team.command("up", str(EXPLORE), "--resume")
+    nowhere = team.command("up", str(EXPLORE), "--continue")
     assert nowhere.returncode == 2
-    assert "--resume needs the --run-dir" in nowhere.stderr
+    assert "--continue needs the --run-dir" in nowhere.stderr
     fresh = team.command("up", str(EXPLORE), "--run-dir", str(team.run_dir))
     assert fresh.returncode == 2
-    assert "or go on with --resume" in fresh.stderr.replace("\n", " ")
+    assert "or add --continue" in fresh.stderr.replace("\n", " ")

@@ -63,7 +63,7 @@ def test_teams_on_one_router_do_not_hear_each_other(team: Team) -> None:
     for name in ("left", "right"):
         for robot in ("R1", "R2"):
             options = ["--team", name, "--router", f"{nowhere},{endpoint}", "--insecure"]
-            options += ["--speed", "10", "--gather", "60", "--exit-when-done"]
+            options += ["--speed", "10", "--join-timeout", "60", "--exit-when-done"]
             agents[name, robot] = team.agent(EXPLORE, robot, *options)
     started(team, "--listen", endpoint)
     for (name, robot), agent in agents.items():

@@ -1,4 +1,4 @@
-"""`mrbt top` in a real terminal, over a real team."""
+"""`mrbt watch --top` in a real terminal, over a real team."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def test_a_robot_is_looked_at_and_killed_by_keys(team: Team) -> None:
     team.up(EXPLORE)
     team.wait_for_events(2, "explore")
     before = team.running()
-    with Terminal("top", "--control", environment=team.environment) as terminal:
+    with Terminal("watch", "--top", "--control", environment=team.environment) as terminal:
         robot = terminal.wait_for(r"(R\d) ● alive")[1]
         terminal.press("tab", "i")
         terminal.wait_for(f"T_i of {robot}")
@@ -41,7 +41,7 @@ def test_a_robot_is_looked_at_and_killed_by_keys(team: Team) -> None:
 def test_a_team_that_is_over_is_still_shown(team: Team) -> None:
     team.up(EXPLORE)
     assert team.end()[0] == 0
-    with Terminal("top", environment=team.environment, size=(80, 24)) as terminal:
+    with Terminal("watch", "--top", environment=team.environment, size=(80, 24)) as terminal:
         terminal.wait_for("✔ success")
         terminal.press("q")
         assert terminal.wait_for_end() == 0, terminal.text

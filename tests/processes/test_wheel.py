@@ -141,7 +141,7 @@ def test_a_new_team(installed: Installed) -> None:
 
 def test_a_copy_of_an_example(installed: Installed) -> None:
     installed.run("mrbt", "new", "town", "--example", "couriers")
-    assert installed.told("sim", "town/mission.yaml")["result"] == "success"
+    assert installed.told("sim", "run", "town/mission.yaml")["result"] == "success"
 
 
 def test_the_drills(installed: Installed) -> None:

@@ -39,7 +39,7 @@ def test_robots_with_different_keys_never_meet(team: Team, tmp_path: Path) -> No
         keys = tmp_path / robot  # a team of its own
         KeyFolder.create(keys, dict.fromkeys(["R1", "R2"], Role.ROBOT))
         options = ["--transport", "wireless", "--keys", str(keys), "--listen", listen, *connect]
-        options += ["--team", "keys", "--speed", "10", "--gather", "0", "--exit-when-done"]
+        options += ["--team", "keys", "--speed", "10", "--join-timeout", "0", "--exit-when-done"]
         agents.append(team.agent(EXPLORE, robot, *options))
     for agent in agents:
         _, told = agent.communicate()

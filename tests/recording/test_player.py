@@ -99,5 +99,7 @@ def test_a_team_that_is_dead_to_the_last_robot_is_blocked(tmp_path: Path) -> Non
 def test_a_damaged_recording_is_refused(watched: Recording) -> None:
     content = bytearray(watched.path.read_bytes())
     content[content.index(b'"lines"') + 20] ^= 1
-    with pytest.raises(RecordingError, match=r"run\.mcap: record \d+: .* `mrbt verify` tells all"):
+    with pytest.raises(
+        RecordingError, match=r"run\.mcap: record \d+: .* `mrbt recording verify` tells all"
+    ):
         Player(parse_recording(bytes(content), watched.path))

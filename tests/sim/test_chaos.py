@@ -47,7 +47,7 @@ def check(name: str | None, tried: range) -> Counter[str]:
     checked: Counter[str] = Counter()
     for seed in tried:
         verdict: Verdict = run_seed(source(name), seed)
-        command = f"mrbt chaos {where} --seeds {seed}"
+        command = f"mrbt sim chaos {where} --seeds {seed}"
         assert not verdict.violations, f"{command}\n" + "\n".join(verdict.violations)
         assert not verdict.exclusive_done_twice, command
         checked.update(verdict.checks.keys())

@@ -9,7 +9,7 @@ from typing import Any
 import click
 import pytest
 
-from mrbt_mesh.cli.app import app
+from mrbt_mesh.cli.main import main
 from tests.support.paths import ROOT
 from tests.support.structure.commands import unknown_commands, unknown_options, unknown_targets
 from tests.support.structure.markdown import anchors, broken_links, missing_paths
@@ -33,7 +33,7 @@ def commands() -> dict[str, set[str]]:
             for each in command.list_commands(context):
                 look(command.get_command(context, each), f"{name} {each}".strip())
 
-    look(app, "")
+    look(main, "")
     return found
 
 
@@ -52,7 +52,7 @@ def test_the_makefile_has_the_targets() -> None:
 def test_the_commands_exist_with_their_options() -> None:
     known = commands()
     assert {"up", "tree show", "agent"} < known.keys()
-    assert "--resume" in known["up"]
+    assert "--continue" in known["up"]
     assert "--takeover" in known["agent"]
     settle("commands", unknown_commands(ROOT, known))
     settle("options", unknown_options(ROOT, known))

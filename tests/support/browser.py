@@ -70,8 +70,8 @@ def opened(
 
 def page_of(team: Team) -> str:
     """The address that `mrbt up --web` has printed."""
-    team.wait_for_line("page: ")
-    found = re.search(r"page: (\S+)", team.lines())
+    team.wait_for_line("web: ")
+    found = re.search(r"web: (\S+)", team.lines())
     assert found is not None
     return found[1]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from click.testing import CliRunner
 
-from mrbt_mesh.cli.app import app
+from mrbt_mesh.cli.main import main
 from tests.support.paths import mission_file
 
 REPAIR = str(mission_file("vehicle_repair"))
@@ -14,7 +14,7 @@ COURIERS = str(mission_file("couriers"))
 
 def mrbt(*arguments: str, **variables: str) -> tuple[int, str, str]:
     """(exit status, stdout, stderr) of a command that needs no network."""
-    result = CliRunner().invoke(app, list(arguments), env={"COLUMNS": "200", **variables})
+    result = CliRunner().invoke(main, list(arguments), env={"COLUMNS": "200", **variables})
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     return result.exit_code, result.stdout, result.stderr

@@ -1,126 +1,220 @@
-"""`mrbt agent`."""
+"""`mrbt agent` and `mrbt router`: one process of a team, anywhere on the network."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Any, NoReturn
 
-from mrbt_mesh.cli.framework.declare import Given, option
-from mrbt_mesh.cli.options import (
-    KeepOption,
-    ProgramOption,
-    RecordBeatsOption,
-    SolverOption,
-    SpeedOption,
+import click
+
+from mrbt_mesh.cli.command import PATH, SUCCESS, FiniteNumber, MrbtCommand, end_process, refuse
+from mrbt_mesh.cli.network import (
+    NetworkOptions,
+    endpoints_option,
+    network_options,
+    warn_insecure,
 )
-from mrbt_mesh.cli.team.metrics_options import MetricsOptions
-from mrbt_mesh.cli.team.network_options import TeamNetworkOptions, warn_insecure
+from mrbt_mesh.cli.options import (
+    json_option,
+    keep_option,
+    program_option,
+    record_beats_option,
+    solver_option,
+    speed_option,
+)
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S, DEFAULT_KEEP_MIB, MIB, MISSION_VARIABLE
+from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S, MIB, MISSION_VARIABLE, WARNING
 
 
-@dataclass(frozen=True)
-class RobotOptions:
-    """Which robot it is, and what it does."""
-
-    mission: Annotated[
-        Path,
-        option("Mission file, or a compiled one (.json).", "FILE", variable=MISSION_VARIABLE),
-    ]
-    robot: Annotated[str, option("This robot's id.", "ID")]
-    robot_type: Annotated[
-        str | None,
-        option("Its type, if the mission does not list it.", "TYPE", name="--type"),
-    ] = None
-    program: ProgramOption = None
-    solver: SolverOption = None
-    speed: SpeedOption = 1.0
-    run_dir: Annotated[Path | None, option("Folder for journal, log and events.", "DIR")] = None
-    record: Annotated[
-        Path | None, option("Record what it knows and does; docs/recording.md.", "FILE.mcap")
-    ] = None
-    record_beats: RecordBeatsOption = False
-    keep: KeepOption = DEFAULT_KEEP_MIB
-    takeover: Annotated[bool, option("Replace a live robot of the same id.")] = False
-    exit_when_done: Annotated[bool, option("Stop once the team has the result.")] = False
-    while_locked: Annotated[
-        Path | None,
-        option("Leave once nobody holds a lock (flock) on it, as a launcher does.", "FILE"),
-    ] = None
-    insecure: Annotated[
-        bool, option("Without --keys: whoever reaches the robot's port may say anything.")
-    ] = False
+def metrics_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Options for where metrics are served; `metrics_address` reads them."""
+    port = click.option(
+        "--metrics-port",
+        type=click.IntRange(1, 65_535),
+        metavar="PORT",
+        help="Serve metrics for Prometheus.",
+    )
+    host = click.option(
+        "--metrics-host",
+        default="127.0.0.1",
+        metavar="IP",
+        help="Serve them on this address; 0.0.0.0: on all.",
+    )
+    return port(host(function))
 
 
-@dataclass(frozen=True)
-class StartOptions:
-    """When it begins."""
+def metrics_address(port: int | None, host: str) -> Any:
+    """A MetricsAddress, None without a port; raises InputError for a host without one."""
+    if port is None:
+        refuse("give --metrics-port too", "--metrics-host")
+        return None
+    from mrbt_mesh.plugins import MetricsAddress
 
-    expect: Annotated[
-        str | None,
-        option("Robots to hear before starting. Default: all of the mission.", "A1,B1,..."),
-    ] = None
-    gather: Annotated[
-        float,
-        option("Wait so long for them while no team is there.", "SECONDS", least=0, most=86_400),
-    ] = DEFAULT_GATHER_S
+    return MetricsAddress(port, host)
 
 
+@click.command(cls=MrbtCommand)
+@click.option(
+    "--mission",
+    type=PATH,
+    required=True,
+    metavar="FILE",
+    envvar=MISSION_VARIABLE,
+    show_envvar=True,
+    help="Mission file.",
+)
+@click.option("--robot", required=True, metavar="ID", help="This robot's id.")
+@click.option("--type", metavar="TYPE", help="Its type, if the mission does not list it.")
+@program_option
+@solver_option
+@speed_option
+@click.option("--run-dir", type=PATH, metavar="DIR", help="Folder for journal, log and events.")
+@click.option("--record", type=PATH, metavar="FILE.mcap", help="Record what it knows and does.")
+@record_beats_option
+@keep_option
+@click.option("--takeover", is_flag=True, help="Replace a live robot of the same id.")
+@click.option("--exit-when-done", is_flag=True, help="Stop once the team has the result.")
+@click.option(
+    "--while-locked",
+    type=PATH,
+    metavar="FILE",
+    help="Leave once no process holds a lock (flock) on it.",
+)
+@click.option(
+    "--expect",
+    metavar="A1,B1,...",
+    help="Robots to hear before it starts. Default: all of the mission.",
+)
+@click.option(
+    "--join-timeout",
+    "gather_s",
+    type=FiniteNumber(0, 86_400),
+    default=DEFAULT_GATHER_S,
+    metavar="SECONDS",
+    help="How long it waits for them where there is no team yet.",
+)
+@endpoints_option("--listen", "Endpoint to listen on; quic/IP:PORT if it is wireless.")
+@network_options
+@click.option("--insecure", is_flag=True, help="Without --keys: believe every sender.")
+@metrics_options
 def agent(
     *,
-    robot: RobotOptions,
-    start: StartOptions,
-    listen: Annotated[
-        tuple[str, ...],
-        option("Endpoint to listen on; quic/IP:PORT if it is wireless.", "tcp/IP:PORT"),
-    ] = (),
-    network: TeamNetworkOptions,
-    metrics: MetricsOptions,
-    given: Given,
+    mission: Path,
+    robot: str,
+    keep_mib: int,
+    expect: str | None,
+    listen: tuple[str, ...],
+    network: NetworkOptions,
+    insecure: bool,
+    metrics_port: int | None,
+    metrics_host: str,
+    **how: Any,
 ) -> None:
     """Run one robot, anywhere on the network.
 
     Exit status: 0 the mission succeeded or the robot left on purpose, 1 the mission failed, 2 bad
     input or refused.
 
-    Example, two robots on two machines that find each other by multicast:
-
-    mrbt agent --mission examples/explore/mission.yaml --keys keys --robot R1
-
-    mrbt agent --mission examples/explore/mission.yaml --keys keys --robot R2
+    \b
+    Example, two machines whose robots find each other by multicast:
+      mrbt agent --mission examples/explore/mission.yaml --keys keys --robot R1
+      mrbt agent --mission examples/explore/mission.yaml --keys keys --robot R2
     """
     from functools import partial
 
     from mrbt_mesh.runtime.robot_process import RobotStart, run_robot
 
-    if robot.insecure:
-        given.refuse(["--keys"], "with --insecure nothing is signed")
+    if insecure:
+        refuse("with --insecure nothing is signed", "--keys")
         warn_insecure()
     elif network.keys is None:
         raise InputError(
-            "without keys nobody knows who says what: give --keys DIR, once made with "
-            f"`mrbt keys init DIR --robots {robot.robot},...` and copied to every robot, "
-            "or --insecure to believe whoever reaches this robot's port"
+            "without keys no robot knows the author of a message: give --keys DIR, made once with "
+            f"`mrbt keys init DIR --robots {robot},...` and copied to every robot, "
+            "or --insecure to believe everybody who reaches this robot's port"
         )
-    if robot.record is None:
-        given.refuse(["--record-beats"], "of a recording: give --record as well")
-    wanted = RobotStart(
-        robot.mission,
-        robot.robot,
-        type=robot.robot_type,
-        program=robot.program,
-        solver=robot.solver,
-        speed=robot.speed,
-        run_dir=robot.run_dir,
-        takeover=robot.takeover,
-        exit_when_done=robot.exit_when_done,
-        while_locked=robot.while_locked,
-        record=robot.record,
-        record_beats=robot.record_beats,
-        keep_bytes=robot.keep * MIB,
-        expect=tuple(start.expect.split(",")) if start.expect is not None else None,
-        gather_s=start.gather,
-        metrics=metrics.address(given),
+    if how["record"] is None:
+        refuse("of a recording: give --record as well", "--record-beats")
+    start = RobotStart(
+        mission,
+        robot,
+        expect=tuple(expect.split(",")) if expect is not None else None,
+        keep_bytes=keep_mib * MIB,
+        metrics=metrics_address(metrics_port, metrics_host),
+        **how,
     )
-    run_robot(wanted, partial(network.locate, robot=robot.robot, listen=listen))
+    run_robot(start, partial(network.locate, robot=robot, listen=listen))
+
+
+@click.command(cls=MrbtCommand)
+@endpoints_option("--listen", "Endpoint to listen on. Default: port 7447, with --keys over TLS.")
+@endpoints_option("--connect", "Endpoint of another router; of two, one connects.")
+@click.option(
+    "--keys",
+    type=PATH,
+    metavar="DIR",
+    help="Folder with a router's key: members alone may link, over TLS or QUIC.",
+)
+@click.option(
+    "--write-config",
+    type=PATH,
+    metavar="FILE",
+    help="Do not run; write a configuration that makes zenohd do the same.",
+)
+@json_option
+def router(
+    listen: tuple[str, ...],
+    connect: tuple[str, ...],
+    keys: Path | None,
+    write_config: Path | None,
+    as_json: bool,
+) -> None:
+    """Pass messages on between robots that do not reach each other.
+
+    Runs until SIGINT or SIGTERM. Robots are its clients and need its address alone. With two
+    routers, one connected to the other, a team goes on when one of them dies. Teams of different
+    names do not hear each other.
+
+    \b
+    Example, on two machines, and a robot:
+      mrbt router
+      mrbt router --connect tcp/10.0.0.1:7447
+      mrbt agent --keys keys --mission mission.yaml --robot A1 --router tcp/10.0.0.1:7447
+    """
+    from mrbt_mesh.runtime import router as routing
+
+    where = listen or (routing.default_endpoint(keys is not None),)
+    if keys is None:
+        config = routing.RouterConfig(where, connect)
+    else:
+        config = routing.config_with_keys(keys, where, connect)
+    if write_config is not None:
+        routing.write_config(write_config, config)
+        click.echo(f"wrote {write_config}: zenohd -c {write_config}")
+        return
+    _route(config, as_json)
+
+
+def _route(config: Any, as_json: bool) -> NoReturn:
+    """Route until SIGINT or SIGTERM; raises TransportError."""
+    import json
+    import signal
+    import threading
+
+    from mrbt_mesh.runtime.router import Router
+
+    over = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: over.set())
+    router = Router(config)
+    if as_json:
+        click.echo(json.dumps({"locators": router.locators}))
+    else:
+        if config.certificates is None:
+            click.echo(f"{WARNING} everybody who reaches this router may link to it", err=True)
+        for locator in router.locators:
+            click.echo(f"running; robots of this network: --router {locator}")
+    over.wait()
+    router.close()
+    end_process(SUCCESS)

@@ -1,43 +1,41 @@
-"""`mrbt analyze`."""
+"""`mrbt analyze`: the fault tolerance of a mission."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from mrbt_mesh.cli.framework.declare import option
-from mrbt_mesh.cli.options import JsonOption, MissionArgument
+import click
+
+from mrbt_mesh.cli.command import PATH, FiniteNumber, MrbtCommand
+from mrbt_mesh.cli.options import json_option, mission_argument
 
 
-def analyze(
-    mission: MissionArgument,
-    html: Annotated[Path | None, option("Also write a report to look at.", "FILE")] = None,
-    costs: Annotated[
-        Path | None, option("Costs (.yaml) for the advice: docs/analyze.md.", "FILE")
-    ] = None,
-    limit: Annotated[
-        float,
-        option("For each question put to the solver.", "SECONDS", least=0.1),
-    ] = 5.0,
-    as_json: JsonOption = False,
-) -> None:
-    """Tell which faults a mission survives, and what would make it survive more.
+@click.command(cls=MrbtCommand)
+@mission_argument
+@click.option("--costs", type=PATH, metavar="FILE", help="Costs for the advice (.yaml).")
+@click.option(
+    "--limit",
+    type=FiniteNumber(0.1),
+    default=5.0,
+    metavar="SECONDS",
+    help="Time for each question to the solver.",
+)
+@json_option
+def analyze(mission: Path, costs: Path | None, limit: float, as_json: bool) -> None:
+    """Find the faults that a mission survives.
 
-    Example: mrbt analyze examples/vehicle_repair/mission.yaml --html report.html
+    And what to add so that it survives more.
+
+    Example: mrbt analyze examples/vehicle_repair/mission.yaml
     """
-    import click
-
     from mrbt_mesh.analysis.tolerance.analyse import analyse
     from mrbt_mesh.analysis.tolerance.requirement import TooLargeError
-    from mrbt_mesh.cli.framework.progress import bar_of_steps
-    from mrbt_mesh.cli.framework.terminal import check_folder, console, print_json, write_file
-    from mrbt_mesh.cli.views.analyze_html import html_report
+    from mrbt_mesh.cli.terminal import bar_of_steps, console, print_json
     from mrbt_mesh.cli.views.analyze_view import render_analysis
     from mrbt_mesh.errors import InputError
     from mrbt_mesh.formats.costs_file import costs_from_file
     from mrbt_mesh.formats.mission_file import load_mission
 
-    check_folder("--html", html)
     loaded = load_mission(mission)
     prices = loaded.costs if costs is None else costs_from_file(costs, loaded)
     try:
@@ -45,11 +43,7 @@ def analyze(
             found = analyse(loaded, prices, limit, say)
     except TooLargeError as error:
         raise InputError(f"{mission}: {error}") from None
-    if html is not None:
-        write_file(html, html_report(found, prices))
     if as_json:
         print_json(found.to_json())
-        return
-    console.print(render_analysis(found))
-    if html is not None:
-        click.echo(f"\nwrote {html}")
+    else:
+        console.print(render_analysis(found))

@@ -1,78 +1,78 @@
-"""`mrbt chaos`."""
+"""`mrbt sim chaos`: many runs with random faults, and what must always hold."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import os
 from pathlib import Path
-from typing import Annotated
 
-from mrbt_mesh.cli.framework.declare import Given, option
+import click
+
+from mrbt_mesh.cli.command import PATH, FiniteNumber, MrbtCommand, refuse
 from mrbt_mesh.cli.options import (
-    JobsOption,
-    JsonOption,
-    OptionalMissionArgument,
-    ProgramOption,
-    SpeedOption,
+    jobs_option,
+    json_option,
+    optional_mission_argument,
+    program_option,
+    speed_option,
 )
 from mrbt_mesh.errors import InputError
 
 
-@dataclass(frozen=True)
-class SeedOptions:
-    """Which random faults, and how many."""
-
-    seeds: Annotated[
-        str | None,
-        option("FIRST:END (without END itself), or some. Default: 0:100.", "0:1000|3,9"),
-    ] = None
-    minutes: Annotated[
-        float | None,
-        option("Go on from the first seed for this long.", above=0),
-    ] = None
-
-
-@dataclass(frozen=True)
-class KeepOptions:
-    """What is done with a run in which an invariant broke."""
-
-    keep: Annotated[Path, option("What fails is written there.", "DIR")] = Path("chaos-failures")
-    minimise: Annotated[
-        float,
-        option(
-            "Time to cut down the faults of a failed run; 0: none.",
-            "SECONDS",
-            least=0,
-        ),
-    ] = 60.0
-
-
+@click.command(cls=MrbtCommand)
+@optional_mission_argument
+@click.option("--generated", is_flag=True, help="Instead of MISSION: a random one for each seed.")
+@click.option(
+    "--seeds", metavar="0:1000|3,9", help="FIRST:END (without END), or a list. Default: 0:100."
+)
+@click.option(
+    "--minutes",
+    type=FiniteNumber(0, min_open=True),
+    help="Go on from the first seed for this long.",
+)
+@program_option
+@speed_option
+@jobs_option
+@click.option(
+    "--keep",
+    type=PATH,
+    default="chaos-failures",
+    metavar="DIR",
+    help="Folder for the runs that failed.",
+)
+@click.option(
+    "--minimise",
+    type=FiniteNumber(0),
+    default=60.0,
+    metavar="SECONDS",
+    help="Time to minimise the faults of a failed run; 0: none.",
+)
+@json_option
 def chaos(
     *,
-    mission: OptionalMissionArgument = None,
-    generated: Annotated[bool, option("Instead of MISSION: a random one for each seed.")] = False,
-    which: SeedOptions,
-    program: ProgramOption = None,
-    speed: SpeedOption = 1.0,
-    jobs: JobsOption = None,
-    failures: KeepOptions,
-    as_json: JsonOption = False,
-    given: Given,
+    mission: Path | None,
+    generated: bool,
+    seeds: str | None,
+    minutes: float | None,
+    program: str | None,
+    speed: float,
+    jobs: int | None,
+    keep: Path,
+    minimise: float,
+    as_json: bool,
 ) -> None:
-    """Run a mission with random faults, many times, and check what must always hold.
+    """Run a mission with random faults, many times, and check the invariants.
 
     Each seed draws its own faults: crashes, partitions, one-way links, loss, slow robots, skewed
-    clocks, replayed messages and more. A run in which an invariant broke is written to --keep,
-    its faults cut down to those that it takes; `mrbt sim --schedule FILE` replays it.
+    clocks, replayed messages and more. A run in which an invariant broke is written to --keep with
+    the fewest faults that it takes; `mrbt sim run --schedule FILE` repeats it.
 
     Exit status: 0 no invariant broke, 1 one did, 2 bad input, 3 interrupted.
 
-    Example: mrbt chaos examples/dispense/mission.yaml --seeds 0:200
-
-    Example: mrbt chaos --generated --seeds 0:1000 --jobs 2
+    \b
+    Example: mrbt sim chaos examples/dispense/mission.yaml --seeds 0:200
+             mrbt sim chaos --generated --seeds 0:1000 --jobs 2
     """
-    import os
-
-    from mrbt_mesh.cli.missions import checked_program
+    from mrbt_mesh.cli.options import checked_program
     from mrbt_mesh.cli.virtual.campaign import Campaign, run_campaign
     from mrbt_mesh.cli.virtual.seeds import parse_seeds
     from mrbt_mesh.formats.mission_file import load_mission
@@ -80,22 +80,15 @@ def chaos(
 
     if (mission is None) is not generated:
         raise InputError("give a MISSION, or --generated for random ones")
-    if failures.keep.exists() and not failures.keep.is_dir():
-        raise InputError(f"--keep {failures.keep}: is a file; name a folder")
+    if keep.exists() and not keep.is_dir():
+        raise InputError(f"--keep {keep}: is a file; name a folder")
     if mission is None:
-        given.refuse(["--program"], "a generated mission has a program of its own")
+        refuse("a generated mission has a program of its own", "--program")
         source = Source(speed=speed)
     else:
         loaded = load_mission(mission)
         reference = checked_program(loaded, sorted(loaded.robots), program)
         source = Source(str(mission), reference, speed)
-    seeds = parse_seeds(which.seeds, is_endless=which.minutes is not None)
-    campaign = Campaign(
-        source,
-        seeds,
-        jobs=jobs or os.cpu_count() or 1,
-        keep=failures.keep,
-        budget_s=failures.minimise,
-        minutes=which.minutes,
-    )
+    chosen = parse_seeds(seeds, is_endless=minutes is not None)
+    campaign = Campaign(source, chosen, jobs or os.cpu_count() or 1, keep, minimise, minutes)
     run_campaign(campaign, as_json)

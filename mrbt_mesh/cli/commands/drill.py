@@ -1,76 +1,79 @@
-"""`mrbt drill`."""
+"""`mrbt drill`: real processes, faults at chosen moments, results from what was done."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING
 
-from mrbt_mesh.cli.framework.declare import Given, argument, option
-from mrbt_mesh.cli.options import JsonOption
+import click
+
+from mrbt_mesh.cli.command import FAILURE, PATH, SUCCESS, MrbtCommand, end_process, refuse
+from mrbt_mesh.cli.options import json_option
 from mrbt_mesh.errors import InputError
 
+if TYPE_CHECKING:
+    from rich.console import Console
 
-@dataclass(frozen=True)
-class WhichOptions:
-    """Which drills are run."""
-
-    paths: Annotated[
-        tuple[Path, ...], argument("DRILL.yaml", "Drill files, or folders of them.")
-    ] = ()
-    every: Annotated[
-        bool, option("All drills of the folder `drills`, here or beside mrbt.", name="--all")
-    ] = False
-    quick: Annotated[bool, option("Only those that say `quick: true`.")] = False
-
-    def check(self, listed: bool) -> None:
-        """Raise InputError for a choice that is none, or two."""
-        if self.paths and self.every:
-            raise InputError("name drills, or say --all, not both")
-        if not self.paths and not self.every and not listed and not self.quick:
-            raise InputError("name a drill, or say --all; `mrbt drill --list` lists them")
+    from mrbt_mesh.drills.drill_file import Drill
+    from mrbt_mesh.drills.model import Profile
+    from mrbt_mesh.drills.runner import DrillRun, TimelineEntry
 
 
+@click.command(cls=MrbtCommand)
+@click.argument(
+    "paths", metavar="[DRILL.yaml]...", type=PATH, nargs=-1, help="Drills, or their folders."
+)
+@click.option("--all", "every", is_flag=True, help="All drills of the folder `drills`.")
+@click.option("--quick", is_flag=True, help="Only those that have `quick: true`.")
+@click.option("--list", "listed", is_flag=True, help="List the drills, run none.")
+@click.option(
+    "--repeat", type=click.IntRange(1), metavar="N", default=1, help="Number of runs of each."
+)
+@click.option("--brief", is_flag=True, help="A line for each run; of red ones all that happened.")
+@click.option("--junit", type=PATH, metavar="FILE", help="Write JUnit XML.")
+@click.option("--keep", is_flag=True, help="Keep the run directories of green runs as well.")
+@json_option
 def drill(
-    which: WhichOptions,
-    given: Given,
-    listed: Annotated[bool, option("List the drills, run none.", name="--list")] = False,
-    repeat: Annotated[int, option("So many times.", least=1)] = 1,
-    brief: Annotated[bool, option("A line per run; the timeline only of those in red.")] = False,
-    junit: Annotated[Path | None, option("Write JUnit XML.", "FILE")] = None,
-    keep: Annotated[bool, option("Keep the run directories of green runs as well.")] = False,
-    as_json: JsonOption = False,
+    paths: tuple[Path, ...],
+    every: bool,
+    quick: bool,
+    listed: bool,
+    repeat: int,
+    brief: bool,
+    junit: Path | None,
+    keep: bool,
+    as_json: bool,
 ) -> None:
-    """Run drills: real processes, faults at chosen moments, verdicts from what was done.
+    """Run drills: real processes, faults at chosen moments, judged by what the robots did.
 
     Exit status: 0 all green (or skipped, with the reason), 1 an expectation did not hold, 2 bad
     input.
 
-    Example: mrbt drill drills/freeze_then_thaw.yaml --repeat 3; mrbt drill --all --brief
+    \b
+    Example: mrbt drill drills/freeze_then_thaw.yaml --repeat 3
+             mrbt drill --all --brief
     """
     import anyio
 
-    from mrbt_mesh.cli.framework.exits import FAILURE, SUCCESS, end_process
-    from mrbt_mesh.cli.framework.terminal import (
-        check_folder,
-        console,
-        errors,
-        print_json,
-        write_file,
-    )
-    from mrbt_mesh.cli.team.drilling import DrillSession, chosen_drills
+    from mrbt_mesh.cli.terminal import check_folder, console, errors, print_json, write_file
     from mrbt_mesh.cli.views.drill_view import render_list, render_total
     from mrbt_mesh.drills.report import junit_text, report_data
 
     if listed:
-        given.refuse(("--repeat", "--brief", "--junit", "--keep", "--json"), "--list runs no drill")
-    which.check(listed)
+        refuse("--list runs no drill", "--repeat", "--brief", "--junit", "--keep", "--json")
+    if paths and every:
+        raise InputError("name drills, or give --all, not both")
+    if not paths and not every and not listed and not quick:
+        raise InputError("name a drill, or give --all; `mrbt drill --list` lists them")
     check_folder("--junit", junit)
-    drills = chosen_drills(which.paths, which.quick)
+    drills = _chosen(paths, quick)
     if listed:
         console.print(render_list(drills))
         return
-    runs, stopped = anyio.run(DrillSession(drills, repeat, brief, as_json, keep).run)
+    # With --json, stdout is for the result alone; people may still see the progress.
+    session = _Session(drills, repeat, brief, keep, errors if as_json else console)
+    runs, stopped = anyio.run(session.run)
     if junit is not None:
         write_file(junit, junit_text(runs))
     if as_json:
@@ -80,3 +83,114 @@ def drill(
         if stopped:
             errors.print("stopped by the operator before the end", style="red")
     end_process(FAILURE if stopped or not all(run.is_green for run in runs) else SUCCESS)
+
+
+def _chosen(paths: tuple[Path, ...], only_quick: bool) -> list[Drill]:
+    """The drills of files and folders (none: of the usual folder); raises InputError."""
+    from mrbt_mesh.drills.drill_file import drill_files, drill_folder, load_drills
+
+    files: list[Path] = []
+    for path in paths or (drill_folder(),):
+        files += drill_files(path) if path.is_dir() else [path]
+    drills = [each for file in files for each in load_drills(file)]
+    return [each for each in drills if each.model.quick] if only_quick else drills
+
+
+class _Session:
+    """Runs drills one after the other, until all are done or the operator stops it."""
+
+    def __init__(
+        self, drills: list[Drill], repeat: int, brief: bool, keep: bool, output: Console
+    ) -> None:
+        self._plan = [
+            (each, profile)
+            for _ in range(repeat)
+            for each in drills
+            for profile in each.model.profiles
+        ]
+        self._brief = brief
+        self._keep = keep
+        self._output = output
+
+    async def run(self) -> tuple[list[DrillRun], bool]:
+        """(the runs, whether the operator stopped it before the end)."""
+        import signal
+
+        import anyio
+
+        runs: list[DrillRun] = []
+        stopped = False
+        async with anyio.create_task_group() as group:
+
+            async def wait_for_signal() -> None:
+                nonlocal stopped
+                with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
+                    async for _ in signals:
+                        stopped = True
+                        group.cancel_scope.cancel()
+
+            group.start_soon(wait_for_signal)
+            for number, (found, profile) in enumerate(self._plan, start=1):
+                runs.append(await self._one(found, profile, number))
+            group.cancel_scope.cancel()
+        return runs, stopped
+
+    async def _one(self, found: Drill, profile: Profile, number: int) -> DrillRun:
+        import shutil
+        from datetime import datetime
+
+        from rich.text import Text
+
+        from mrbt_mesh.cli.views.drill_view import headline, line_text, takeover_text, verdict_text
+        from mrbt_mesh.runtime.run_dir import state_dir
+
+        def show(line: str | Text) -> None:
+            self._output.print(line, soft_wrap=True)
+
+        title = Text.assemble(
+            (f"{number}/{len(self._plan)} ", "dim"), (found.label, "bold"), (f"  {profile}", "dim")
+        )
+        if not self._brief:
+            show(title)
+        stamp = datetime.now().strftime("%Y%m%d-%H%M%S-%f")
+        folder = state_dir() / "drills" / f"{found.model.name}-{stamp}"
+        tell = (lambda line: None) if self._brief else (lambda line: show(line_text(line)))
+        run = await _run_or_skip(found, profile, folder, tell)
+        if self._brief:
+            show(Text.assemble(title, "  ", headline(run)))
+            for line in () if run.is_green else run.timeline:
+                show(line_text(line))
+        if not self._brief or not run.is_green:
+            for takeover in run.takeovers:
+                show(takeover_text(takeover))
+            for verdict in run.verdicts:
+                show(verdict_text(verdict))
+            show(Text.assemble("  ", headline(run)))
+        if run.is_green and not self._keep:
+            shutil.rmtree(folder, ignore_errors=True)
+            run.run_dir = None
+        elif run.run_dir is not None:
+            self._output.print(f"  kept: {run.run_dir}", style="dim", soft_wrap=True)
+        return run
+
+
+async def _run_or_skip(
+    found: Drill, profile: Profile, folder: Path, tell: Callable[[TimelineEntry], None]
+) -> DrillRun:
+    from mrbt_mesh.drills.beside import BesideError
+    from mrbt_mesh.drills.judge import DrillVerdict
+    from mrbt_mesh.drills.namespaces import NamespaceError
+    from mrbt_mesh.drills.network import why_not
+    from mrbt_mesh.drills.routers import RoutersError
+    from mrbt_mesh.drills.runner import DrillRun, run_drill
+    from mrbt_mesh.runtime.run_dir import RunDirError
+    from mrbt_mesh.runtime.session_config import TransportError
+
+    reason = why_not(found)
+    if reason is not None:
+        return DrillRun(found.label, profile, skipped=reason)
+    try:
+        return await run_drill(found, profile, folder, tell)
+    except (TransportError, RunDirError, NamespaceError, RoutersError, BesideError) as error:
+        failed = DrillVerdict("the team could be run", False, str(error))
+        return DrillRun(found.label, profile, verdicts=[failed])

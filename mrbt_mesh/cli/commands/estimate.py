@@ -1,138 +1,131 @@
-"""`mrbt estimate`."""
+"""`mrbt sim estimate`: how likely a mission succeeds, by many runs with random failures."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import os
 from functools import partial
-from typing import TYPE_CHECKING, Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from mrbt_mesh.cli.framework.declare import Given, option
+import click
+
+from mrbt_mesh.cli.command import FiniteNumber, MrbtCommand, refuse
 from mrbt_mesh.cli.options import (
-    JobsOption,
-    JsonOption,
-    MissionArgument,
-    ProgramOption,
-    SeedOption,
-    SpeedOption,
-    VirtualTimeoutOption,
+    jobs_option,
+    json_option,
+    mission_argument,
+    program_option,
+    seed_option,
+    speed_option,
+    virtual_timeout_option,
 )
 
 if TYPE_CHECKING:
     from mrbt_mesh.core.mission.mission import Mission
     from mrbt_mesh.sim.world.setup import FailureModel
 
-_fault = partial(option, panel="What befalls the team")
-_seconds = partial(_fault, metavar="SECONDS", above=0)
+_rate = partial(click.option, multiple=True, metavar="[WHO:]P[/action|/hour]")
+_count = partial(click.option, type=click.IntRange(0), default=0, metavar="N")
+_seconds = partial(click.option, type=FiniteNumber(0, min_open=True), metavar="SECONDS")
 
 
-@dataclass(frozen=True)
-class ChanceOptions:
-    """What goes wrong how often."""
-
-    fault_rate: Annotated[
-        tuple[str, ...],
-        _fault(
-            "Robots die: a chance per completed action, or a number per hour.",
-            "[WHO:]P[/action|/hour]",
-        ),
-    ] = ()
-    minor_rate: Annotated[
-        tuple[str, ...],
-        _fault("Robots lose a capability, likewise.", "[WHO:]P[/action|/hour]"),
-    ] = ()
-    failure_rate: Annotated[
-        tuple[str, ...], _fault("Actions fail with this chance.", "[LOCAL_TASK:]P")
-    ] = ()
-    major: Annotated[int, _fault("So many robots die, at random times.", least=0)] = 0
-    minor: Annotated[int, _fault("So many capabilities are lost, at random times.", least=0)] = 0
-    within: Annotated[
-        float | None,
-        _seconds(
-            "The time for --major and --minor. Default: as long as an undisturbed mission takes."
-        ),
-    ] = None
-    return_after: Annotated[float | None, _seconds("Dead robots are started again.")] = None
-    repair_after: Annotated[float | None, _seconds("Lost capabilities come back.")] = None
-
-    def model(self, mission: Mission, given: Given) -> FailureModel:
-        """The same for the simulator; raises InputError, also for options without effect."""
-        from mrbt_mesh.cli.virtual.settings import check_counts, parse_chances, parse_rates
-        from mrbt_mesh.sim.world.setup import FailureModel
-
-        check_counts(mission, self.major, self.minor)
-        if not self.major and not self.minor:
-            given.refuse(["--within"], "for --major and --minor, of which there are none")
-        if not self.major and not self.fault_rate:
-            given.refuse(["--return-after"], "no robot dies: see --fault-rate and --major")
-        if not self.minor and not self.minor_rate:
-            given.refuse(["--repair-after"], "no capability is lost: see --minor-rate and --minor")
-        return FailureModel(
-            major=parse_rates("fault-rate", self.fault_rate, mission),
-            minor=parse_rates("minor-rate", self.minor_rate, mission),
-            actions=parse_chances("failure-rate", self.failure_rate, mission),
-            major_faults=self.major,
-            minor_faults=self.minor,
-            within_us=_microseconds(self.within) or 0,
-            return_us=_microseconds(self.return_after),
-            repair_us=_microseconds(self.repair_after),
-        )
-
-
-def _microseconds(seconds: float | None) -> int | None:
-    return None if seconds is None else max(1, round(seconds * 1e6))
-
-
-@dataclass(frozen=True)
-class EstimateOptions:
-    """Which runs are made, and how many."""
-
-    runs: Annotated[int, option("Number of runs.", least=1)] = 1_000
-    seed: SeedOption = 0
-    jobs: JobsOption = None
-    timeout: VirtualTimeoutOption = 600.0
-    speed: SpeedOption = 1.0
-    program: ProgramOption = None
-
-
+@click.command(cls=MrbtCommand)
+@mission_argument
+@_rate("--fault-rate", help="Robots die: a chance per completed action, or a number per hour.")
+@_rate("--minor-rate", help="Robots lose a capability, likewise.")
+@click.option(
+    "--failure-rate",
+    multiple=True,
+    metavar="[LOCAL_TASK:]P",
+    help="Actions fail with this probability.",
+)
+@_count("--major", help="Number of robots that die, at random times.")
+@_count("--minor", help="Number of capabilities that are lost, at random times.")
+@_seconds("--within", help="Time for --major and --minor. Default: that of an undisturbed mission.")
+@_seconds("--return-after", help="Dead robots are restarted.")
+@_seconds("--repair-after", help="Lost capabilities come back.")
+@click.option("--runs", type=click.IntRange(1), default=1_000, metavar="N", help="Number of runs.")
+@seed_option
+@jobs_option
+@virtual_timeout_option
+@speed_option
+@program_option
+@json_option
 def estimate(
-    *,
-    mission: MissionArgument,
-    faults: ChanceOptions,
-    which: EstimateOptions,
-    as_json: JsonOption = False,
-    given: Given,
+    mission: Path,
+    runs: int,
+    seed: int,
+    jobs: int | None,
+    timeout: float,
+    speed: float,
+    program: str | None,
+    as_json: bool,
+    **failures: Any,
 ) -> None:
     """Estimate how likely a mission succeeds and how long it takes when robots fail by chance.
 
     Makes many runs of the same agents in virtual time. A run that can never go on is ended early,
-    as blocked. The same options and seed print the same figures, whatever --jobs. One run with
-    faults that you name: `mrbt sim`.
-
-    WHO is a robot or a robot type; without it, everybody.
+    as blocked. The same options and seed print the same figures, whatever --jobs. WHO is a robot or
+    a robot type; without it, all robots.
 
     Exit status: 0 the runs were made, 1 an agent or a program broke, 2 bad input, 3 interrupted.
 
-    Example: mrbt estimate examples/vehicle_repair/mission.yaml --fault-rate 0.05/action
-
-    Example: mrbt estimate MISSION --fault-rate A:2/hour --minor-rate 0.1 --repair-after 30
+    \b
+    Example: mrbt sim estimate MISSION --fault-rate 0.05/action
+             mrbt sim estimate MISSION --fault-rate A:2/hour --repair-after 30
     """
-    import os
-
-    from mrbt_mesh.cli.missions import checked_program
+    from mrbt_mesh.cli.options import checked_program
     from mrbt_mesh.cli.virtual.estimating import run_and_print
     from mrbt_mesh.formats.mission_file import load_mission
     from mrbt_mesh.sim.estimate import Experiment
 
     loaded = load_mission(mission)
-    program = checked_program(loaded, sorted(loaded.robots), which.program)
     experiment = Experiment(
         str(mission),
-        program,
-        faults.model(loaded, given),
-        which.runs,
-        which.seed,
-        which.speed,
-        round(which.timeout * 1e6),
+        checked_program(loaded, sorted(loaded.robots), program),
+        _failure_model(loaded, **failures),
+        runs,
+        seed,
+        speed,
+        round(timeout * 1e6),
     )
-    jobs = which.jobs or os.cpu_count() or 1
-    run_and_print(experiment, loaded, jobs, as_json)
+    run_and_print(experiment, loaded, jobs or os.cpu_count() or 1, as_json)
+
+
+def _failure_model(
+    mission: Mission,
+    *,
+    fault_rate: tuple[str, ...],
+    minor_rate: tuple[str, ...],
+    failure_rate: tuple[str, ...],
+    major: int,
+    minor: int,
+    within: float | None,
+    return_after: float | None,
+    repair_after: float | None,
+) -> FailureModel:
+    """The same for the simulator; raises InputError, also for options without effect."""
+    from mrbt_mesh.cli.virtual.settings import check_counts, parse_chances, parse_rates
+    from mrbt_mesh.sim.world.setup import FailureModel
+
+    check_counts(mission, major, minor)
+    if not major and not minor:
+        refuse("for --major and --minor, of which there are none", "--within")
+    if not major and not fault_rate:
+        refuse("no robot dies: see --fault-rate and --major", "--return-after")
+    if not minor and not minor_rate:
+        refuse("no capability is lost: see --minor-rate and --minor", "--repair-after")
+    return FailureModel(
+        major=parse_rates("fault-rate", fault_rate, mission),
+        minor=parse_rates("minor-rate", minor_rate, mission),
+        actions=parse_chances("failure-rate", failure_rate, mission),
+        major_faults=major,
+        minor_faults=minor,
+        within_us=_microseconds(within) or 0,
+        return_us=_microseconds(return_after),
+        repair_us=_microseconds(repair_after),
+    )
+
+
+def _microseconds(seconds: float | None) -> int | None:
+    return None if seconds is None else max(1, round(seconds * 1e6))

@@ -1,34 +1,108 @@
-"""`mrbt plan`."""
+"""`mrbt validate` and `mrbt plan`: a mission, and what its team would do."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from mrbt_mesh.cli.framework.declare import option
-from mrbt_mesh.cli.options import JsonOption, MissionArgument, SolverOption
+import click
+
+from mrbt_mesh.cli.command import PATH, MrbtCommand
+from mrbt_mesh.cli.options import (
+    chosen_robots,
+    fitting_program,
+    json_option,
+    mission_argument,
+    program_option,
+    robots_option,
+    solver_option,
+)
 
 if TYPE_CHECKING:
-    from mrbt_mesh.core.mission.mission import Mission
+    from mrbt_mesh.core.facts.team_facts import TeamFacts
     from mrbt_mesh.core.planning.plan import Plan
 
 
-def plan(
-    mission: MissionArgument,
-    facts: Annotated[
-        Path | None,
-        option("Facts (.yaml, .json): docs/facts.md. Default: at the start.", "FILE"),
-    ] = None,
-    alive: Annotated[str | None, option("Living robots. Default: all.", "A1,B1,...")] = None,
-    solver: SolverOption = None,
-    as_json: JsonOption = False,
+@click.command(cls=MrbtCommand)
+@click.argument(
+    "mission",
+    metavar="[MISSION]",
+    type=PATH,
+    default="mission.yaml",
+    help="Mission file. Default: mission.yaml.",
+)
+@click.option(
+    "--compile", "compile_to", type=PATH, metavar="FILE", help="Also write the compiled mission."
+)
+@program_option
+@robots_option
+@json_option
+def validate(
+    mission: Path, compile_to: Path | None, program: str | None, robots: str | None, as_json: bool
 ) -> None:
-    """Plan for given facts and explain the plan.
+    """Check a mission file and its robots' program.
+
+    The program is imported, and must have a function for each local task of the robots.
+
+    Example: mrbt validate examples/vehicle_repair/mission.yaml
+    """
+    from mrbt_mesh.cli.terminal import check_outputs, console, labelled, print_json, write_file
+    from mrbt_mesh.errors import FileError, InputError
+    from mrbt_mesh.formats.cautions import cautions
+    from mrbt_mesh.formats.mission_file import compile_mission, load_mission, mission_warnings
+    from mrbt_mesh.runtime.program import functions_of
+    from mrbt_mesh.runtime.solver_loader import solver_for
+
+    check_outputs(mission, {"--compile": compile_to})
+    loaded = load_mission(mission)
+    solver_for(loaded, None)
+    team = chosen_robots("--robots", robots, loaded)
+    warnings = [*mission_warnings(loaded), *cautions(loaded)]
+    reference = program or loaded.program
+    if reference is not None:
+        code = fitting_program(loaded, team, reference)
+        try:
+            functions_of(code).check_computer()
+        except FileError:
+            raise
+        except InputError as error:
+            # Missions are also checked where no robot runs.
+            warnings.append(f"no robot can start on this computer: {error}")
+    if compile_to is not None:
+        write_file(compile_to, compile_mission(loaded))
+    counts = {
+        "robots": len(loaded.robots),
+        "local_tasks": len(loaded.local_tasks),
+        "global_tasks": len(loaded.global_tasks),
+        "tree_nodes": len(loaded.tree.nodes),
+    }
+    if as_json:
+        names = {"mission": loaded.name, "digest": loaded.digest, "program": reference}
+        print_json({**names, **counts, "warnings": warnings})
+        return
+    listed = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in counts.items())
+    listed += ", no program named" if reference is None else ""
+    console.print(f"[bold green]valid[/] {loaded.name}: {listed}")
+    for warning in warnings:
+        console.print(labelled("warning", "yellow", warning), soft_wrap=True)
+
+
+@click.command(cls=MrbtCommand)
+@mission_argument
+@click.option(
+    "--facts", type=PATH, metavar="FILE", help="Facts (.yaml, .json). Default: at the start."
+)
+@click.option("--alive", metavar="A1,B1,...", help="Living robots. Default: all.")
+@solver_option
+@json_option
+def plan(
+    mission: Path, facts: Path | None, alive: str | None, solver: str | None, as_json: bool
+) -> None:
+    """Make the plan for given facts and explain it, with the assignment problem that it solves.
 
     Example: mrbt plan examples/vehicle_repair/mission.yaml --alive A1,B1,C1
     """
-    from mrbt_mesh.cli.framework.terminal import console, print_json
-    from mrbt_mesh.cli.missions import chosen_robots
+    from mrbt_mesh.cli.terminal import console, print_json
     from mrbt_mesh.cli.views.plan_view import render_plan
     from mrbt_mesh.core.planning.make_plan import make_plan
     from mrbt_mesh.formats.facts_file import ALIVE, facts_from_file
@@ -39,20 +113,37 @@ def plan(
     living = dict.fromkeys(chosen_robots("--alive", alive, loaded), ALIVE)
     team_facts = facts_from_file(loaded, facts)
     found = make_plan(team_facts, living, solver_for(loaded, solver))
-    if as_json:
-        print_json(_as_data(loaded, found))
-    else:
-        console.print(render_plan(loaded, found))
-
-
-def _as_data(mission: Mission, found: Plan) -> dict[str, Any]:
+    problem = _problem(found, team_facts, [*living])
+    if not as_json:
+        console.print(render_plan(loaded, found, problem))
+        return
     statuses = {
-        f"{node.index}:{mission.tree.path(node.index)}": found.evaluation.status_of(node.index)
-        for node in mission.tree.nodes
+        f"{node.index}:{loaded.tree.path(node.index)}": found.evaluation.status_of(node.index)
+        for node in loaded.tree.nodes
     }
-    return {
-        **found.to_json(),
-        "digest": found.digest.hex(),
-        "bounds": [bounds.to_json() for bounds in found.bounds],
-        "statuses": {place: status.name.lower() for place, status in statuses.items()},
-    }
+    print_json(
+        {
+            **found.to_json(),
+            "digest": found.digest.hex(),
+            **problem,
+            "statuses": {place: status.name.lower() for place, status in statuses.items()},
+        }
+    )
+
+
+def _problem(found: Plan, facts: TeamFacts, robots: list[str]) -> dict[str, Any]:
+    """The assignment problem, equation (2): a_j, b_j and p(i, l) of each demand; the objective."""
+    from mrbt_mesh.core.facts.team_facts import capability
+    from mrbt_mesh.core.mission.mission import MICRO
+
+    demands = []
+    for bounds in found.bounds:
+        values = {
+            robot: capability(facts.members[robot].member, bounds.local_task)
+            for robot in robots
+            if robot in facts.members
+        }
+        performances = {robot: p / MICRO for robot, p in values.items() if p is not None}
+        demands.append(bounds.to_json() | {"performances": performances})
+    objective = sum(line.performance for line in found.lines.values()) / MICRO
+    return {"bounds": demands, "objective": objective}

@@ -1,124 +1,107 @@
-"""`mrbt sim`."""
+"""`mrbt sim run`: missions in virtual time."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Any
 
-from mrbt_mesh.cli.exporting import RunFileOptions
-from mrbt_mesh.cli.framework.declare import Given, option
+import click
+
+from mrbt_mesh.cli.command import PATH, CommandGroup, FiniteNumber, refuse, used
+from mrbt_mesh.cli.commands.chaos import chaos
+from mrbt_mesh.cli.commands.estimate import estimate
 from mrbt_mesh.cli.options import (
-    JsonOption,
-    OptionalMissionArgument,
-    ProgramOption,
-    RobotsOption,
-    SeedOption,
-    SolverOption,
-    SpeedOption,
-    VirtualTimeoutOption,
+    FAULTS,
+    fault_options,
+    json_option,
+    optional_mission_argument,
+    program_option,
+    robots_option,
+    seed_option,
+    solver_option,
+    speed_option,
+    virtual_timeout_option,
 )
+from mrbt_mesh.cli.plugged import check_exports, export_options
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.plugins import ADAPTERS
 
 if TYPE_CHECKING:
     from mrbt_mesh.sim.world.network import NetworkKnobs
 
-_fault = partial(option, panel="What befalls the team")
-_network = partial(option, panel="The network")
-_chance = partial(_network, least=0, most=1, step=0.001)
-_delay = partial(_network, least=0, step=0.001)
-Faults = tuple[str, ...]
-FILES = ("--events", "--log", "--record", "--btlog", "--py-trees-js")
+
+@click.group(cls=CommandGroup)
+def sim() -> None:
+    """Run missions in virtual time: once, with random faults, or for statistics.
+
+    Example: mrbt sim run examples/vehicle_repair/mission.yaml --kill A1@12.5
+    """
 
 
-@dataclass(frozen=True)
-class SimRunOptions:
-    """Who works how, and for how long."""
-
-    seed: SeedOption = 0
-    robots: RobotsOption = None
-    program: ProgramOption = None
-    solver: SolverOption = None
-    timeout: VirtualTimeoutOption = 600.0
-    speed: SpeedOption = 1.0
+share_option = partial(click.option, type=FiniteNumber(0, 1), default=0.0)
 
 
-@dataclass(frozen=True)
-class NamedFaultOptions:
-    """What happens to which robot, when."""
-
-    kill: Annotated[Faults, _fault("SIGKILL; repeat it, or use commas.", "A1@12.5,...")] = ()
-    restart: Annotated[Faults, _fault("Start it again, or one more.", "A1@14,...")] = ()
-    freeze: Annotated[Faults, _fault("SIGSTOP.", "A1@3,...")] = ()
-    thaw: Annotated[Faults, _fault("SIGCONT.", "A1@8,...")] = ()
-    leave: Annotated[Faults, _fault("Leave on purpose.", "B1@6,...")] = ()
-    fault: Annotated[
-        Faults, _fault("Lose a capability, or all of them.", "A1:LOCAL_TASK@4,...")
-    ] = ()
-    restore: Annotated[Faults, _fault("Have it again.", "A1[:LOCAL_TASK]@6,...")] = ()
-    performance: Annotated[
-        Faults, _fault("Do it better or worse from then on.", "A1:LOCAL_TASK=0.5@4,...")
-    ] = ()
-
-
-@dataclass(frozen=True)
-class NetworkOptions:
-    """How the network treats messages."""
-
-    loss: Annotated[float, _chance("Share of messages that are lost.")] = 0.0
-    duplicate: Annotated[float, _chance("Share of messages that come twice.")] = 0.0
-    reorder: Annotated[float, _chance("Share of messages overtaken by others.")] = 0.0
-    delay_ms: Annotated[float, _delay("Time that a message takes.")] = 1.0
-    jitter_ms: Annotated[float, _delay("Up to this much more.")] = 1.0
-
-    def knobs(self) -> NetworkKnobs:
-        """The same for the simulator."""
-        from mrbt_mesh.sim.world.network import LinkKnobs, NetworkKnobs
-
-        return NetworkKnobs(
-            LinkKnobs(
-                delay_us=round(self.delay_ms * 1_000),
-                jitter_us=round(self.jitter_ms * 1_000),
-                loss_permille=round(self.loss * 1_000),
-                duplicate_permille=round(self.duplicate * 1_000),
-                reorder_permille=round(self.reorder * 1_000),
-            )
-        )
-
-
-def sim(
+@sim.command()
+@optional_mission_argument
+@seed_option
+@robots_option
+@program_option
+@solver_option
+@virtual_timeout_option
+@speed_option
+@fault_options(*FAULTS)
+@share_option("--loss", help="Share of messages that are lost.")
+@share_option("--duplicate", help="Share of messages that come twice.")
+@share_option("--reorder", help="Share of messages that others overtake.")
+@click.option("--delay-ms", type=FiniteNumber(0), default=1.0, help="Delay of a message.")
+@click.option("--jitter-ms", type=FiniteNumber(0), default=1.0, help="Up to this much more.")
+@click.option(
+    "--schedule",
+    type=PATH,
+    metavar="FILE",
+    help="Faults and network as `mrbt sim chaos` wrote them.",
+)
+@click.option("--events", type=PATH, metavar="FILE", help="Write what the robots did (JSON lines).")
+@click.option("--log", type=PATH, metavar="FILE", help="Write every effect of every agent.")
+@click.option("--record", type=PATH, metavar="DIR", help="Record what robots know and do.")
+@export_options
+@json_option
+def run(
     *,
-    mission: OptionalMissionArgument = None,
-    run: SimRunOptions,
-    faults: NamedFaultOptions,
-    network: NetworkOptions,
-    schedule: Annotated[
-        Path | None, option("Replay the faults and the network that mrbt chaos wrote.", "FILE")
-    ] = None,
-    files: RunFileOptions,
-    as_json: JsonOption = False,
-    given: Given,
+    mission: Path | None,
+    seed: int,
+    robots: str | None,
+    program: str | None,
+    solver: str | None,
+    timeout: float,
+    speed: float,
+    schedule: Path | None,
+    events: Path | None,
+    log: Path | None,
+    record: Path | None,
+    exports: dict[str, Path],
+    as_json: bool,
+    **options: Any,
 ) -> None:
     """Run a mission once in virtual time, with the faults that you name.
 
-    Seconds of work take milliseconds, and the same options give the same run, to the byte. The
-    agents and your robots' own code are the real ones; what must always hold is checked. Many runs
-    with random faults: `mrbt chaos`. How likely the mission succeeds: `mrbt estimate`. Times count
-    from the launch of the team.
+    Seconds of work take milliseconds, and the same options give the same run, byte for byte. Agents
+    and robots' programs are the real ones, and the invariants are checked. Times count from the
+    launch of the team.
 
     Exit status: 0 the mission succeeded, 1 it failed or an invariant broke, 2 bad input, 3 not
-    finished in time or blocked at the end. Of a mission that never ends, its last round that has
-    ended by --timeout.
+    finished in time, or blocked at the end. Of a mission that never ends, the last complete round
+    counts.
 
-    Example: mrbt sim examples/vehicle_repair/mission.yaml --seed 7 --kill A1@12.5
-    --freeze B1@3 --thaw B1@8 --loss 0.1
-
-    Example: mrbt sim --schedule chaos-failures/seed-17-minimised.json
+    \b
+    Example: mrbt sim run examples/vehicle_repair/mission.yaml --kill A1@12.5 --loss 0.1
+             mrbt sim run --schedule chaos-failures/seed-17-minimised.json
     """
-    from mrbt_mesh.cli.missions import checked_program, chosen_robots
+    from mrbt_mesh.cli.options import checked_program, chosen_robots
+    from mrbt_mesh.cli.terminal import check_new_folder, check_outputs
     from mrbt_mesh.cli.virtual.named_faults import read_faults
-    from mrbt_mesh.cli.virtual.one_run import run_and_tell
+    from mrbt_mesh.cli.virtual.one_run import RunFiles, run_and_print
     from mrbt_mesh.cli.virtual.replay import read_schedule
     from mrbt_mesh.formats.mission_file import load_mission
     from mrbt_mesh.runtime.program_loader import load_program
@@ -127,29 +110,65 @@ def sim(
     from mrbt_mesh.sim.world.named_faults import check_faults
     from mrbt_mesh.sim.world.setup import AgentOptions
 
-    files.check(mission)
-    tell = partial(run_and_tell, files=files, as_json=as_json)
+    outputs = {"--events": events, "--log": log}
+    check_outputs(mission, outputs | {f"--{name}": path for name, path in exports.items()})
+    check_new_folder("--record", record)
+    check_exports(exports)
+    files = RunFiles(events, log, record, exports)
     if schedule is not None:
-        own = ("MISSION", "--schedule", "--program", *FILES, "--json")
-        given.refuse_all_but(own, "not beside --schedule, whose file says it")
-        read = read_schedule(schedule, mission, run.program)
-        tell(partial(run_scenario, *read), read[0], ())
+        files_options = ("--events", "--log", "--record", *(f"--{n}" for n in ADAPTERS.names()))
+        own = {"MISSION", "--schedule", "--program", "--json", *files_options}
+        refuse("not with --schedule, whose file has it", *({*used()} - own))
+        read = read_schedule(schedule, mission, program)
+        run_and_print(partial(run_scenario, *read), read[0], (), files, as_json)
     if mission is None:
-        raise InputError("give a MISSION, or the --schedule of a run to replay")
+        raise InputError("give a MISSION, or the --schedule of a run to repeat")
     loaded = load_mission(mission)
-    team = chosen_robots("--robots", run.robots, loaded)
-    named = read_faults(loaded, {f"--{kind}": texts for kind, texts in vars(faults).items()})
-    check_faults(named, team, run.timeout)
+    team = chosen_robots("--robots", robots, loaded)
+    named = read_faults(loaded, {f"--{kind}": options.pop(kind) for kind in FAULTS})
+    check_faults(named, team, timeout)
     once = partial(
         simulate,
         loaded,
-        load_program(checked_program(loaded, team, run.program)),
-        seed=run.seed,
+        load_program(checked_program(loaded, team, program)),
+        seed=seed,
         robots=team,
         schedule=[(fault.at_us, fault.fault) for fault in named],
-        network=network.knobs(),
-        timeout_us=round(run.timeout * 1e6),
-        speed=run.speed,
-        agents=AgentOptions(solver=solver_for(loaded, run.solver)),
+        network=_knobs(**options),
+        timeout_us=round(timeout * 1e6),
+        speed=speed,
+        agents=AgentOptions(solver=solver_for(loaded, solver)),
     )
-    tell(once, loaded, named)
+    run_and_print(once, loaded, named, files, as_json)
+
+
+def _knobs(
+    loss: float, duplicate: float, reorder: float, delay_ms: float, jitter_ms: float
+) -> NetworkKnobs:
+    """The same for the simulator; raises InputError for shares that are not in steps of 0.001."""
+    from mrbt_mesh.sim.world.network import LinkKnobs, NetworkKnobs
+
+    permille = {}
+    for option, value in {
+        "loss": loss,
+        "duplicate": duplicate,
+        "reorder": reorder,
+        "delay-ms": delay_ms,
+        "jitter-ms": jitter_ms,
+    }.items():
+        permille[option] = round(value * 1_000)
+        if abs(value * 1_000 - permille[option]) > 1e-6 * max(1.0, value):
+            raise InputError(f"--{option} {value:g}: in steps of 0.001")
+    return NetworkKnobs(
+        LinkKnobs(
+            delay_us=permille["delay-ms"],
+            jitter_us=permille["jitter-ms"],
+            loss_permille=permille["loss"],
+            duplicate_permille=permille["duplicate"],
+            reorder_permille=permille["reorder"],
+        )
+    )
+
+
+sim.add_command(chaos)
+sim.add_command(estimate)

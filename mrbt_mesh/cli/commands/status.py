@@ -1,25 +1,175 @@
-"""`mrbt status`."""
+"""`mrbt status`: who does what, what is blocked, and whether all agree."""
 
 from __future__ import annotations
 
-from mrbt_mesh.cli.framework.declare import Given
-from mrbt_mesh.cli.options import JsonOption
-from mrbt_mesh.cli.team.options import TeamOptions
+import contextlib
+import json
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import click
+
+from mrbt_mesh.cli.command import FAILURE, SUCCESS, MrbtCommand, fail
+from mrbt_mesh.cli.commands.orders import nobody, with_team
+from mrbt_mesh.cli.network import TeamOptions, team_options
+from mrbt_mesh.cli.options import json_option
+
+if TYPE_CHECKING:
+    from mrbt_mesh.core.membership.peer import State
+    from mrbt_mesh.runtime.run_dir import RunDir
+    from mrbt_mesh.runtime.team_address import TeamAddress
+    from mrbt_mesh.runtime.watcher import Watcher
+
+SETTLE_BEATS = 2
+REFUSALS_TIMEOUT_S = 1.0
 
 
-def status(team: TeamOptions, given: Given, as_json: JsonOption = False) -> None:
-    """Tell who does what, what is blocked, and whether all agree.
+@click.command(cls=MrbtCommand)
+@team_options
+@json_option
+def status(team: TeamOptions, as_json: bool) -> None:
+    """Show who does what, what is blocked, and whether all robots agree.
 
     Example: mrbt status --json
     """
-    from mrbt_mesh.cli.team.finished import summary_of_finished, tell_finished
+    from mrbt_mesh.cli.finished import print_finished, summary_of_finished
 
-    found = team.run_directory(given)
+    found = team.run_directory()
     summary = summary_of_finished(found) if found is not None else None
     if summary is not None:
-        tell_finished(summary, as_json)
+        print_finished(summary, as_json)
         return
     # Only now what listens to the network: Zenoh, and what plans.
-    from mrbt_mesh.cli.team.status import tell_status
+    _print_status(team.find(), as_json)
 
-    tell_status(team.find(given), as_json)
+
+def _print_status(team: TeamAddress, as_json: bool) -> NoReturn:
+    """Print the status of a team, and end the process; exit status 1 if no robot is heard."""
+    import anyio
+
+    from mrbt_mesh.cli.terminal import console, print_json
+    from mrbt_mesh.cli.views.status_view import render_status
+    from mrbt_mesh.core.membership.timing import SECOND_US
+
+    async def act(watcher: Watcher) -> int:
+        if team.run_dir is None and not watcher.observer.robots():
+            fail(nobody(watcher), FAILURE)
+        # After two heartbeats it is known who is silent, and what the others say of it.
+        with anyio.move_on_after(SETTLE_BEATS * watcher.timing.heartbeat_us / SECOND_US):
+            while True:
+                await watcher.wait_for_change(0.05)
+        watcher.refresh()
+        data = status_data(watcher) | {"refused": await _refused(watcher)}
+        if as_json:
+            print_json(data)
+        else:
+            console.print(render_status(data))
+        return SUCCESS
+
+    with_team(team, act)
+
+
+async def _refused(watcher: Watcher) -> dict[str, dict[str, int]]:
+    """What each living robot has refused, as far as it answers: "source: reason" -> how often."""
+    import anyio
+
+    from mrbt_mesh.core.agent.commands import REFUSALS
+
+    found: dict[str, dict[str, int]] = {}
+
+    async def ask(robot: str) -> None:
+        good, text = await watcher.command(robot, REFUSALS)
+        with contextlib.suppress(ValueError):
+            counts = json.loads(text) if good else {}
+            if counts:
+                found[robot] = counts
+
+    with anyio.move_on_after(REFUSALS_TIMEOUT_S):
+        async with anyio.create_task_group() as group:
+            for robot in watcher.observer.membership.members():
+                group.start_soon(ask, robot)
+    return dict(sorted(found.items()))
+
+
+def status_data(watcher: Watcher) -> dict[str, Any]:
+    """The status as plain data."""
+    observer, run_dir = watcher.observer, watcher.address.run_dir
+    started = run_dir.robots() if run_dir is not None else []
+    robots = {r: _robot(watcher, r) for r in sorted({*observer.robots(), *started})}
+    plan = observer.plan
+    waiting = plan.waiting if plan else ()
+    working: dict[str, list[str]] = {}
+    for robot, row in robots.items():
+        if row["global_task"]:
+            working.setdefault(row["global_task"], []).append(robot)
+    return {
+        "mission": observer.mission.name,
+        "result": plan.result.name.lower() if plan else None,
+        "ends": str(observer.mission.ends),
+        "robots": robots,
+        "global_tasks": {
+            name: {"status": str(task.state), "robots": working.get(name, [])}
+            for name, task in observer.record.task_log.tasks.items()
+        },
+        "bounds": [bounds.to_json() for bounds in plan.bounds] if plan else [],
+        "blocked": [
+            {"request": w.global_task, "reason": w.reason} for w in waiting if w.is_blocked
+        ],
+        "failures": [
+            {
+                "robot": end.robot,
+                "global_task": end.global_task,
+                "local_task": end.local_task,
+                "reason": end.reason,
+            }
+            for end in observer.record.failures
+        ],
+        "waiting": [w.global_task for w in waiting if not w.is_blocked],
+        "agreement": observer.agreement,
+        "secure": watcher.address.keys is not None,
+        "run_dir": str(run_dir.path) if run_dir is not None else None,
+    }
+
+
+def _robot(watcher: Watcher, robot: str) -> dict[str, Any]:
+    from mrbt_mesh.core.facts.team_facts import changed_performances
+    from mrbt_mesh.core.membership.peer import State
+    from mrbt_mesh.core.mission.mission import MICRO
+    from mrbt_mesh.runtime.blocked_loop import SUBJECT
+
+    observer, run_dir = watcher.observer, watcher.address.run_dir
+    member = observer.facts.members.get(robot)
+    claim = observer.claim(robot)
+    state = observer.robot_state(robot)
+    problems = dict(observer.facts.problems.get(robot, {}))
+    changed = changed_performances(observer.mission, robot, member[0]) if member else {}
+    pid = member[0].pid if member is not None and state is not State.DEAD else None
+    if run_dir is not None:
+        pid, state = _here(run_dir, robot, state)
+        if blocked := run_dir.blocked(robot):
+            problems[SUBJECT] = blocked
+    return {
+        "host": member[0].host if member else None,
+        "pid": pid,
+        "state": str(state),
+        "type": member[0].type if member else None,
+        "local_task": claim.local_task if claim else None,
+        "global_task": claim.global_task if claim else None,
+        "phase": claim.phase.name.lower() if claim else None,
+        "lost": dict(member[0].lost) if member else {},
+        "pending": dict(member[0].pending) if member else {},
+        "problems": problems,
+        "performances": {name: value / MICRO for name, value in changed.items()},
+    }
+
+
+def _here(run_dir: RunDir, robot: str, state: State) -> tuple[int | None, State]:
+    """(pid, state) of a robot whose process runs, or ran, on this machine."""
+    from mrbt_mesh.core.membership.peer import State
+
+    process = run_dir.process(robot)
+    if process is not None:
+        return process.pid, state
+    if state is State.ALIVE and robot in run_dir.robots():
+        # Its process has ended, and nobody has heard it since.
+        return None, State.SUSPECT
+    return None, state

@@ -1,131 +1,156 @@
-"""`mrbt up`."""
+"""`mrbt up` and `mrbt demo`: a team of processes on this machine."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Any
 
-from mrbt_mesh.cli.framework.declare import Given, option
-from mrbt_mesh.cli.options import (
-    KeepOption,
-    MissionArgument,
-    ProgramOption,
-    RecordBeatsOption,
-    RobotsOption,
-    SolverOption,
-    SpeedOption,
+import click
+
+from mrbt_mesh import plugins
+from mrbt_mesh.cli.command import PATH, MrbtCommand, refuse
+from mrbt_mesh.cli.network import (
+    beat_option,
+    detection_option,
+    router_option,
+    transport_option,
+    warn_insecure,
 )
-from mrbt_mesh.cli.team.page_options import PANEL, WebOptions
-from mrbt_mesh.cli.team.show_options import ShowOptions
-from mrbt_mesh.runtime.settings import DEFAULT_BEAT_S, DEFAULT_DETECTION_S, DEFAULT_KEEP_MIB
+from mrbt_mesh.cli.options import (
+    ShowOptions,
+    json_option,
+    keep_option,
+    mission_argument,
+    program_option,
+    record_beats_option,
+    robots_option,
+    show_options,
+    solver_option,
+    speed_option,
+)
+from mrbt_mesh.cli.plugged import ChosenViews, view_options
+from mrbt_mesh.formats.shipped import examples
+from mrbt_mesh.plugins import VIEWS, ViewerOptions
 
 
-@dataclass(frozen=True)
-class LaunchOptions:
-    """What is started, and how its robots talk."""
-
-    robots: RobotsOption = None
-    program: ProgramOption = None
-    solver: SolverOption = None
-    speed: SpeedOption = 1.0
-    run_dir: Annotated[Path | None, option("Folder for logs, events and the summary.", "DIR")] = (
-        None
-    )
-    resume: Annotated[bool, option("Go on with the run in --run-dir, from its journals.")] = False
-    detach: Annotated[bool, option("Start the team and leave it running without `up`.")] = False
-    transport: Annotated[
-        Literal["wired", "wireless"],
-        option("How robots talk: TCP, or QUIC for lossy networks."),
-    ] = "wired"
-    router: Annotated[
-        str | None,
-        option("Routers to be clients of, in place of links to one another.", "tcp/IP:PORT,..."),
-    ] = None
-    no_record: Annotated[bool, option("Write no recordings; docs/recording.md.")] = False
-    record_beats: RecordBeatsOption = False
-    keep: KeepOption = DEFAULT_KEEP_MIB
-    insecure: Annotated[
-        bool, option("Without keys: whoever reaches a robot's port may say anything.")
-    ] = False
-    beat: Annotated[float, option("Heartbeat period.", "SECONDS", above=0, most=3600)] = (
-        DEFAULT_BEAT_S
-    )
-    detection: Annotated[
-        float, option("Silence until a robot is dead.", "SECONDS", above=0, most=3600)
-    ] = DEFAULT_DETECTION_S
-    metrics_port: Annotated[
-        int | None,
-        option(
-            "Robots serve metrics for Prometheus, on this port and those that follow.",
-            "PORT",
-            least=1,
-            most=65_535,
-        ),
-    ] = None
-
-
+@click.command(cls=MrbtCommand)
+@mission_argument
+@robots_option
+@program_option
+@solver_option
+@speed_option
+@show_options
+@view_options
+@click.option("--detach", is_flag=True, help="Start the team and leave it running without `up`.")
+@click.option(
+    "--run-dir", type=PATH, metavar="DIR", help="Folder for logs, events and the summary."
+)
+@click.option(
+    "--continue", "continues", is_flag=True, help="Continue the run in --run-dir from its journals."
+)
+@click.option("--no-record", is_flag=True, help="Write no recordings.")
+@record_beats_option
+@keep_option
+@transport_option
+@router_option
+@beat_option
+@detection_option
+@click.option("--insecure", is_flag=True, help="Without keys: robots believe every sender.")
+@click.option(
+    "--metrics-port",
+    type=click.IntRange(1, 65_535),
+    metavar="PORT",
+    help="Robots serve metrics for Prometheus, on this port and those that follow.",
+)
 def up(
-    *,
-    mission: MissionArgument,
-    launch: LaunchOptions,
+    mission: Path,
+    robots: str | None,
+    program: str | None,
     show: ShowOptions,
-    web: Annotated[bool, option("Show the team in the browser too.", panel=PANEL)] = False,
-    page: WebOptions,
-    given: Given,
+    views: ChosenViews,
+    detach: bool,
+    run_dir: Path | None,
+    continues: bool,
+    no_record: bool,
+    router: tuple[str, ...],
+    beat: float,
+    detection: float,
+    **how: Any,
 ) -> None:
     """Start one process per robot and watch the mission.
 
-    Exit status: 0 success, 1 failure, 2 bad input, 3 not finished in time, blocked, or ended
-    before the team had gathered. A mission that never ends does so with --timeout, Ctrl-C or
-    `mrbt abort`; the last round that has ended tells. When `up` is gone, also killed or with its
-    terminal, its robots leave by themselves, unless it was --detach.
+    Exit status: 0 success, 1 failure, 2 bad input, 3 not finished in time, blocked, or ended before
+    the team had gathered. A mission that never ends stops with --timeout, Ctrl-C or `mrbt abort`;
+    its last complete round counts. If `up` ends in any way, its robots leave, unless it was
+    --detach.
 
     Example: mrbt up examples/vehicle_repair/mission.yaml --speed 2
     """
-    from mrbt_mesh import plugins
-    from mrbt_mesh.cli.missions import checked_program, chosen_robots
-    from mrbt_mesh.cli.team.launching import created, resumed, run_team
-    from mrbt_mesh.cli.team.network_options import endpoints_of, warn_insecure
+    from mrbt_mesh.cli.launching import continued, created, run_team
+    from mrbt_mesh.cli.options import checked_program, chosen_robots
     from mrbt_mesh.formats.mission_file import load_mission
     from mrbt_mesh.runtime.solver_loader import solver_for
     from mrbt_mesh.runtime.team import new_run
 
-    if launch.detach:
-        given.refuse(
-            ("--headless", "--json", "--timeout"),
-            "with --detach nobody watches the run; see mrbt watch",
-        )
-        given.refuse(("--web",), "with --detach nobody watches the run; see mrbt web")
-    if not web:
-        given.refuse(("--port", "--host", "--control"), "of the live page: give --web as well")
-    if launch.no_record:
-        given.refuse(["--record-beats"], "with --no-record nothing is recorded")
-    served = page.page() if web else None
-    if launch.metrics_port is not None:
+    if detach:
+        shown = ("--headless", "--json", "--timeout", *(f"--{name}" for name in VIEWS.names()))
+        refuse("with --detach the run is not shown; see mrbt watch", *shown)
+    if no_record:
+        refuse("with --no-record nothing is recorded", "--record-beats")
+    views.check()
+    if how["metrics_port"] is not None:
         plugins.metrics().check()
     loaded = load_mission(mission)
-    robots = chosen_robots("--robots", launch.robots, loaded)
-    program = checked_program(loaded, robots, launch.program)
-    solver_for(loaded, launch.solver)
+    chosen = chosen_robots("--robots", robots, loaded)
+    reference = checked_program(loaded, chosen, program)
+    solver_for(loaded, how["solver"])
     info = new_run(
         loaded,
         mission,
-        robots,
-        program,
-        beat_s=launch.beat,
-        detection_s=launch.detection,
-        speed=launch.speed,
-        transport=launch.transport,
-        solver=launch.solver,
-        insecure=launch.insecure,
-        routers=endpoints_of(launch.router),
-        record=not launch.no_record,
-        record_beats=launch.record_beats,
-        keep_mib=launch.keep,
-        metrics_port=launch.metrics_port,
+        chosen,
+        reference,
+        beat_s=beat,
+        detection_s=detection,
+        routers=router,
+        record=not no_record,
+        **how,
     )
-    if launch.insecure:
+    if info.insecure:
         warn_insecure()
-    make = resumed if launch.resume else created
-    run_team(make(launch.run_dir, info, loaded), loaded, None if launch.detach else show, served)
+    found = (continued if continues else created)(run_dir, info, loaded)
+    run_team(found, loaded, None if detach else show, views)
+
+
+@click.command(cls=MrbtCommand)
+@click.argument(
+    "example",
+    metavar="[EXAMPLE]",
+    default="vehicle_repair",
+    help=f"One of {', '.join(examples())}. Default: vehicle_repair.",
+)
+@speed_option
+@click.option("--headless", is_flag=True, help="Lines as things happen, no live view.")
+@json_option
+@click.pass_context
+def demo(context: click.Context, example: str, speed: float, headless: bool, as_json: bool) -> None:
+    """Run an example, by default six robots that repair a vehicle (about 30 s).
+
+    Where the extra `web` is installed, a page shows the robots in the browser and has a button to
+    kill each. Exit status: that of `mrbt up`.
+
+    Example: mrbt demo; in a second terminal, while it runs: mrbt kill A1; mrbt status
+    """
+    from mrbt_mesh.errors import InputError
+    from mrbt_mesh.formats.shipped import example_mission
+
+    mission = example_mission(example)
+    page: dict[str, Any] = {}
+    if not as_json and "web" in VIEWS.names():
+        try:
+            VIEWS.load("web").check(ViewerOptions(has_control=True))
+            page = {"web": True, "control": True}
+        except InputError:
+            pass  # without its extra
+    if not as_json:
+        click.echo(f"mrbt up {mission}")
+    context.invoke(up, mission=mission, speed=speed, headless=headless, as_json=as_json, **page)

@@ -1,61 +1,82 @@
-"""`mrbt watch`."""
+"""`mrbt watch`: a team that runs already, or will run."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from mrbt_mesh.cli.exporting import ExportOptions
-from mrbt_mesh.cli.framework.declare import Given, option
-from mrbt_mesh.cli.options import RecordBeatsOption
-from mrbt_mesh.cli.team.metrics_options import MetricsOptions
-from mrbt_mesh.cli.team.options import TeamOptions
-from mrbt_mesh.cli.team.show_options import ShowOptions
+import click
+
+from mrbt_mesh.cli.command import (
+    EXIT_OF_RESULT,
+    PATH,
+    MrbtCommand,
+    end_process,
+    refuse,
+)
+from mrbt_mesh.cli.commands.agent import metrics_address, metrics_options
+from mrbt_mesh.cli.network import TeamOptions, team_options
+from mrbt_mesh.cli.options import ShowOptions, record_beats_option, show_options
+from mrbt_mesh.cli.plugged import ChosenViews, check_exports, export_options, view_options
 
 
+@click.command(cls=MrbtCommand)
+@show_options
+@team_options
+@view_options
+@export_options
+@click.option("--record", type=PATH, metavar="FILE.mcap", help="Record what is heard.")
+@record_beats_option
+@metrics_options
 def watch(
     show: ShowOptions,
     team: TeamOptions,
-    metrics: MetricsOptions,
-    export: ExportOptions,
-    given: Given,
-    record: Annotated[
-        Path | None, option("Record what is heard; docs/recording.md.", "FILE.mcap")
-    ] = None,
-    record_beats: RecordBeatsOption = False,
+    views: ChosenViews,
+    exports: dict[str, Path],
+    record: Path | None,
+    record_beats: bool,
+    metrics_port: int | None,
+    metrics_host: str,
 ) -> None:
-    """Watch a team that runs already, or is yet to come; ending the view leaves it alone.
+    """Watch a team that runs already, or will run; it does not notice.
 
-    Of a run that is over it prints the summary.
+    Ends with the mission, or prints the summary of a run that is over. With a view, it goes on
+    until the view is closed, or until Ctrl-C. Exit status: that of `mrbt up`; with a view 0.
 
-    Exit status: as of `mrbt up`.
-
-    Example: mrbt up MISSION --detach; mrbt watch
+    \b
+    Example: mrbt up MISSION --detach
+             mrbt watch
+             mrbt watch --web --control
     """
-    from functools import partial
-
     import anyio
 
-    from mrbt_mesh.cli.framework.exits import EXIT_OF_RESULT, end_process
-    from mrbt_mesh.cli.team import watching
-    from mrbt_mesh.cli.team.finished import summary_of_finished, tell_summary
-    from mrbt_mesh.cli.team.sharing import sharing
+    from mrbt_mesh.cli import watching
+    from mrbt_mesh.cli.finished import print_summary, summary_of_finished
     from mrbt_mesh.runtime.recording import RecordTo
     from mrbt_mesh.runtime.team import Team
 
-    export.check()
+    check_exports(exports)
+    views.check()
+    metrics = metrics_address(metrics_port, metrics_host)
     if record is None:
-        given.refuse(["--record-beats"], "of a recording: give --record as well")
-    found = team.run_directory(given)
-    summary = summary_of_finished(found) if found is not None else None
-    if summary is not None:
-        tell_summary(summary, show.as_json)
-        raise SystemExit(EXIT_OF_RESULT[summary["result"]])
-    address = team.find(given)
+        refuse("of a recording: give --record as well", "--record-beats")
+    found = team.run_directory()
+    if found is not None and not views.viewers:
+        summary = summary_of_finished(found)
+        if summary is not None:
+            print_summary(summary, show.as_json)
+            raise SystemExit(EXIT_OF_RESULT[summary["result"]])
+    address = team.find()
     processes = Team(found, found.info(), address.mission) if found is not None else None
-    to = RecordTo(record, "", record_beats) if record is not None else None
-    if processes is None:
-        watching.say_where(address, show)
-    share = partial(sharing, metrics.address(given), export)
-    watched = partial(watching.watch, address, processes, show, share=share, record=to)
-    end_process(anyio.run(watched))
+    if processes is None and not views.viewers:
+        watching.print_where(address, show)
+    session = watching.Session(
+        address,
+        processes,
+        show,
+        views,
+        exports=exports,
+        metrics=metrics,
+        record=RecordTo(record, "", record_beats) if record is not None else None,
+        past=watching.past_of(processes) if views.viewers else None,
+    )
+    end_process(anyio.run(session.follow if views.viewers else session.run))

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mrbt_mesh.cli.framework.exits import FAILURE, fail
-from mrbt_mesh.cli.missions import checked_program
+from mrbt_mesh.cli.command import FAILURE, fail
+from mrbt_mesh.cli.options import checked_program
 from mrbt_mesh.cli.recordings.replaying import time_of
 from mrbt_mesh.cli.virtual.named_faults import read_faults
 from mrbt_mesh.core.membership.timing import SECOND_US
@@ -67,9 +67,9 @@ def continued(
 def named_faults(
     mission: Mission, given: Mapping[str, Sequence[str]], at_s: float
 ) -> list[NamedFault]:
-    """Faults as `mrbt sim` has them; those without a time come at `at_s`. Raises InputError."""
+    """Faults as `mrbt sim run` has them; those without a time come at `at_s`. Raises InputError."""
     options = {
-        f"--{'fault' if kind == 'lose' else kind}": [
+        f"--{kind}": [
             part if "@" in part else f"{part}@{at_s:.6f}" for text in texts for part in _parts(text)
         ]
         for kind, texts in given.items()

@@ -14,7 +14,7 @@ import click
 from rich.live import Live
 from rich.text import Text
 
-from mrbt_mesh.cli.framework.terminal import console
+from mrbt_mesh.cli.terminal import console
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.player import Player

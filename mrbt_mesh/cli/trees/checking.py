@@ -11,8 +11,8 @@ from mrbt_mesh.btcpp.files.document import Category
 from mrbt_mesh.btcpp.files.findings import Finding, Findings, Severity
 from mrbt_mesh.btcpp.files.folder import read_folder
 from mrbt_mesh.btcpp.files.library import Library, together
-from mrbt_mesh.cli.framework.exits import BAD_INPUT
-from mrbt_mesh.cli.framework.terminal import console, errors, labelled, print_json
+from mrbt_mesh.cli.command import BAD_INPUT
+from mrbt_mesh.cli.terminal import console, errors, labelled, print_json
 from mrbt_mesh.cli.trees.files import read_tree_file
 from mrbt_mesh.cli.views.finding_view import check_lines, line
 from mrbt_mesh.errors import FileError, InputError, Problem

@@ -13,8 +13,8 @@ from mrbt_mesh.btcpp.files.findings import Findings
 from mrbt_mesh.btcpp.files.folder import read_folder
 from mrbt_mesh.btcpp.files.library import Library, load_library, together
 from mrbt_mesh.btcpp.files.loadable import compact, loadable
-from mrbt_mesh.cli.framework.exits import BAD_INPUT
-from mrbt_mesh.cli.framework.terminal import console, errors, reason, write_file
+from mrbt_mesh.cli.command import BAD_INPUT
+from mrbt_mesh.cli.terminal import console, errors, reason, write_file
 from mrbt_mesh.cli.trees.files import is_mission, package_folders
 from mrbt_mesh.cli.views.finding_view import finding_line, line
 from mrbt_mesh.errors import FileError, InputError

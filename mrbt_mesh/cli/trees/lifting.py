@@ -1,4 +1,4 @@
-"""What `mrbt lift` reads, and the text of the mission that it writes."""
+"""What `mrbt tree lift` reads, and the mission that it writes."""
 
 from __future__ import annotations
 
@@ -8,13 +8,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import click
+
 from mrbt_mesh.analysis.lift.in_units import LiftedUnits, UnitsByHand, lift_units
 from mrbt_mesh.analysis.lift.mission import LiftedMission, heading, lift_mission
 from mrbt_mesh.btcpp.files.document import SUBTREE, Document, read_document
 from mrbt_mesh.btcpp.files.folder import read_folder
 from mrbt_mesh.btcpp.files.library import Library, together
 from mrbt_mesh.btcpp.files.nav2_nodes import know_nav2
+from mrbt_mesh.cli.terminal import console, note, print_json, write_file
 from mrbt_mesh.cli.trees.files import read_tree_file
+from mrbt_mesh.cli.views.lift_view import lifted_data, render_lifted
+from mrbt_mesh.cli.views.units_view import render_units, units_data
 from mrbt_mesh.errors import FileError, InputError, Problem
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.mission_writer import mission_text
@@ -25,7 +30,7 @@ from mrbt_mesh.formats.units_file import load_units
 
 @dataclass(frozen=True)
 class LiftRequest:
-    """What the command line says; see `mrbt lift --help`."""
+    """The options of `mrbt tree lift`."""
 
     file: Path
     robots: Path
@@ -53,6 +58,24 @@ def lift_files(request: LiftRequest) -> LiftedFiles:
     others = known_besides(request.models, request.folders)
     library, tree = library_and_tree(request.file, request.tree, others, request.actions)
     return lift_tree(library, tree, load_team(request.robots), request)
+
+
+def print_lifted(done: LiftedFiles, output: Path | None, as_json: bool) -> None:
+    """Write the files, and print what was decided and why."""
+    for path, text in done.files.items():
+        write_file(path, text)
+    for remark in done.mission.notes:
+        note(str(remark))
+    if as_json:
+        data = lifted_data(done.mission, output)
+        print_json(data | (units_data(done.units) if done.units else {}))
+        return
+    if done.units is not None:
+        console.print(render_units(done.units), soft_wrap=True)
+    console.print(render_lifted(done.mission.lifted), soft_wrap=True)
+    if output is not None:
+        written = " and ".join(map(str, done.files))
+        click.echo(f"written: {written} ({done.robots} robots); run it with: mrbt up {output}")
 
 
 def lift_tree(library: Library, tree: str, team: TeamFile, request: LiftRequest) -> LiftedFiles:

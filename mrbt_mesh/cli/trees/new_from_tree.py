@@ -1,4 +1,4 @@
-"""A mission and a robot of one's own out of a BehaviorTree.CPP file, as `mrbt new --btcpp` writes.
+"""A mission and a robot of one's own out of a BehaviorTree.CPP file: `mrbt tree lift --new`.
 
 The tree is lifted in units for three robots, and each of its leaves is a function that takes time
 and succeeds: what is to be filled in.
@@ -10,22 +10,31 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+import click
+
 from mrbt_mesh.analysis.lift.in_units import check_subtrees
 from mrbt_mesh.btcpp.files.expand import expand
 from mrbt_mesh.btcpp.files.export import explicit
 from mrbt_mesh.btcpp.files.library import Library
 from mrbt_mesh.btcpp.files.loadable import loadable
-from mrbt_mesh.cli.framework.terminal import console, note
-from mrbt_mesh.cli.trees.lifting import LiftedFiles, LiftRequest, library_and_tree, lift_tree
+from mrbt_mesh.cli.terminal import console, note
+from mrbt_mesh.cli.trees.lifting import (
+    LiftedFiles,
+    LiftRequest,
+    known_besides,
+    library_and_tree,
+    lift_tree,
+)
 from mrbt_mesh.cli.trees.program_from_tree import program_text
 from mrbt_mesh.cli.views.units_view import render_units
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.team_file import read_team
-from mrbt_mesh.formats.template import mission_name
+from mrbt_mesh.formats.template import mission_name, write_files
 
 TEAM = """\
 # The team that {tree} is for. Lift it again after a change:
 #
-#     mrbt lift {tree} --robots team.yaml --units auto -o mission.yaml
+#     mrbt tree lift {tree} --robots team.yaml --units auto -o mission.yaml
 #
 # Actions that declare nothing stay together on one robot. What they may declare, so that parts of
 # the tree can go to different robots, is in docs/lift.md.
@@ -82,10 +91,29 @@ def files_from_tree(
     return {path.name: text for path, text in lifted.files.items()} | files, lifted
 
 
-def print_units(lifted: LiftedFiles) -> None:
-    """Every unit with why it stays together, every cut with why it can be made, and the notes."""
+def write_folder(
+    folder: Path,
+    file: Path,
+    tree: str | None,
+    models: Sequence[Path],
+    folders: Sequence[Path],
+    actions: Sequence[str],
+) -> None:
+    """Write all files of a tree's team into a new folder, and explain how the tree was lifted.
+
+    Raises InputError.
+    """
+    others = known_besides(models, folders)
+    files, lifted = files_from_tree(folder, file, tree, others, actions)
+    try:
+        written = write_files(folder, files)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
+    for path in written:
+        click.echo(f"wrote {path}")
     if lifted.units is not None:
         console.print()
         console.print(render_units(lifted.units), soft_wrap=True)
     for remark in lifted.mission.notes:
         note(str(remark))
+    click.echo(f"\nnow: mrbt up {folder / 'mission.yaml'}")

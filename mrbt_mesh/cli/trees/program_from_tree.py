@@ -1,4 +1,4 @@
-"""A robot's program for a BehaviorTree.CPP tree, to be filled in: `mrbt new --btcpp`."""
+"""A robot's program for a BehaviorTree.CPP tree, to be filled in: `mrbt tree lift --new`."""
 
 from __future__ import annotations
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mrbt_mesh.cli.framework.terminal import errors, labelled
-from mrbt_mesh.cli.missions import chosen_robots
+from mrbt_mesh.cli.options import chosen_robots
+from mrbt_mesh.cli.terminal import errors, labelled
 from mrbt_mesh.cli.trees.files import is_mission, read_tree_file
 from mrbt_mesh.cli.views.tree_shapes import Shape, file_shapes, mission_shapes, robot_shape
 from mrbt_mesh.errors import InputError

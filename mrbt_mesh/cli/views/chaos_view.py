@@ -28,7 +28,7 @@ INVARIANTS = {
 def render_campaign(
     totals: Mapping[str, Any], reports: Iterable[Mapping[str, Any]], failed: int
 ) -> RenderableType:
-    """What `mrbt chaos --json` prints, for a terminal; `failed` seeds, some of them reported."""
+    """What `mrbt sim chaos --json` prints; `failed` seeds, some of them reported."""
     results = ", ".join(f"{number} {name}" for name, number in sorted(totals["results"].items()))
     rate = totals["seeds"] / max(0.001, totals["took_s"])
     line = f"{totals['seeds']} seeds in {totals['took_s']:.1f} s, {rate:.1f} a second: {results}"

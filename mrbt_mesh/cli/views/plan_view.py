@@ -14,8 +14,8 @@ from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.planning.plan import Bidding, Line, Plan, line_reason, plan_bids
 
 
-def render_plan(mission: Mission, plan: Plan) -> RenderableType:
-    """The whole plan for a terminal."""
+def render_plan(mission: Mission, plan: Plan, problem: Mapping[str, Any]) -> RenderableType:
+    """The whole plan for a terminal. `problem`: its `bounds` and `objective`."""
     workers: dict[str, list[str]] = {}
     for robot, own in plan.lines.items():
         workers.setdefault(own.activation, []).append(robot)
@@ -31,7 +31,8 @@ def render_plan(mission: Mission, plan: Plan) -> RenderableType:
             notes[request.node] = Text(robots, style="bold")
     parts: list[RenderableType] = [_lines(plan)]
     if plan.demands:
-        parts += ["", render_bounds([bounds.to_json() for bounds in plan.bounds])]
+        parts += ["", render_bounds(problem["bounds"])]
+        parts.append(Text(f"objective, the sum of p(i, l): {problem['objective']:g}", "dim"))
     if plan.biddings:
         parts += ["", _bids(plan)]
     result = Text(f"mission: {plan.result.name.lower()}", style="bold")
@@ -40,14 +41,20 @@ def render_plan(mission: Mission, plan: Plan) -> RenderableType:
 
 
 def render_bounds(bounds: Sequence[Mapping[str, Any]]) -> Table:
-    """a_j and b_j of what is requested (`DemandBounds.to_json`), and who is on it."""
+    """a_j and b_j of what is requested (`DemandBounds.to_json`), its robots and performances."""
     table = Table(
         "local task", "for", "a_j", "b_j", "robots", box=None, header_style="dim", pad_edge=False
     )
+    has_performances = any("performances" in row for row in bounds)
+    if has_performances:
+        table.add_column("p(i, l)")
     for row in bounds:
         robots = ", ".join(row["robots"]) or Text("nobody", style="dim")
         numbers = str(row["lower"]), str(row["upper"])
-        table.add_row(row["local_task"], row["global_task"], *numbers, robots)
+        values = row.get("performances", {})
+        able = ", ".join(f"{robot} {p:g}" for robot, p in values.items())
+        more = [Text(able, "dim")] if has_performances else []
+        table.add_row(row["local_task"], row["global_task"], *numbers, robots, *more)
     return table
 
 

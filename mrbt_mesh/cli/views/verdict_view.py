@@ -1,4 +1,4 @@
-"""What `mrbt verify` has found, for a terminal."""
+"""What `mrbt recording verify` has found, for a terminal."""
 
 from __future__ import annotations
 

@@ -14,9 +14,8 @@ from typing import Any, NoReturn
 
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from mrbt_mesh.cli.framework.exits import FAILURE, NOT_FINISHED, SUCCESS, fail
-from mrbt_mesh.cli.framework.progress import bar_of_runs
-from mrbt_mesh.cli.framework.terminal import console, errors, print_json, reason
+from mrbt_mesh.cli.command import FAILURE, NOT_FINISHED, SUCCESS, fail
+from mrbt_mesh.cli.terminal import bar_of_runs, console, errors, print_json, reason
 from mrbt_mesh.cli.views.chaos_view import render_campaign
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
@@ -148,7 +147,7 @@ def _report(plan: Campaign, verdict: Verdict, minimised: bool) -> dict[str, Any]
 
 def _command(source: Source, seed: int, mission: Mission) -> str:
     """What runs this seed again."""
-    words = ["mrbt", "chaos", source.mission or "--generated", "--seeds", str(seed)]
+    words = ["mrbt", "sim", "chaos", source.mission or "--generated", "--seeds", str(seed)]
     if source.program is not None and source.program != mission.program:
         words += ["--program", source.program]
     if source.speed != 1.0:
@@ -169,7 +168,7 @@ def _keep_mission(plan: Campaign, seed: int) -> dict[str, Any]:
 
 def _keep_schedule(path: Path, scenario: Scenario, where: dict[str, Any]) -> dict[str, Any]:
     path.write_text(dump(scenario, **where), encoding="utf-8")
-    replay = shlex.join(["mrbt", "sim", "--schedule", str(path)])
+    replay = shlex.join(["mrbt", "sim", "run", "--schedule", str(path)])
     return {"schedule": str(path), "replay": replay}
 
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import time
 
-from mrbt_mesh.cli.framework.exits import FAILURE, NOT_FINISHED, fail
-from mrbt_mesh.cli.framework.progress import bar_of_runs
-from mrbt_mesh.cli.framework.terminal import console, print_json
+from mrbt_mesh.cli.command import FAILURE, NOT_FINISHED, fail
+from mrbt_mesh.cli.terminal import bar_of_runs, console, print_json
 from mrbt_mesh.cli.views.estimate_view import render_estimate
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.sim.estimate import Experiment, RunOutcome, outcomes, summarise

@@ -1,4 +1,4 @@
-"""Faults as options of `mrbt sim`: ROBOT[:LOCAL_TASK[=X]]@SECONDS."""
+"""Faults as options of `mrbt sim run`: ROBOT[:LOCAL_TASK[=X]]@SECONDS."""
 
 from __future__ import annotations
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import NoReturn
 
-from mrbt_mesh.cli.exporting import RunFileOptions
-from mrbt_mesh.cli.framework.exits import EXIT_OF_RESULT, FAILURE, fail
-from mrbt_mesh.cli.framework.terminal import (
+from mrbt_mesh.cli.command import EXIT_OF_RESULT, FAILURE, fail
+from mrbt_mesh.cli.plugged import exporting
+from mrbt_mesh.cli.terminal import (
     console,
     errors,
     json_text,
@@ -24,12 +26,21 @@ from mrbt_mesh.sim.run import SimulationError, SimulationResult
 from mrbt_mesh.sim.world.named_faults import NamedFault, missed
 
 
-def run_and_tell(
+@dataclass(frozen=True)
+class RunFiles:
+    """The files that are written of a simulated run."""
+
+    events: Path | None
+    log: Path | None
+    record: Path | None
+    exports: Mapping[str, Path]
+
+
+def run_and_print(
     run: Callable[..., SimulationResult],
     mission: Mission,
     named: Sequence[NamedFault],
-    *,
-    files: RunFileOptions,
+    files: RunFiles,
     as_json: bool,
 ) -> NoReturn:
     """Make a run, write its files, print its summary, and end with its exit status.
@@ -38,7 +49,7 @@ def run_and_tell(
     InputError for files that cannot be written.
     """
     try:
-        with files.export.writing(mission, 0, 0) as look_on:
+        with exporting(files.exports, mission, 0, 0) as look_on:
             result = run(keep_log=files.log is not None, look_on=look_on, record=files.record)
     except OSError as error:
         raise InputError(f"--record {files.record}: cannot be written: {reason(error)}") from None
@@ -59,7 +70,7 @@ def run_and_tell(
     raise SystemExit(FAILURE if result.violations else EXIT_OF_RESULT[result.result])
 
 
-def _write_files(result: SimulationResult, files: RunFileOptions) -> None:
+def _write_files(result: SimulationResult, files: RunFiles) -> None:
     try:
         if files.events is not None:
             result.write_events(files.events)

@@ -1,12 +1,12 @@
-"""Schedules that `mrbt chaos` wrote, read again."""
+"""Schedules that `mrbt sim chaos` wrote, read again."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
 
-from mrbt_mesh.cli.framework.terminal import reason
-from mrbt_mesh.cli.missions import checked_program
+from mrbt_mesh.cli.options import checked_program
+from mrbt_mesh.cli.terminal import reason
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import load_mission
@@ -34,7 +34,7 @@ def read_schedule(
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {reason(error)}") from None
     except (ScenarioError, ValueError, RecursionError) as error:  # also what JSON and UTF-8 raise
-        raise InputError(f"{path}: no schedule as `mrbt chaos` writes them: {error}") from None
+        raise InputError(f"{path}: no schedule as `mrbt sim chaos` writes them: {error}") from None
     if mission is None and not isinstance(named, str):
         raise InputError(f"{path}: names no mission; give one as the argument MISSION")
     model = load_mission(mission or path.parent / str(named))

@@ -1,4 +1,4 @@
-"""Which seeds `mrbt chaos` runs, as it is told."""
+"""Which seeds `mrbt sim chaos` runs, as it is told."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ def generate_mission(seed: int) -> Generated:
     yaml = YAML()
     yaml.default_flow_style = None
     yaml.dump(data, stream)
-    text = f"# Generated: mrbt chaos --generated --seeds {seed}\n{stream.getvalue()}"
+    text = f"# Generated: mrbt sim chaos --generated --seeds {seed}\n{stream.getvalue()}"
     return Generated(
         text, mission_from_yaml(text, f"generated mission {seed}", PROGRAM_FILE.parent)
     )

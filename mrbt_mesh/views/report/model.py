@@ -215,7 +215,7 @@ class RunReport:
 
 @dataclass(frozen=True)
 class CampaignReport:
-    """What `mrbt chaos` found: `results` and `checks` by name; `failures` of seeds, as texts."""
+    """Findings of `mrbt sim chaos`: `results`, `checks` by name; `failures` of seeds."""
 
     title: str
     seeds: int

@@ -22,7 +22,7 @@ from mrbt_mesh.views.report.summaries import (
     report_summary,
 )
 
-NOT_OURS = "is not what `mrbt sim`, `up` or `drill` print with --json"
+NOT_OURS = "is not what `mrbt sim run`, `up` or `drill` print with --json"
 MOST_BYTES = 1 << 28
 
 

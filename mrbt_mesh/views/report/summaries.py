@@ -1,4 +1,4 @@
-"""The figures in what `mrbt sim`, `up`, `drill` and `chaos` print with --json.
+"""The figures in what `mrbt sim run`, `up`, `drill` and `chaos` print with --json.
 
 All functions raise KeyError, TypeError, ValueError or AttributeError for other data.
 """
@@ -96,7 +96,7 @@ def drill_expectations(data: Mapping[str, Any]) -> tuple[Expectation, ...]:
 
 
 def report_campaign(data: Mapping[str, Any], title: str) -> CampaignReport:
-    """What `mrbt chaos --json` prints."""
+    """What `mrbt sim chaos --json` prints."""
     return CampaignReport(
         title,
         int(data["seeds"]),

@@ -1,4 +1,4 @@
-"""`mrbt top`: a team in a terminal, by keys."""
+"""`mrbt watch --top`: a team in a terminal, by keys."""
 
 from __future__ import annotations
 

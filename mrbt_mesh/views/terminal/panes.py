@@ -1,4 +1,4 @@
-"""The panes of `mrbt top`; each is told when the team has changed."""
+"""The panes of `mrbt watch --top`; each is told when the team has changed."""
 
 from __future__ import annotations
 

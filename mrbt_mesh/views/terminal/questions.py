@@ -54,7 +54,7 @@ class Help(ModalScreen[None]):
             text.append(f"{key:<22}", "bold")
             text.append(f"{meaning}\n")
         if not self._orders:
-            text.append("To kill, freeze, pause and so on: mrbt top --control\n", "dim")
+            text.append("To kill, freeze, pause and so on: mrbt watch --top --control\n", "dim")
         text.append("\nnodes   ", "bold")
         for status, (sign, style) in MARKS.items():
             text.append(f"{sign} {status.name.lower()}  ", style)

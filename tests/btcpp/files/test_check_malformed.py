@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from mrbt_mesh.btcpp.files.check import check_file
 from mrbt_mesh.btcpp.files.findings import Severity
-from mrbt_mesh.cli.app import app
+from mrbt_mesh.cli.main import main
 from mrbt_mesh.errors import FileError, Problem
 
 FOLDER = Path(__file__).parent / "malformed"
@@ -181,7 +181,7 @@ def test_the_command_ends_with_status_2(
     name: str, line: int, message: str, only_strict: bool
 ) -> None:
     path = FOLDER / f"{name}.xml"
-    result = CliRunner().invoke(app, ["tree", "check", str(path), "--strict"])
+    result = CliRunner().invoke(main, ["tree", "check", str(path), "--strict"])
     assert result.exit_code == 2
     assert message in result.stderr
     assert f"{path}:{line}: " in result.stderr

@@ -49,7 +49,7 @@ def test_every_option_arrives(started: list[Started], tmp_path: Path) -> None:
     words += ["--run-dir", str(tmp_path), "--takeover", "--exit-when-done", "--expect", "R1,R2"]
     words += ["--while-locked", "launcher.lock", "--keys", str(keys)]
     words += ["--record", "r.mcap", "--record-beats"]
-    words += ["--gather", "3", "--team", "t", "--run", "r", "--listen", "tcp/127.0.0.1:1"]
+    words += ["--join-timeout", "3", "--team", "t", "--run", "r", "--listen", "tcp/127.0.0.1:1"]
     words += ["--connect", "tcp/127.0.0.1:2", "--connect", "tcp/127.0.0.1:3", "--beat", "0.1"]
     code, _, problems = mrbt(
         "agent", "--mission", EXPLORE, "--robot", "R9", *words, "--detection", "0.4"
@@ -130,9 +130,9 @@ def test_clients_of_routers_neither_listen_nor_look_around(started: list[Started
     [
         (["--robot", "R1"], "Missing option '--mission'"),
         (["--mission", EXPLORE], "Missing option '--robot'"),
-        (["--mission", EXPLORE, "--robot", "R1", "--beat", "inf"], "inf: expected a number"),
-        (["--mission", EXPLORE, "--robot", "R1", "--speed", "0"], "expected a number, 0.01 to"),
-        (["--mission", EXPLORE, "--robot", "R1", "--gather", "-1"], "expected a number, 0 to"),
+        (["--mission", EXPLORE, "--robot", "R1", "--beat", "inf"], "inf is not in the range"),
+        (["--mission", EXPLORE, "--robot", "R1", "--speed", "0"], "0.01<=x<=1000"),
+        (["--mission", EXPLORE, "--robot", "R1", "--join-timeout", "-1"], "0<=x<=86400"),
         (["--mission", EXPLORE, "--robot", "R1", "--bogus"], "No such option '--bogus'"),
         (["--mission", EXPLORE, "--robot", "R1", "more"], "unexpected extra argument (more)"),
         (["--mission", EXPLORE, "--robot", "R1", "--transport", "x"], "'x' is not one of"),

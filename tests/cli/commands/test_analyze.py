@@ -1,8 +1,7 @@
-"""`mrbt analyze`: JSON, the report for people, HTML, costs, and what is refused."""
+"""`mrbt analyze`: JSON, the report for people, costs, and what is refused."""
 
 from __future__ import annotations
 
-import html.parser
 import json
 from pathlib import Path
 
@@ -10,8 +9,6 @@ import pytest
 
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
 from tests.support.command import EXPLORE, REPAIR, mrbt
-
-TOOLS = str(Path(REPAIR).parents[1] / "tool_search" / "mission.yaml")
 
 
 def test_json_holds_the_documented_keys() -> None:
@@ -34,41 +31,16 @@ def test_the_report_names_what_matters() -> None:
 
 
 def test_it_says_that_side_constraints_are_left_out(tmp_path: Path) -> None:
-    mission, page = tmp_path / "mission.yaml", tmp_path / "out.html"
+    mission = tmp_path / "mission.yaml"
     text = Path(REPAIR).read_text() + "\nconstraints: {at_most: [{robots: [A1, A2]}]}\n"
     mission.write_text(text)
     said = "(at most 1 of A1, A2 at work) are NOT taken into account"
-    _, output, _ = mrbt("analyze", str(mission), "--html", str(page))
+    _, output, _ = mrbt("analyze", str(mission))
     assert " ".join(output.split()).count(said) == 2
-    assert said in page.read_text(encoding="utf-8")
     _, output, _ = mrbt("analyze", str(mission), "--json")
     assert said in json.loads(output)["assumptions"][0]
     _, output, _ = mrbt("analyze", REPAIR)
     assert "NOT taken" not in output
-
-
-def test_the_html_report_stands_alone(tmp_path: Path) -> None:
-    page = tmp_path / "out.html"
-    code, output, _ = mrbt("analyze", TOOLS, "--html", str(page))
-    assert code == 0
-    assert "wrote" in output
-    text = page.read_text(encoding="utf-8")
-    open_tags: list[str] = []
-
-    class Checker(html.parser.HTMLParser):
-        def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-            assert tag not in ("script", "link", "img", "iframe")
-            assert not {"src", "href"} & {name for name, _ in attrs}
-            if tag not in ("meta", "br"):
-                open_tags.append(tag)
-
-        def handle_endtag(self, tag: str) -> None:
-            assert open_tags.pop() == tag
-
-    Checker(convert_charrefs=True).feed(text)
-    assert not open_tags
-    assert "tool_search" in text
-    assert "http" not in text
 
 
 def test_costs_come_from_the_mission_and_from_a_file_of_their_own(tmp_path: Path) -> None:
@@ -127,7 +99,6 @@ def test_bad_costs_are_a_message_and_status_2(tmp_path: Path, text: str, message
     [
         (("nowhere.yaml",), "there is no such file"),
         ((EXPLORE, "--costs", "nowhere.yaml"), "there is no such file"),
-        ((EXPLORE, "--html", "/nowhere/out.html"), "there is no folder /nowhere"),
         ((EXPLORE, "--limit", "0"), "0.1"),
     ],
 )

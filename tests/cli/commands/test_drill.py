@@ -53,7 +53,7 @@ def test_commands_that_do_not_say_what_to_run(tmp_path: Path) -> None:
     empty = tmp_path / "empty"
     empty.mkdir()
     for arguments, message in (
-        ((), "name a drill, or say --all"),
+        ((), "name a drill, or give --all"),
         (("--all", path), "not both"),
         (("none.yaml",), "there is no such file"),
         ((str(empty),), "the folder has no drill"),

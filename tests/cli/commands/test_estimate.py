@@ -1,4 +1,4 @@
-"""`mrbt estimate`: what it prints, and messages for bad input."""
+"""`mrbt sim estimate`: what it prints, and messages for bad input."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ ONE = ("--jobs", "1")
 
 
 def estimate(*arguments: str) -> tuple[int, str, str]:
-    return mrbt("estimate", *arguments)
+    return mrbt("sim", "estimate", *arguments)
 
 
 def test_figures_as_json() -> None:
@@ -45,19 +45,19 @@ def test_figures_for_people() -> None:
         (["--failure-rate", "2"], "0 to 1"),
         (["--major", "7"], "only 6 robots"),
         (["--minor", "19"], "only 18 capabilities"),
-        (["--return-after", "-1"], "above 0"),
-        (["--major", "1", "--within", "nan"], "above 0"),
-        (["--timeout", "0"], "0.001 or more"),
+        (["--return-after", "-1"], "is not in the range x>0"),
+        (["--major", "1", "--within", "nan"], "a number of at most"),
+        (["--timeout", "0"], "x>=0.001"),
         (["--program", "nothing.py"], "nothing.py"),
-        (["--runs", "0"], "--runs': 0: expected a whole number, 1 or more"),
+        (["--runs", "0"], "--runs': 0 is not in the range x>=1"),
         (["--within", "5"], "for --major and --minor, of which there are none"),
         (["--return-after", "5"], "--return-after: no robot dies"),
         (["--minor", "1", "--return-after", "5"], "--return-after: no robot dies"),
         (["--repair-after", "5"], "--repair-after: no capability is lost"),
         (["--fault-rate", "A:0.1", "--fault-rate", "A:0.2"], "given before, as A:0.1"),
         (["--failure-rate", "0.1", "--failure-rate", "0.2"], "given before, as 0.1"),
-        (["--seed", "-1"], "expected a whole number, 0 or more"),
-        (["--speed", "1e9"], "0.01 to 1000"),
+        (["--seed", "-1"], "is not in the range x>=0"),
+        (["--speed", "1e9"], "0.01<=x<=1000"),
         (["--kill", "A1@3"], "No such option '--kill'"),
     ],
 )

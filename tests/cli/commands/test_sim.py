@@ -1,4 +1,4 @@
-"""`mrbt sim`: exit statuses, the summary as JSON and for people, replays, what is refused."""
+"""`mrbt sim run`: exit statuses, the summary as JSON and for people, replays, what is refused."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.support.paths import ROOT
 
 
 def sim(*arguments: str) -> tuple[int, str, str]:
-    return mrbt("sim", *arguments)
+    return mrbt("sim", "run", *arguments)
 
 
 def test_success_as_json() -> None:
@@ -133,18 +133,18 @@ def test_files_are_written(tmp_path: Path) -> None:
         (["--leave", "A1@0.2", "--fault", "A1:all@0.4"], "A1 does not run at that time"),
         (["--robots", "B1,C1,C2", "--kill", "A1@0.5"], "A1 does not run at that time"),
         (["--freeze", "A1@0.1,A1@0.3", "--restart", "A1@0.5", "--thaw", "A1@0.6"], "not frozen"),
-        (["--loss", "1.5"], "'--loss': 1.5: expected a number, 0 to 1, in steps of 0.001"),
+        (["--loss", "1.5"], "'--loss': 1.5 is not in the range 0<=x<=1"),
         (["--loss", "0.0004"], "in steps of 0.001"),
-        (["--loss", "nan"], "nan: expected a number"),
-        (["--delay-ms", "-1"], "'--delay-ms': -1: expected a number, 0 or more"),
+        (["--loss", "nan"], "nan: a number of at most"),
+        (["--delay-ms", "-1"], "'--delay-ms': -1.0 is not in the range x>=0"),
         (["--delay-ms", "0.0001"], "in steps of 0.001"),
         (["--robots", "A1,Q"], "has no robot 'Q'"),
         (["--robots", "A1,"], "has no robot ''"),
-        (["--speed", "0"], "0.01 to 1000"),
-        (["--speed", "inf"], "0.01 to 1000"),
-        (["--seed", "-1"], "expected a whole number, 0 or more"),
+        (["--speed", "0"], "0.01<=x<=1000"),
+        (["--speed", "inf"], "0.01<=x<=1000"),
+        (["--seed", "-1"], "is not in the range x>=0"),
         (["--program", "nothing.py"], "there is no such file"),
-        (["--program", ""], "'' is empty"),
+        (["--program", ""], "it is empty"),
         (
             ["--events", "/nonexistent/x"],
             "--events /nonexistent/x: there is no folder /nonexistent",
@@ -263,13 +263,13 @@ def test_what_a_schedule_says_cannot_be_said_beside_it(tmp_path: Path, option: l
     """Not even with the value that is the default."""
     code, _, problems = sim(EXPLORE, "--schedule", written(tmp_path), *option)
     assert code == 2
-    assert f"{option[0]}: not beside --schedule, whose file says it" in problems
+    assert f"{option[0]}: not with --schedule, whose file has it" in problems
 
 
 def test_without_a_mission_and_a_schedule_there_is_nothing_to_run() -> None:
     code, _, problems = sim()
     assert code == 2
-    assert "give a MISSION, or the --schedule of a run to replay" in problems
+    assert "give a MISSION, or the --schedule of a run to repeat" in problems
     code, _, problems = sim("--schedule", "/nonexistent.json")
     assert code == 2
     assert "cannot be read: No such file" in problems

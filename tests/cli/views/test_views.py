@@ -9,8 +9,8 @@ from typing import Any, cast
 import pytest
 from rich.console import Console, RenderableType
 
-from mrbt_mesh.cli.team.status import status_data
-from mrbt_mesh.cli.views.overload_view import overload_text
+from mrbt_mesh.cli.commands.status import status_data
+from mrbt_mesh.cli.launching import overload_text
 from mrbt_mesh.cli.views.status_view import render_status
 from mrbt_mesh.cli.views.summary_view import capability_changes, render_summary
 from mrbt_mesh.formats.mission_file import load_mission
@@ -50,7 +50,7 @@ def test_the_warning_names_figures_and_remedies_that_hold(cores: int, memory_mb:
     found = overload(90, 0.2, 1.0, Machine(cores, memory_mb))
     assert found is not None
     text = overload_text(found)
-    assert f"90 robots are more than this machine carries: some {found.carried}, " in text
+    assert f"90 robots are too many for this machine: about {found.carried} fit " in text
     assert f"{cores} core" in text
     assert f"at most {found.carried} robots (--robots)" in text
     assert "several machines (mrbt agent)" in text

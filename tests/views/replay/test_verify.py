@@ -72,7 +72,7 @@ def test_no_false_alarm_in_chaos(tmp_path: Path, part: int) -> None:
         mission, program = source(None).load(number)
         folder = tmp_path / str(number)
         run_scenario(mission, program, source(None).scenario(number, mission), record=folder)
-        proved(read_all(folder), f"mrbt chaos --generated --seeds {number}")
+        proved(read_all(folder), f"mrbt sim chaos --generated --seeds {number}")
 
 
 def test_a_robot_that_catches_up_has_given_up_what_its_plan_still_says(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""`mrbt top` without a terminal, by textual's pilot, over simulated runs."""
+"""`mrbt watch --top` without a terminal, by textual's pilot, over simulated runs."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ async def test_who_only_watches_has_no_orders() -> None:
         await pilot.press("k", "p", "a")
         assert len(app.screen_stack) == 1
         await pilot.press("question_mark")
-        assert "mrbt top --control" in "".join(on_screen(app))
+        assert "mrbt watch --top --control" in "".join(on_screen(app))
 
 
 class GivenOrders:

@@ -7,12 +7,10 @@ from pathlib import Path
 import pytest
 from rich.console import Console, RenderableType
 
-from mrbt_mesh.cli.views.overload_view import overload_line
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.recording.folder import robot_file
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import read_recording
-from mrbt_mesh.runtime.capacity import Machine, overload
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import ChangePerformance, Kill, Lose, SimulationResult, simulate
 from mrbt_mesh.views.terminal.live import LiveNotes, LiveView
@@ -63,15 +61,13 @@ def test_the_live_view_shows_tree_robots_and_what_happened() -> None:
 
 
 def test_the_live_view_shows_a_warning_as_long_as_it_runs() -> None:
-    found = overload(90, 0.2, 1.0, Machine(2, 24_000))
-    assert found is not None
     result = run(8.0)
-    notes = LiveNotes(overload_line(found), "http://127.0.0.1:8000/")
+    notes = LiveNotes("90 robots are too many for this machine", "http://127.0.0.1:8000/")
     lines = drawn(LiveView().render(result.observer, 8 * SECOND, (140, 40), notes)).splitlines()
     assert "vehicle_repair" in lines[0]
     assert "page: http://127.0.0.1:8000/" in lines[1]
-    assert "90 robots are more than this machine carries" in lines[2]
-    assert "robots are more" not in live(result, 8.0)
+    assert "90 robots are too many for this machine" in lines[2]
+    assert "robots are too many" not in live(result, 8.0)
 
 
 def test_the_live_view_shows_faults_and_what_is_blocked() -> None:

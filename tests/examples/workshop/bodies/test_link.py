@@ -135,7 +135,7 @@ WORKSHOP = EXAMPLES / "workshop"
     [
         [sys.executable, str(WORKSHOP / "world.py")],
         [sys.executable, str(WORKSHOP / "strip.py"), "strip.png"],
-        [sys.executable, "-m", "mrbt_mesh", "sim", str(WORKSHOP / "mission.yaml")],
+        [sys.executable, "-m", "mrbt_mesh", "sim", "run", str(WORKSHOP / "mission.yaml")],
     ],
     ids=lambda command: Path(command[1] if command[1] != "-m" else "mrbt").name,
 )

@@ -1,0 +1,271 @@
+"""What `mrbt` adds to click: wrong input is a message with exit status 2, imports are late."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import errno
+import functools
+import importlib
+import os
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+import click
+from click.core import ParameterSource
+
+from mrbt_mesh import plugins
+from mrbt_mesh.errors import InputError
+
+NAME = "mrbt"
+SUCCESS, FAILURE, BAD_INPUT, NOT_FINISHED = 0, 1, 2, 3
+EXIT_OF_RESULT = {
+    "success": SUCCESS,
+    "failure": FAILURE,
+    "timeout": NOT_FINISHED,
+    "blocked": NOT_FINISHED,
+    "not_started": NOT_FINISHED,
+}
+# No float may be larger, so that none overflows where it is converted.
+LARGEST = 1e9
+
+
+class MrbtCommand(click.Command):
+    """A command of `mrbt`: an InputError in it ends the process with a message and status 2."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        # Click takes the last one and drops the others.
+        _, _, order = self.make_parser(ctx).parse_args(list(args))
+        for parameter, count in Counter(order).items():
+            if not isinstance(parameter, click.Option) or parameter.is_flag:
+                continue
+            if count > 1 and not parameter.multiple:
+                raise click.UsageError(f"{parameter.opts[0]} is given {count} times.", ctx)
+        rest = super().parse_args(ctx, args)
+        for parameter in self.params:
+            if ctx.params.get(parameter.name or "") == "":
+                raise click.BadParameter("it is empty", ctx, parameter)
+        return rest
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except InputError as error:
+            fail(str(error))
+        except BaseExceptionGroup as group:
+            # A task group wraps what was raised within it.
+            alone = lone(group)
+            if isinstance(alone, InputError):
+                fail(str(alone))
+            raise alone from None
+
+    def main(self, *args: Any, **extra: Any) -> NoReturn:
+        run(super().main, *args, **extra)
+
+
+class CommandGroup(click.Group):
+    """A group of commands, which begin with its own name."""
+
+    command_class = MrbtCommand
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(self.commands)
+
+
+# Names of commands that share a row of the help, the module that has them, and what they are for.
+Row = tuple[str, str, str]
+
+
+class LateGroup(click.Group):
+    """A group whose commands are imported when they are used.
+
+    The commands of a row are attributes of its module. `plugins`: commands of other packages; one
+    named `tree.lift` is added to the group `tree`.
+    """
+
+    def __init__(
+        self,
+        sections: Mapping[str, Sequence[Row]],
+        plugins: plugins.Group[click.Command],
+        **settings: Any,
+    ) -> None:
+        self._sections = sections
+        self._modules = {
+            name: module
+            for rows in sections.values()
+            for names, module, _ in rows
+            for name in names.split()
+        }
+        self._plugins = plugins
+        # Click looks for similar names here.
+        names = [*self._modules, *(name for name in plugins.names() if "." not in name)]
+        super().__init__(commands=dict.fromkeys(names, click.Command(None)), **settings)
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(self.commands)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name in self._modules:
+            module = importlib.import_module(self._modules[cmd_name])
+            found: click.Command = getattr(module, cmd_name)
+            return found
+        return self._plugin(cmd_name) if cmd_name in self.commands else None
+
+    def _plugin(self, name: str) -> click.Command:
+        command = self._plugins.load(name)
+        for other in self._plugins.names():
+            if other.startswith(f"{name}.") and isinstance(command, click.Group):
+                command.add_command(self._plugins.load(other))
+        return command
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The sections without empty lines between them: the screen has 24 lines."""
+        sections = {
+            title: [(names, text) for names, _, text in rows]
+            for title, rows in self._sections.items()
+        }
+        sections["Tools"] = [
+            (name, self._plugin(name).get_short_help_str(60))
+            for name in self.commands
+            if name not in self._modules
+        ]
+        width = max(len(names) for rows in sections.values() for names, _ in rows)
+        for title, rows in sections.items():
+            if rows:
+                formatter.write_heading(title)
+                with formatter.indentation():
+                    formatter.write_dl([(f"{names:{width}}", text) for names, text in rows])
+
+    def main(self, *args: Any, **extra: Any) -> NoReturn:
+        run(super().main, *args, **extra)
+
+
+def run(main: Callable[..., Any], *args: Any, **extra: Any) -> NoReturn:
+    """Call click's `main` and end the process; what click refuses becomes a message like ours."""
+    try:
+        status = main(*args, **{"prog_name": NAME, **extra, "standalone_mode": False})
+        sys.stdout.flush()
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message(), err=True)
+        raise SystemExit(error.exit_code) from None
+    except click.UsageError as error:
+        where = error.ctx.command_path if error.ctx is not None else NAME
+        fail(f"{error.format_message()}\nSee {where} --help")
+    except click.Abort:
+        fail("interrupted", FAILURE)
+    except BrokenPipeError:
+        # The reader, such as `head`, has seen enough; Python's own last flush would fail too.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise SystemExit(FAILURE) from None
+    raise SystemExit(status if isinstance(status, int) else SUCCESS)
+
+
+def lone(error: BaseException) -> BaseException:
+    """The one exception in a group of one; a group of several stays one."""
+    while isinstance(error, BaseExceptionGroup) and len(error.exceptions) == 1:
+        error = error.exceptions[0]
+    return error
+
+
+def fail(message: str, code: int = BAD_INPUT) -> NoReturn:
+    """Print a message on stderr and end with an exit status."""
+    from mrbt_mesh.cli.terminal import errors, labelled
+
+    errors.print(labelled("error", "bold red", message), soft_wrap=True)
+    raise SystemExit(code)
+
+
+def end_process(code: int) -> NoReturn:
+    """End a process that had a Zenoh session: closing one can take 10 s, so do not wait."""
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError):
+            stream.flush()
+    os._exit(code)
+
+
+# -- parameters -------------------------------------------------------------------------------
+
+
+class FiniteNumber(click.FloatRange):
+    """A finite number within bounds."""
+
+    name = "number"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        number = super().convert(value, param, ctx)
+        if not abs(number) <= LARGEST:
+            self.fail(f"{value}: a number of at most {LARGEST:.0f} is expected", param, ctx)
+        return number
+
+
+class FilePath(click.Path):
+    """A path, of something that exists or not."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if not str(value).strip():
+            self.fail("it is empty", param, ctx)
+        try:
+            os.lstat(value)
+        except OSError as error:
+            if error.errno == errno.ENAMETOOLONG:
+                self.fail(f"{value}: the name is too long", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+PATH = FilePath()
+PORT = click.IntRange(0, 65_535)
+
+
+def used(names: Iterable[str] | None = None) -> list[str]:
+    """The options and arguments of the running command that the user gave, as `--seed`, `MISSION`.
+
+    `names`: only these.
+    """
+    context = click.get_current_context()
+    sources = (ParameterSource.COMMANDLINE, ParameterSource.ENVIRONMENT)
+    found = [
+        each.opts[0] if isinstance(each, click.Option) else each.human_readable_name.strip("[].")
+        for each in context.command.params
+        if context.get_parameter_source(each.name or "") in sources
+    ]
+    return [name for name in found if names is None or name in names]
+
+
+def refuse(why: str, *names: str) -> None:
+    """Raise InputError if one of these options was given; `why` follows their names."""
+    found = used(names)
+    if found:
+        raise InputError(f"{', '.join(found)}: {why}")
+
+
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+
+def options_as(name: str, kind: type, *options: Decorator) -> Decorator:
+    """Options that a command gets as one object: `kind`, a dataclass with a field for each."""
+    fields = [field.name for field in dataclasses.fields(kind)]
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(function)
+        def call(*args: Any, **values: Any) -> Any:
+            whole = kind(**{field: values.pop(field) for field in fields})
+            return function(*args, **values, **{name: whole})
+
+        return with_options(call, options)
+
+    return decorate
+
+
+def with_options(function: Callable[..., Any], options: Sequence[Decorator]) -> Callable[..., Any]:
+    """The function with all these decorators, the first one outermost."""
+    for option in reversed(options):
+        function = option(function)
+    return function

@@ -1,0 +1,287 @@
+"""Acting on a running team: signals to processes of this machine, orders to robots."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+import click
+
+from mrbt_mesh.cli.command import FAILURE, SUCCESS, MrbtCommand, end_process, fail
+from mrbt_mesh.cli.network import TeamOptions, team_options
+from mrbt_mesh.cli.options import robot_argument, run_dir_option
+from mrbt_mesh.errors import InputError, nearest
+
+if TYPE_CHECKING:
+    from mrbt_mesh.core.mission.mission import Mission
+    from mrbt_mesh.runtime.team_address import TeamAddress
+    from mrbt_mesh.runtime.watcher import Watcher
+
+CONNECT_TIMEOUT_S = 10.0
+JOIN_TIMEOUT_S = 30.0
+
+
+# -- signals ----------------------------------------------------------------------------------
+
+
+@click.command(cls=MrbtCommand)
+@robot_argument
+@run_dir_option
+def kill(robot: str, run_dir: Path | None) -> None:
+    """Kill a robot's process with SIGKILL: a major fault.
+
+    Example: mrbt kill A1
+    """
+    _send_signal(robot, run_dir, signal.SIGKILL, "killed")
+
+
+@click.command(cls=MrbtCommand)
+@robot_argument
+@run_dir_option
+def freeze(robot: str, run_dir: Path | None) -> None:
+    """Freeze a robot's process with SIGSTOP: it falls silent, but its links stay up.
+
+    Example: mrbt freeze A1
+    """
+    _send_signal(robot, run_dir, signal.SIGSTOP, "frozen")
+
+
+@click.command(cls=MrbtCommand)
+@robot_argument
+@run_dir_option
+def thaw(robot: str, run_dir: Path | None) -> None:
+    """Continue a frozen robot's process with SIGCONT.
+
+    Example: mrbt thaw A1
+    """
+    _send_signal(robot, run_dir, signal.SIGCONT, "continued")
+
+
+def _send_signal(robot: str, run_dir: Path | None, number: signal.Signals, done: str) -> None:
+    import psutil
+
+    from mrbt_mesh.runtime.run_dir import RunDir
+
+    found = RunDir.find(run_dir)
+    process = found.process(robot)
+    if process is None:
+        known = {*found.info().robots, *found.robots()}
+        if robot not in known:
+            hint = nearest(robot, known)
+            raise InputError(f"the run in {found.path} has no robot {robot!r}{hint}")
+        raise InputError(f"{robot} does not run in {found.path}; `mrbt join {robot}` starts it")
+    try:
+        process.send_signal(number)
+    except psutil.Error as error:
+        fail(f"cannot signal {robot} (pid {process.pid}): {error}", FAILURE)
+    click.echo(f"{robot} (pid {process.pid}) {done}")
+
+
+# -- orders -----------------------------------------------------------------------------------
+
+
+@click.command(cls=MrbtCommand)
+@robot_argument
+@team_options
+def leave(robot: str, team: TeamOptions) -> None:
+    """Have a robot leave on purpose: its work is handed over at once.
+
+    Example: mrbt leave B1
+    """
+    from mrbt_mesh.core.agent.commands import LEAVE
+
+    _order(team, robot, LEAVE)
+
+
+@click.command(cls=MrbtCommand)
+@robot_argument
+@click.argument("capability", metavar="CAPABILITY", help="A local task, or `all` of them.")
+@click.option(
+    "--performance", metavar="X", help="Change how well the robot does it; 0 is a minor fault."
+)
+@click.option("--end", is_flag=True, help="End the fault: the robot has the capability again.")
+@team_options
+def fault(
+    robot: str, capability: str, performance: str | None, end: bool, team: TeamOptions
+) -> None:
+    """Make a robot lose a capability (a minor fault), or change its performance.
+
+    A local task under way is cancelled if its capability is lost, and the plan gives it to another
+    robot. Another performance counts from the next assignment on.
+
+    \b
+    Example: mrbt fault A1 replace_hw
+             mrbt fault A1 replace_hw --end
+             mrbt fault A1 replace_hw --performance 0.5
+    """
+    from mrbt_mesh.core.agent.commands import FAULT, PERFORM, RESTORE
+
+    if performance is None:
+        _order(team, robot, RESTORE if end else FAULT, capability)
+    if end:
+        raise InputError("--end and --performance: give one of them")
+    if capability == "all":
+        raise InputError("--performance: of which capability? mrbt fault ROBOT CAPABILITY")
+    _order(team, robot, PERFORM, f"{capability}={performance}")
+
+
+@click.command(cls=MrbtCommand)
+@team_options
+def pause(team: TeamOptions) -> None:
+    """Stop all work of a team until `mrbt resume`.
+
+    Example: mrbt pause
+    """
+    _order(team, None, "order", "pause")
+
+
+@click.command(cls=MrbtCommand)
+@team_options
+def resume(team: TeamOptions) -> None:
+    """Resume the work of a paused team.
+
+    Example: mrbt resume
+    """
+    _order(team, None, "order", "resume")
+
+
+@click.command(cls=MrbtCommand)
+@team_options
+def abort(team: TeamOptions) -> None:
+    """End the mission as failed. It cannot be undone.
+
+    Example: mrbt abort
+    """
+    _order(team, None, "order", "abort")
+
+
+@click.command(cls=MrbtCommand)
+@click.argument("global_task", metavar="GLOBAL_TASK", help="An exclusive task that is in doubt.")
+@click.argument(
+    "decision",
+    metavar="DECISION",
+    type=click.Choice(("done", "failed", "retry")),
+    help="done or failed: how it ended; retry: it starts again.",
+)
+@team_options
+def decide(global_task: str, decision: str, team: TeamOptions) -> None:
+    """Decide about an exclusive task whose robot vanished while doing it.
+
+    Example: mrbt decide "dose(2)" done
+    """
+    from mrbt_mesh.core.agent.commands import DECIDE
+
+    _order(team, None, DECIDE, f"{global_task} {decision}")
+
+
+def _order(team: TeamOptions, robot: str | None, command: str, argument: str = "") -> NoReturn:
+    """Give a command to a robot (None: any living one), print its answer, and end the process."""
+
+    async def act(watcher: Watcher) -> int:
+        living = list(watcher.observer.membership.members())
+        if not living:
+            fail(nobody(watcher), FAILURE)
+        if robot is not None and robot not in watcher.observer.robots():
+            fail(f"the team has no robot {robot} ({', '.join(watcher.observer.robots())})")
+        good, text = await watcher.command(robot or living[0], command, argument)
+        if not good:
+            fail(text, FAILURE)
+        click.echo(text)
+        return SUCCESS
+
+    with_team(team.find(), act)
+
+
+def with_team(team: TeamAddress, act: Callable[[Watcher], Awaitable[int]]) -> NoReturn:
+    """Attach to a team, act once a robot is heard, and end the process with what `act` returns.
+
+    Raises TransportError if there is no way to attach.
+    """
+    import anyio
+
+    from mrbt_mesh.runtime.watcher import watching
+
+    async def attach() -> int:
+        async with watching(team) as watcher:
+            await watcher.catch_up(CONNECT_TIMEOUT_S)
+            return await act(watcher)
+
+    end_process(anyio.run(attach))
+
+
+def nobody(watcher: Watcher) -> str:
+    """Why no robot is heard, as far as it is known."""
+    team = watcher.address
+    text = f"no robot of team {team.transport.team}, run {team.run}, answers"
+    refused = watcher.observer.refused
+    return "; ".join([text, *(f"{robot}: {refused[robot]}" for robot in sorted(refused))])
+
+
+# -- one more robot ---------------------------------------------------------------------------
+
+
+@click.command(cls=MrbtCommand)
+@robot_argument
+@click.option(
+    "--type", "robot_type", metavar="TYPE", help="Its type, if the mission does not list it."
+)
+@click.option("--takeover", is_flag=True, help="Replace a live robot of the same id.")
+@run_dir_option
+def join(robot: str, robot_type: str | None, takeover: bool, run_dir: Path | None) -> None:
+    """Start one more robot of the running mission, or restart a dead one.
+
+    Example: mrbt join C1
+    """
+    import anyio
+
+    from mrbt_mesh.core.membership.timing import SECOND_US
+    from mrbt_mesh.formats.mission_file import load_mission
+    from mrbt_mesh.runtime.run_dir import RunDir
+    from mrbt_mesh.runtime.team import Team, address_of
+    from mrbt_mesh.runtime.watcher import watching
+
+    found = RunDir.find(run_dir)
+    mission = load_mission(found.mission_path)
+    _check(mission, robot, robot_type)
+    running = found.process(robot)
+    if running is not None and not takeover:
+        raise InputError(
+            f"robot {robot} is already running (pid {running.pid}): stop it first, "
+            "or replace it with --takeover"
+        )
+    team = Team(found, found.info(), mission)
+
+    async def start() -> int | None:
+        """The robot's exit status if it ends instead of joining, None if it has joined."""
+        process = await team.start(robot, robot_type=robot_type, takeover=takeover)
+        async with watching(address_of(found)) as watcher:
+            with anyio.fail_after(JOIN_TIMEOUT_S):
+                while process.returncode is None:
+                    await watcher.wait_for_change(watcher.timing.heartbeat_us / SECOND_US)
+                    member = watcher.observer.facts.members.get(robot)
+                    if member is not None and member[0].pid == process.pid:
+                        return None
+        return process.returncode
+
+    try:
+        code = anyio.run(start)
+    except TimeoutError:
+        fail(f"{robot} runs, and has not joined within {JOIN_TIMEOUT_S:g} s", FAILURE)
+    if code is not None and code != SUCCESS:
+        fail(found.output_path(robot).read_text().strip().rpartition("\n")[2], code)
+    click.echo(f"{robot} joined")
+    end_process(SUCCESS)
+
+
+def _check(mission: Mission, robot: str, robot_type: str | None) -> None:
+    from mrbt_mesh.core.mission.names import is_robot_id
+
+    if not is_robot_id(robot):
+        raise InputError(f"robot id {robot!r}: 1 to 32 letters, digits, '_' or '-'")
+    types = ", ".join(sorted(mission.robot_types))
+    if robot_type is not None and robot_type not in mission.robot_types:
+        raise InputError(f"--type {robot_type}: the mission has no such robot type ({types})")
+    if robot_type is None and robot not in mission.robots:
+        raise InputError(f"the mission has no robot {robot}: give its --type ({types})")

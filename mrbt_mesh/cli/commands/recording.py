@@ -1,0 +1,219 @@
+"""`mrbt recording`: what was recorded of runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mrbt_mesh.cli.command import (
+    EXIT_OF_RESULT,
+    FAILURE,
+    PATH,
+    PORT,
+    SUCCESS,
+    CommandGroup,
+    FiniteNumber,
+    end_process,
+    refuse,
+)
+from mrbt_mesh.cli.options import (
+    FAULTS,
+    fault_options,
+    json_option,
+    program_option,
+    seed_option,
+    virtual_timeout_option,
+)
+
+file_argument = click.argument("file", metavar="FILE.mcap", type=PATH, help="A recording.")
+WHAT_IF = tuple(name for name in FAULTS if name != "performance")
+
+
+@click.group(cls=CommandGroup)
+def recording() -> None:
+    """Replay, verify and report on recorded runs.
+
+    Example: mrbt recording verify
+    """
+
+
+@recording.command()
+@file_argument
+@click.option(
+    "--at", type=FiniteNumber(0), metavar="SECONDS", help="Begin there; --json: the state then."
+)
+@click.option("--speed", type=FiniteNumber(0.01, 1000), default=1.0, help="Times as fast.")
+@click.option("--web", is_flag=True, help="Show it in the browser, until Ctrl-C.")
+@click.option("--host", default="127.0.0.1", metavar="IP", help="Address of the page.")
+@click.option("--port", type=PORT, metavar="PORT", default=0, help="Port of the page; 0: any.")
+@json_option
+def replay(
+    file: Path, at: float | None, speed: float, web: bool, host: str, port: int, as_json: bool
+) -> None:
+    """Show a recorded run again, at any speed, forwards and back.
+
+    In the terminal: space pauses, the arrow keys left and right go 5 s back or forth, up and down
+    change the speed, q ends. Without a terminal it prints what happened. With --json, the whole
+    state at a time, by default at the end; with --web too, the page's address.
+
+    \b
+    Example: mrbt recording replay run.mcap --web
+             mrbt recording replay recordings/A1.mcap --at 12.5 --json
+    """
+    from mrbt_mesh.cli.recordings.replaying import show_lines, show_live, state_data
+    from mrbt_mesh.cli.terminal import console, print_json
+    from mrbt_mesh.recording.player import Player
+    from mrbt_mesh.recording.reader import read_recording
+
+    served = None
+    if web:
+        from mrbt_mesh.plugins import require
+
+        require("the page", "web", "starlette", "uvicorn")
+        from mrbt_mesh.views.web.server import PageOptions
+
+        served = PageOptions(host, port)
+    else:
+        refuse("of the page: give --web as well", "--port", "--host")
+    player = Player(read_recording(file))
+    if served is not None:
+        import anyio
+
+        from mrbt_mesh.cli.recordings.showing import serve
+
+        end_process(anyio.run(serve, player, at or 0.0, speed, served, as_json))
+    elif as_json:
+        refuse("--json prints one state, without delay", "--speed")
+        print_json(state_data(player, at))
+    elif console.is_terminal:
+        show_live(player, at or 0.0, speed)
+    else:
+        show_lines(player, at or 0.0)
+
+
+@recording.command()
+@click.argument(
+    "paths",
+    metavar="[FILE.mcap|RUN_DIR]...",
+    type=PATH,
+    nargs=-1,
+    help="Recordings, or run directories. Default: those of the newest run.",
+)
+@click.option(
+    "--keys",
+    type=PATH,
+    metavar="DIR",
+    help="Folder with the team's manifest. Default: that of the run directory.",
+)
+@json_option
+def verify(paths: tuple[Path, ...], keys: Path | None, as_json: bool) -> None:
+    """Verify from the recordings of a run what its robots did, and find falsifications.
+
+    Every plan is made again from the recorded facts; each robot must have done what its plans had;
+    every takeover must have a cause; what several robots have recorded must be the same; and where
+    the run had keys, every fact must be signed.
+
+    Exit status: 0 all is verified, 1 something is not, 2 bad input.
+
+    Example: mrbt recording verify RUN_DIR
+    """
+    from mrbt_mesh.cli.recordings.files import chosen, signature_check
+    from mrbt_mesh.cli.terminal import console, print_json
+    from mrbt_mesh.cli.views.verdict_view import render_verdict
+    from mrbt_mesh.views.replay.verify import verify as verify_recordings
+
+    recordings, folder = chosen(paths)
+    found = verify_recordings(recordings, signature_check(keys or folder))
+    if as_json:
+        print_json(found.to_json())
+    else:
+        console.print(render_verdict(found))
+    raise SystemExit(SUCCESS if found.is_good else FAILURE)
+
+
+@recording.command()
+@click.argument(
+    "paths",
+    metavar="[FILE|RUN_DIR]...",
+    type=PATH,
+    nargs=-1,
+    help="Recordings, run directories, and what sim, up or drill printed with --json. Default: "
+    "the newest run.",
+)
+@click.option(
+    "--output",
+    "-o",
+    type=PATH,
+    default="report.html",
+    metavar="FILE.html",
+    help="Write the page to this file.",
+)
+@json_option
+def report(paths: tuple[Path, ...], output: Path, as_json: bool) -> None:
+    """Report on runs: results, who worked and waited when, faults and takeovers.
+
+    It writes one HTML page that needs nothing else, and that any browser prints; several runs are
+    compared. With --json it prints the figures instead.
+
+    Example: mrbt recording report RUN_DIR -o report.html
+    """
+    from mrbt_mesh.cli.terminal import check_outputs, print_json, write_file
+    from mrbt_mesh.runtime.run_dir import RunDir
+    from mrbt_mesh.views.report.page import report_html
+    from mrbt_mesh.views.report.sources import read_report
+
+    if not as_json:
+        check_outputs(None, {"-o": output})
+    found = read_report(paths or (RunDir.find(None).path,))
+    if as_json:
+        print_json(found.to_json())
+    else:
+        write_file(output, report_html(found))
+        click.echo(f"wrote {output}")
+
+
+@recording.command("what-if")
+@file_argument
+@click.option(
+    "--at",
+    type=FiniteNumber(0),
+    required=True,
+    metavar="SECONDS",
+    help="The moment.",
+)
+@fault_options(*WHAT_IF)
+@program_option
+@seed_option
+@virtual_timeout_option
+@json_option
+def what_if(
+    file: Path,
+    at: float,
+    program: str | None,
+    seed: int,
+    timeout: float,
+    as_json: bool,
+    **faults: Any,
+) -> None:
+    """Continue a recorded run from a moment in the simulator, with faults that did not happen.
+
+    Faults without @SECONDS happen at --at. All times count from the begin of the recording.
+
+    Exit status: 0 the mission would have succeeded, 1 failed, 2 bad input, 3 not be finished.
+
+    \b
+    Example: mrbt recording what-if run.mcap --at 12 --kill B1
+             mrbt recording what-if run.mcap --at 12 --fault B1:replace_hw --restore B1@20
+    """
+    from mrbt_mesh.cli.recordings.continuing import continued
+    from mrbt_mesh.cli.terminal import console, print_json
+    from mrbt_mesh.cli.views.what_if_view import render_what_if
+
+    data = continued(file, at, faults, program, seed, timeout)
+    if as_json:
+        print_json(data)
+    else:
+        console.print(render_what_if(data))
+    raise SystemExit(EXIT_OF_RESULT[data["what_if"]["result"]])

@@ -1,0 +1,104 @@
+"""The end of a run of which no process is left: its summary, and its status.
+
+    python -m mrbt_mesh.cli.finished RUN_DIR
+
+waits until a detached team has ended, and writes its summary. It loads what that takes only then:
+until then it costs hardly anything.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mrbt_mesh.runtime.run_dir import RunDir
+
+
+def summary_of_finished(run_dir: RunDir) -> dict[str, Any] | None:
+    """The summary of a run of which no process is left, else None.
+
+    It is written first if the team was detached, or its launcher killed. Raises InputError for a
+    damaged run directory.
+    """
+    from mrbt_mesh.runtime.launcher_lock import is_launched
+
+    robots = run_dir.robots()
+    if is_launched(run_dir) or any(run_dir.process(robot) for robot in robots):
+        return None
+    summary = run_dir.summary()
+    if summary is None and robots:
+        summary = _summary(run_dir)
+        run_dir.write_summary(summary)
+    return summary
+
+
+def _summary(run_dir: RunDir) -> dict[str, Any]:
+    """What recordings and journals hold of a run that has ended."""
+    from mrbt_mesh.core.assignment.solvers import default_solver
+    from mrbt_mesh.core.observer.observer import Observer
+    from mrbt_mesh.core.observer.summary import run_summary
+    from mrbt_mesh.formats.mission_file import load_mission
+    from mrbt_mesh.runtime.engine_choice import chosen_engine
+    from mrbt_mesh.runtime.fencing import boottime_us
+    from mrbt_mesh.runtime.past import tell_past
+    from mrbt_mesh.runtime.team import Team
+    from mrbt_mesh.runtime.team_address import timing_of
+
+    info, mission = run_dir.info(), load_mission(run_dir.mission_path)
+    timing = timing_of(info.beat_s, info.detection_s, mission)
+    observer = Observer(mission, info.run, timing, default_solver, chosen_engine())
+    # The last sign of life is the end of a run that has no result.
+    last_ns = max(run_dir.alive_mark_ns(robot) for robot in run_dir.robots())
+    ended_us = boottime_us() - max(0, time.time_ns() - last_ns) // 1_000
+    tell_past(observer, run_dir.path, info.started_unix_s, ())
+    result = Team(run_dir, info, mission).result(observer, ended_us)
+    summary = run_summary(observer.record, result, ended_us)
+    if observer.record.result is None:
+        summary["ended_because"] = "no robot is left"
+        for row in summary["robots"].values():
+            # One that left by itself has recorded that.
+            row["state"] = row["state"] if row["state"] == "left" else "dead"
+    return summary | {"run_dir": str(run_dir.path)}
+
+
+def print_summary(summary: dict[str, Any], as_json: bool) -> None:
+    """Print it as `up` does at the end of a run."""
+    from mrbt_mesh.cli.terminal import console, print_json
+    from mrbt_mesh.cli.views.summary_view import render_summary
+
+    if as_json:
+        print_json(summary)
+    else:
+        console.print(render_summary(summary))
+
+
+def print_finished(summary: dict[str, Any], as_json: bool) -> None:
+    """Print it; as JSON with the keys of a running team's status."""
+    if not as_json:
+        click.echo(f"the run is over: {summary['result']}")
+        print_summary(summary, as_json=False)
+        return
+    robots = {
+        robot: {**row, "pid": None, "local_task": None} for robot, row in summary["robots"].items()
+    }
+    status = {**summary, "over": True, "robots": robots, "bounds": []}
+    status |= {"blocked": [], "agreement": True}
+    click.echo(json.dumps(status, indent=2))
+
+
+def wait_and_write(run_dir: RunDir) -> None:
+    """Write the summary once no robot of the run is left, also of those that join later."""
+    import psutil
+
+    while running := [p for robot in run_dir.robots() if (p := run_dir.process(robot)) is not None]:
+        psutil.wait_procs(running)
+    summary_of_finished(run_dir)
+
+
+if __name__ == "__main__":
+    wait_and_write(RunDir(Path(sys.argv[1])))

@@ -1,0 +1,160 @@
+"""A team of processes on this machine: started anew, or resumed from its journals."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import NoReturn
+
+import anyio
+import click
+
+from mrbt_mesh.cli.command import BAD_INPUT, FAILURE, SUCCESS, end_process
+from mrbt_mesh.cli.options import ShowOptions
+from mrbt_mesh.cli.plugged import ChosenViews
+from mrbt_mesh.cli.terminal import errors, labelled, lose_output_rather_than_end, note
+from mrbt_mesh.cli.watching import Session, print_refusals
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.formats.mission_file import compile_mission, load_mission
+from mrbt_mesh.recording.folder import observer_file
+from mrbt_mesh.runtime.capacity import (
+    BEAT_COST_S,
+    ROBOT_MEMORY_MB,
+    Machine,
+    Overload,
+    overload,
+)
+from mrbt_mesh.runtime.launcher_lock import launched_from_here
+from mrbt_mesh.runtime.recording import RecordTo
+from mrbt_mesh.runtime.run_dir import RunDir, RunInfo, state_dir
+from mrbt_mesh.runtime.settings import MIB, START_S_PER_ROBOT
+from mrbt_mesh.runtime.team import Team, address_of
+
+# What the slowest machine takes to start few robots.
+UP_TIMEOUT_S = 60.0
+
+
+def created(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
+    """The directory of a new run, by default one of its own in the state folder."""
+    if folder is None:
+        stamp = datetime.now().strftime("%Y%m%d-%H%M%S-%f")
+        folder = state_dir() / "runs" / f"{mission.name}-{stamp}"
+    return RunDir.create(folder.resolve(), info, compile_mission(mission))
+
+
+def continued(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
+    """The directory of an earlier run to continue, with its id and its team's name.
+
+    Raises InputError if robots of it still run, or if it is a run of another mission.
+    """
+    if folder is None:
+        raise InputError("--continue needs the --run-dir of the run to continue")
+    found = RunDir.find(folder.resolve())
+    running = [robot for robot in found.robots() if found.process(robot) is not None]
+    if running:
+        raise InputError(f"{found.path}: {', '.join(running)} still run; see `mrbt watch`")
+    if load_mission(found.mission_path).digest != mission.digest:
+        raise InputError(f"{found.path} is a run of another mission, or of another version of it")
+    before = found.info()
+    if info.insecure != before.insecure:
+        how = "without" if before.insecure else "with"
+        raise InputError(
+            f"{found.path} is a run {how} keys, and can only be continued so: --insecure"
+        )
+    found.save(replace(info, team=before.team, run=before.run))
+    found.remember()
+    return found
+
+
+def run_team(
+    run_dir: RunDir, mission: Mission, show: ShowOptions | None, views: ChosenViews
+) -> NoReturn:
+    """Start the robots, watch them to the end (None: leave them running), and end the process.
+
+    Output that cannot be written ends no robot.
+    """
+    lose_output_rather_than_end()
+    end_process(anyio.run(_run, run_dir, mission, show, views))
+
+
+async def _detached(team: Team) -> int:
+    """Start a team and leave it alone once all robots run; stop them all if one does not."""
+    run_dir, info = team.run_dir, team.info
+    refused, problems = [], []
+    try:
+        await team.start_all()
+        hanging = await team.until_up(max(UP_TIMEOUT_S, START_S_PER_ROBOT * len(info.robots)))
+        refused, problems = team.refusals(), team.crashes()
+        problems += [
+            f"{robot} does not start; see {run_dir.output_path(robot)}" for robot in hanging
+        ]
+    except BaseException:
+        with anyio.CancelScope(shield=True):
+            await team.end()
+        raise
+    if refused or problems:
+        await team.end()
+        print_refusals(refused)
+        for problem in problems:
+            errors.print(labelled("error", "bold red", problem), soft_wrap=True)
+        return BAD_INPUT if refused else FAILURE
+    with (run_dir.path / "summary_writer.out").open("ab") as output:
+        subprocess.Popen(
+            [sys.executable, "-m", "mrbt_mesh.cli.finished", str(run_dir.path)],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+            start_new_session=True,
+        )
+    click.echo(f"{team.mission.name}: {len(info.robots)} robots run; see mrbt status")
+    click.echo(f"run directory: {run_dir.path}")
+    return SUCCESS
+
+
+async def _run(
+    run_dir: RunDir, mission: Mission, show: ShowOptions | None, views: ChosenViews
+) -> int:
+    info = run_dir.info()
+    team = Team(run_dir, info, mission)
+    too_many = overload(len(info.robots), info.beat_s, info.detection_s, Machine.here())
+    if too_many is not None:
+        text = labelled("warning", "yellow", overload_text(too_many))
+        errors.print(text, soft_wrap=not errors.is_terminal)
+    if info.metrics_ports:
+        first, last = min(info.metrics_ports.values()), max(info.metrics_ports.values())
+        ports = f"ports {first} to {last}" if first < last else f"port {first}"
+        note(f"metrics on {ports} of 127.0.0.1, robot by robot: {run_dir.metrics_targets_path}")
+    if show is None:
+        return await _detached(team)
+    with launched_from_here(run_dir):
+        try:
+            await team.start_all()
+            path, limit_bytes = observer_file(run_dir.path), info.keep_mib * MIB
+            record = RecordTo(path, "", info.record_beats, info.speed, limit_bytes)
+            to = record if info.record else None
+            address = address_of(run_dir)
+            return await Session(address, team, show, views, record=to, overload=too_many).run()
+        finally:
+            with anyio.CancelScope(shield=True):
+                await team.end()
+
+
+def overload_text(found: Overload) -> str:
+    """What is too much, by which figures, and what to do."""
+    remedies = [f"at most {found.carried} robots (--robots)"]
+    if found.enough_beat_s is not None:
+        beat, detection = f"--beat {found.enough_beat_s:g}", f"{found.enough_detection_s:g}"
+        remedies.append(f"slower heartbeats ({beat} --detection {detection})")
+    remedies.append("robots on several machines (mrbt agent)")
+    cores = f"{found.cores} core" + "s" * (found.cores > 1)
+    return (
+        f"{found.robots} robots are too many for this machine: about {found.carried} fit {cores} "
+        f"and {found.free_memory_mb:,} MB of free memory. A robot takes {1e3 * BEAT_COST_S:g} ms "
+        f"of a core per heartbeat (every {found.beat_s:g} s) and {ROBOT_MEMORY_MB} MB without its "
+        "program. The team starts anyway, slowly, and reacts late. Better: "
+        f"{', '.join(remedies[:-1])}, or {remedies[-1]}."
+    )

@@ -1,0 +1,193 @@
+"""Where a team is: a run directory of this machine, or the network.
+
+`up`, `agent` and `router` have options of the network. Other commands find a team on the network by
+its mission file and the same environment variables.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from mrbt_mesh.cli.command import PATH, Decorator, FiniteNumber, MrbtCommand, options_as
+from mrbt_mesh.cli.options import comma_list, run_dir_option
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.settings import (
+    DEFAULT_BEAT_S,
+    DEFAULT_DETECTION_S,
+    KEYS_VARIABLE,
+    MISSION_VARIABLE,
+    ROUTER_VARIABLE,
+    RUN_VARIABLE,
+    TEAM_VARIABLE,
+    WARNING,
+)
+
+if TYPE_CHECKING:
+    from mrbt_mesh.core.mission.mission import Mission
+    from mrbt_mesh.runtime.run_dir import RunDir
+    from mrbt_mesh.runtime.team_address import TeamAddress
+
+
+def _option(name: str, text: str, variable: str | None = None, **settings: Any) -> Decorator:
+    variable = variable or f"MRBT_{name.removeprefix('--').upper()}"
+    return click.option(name, help=text, envvar=variable, show_envvar=True, **settings)
+
+
+def endpoints_option(name: str, text: str, **settings: Any) -> Decorator:
+    """An option for endpoints, which may be given several times, or as a list with commas."""
+    return click.option(
+        name, multiple=True, metavar="tcp/IP:PORT", callback=comma_list, help=text, **settings
+    )
+
+
+transport_option = _option(
+    "--transport",
+    "TCP, or QUIC for lossy networks.",
+    type=click.Choice(("wired", "wireless")),
+    default="wired",
+)
+router_option = endpoints_option(
+    "--router",
+    "Router to be a client of, in place of links between robots. With several, one is used.",
+    envvar=ROUTER_VARIABLE,
+    show_envvar=True,
+)
+beat_option = _option(
+    "--beat",
+    "Heartbeat period.",
+    type=FiniteNumber(0, 3600, min_open=True),
+    default=DEFAULT_BEAT_S,
+    metavar="SECONDS",
+)
+detection_option = _option(
+    "--detection",
+    "Silence after which a robot is declared dead.",
+    type=FiniteNumber(0, 3600, min_open=True),
+    default=DEFAULT_DETECTION_S,
+    metavar="SECONDS",
+)
+
+
+@dataclass(frozen=True)
+class NetworkOptions:
+    """Members of a team, and those that watch it, have the same values of all of these."""
+
+    team: str | None
+    run: str | None
+    connect: tuple[str, ...]
+    multicast: str | None
+    router: tuple[str, ...]
+    transport: str
+    keys: Path | None
+    beat: float
+    detection: float
+
+    def locate(
+        self, mission: Mission, robot: str = "", listen: tuple[str, ...] = ()
+    ) -> TeamAddress:
+        """The team of a mission, for a robot or (without one) an observer; raises InputError."""
+        from mrbt_mesh.runtime.team_address import on_network
+
+        return on_network(
+            mission,
+            robot=robot,
+            team=self.team,
+            run=self.run,
+            listen=listen,
+            connect=self.connect,
+            multicast=self.multicast,
+            beat_s=self.beat,
+            detection_s=self.detection,
+            profile=self.transport,
+            keys=self.keys,
+            routers=self.router,
+        )
+
+
+network_options = options_as(
+    "network",
+    NetworkOptions,
+    _option("--team", "The team's name. Default: the mission's.", TEAM_VARIABLE),
+    _option("--run", "Robots of other runs are ignored. Default: the mission's.", RUN_VARIABLE),
+    endpoints_option(
+        "--connect",
+        "Endpoint of another robot. Default: robots discover each other.",
+        envvar="MRBT_CONNECT",
+        show_envvar=True,
+    ),
+    _option(
+        "--multicast",
+        "Interface for discovery. Default: auto, without endpoints.",
+        metavar="INTERFACE",
+    ),
+    router_option,
+    transport_option,
+    _option("--keys", "Folder made by `mrbt keys`.", KEYS_VARIABLE, type=PATH, metavar="DIR"),
+    beat_option,
+    detection_option,
+)
+
+
+@click.command(cls=MrbtCommand)
+@network_options
+def _environment(network: NetworkOptions) -> NetworkOptions:
+    return network
+
+
+@dataclass(frozen=True)
+class TeamOptions:
+    """Where a team is: the newest run, another run directory, or the network."""
+
+    run_dir: Path | None
+    mission: Path | None
+
+    def find(self) -> TeamAddress:
+        """The team that the options name; raises InputError."""
+        from mrbt_mesh.formats.mission_file import load_mission
+        from mrbt_mesh.runtime.team import address_of
+
+        found = self.run_directory()
+        if found is not None:
+            return address_of(found)
+        assert self.mission is not None
+        network: NetworkOptions = _environment.invoke(_environment.make_context("mrbt", []))
+        return network.locate(load_mission(self.mission))
+
+    def run_directory(self) -> RunDir | None:
+        """The run directory that the options name; None for a team on the network.
+
+        Raises InputError if there is none, or if they name both.
+        """
+        from mrbt_mesh.runtime.run_dir import RunDir
+
+        if self.mission is None:
+            return RunDir.find(self.run_dir)
+        if self.run_dir is None:
+            return None
+        raise InputError(
+            f"--run-dir and --mission (or {MISSION_VARIABLE}) are two ways to name a team: give one"
+        )
+
+
+team_options = options_as(
+    "team",
+    TeamOptions,
+    run_dir_option,
+    _option(
+        "--mission",
+        "Mission file of a team on the network, whose MRBT_... variables are set here too.",
+        MISSION_VARIABLE,
+        type=PATH,
+        metavar="FILE",
+    ),
+)
+
+
+def warn_insecure() -> None:
+    """Warn on stderr that messages are not signed; robots do not load what colours need."""
+    text = "not secure: messages are not signed, and everybody who reaches a robot's port is"
+    click.echo(f"{WARNING} {text} believed", err=True)

@@ -1,0 +1,155 @@
+"""Output: to the terminal, to programs, to files; bars that show progress."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO, cast
+
+from rich.console import Console
+from rich.text import Text
+
+from mrbt_mesh.errors import InputError
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+console = Console()
+errors = Console(stderr=True, highlight=False)
+
+
+class _LosableOutput:
+    """A standard stream whose text is lost where it cannot be written."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        with contextlib.suppress(OSError):
+            self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with contextlib.suppress(OSError):
+            self._stream.flush()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+def lose_output_rather_than_end() -> None:
+    """From now on output is lost, and no error, where a pipe is closed or a disk is full."""
+    sys.stdout = cast(TextIO, _LosableOutput(sys.stdout))
+    sys.stderr = cast(TextIO, _LosableOutput(sys.stderr))
+
+
+def labelled(label: str, style: str, text: str) -> Text:
+    """`label: text`, the label in a style; brackets in the text mean nothing."""
+    return Text.assemble((f"{label}:", style), f" {text}")
+
+
+def note(text: str) -> None:
+    """Print a note on stderr."""
+    errors.print(labelled("note", "yellow", text), soft_wrap=True)
+
+
+def json_text(data: Any) -> str:
+    """One JSON document as text."""
+    return json.dumps(data, indent=2) + "\n"
+
+
+def print_json(data: Any) -> None:
+    """One JSON document on stdout, as it is: no colours, no wrapping."""
+    sys.stdout.write(json_text(data))
+
+
+def write_file(path: Path, text: str) -> None:
+    """Write a file that the user named; raises InputError if that cannot be done."""
+    try:
+        path.write_text(text, encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be written: {reason(error)}") from None
+
+
+def reason(error: Exception) -> str:
+    """Why a file could not be read or written, without its name."""
+    return getattr(error, "strerror", None) or str(error)
+
+
+def check_folder(option: str, path: Path | None) -> None:
+    """Raise InputError, before long work begins, if the folder of a file to write is missing."""
+    if path is not None and (path.is_dir() or not path.parent.is_dir()):
+        what = "is a folder; name a file" if path.is_dir() else f"there is no folder {path.parent}"
+        raise InputError(f"{option} {path}: {what}")
+
+
+def check_outputs(mission: Path | None, outputs: Mapping[str, Path | None]) -> None:
+    """Raise InputError if two files to write, by their options, are one, or the mission itself."""
+    taken = {} if mission is None else {mission.resolve(): "the mission"}
+    for option, path in outputs.items():
+        if path is not None:
+            other = taken.setdefault(path.resolve(), option)
+            if other != option:
+                raise InputError(f"{option} {path}: is {other} as well; name another file")
+            check_folder(option, path)
+
+
+def check_new_folder(option: str, path: Path | None) -> None:
+    """Raise InputError if a folder to be made exists already and is not empty."""
+    if path is not None and path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise InputError(f"{option} {path}: exists already; name a new folder")
+
+
+# -- progress ---------------------------------------------------------------------------------
+
+
+def bar_of_runs(*fields: str) -> Progress:
+    """A bar on stderr for many runs; it vanishes at the end.
+
+    `fields`: texts beside the number of runs, such as `{task.fields[rate]}`.
+    """
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        SpinnerColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    return Progress(
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        *map(TextColumn, fields),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=errors,
+        transient=True,
+    )
+
+
+@contextmanager
+def bar_of_steps(first: str) -> Iterator[Callable[[str, int, int | None], None]]:
+    """A bar on stderr; yields what updates it: (what is being done, how much is done, of how much).
+
+    It is not shown where stderr is no terminal.
+    """
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(
+        *columns, console=errors, transient=True, disable=not errors.is_terminal
+    ) as progress:
+        task = progress.add_task(first, total=None)
+
+        def update(what: str, done: int, of: int | None) -> None:
+            progress.update(task, description=what, completed=done, total=of)
+
+        yield update

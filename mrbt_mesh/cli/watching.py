@@ -1,0 +1,255 @@
+"""Watches a team until its mission is over, and prints how it went; it decides nothing."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import sys
+import time
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import anyio
+import click
+from rich.live import Live
+
+from mrbt_mesh import plugins
+from mrbt_mesh.cli.command import BAD_INPUT, EXIT_OF_RESULT, SUCCESS
+from mrbt_mesh.cli.finished import print_summary
+from mrbt_mesh.cli.options import ShowOptions
+from mrbt_mesh.cli.plugged import ChosenViews, LookOn, exporting
+from mrbt_mesh.cli.terminal import console, errors, print_json
+from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.core.observer.summary import run_summary
+from mrbt_mesh.runtime.capacity import Overload
+from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.past import tell_past
+from mrbt_mesh.runtime.recording import RecordTo
+from mrbt_mesh.runtime.run_dir import RunDirError
+from mrbt_mesh.runtime.team import Team
+from mrbt_mesh.runtime.team_address import TeamAddress
+from mrbt_mesh.runtime.watcher import Watcher, watching
+from mrbt_mesh.views.terminal.live import LiveNotes, LiveView
+
+if TYPE_CHECKING:
+    from mrbt_mesh.plugins import MetricsAddress, OpenView
+
+FRAME_S = 0.1
+CATCH_UP_S = 1.0
+
+
+def print_where(address: TeamAddress, show: ShowOptions) -> None:
+    """Where a team is looked for that may not exist yet."""
+    if not show.as_json and not _is_live(show):
+        click.echo(f"listening for team {address.transport.team}, run {address.run}")
+
+
+def past_of(team: Team | None) -> Callable[[Observer], None] | None:
+    """What adds the recorded past of a team to an observer, if it has a run directory."""
+    if team is None:
+        return None
+    path, started_unix_s = team.run_dir.path, team.info.started_unix_s
+    living = team.living()
+    return lambda observer: tell_past(observer, path, started_unix_s, living)
+
+
+def print_refusals(refused: list[str]) -> None:
+    """The messages of robots that refused their input; one of several robots, once."""
+    for text in dict.fromkeys(refused):
+        errors.print(text, soft_wrap=True, markup=False)
+
+
+def _is_live(show: ShowOptions) -> bool:
+    return not show.headless and not show.as_json and console.is_terminal
+
+
+@dataclass
+class Session:
+    """Watching a team.
+
+    Its methods raise TransportError if there is no way to attach, InputError for what cannot be
+    recorded, shown or served.
+
+    `team`: its processes, if they run on this machine. `overload`: by how much the team is too
+    large for it. `past` adds what happened before.
+    """
+
+    address: TeamAddress
+    team: Team | None
+    show: ShowOptions
+    views: ChosenViews
+    exports: Mapping[str, Path] = field(default_factory=dict)
+    metrics: MetricsAddress | None = None
+    record: RecordTo | None = None
+    overload: Overload | None = None
+    past: Callable[[Observer], None] | None = None
+
+    async def run(self) -> int:
+        """Watch until the mission is over, time is up, no robot is left, or Ctrl-C.
+
+        Prints the summary and writes summary.json; returns the exit status.
+        """
+        async with self._opened() as (watcher, opened, look_on), anyio.create_task_group() as group:
+            addresses = _addresses(opened)
+            if addresses:
+                click.echo(_lines_of(addresses), err=self.show.as_json)
+            if self.team is not None:
+                group.start_soon(self.team.note_exits, watcher)
+            warning = ""
+            if self.overload is not None:
+                warning = f"{self.overload.robots} robots are too many for this machine"
+            notes = LiveNotes(warning, ", ".join(addresses.values()))
+            with contextlib.ExitStack() as stack:
+                # A view without an address has the terminal for itself.
+                refresh = (
+                    stack.enter_context(self._display(watcher, notes))
+                    if all(view.address for view in opened.values())
+                    else lambda: None
+                )
+                why = await self._until_over(watcher, opened, look_on, refresh)
+            code = self._report(watcher, why)
+            group.cancel_scope.cancel()
+        return code
+
+    async def follow(self) -> int:
+        """Show the views until one is closed, time is up, or Ctrl-C; returns the exit status."""
+        async with self._opened() as (watcher, opened, look_on), anyio.create_task_group() as group:
+            if self.team is not None:
+                if not self.team.living():
+                    # The run is over: what its journals hold is all there is to see.
+                    self.team.result(watcher.observer, boottime_us())
+                group.start_soon(self.team.note_exits, watcher)
+            addresses = _addresses(opened)
+            if self.show.as_json:
+                print_json(addresses)
+            elif addresses:
+                click.echo(_lines_of(addresses))
+            sys.stdout.flush()
+            await self._until_over(watcher, opened, look_on, lambda: None, is_endless=True)
+            group.cancel_scope.cancel()
+        return SUCCESS
+
+    @contextlib.asynccontextmanager
+    async def _opened(self) -> AsyncIterator[tuple[Watcher, dict[str, OpenView], LookOn]]:
+        """What watches, the open views by name, and what writes files for other programs."""
+        async with contextlib.AsyncExitStack() as stack:
+            watcher = await stack.enter_async_context(
+                watching(self.address, self.record, tell_past=self.past)
+            )
+            if self.metrics is not None:
+                stack.enter_context(plugins.metrics().serving_team(watcher.observer, self.metrics))
+            opened = {
+                name: await stack.enter_async_context(
+                    viewer.showing(watcher, self.team, self.views.options)
+                )
+                for name, viewer in self.views.viewers.items()
+            }
+            now_us, unix_us = boottime_us(), time.time_ns() // 1_000
+            mission = watcher.observer.mission
+            look_on = stack.enter_context(exporting(self.exports, mission, now_us, unix_us))
+            yield watcher, opened, look_on
+
+    @contextlib.contextmanager
+    def _display(self, watcher: Watcher, notes: LiveNotes) -> Iterator[Callable[[], None]]:
+        """A function that shows the present state: the live view, new lines, or nothing."""
+        observer = watcher.observer
+        if _is_live(self.show):
+            with Live(console=console, screen=True, auto_refresh=False) as live:
+                view = LiveView()
+                yield lambda: live.update(
+                    view.render(observer, boottime_us(), console.size, notes), refresh=True
+                )
+            return
+        printed = 0
+
+        def print_lines() -> None:
+            nonlocal printed
+            for at_us, text in observer.record.timeline[printed:]:
+                seconds = observer.record.seconds(at_us) or 0.0
+                click.echo(f"{seconds:8.2f}  {text}")
+            printed = len(observer.record.timeline)
+
+        yield (lambda: None) if self.show.as_json else print_lines
+
+    async def _until_over(
+        self,
+        watcher: Watcher,
+        opened: Mapping[str, OpenView],
+        look_on: LookOn,
+        refresh: Callable[[], None],
+        is_endless: bool = False,
+    ) -> str | None:
+        """Why watching ended before the mission did, or None if the mission is over."""
+        checked = anyio.current_time()
+        deadline = checked + self.show.timeout if self.show.timeout is not None else float("inf")
+        stop = anyio.Event()
+
+        async def wait_for_signal() -> None:
+            with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
+                async for _ in signals:
+                    stop.set()
+                    watcher.changed.set()
+
+        def update() -> None:
+            look_on(watcher.observer, boottime_us())
+            for view in opened.values():
+                view.update()
+            refresh()
+
+        async with anyio.create_task_group() as group:
+            group.start_soon(wait_for_signal)
+            why: str | None = None
+            while why is None and (is_endless or watcher.observer.record.result is None):
+                await watcher.wait_for_change(FRAME_S)
+                update()
+                now = anyio.current_time()
+                if now >= deadline:
+                    why = "time is up"
+                elif stop.is_set() or any(view.closed.is_set() for view in opened.values()):
+                    why = "stopped by the operator"
+                elif now > checked + 1:
+                    checked = now
+                    if not is_endless and self.team is not None and not self.team.living():
+                        why = "no robot is left"
+            if not is_endless:
+                # A watcher that came late may know the result before what led to it.
+                await watcher.catch_up(CATCH_UP_S)
+                update()
+            group.cancel_scope.cancel()
+        return why
+
+    def _report(self, watcher: Watcher, why: str | None) -> int:
+        team, observer = self.team, watcher.observer
+        refused = team.refusals() if team is not None else []
+        if observer.record.started_us is None and refused:
+            print_refusals(refused)
+            return BAD_INPUT
+        now_us = boottime_us()
+        if team is not None:
+            result = team.result(observer, now_us)
+        else:
+            result = observer.result(anybody_lives=bool(observer.membership.members()))
+        summary = run_summary(observer.record, result, now_us)
+        if why is not None:
+            summary["ended_because"] = why
+        if self.overload is not None:
+            summary["overload"] = asdict(self.overload)
+        if team is not None:
+            summary["run_dir"] = str(team.run_dir.path)
+            try:
+                team.run_dir.write_summary(summary)
+            except RunDirError as error:
+                errors.print(str(error), soft_wrap=True, markup=False)
+        print_summary(summary, self.show.as_json)
+        print_refusals(refused)
+        return EXIT_OF_RESULT[result]
+
+
+def _addresses(opened: Mapping[str, OpenView]) -> dict[str, str]:
+    return {name: view.address for name, view in opened.items() if view.address}
+
+
+def _lines_of(addresses: Mapping[str, str]) -> str:
+    return "\n".join(f"{name}: {address}" for name, address in addresses.items())

@@ -1,0 +1,62 @@
+"""mrbt recording verify and mrbt recording replay, on a run of mrbt sim run --record."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.support.command import EXPLORE, mrbt
+
+
+def recording(*arguments: str) -> tuple[int, str, str]:
+    return mrbt("recording", *arguments)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("commands") / "run"
+    code, _, problems = mrbt("sim", "run", EXPLORE, "--seed", "3", "--record", str(made))
+    assert (code, problems) == (0, "")
+    return made
+
+
+def test_a_run_directory_is_verified(folder: Path) -> None:
+    code, output, _ = recording("verify", str(folder))
+    assert code == 0
+    assert "plans made again" in output
+    assert "verified: 3 recordings prove what the team did" in output
+
+
+def test_files_are_verified_and_told_as_json(folder: Path) -> None:
+    files = sorted(map(str, (folder / "recordings").iterdir()))
+    code, output, _ = recording("verify", *files, "--json")
+    told = json.loads(output)
+    assert (code, told["verified"], told["findings"]) == (0, True, [])
+    assert told["files"] == ["R1.mcap", "R2.mcap"]
+    assert told["counts"]["plans"] > 0
+
+
+def test_what_is_falsified_is_named_with_status_1(folder: Path, tmp_path: Path) -> None:
+    content = (folder / "recordings" / "R1.mcap").read_bytes()
+    forged = tmp_path / "R1.mcap"
+    at = content.index(b'"lines":{"R1":{"activation":"') + 30
+    forged.write_bytes(content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :])
+    code, output, _ = recording("verify", str(forged), str(folder / "recordings" / "R2.mcap"))
+    assert code == 1
+    assert "R1.mcap: record" in output
+    assert "not verified" in output
+
+
+def test_what_is_no_recording_ends_with_status_2(folder: Path, tmp_path: Path) -> None:
+    for path, problem in ((EXPLORE, "is no recording of mrbt"), (str(tmp_path), "no recordings")):
+        code, output, problems = recording("verify", path)
+        assert (code, output) == (2, "")
+        assert problem in problems
+
+
+def test_a_folder_that_is_there_is_not_recorded_into(folder: Path) -> None:
+    code, _, problems = mrbt("sim", "run", EXPLORE, "--record", str(folder))
+    assert code == 2
+    assert "exists already; name a new folder" in problems

@@ -1,0 +1,381 @@
+"""`mrbt tree lift --new`: a team for a tree, with a program to fill in, that runs at once."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.runtime.program_loader import check_program, load_program
+from mrbt_mesh.sim import simulate
+from tests.support.command import mrbt
+from tests.support.paths import ROOT
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*is not filled in")
+TREES = sorted((ROOT / "examples" / "robot_trees").glob("*/*.xml"))
+
+
+def new(folder: Path, file: str, *more: str) -> tuple[int, str, str]:
+    return mrbt("tree", "lift", file, "--new", str(folder), *more)
+
+
+@pytest.mark.parametrize("tree", TREES, ids=lambda t: t.stem)
+def test_a_tree_of_ones_own_becomes_a_team_with_functions_to_fill_in(
+    tree: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    folder = tmp_path / "mine"
+    code, output, problems = new(folder, str(tree))
+    assert code == 0, problems
+    assert f"now: mrbt up {folder / 'mission.yaml'}" in output
+    written = {path.name for path in folder.iterdir()}
+    assert written >= {tree.name, "team.yaml", "mission.yaml", "mission_units.xml", "robot.py"}
+    ast.parse((folder / "test_mission.py").read_text())
+    mission = load_mission(folder / "mission.yaml")
+    assert mission.program == str((folder / "robot.py").resolve())
+    program = load_program(mission.program)
+    for robot in mission.robots.values():
+        assert check_program(program, mission, robot.capabilities) == []
+    # It is what `mrbt tree lift` writes for the files that lie there.
+    again = folder / "again.yaml"
+    lifted = ("--robots", str(folder / "team.yaml"), "--units", "auto", "-o", str(again))
+    assert mrbt("tree", "lift", str(folder / tree.name), *lifted)[0] == 0
+    text = again.read_text().replace("again_units", "mission_units")
+    assert mission.name == "mine"
+    # Lines are broken where names are longer.
+    assert text.split() == (folder / "mission.yaml").read_text().split()
+
+
+MODELS = """<root BTCPP_format="4" main_tree_to_execute="M">
+<BehaviorTree ID="M"><Sequence>
+  <Ready/><Look-At at="{p}" n="{n}"/><Go to="{p}" lambda="3"/><ScriptCondition code="n == 1"/>
+</Sequence></BehaviorTree>
+<TreeNodesModel>
+  <Condition ID="Ready"/>
+  <Action ID="Look-At"><output_port name="at"/><output_port name="n" type="int"/></Action>
+  <Action ID="Go"><input_port name="to"/><input_port name="lambda"/></Action>
+</TreeNodesModel></root>"""
+
+
+def test_functions_write_the_ports_that_models_describe(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "mission.xml").write_text(MODELS)
+    folder = tmp_path / "mine"
+    code, _, problems = new(folder, str(tmp_path / "mission.xml"))
+    assert code == 0, problems
+    text = (folder / "robot.py").read_text()
+    assert '@robot.condition("Ready")\ndef ready() -> bool:' in text
+    assert "async def look_at(at: Out[str], n: Out[int]) -> None:" in text
+    assert "async def go(**ports: object) -> None:" in text
+    mission = load_mission(folder / "mission.yaml")
+    assert mission.program is not None
+    assert simulate(mission, load_program(mission.program), seed=1).result == "success"
+    code, output = run_pytest(folder)
+    assert code == 0, output
+    assert "Ready is not filled in and answers True" in output
+    program = folder / "robot.py"
+    program.write_text(text.replace("return True", "return False"))
+    code, output = run_pytest(folder)
+    assert code == 1, "a mission that fails"
+    assert "2 failed" in output
+
+
+def run_pytest(folder: Path) -> tuple[int, str]:
+    plugins = ("-p", "mrbt_mesh.pytest_plugin", "-p", "no:cacheprovider", "-p", "no:asyncio")
+    words = [sys.executable, "-m", "pytest", "-q", *plugins, "test_mission.py"]
+    run = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    return run.returncode, run.stdout
+
+
+TYPED = """<root BTCPP_format="4" main_tree_to_execute="M"><BehaviorTree ID="M"><Sequence>
+  <Measure a="{a}" b="{b}" c="{c}" d="{d}" e="{e}" f="{f}"/><Use a="{a}" d="{d}" f="{f}" g="7"/>
+  <ComputePathToPose goal="{goal}" path="{path}" error_code_id="{code}" planner_id="x"/>
+  <FollowPath path="{path}"/><Wait wait_duration="2.5"/><Spin spin_dist="left"/>
+  <WouldAPlannerRecoveryHelp error_code="{code}"/>
+</Sequence></BehaviorTree><TreeNodesModel><Action ID="Measure">
+  <output_port name="a" type="unsigned int"/><output_port name="b" type="float"/>
+  <output_port name="c" type="bool"/><output_port name="d" type="geometry_msgs::msg::Pose"/>
+  <output_port name="e" type="uint64_t"/><output_port name="f"/>
+</Action></TreeNodesModel></root>"""
+
+
+def test_ports_have_the_types_of_models_and_nav2s_nodes_need_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "typed.xml").write_text(TYPED)
+    folder = tmp_path / "mine"
+    code, _, problems = new(folder, str(tmp_path / "typed.xml"))
+    assert code == 0, problems
+    text = (folder / "robot.py").read_text()
+    for line in (
+        "a: Out[int], b: Out[float], c: Out[bool], d: Out[str], e: Out[int], f: Out[str]",
+        "async def use(a: InOut[int], d: InOut[str], f: InOut[str], g: str)",
+        "goal: str, path: Out[str], error_code_id: Out[int], planner_id: str",
+        " error_code_id.set(0) ",
+        "async def follow_path(path: str)",
+        "async def wait(wait_duration: float)",
+        "async def spin(spin_dist: str)",
+        "def would_a_planner_recovery_help(error_code: int) -> bool:",
+        '@robot.entry("goal") def goal() -> str:',
+    ):
+        assert line in " ".join(text.replace("(\n    ", "(").replace(",\n)", ")").split()), line
+    assert text.count("@robot.entry") == 1
+    mission = load_mission(folder / "mission.yaml")
+    assert mission.program is not None
+    assert simulate(mission, load_program(mission.program), seed=1).result == "success"
+
+
+GUARDED = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
+  <ReactiveSequence><Look at="{at}" far="{far}"/><Go to="{at}"/></ReactiveSequence>
+  <Look at="{there}" far="" zoom="2"/><Seen at="{seen}"/><Go to="{seen}"/>
+  <Heard what="{what}"><Go to="{what}"/></Heard>
+</Sequence></BehaviorTree><TreeNodesModel>
+  <Decorator ID="Heard"><output_port name="what"/></Decorator>
+  <Condition ID="Seen"><output_port name="at"/></Condition>
+  <Action ID="Look"><output_port name="at"/><output_port name="far"/>
+  <output_port name="colour"/><inout_port name="zoom" default="1"/></Action>
+  </TreeNodesModel></root>"""
+
+
+def test_what_is_written_runs_at_once_whatever_the_tree_repeats_or_leaves_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two actions in a row in a ReactiveSequence would begin anew for ever."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "guarded.xml").write_text(GUARDED)
+    folder = tmp_path / "mine"
+    code, _, problems = new(folder, str(tmp_path / "guarded.xml"))
+    assert code == 0, problems
+    text = (folder / "robot.py").read_text()
+    look = "def look(at: Out[str], zoom: str, far: Out[str] | None = None) -> None:"
+    assert f"\n{look}" in text
+    assert "async def go(to: InOut[str]) -> None:" in text
+    assert "colour" not in text
+    assert 'self.output("what", "...")' in text
+    mission = load_mission(folder / "mission.yaml")
+    assert mission.program is not None
+    assert simulate(mission, load_program(mission.program), seed=1).result == "success"
+
+
+ASKS = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
+  <ScriptCondition code="charge > LOW &amp;&amp; mode == 'auto'"/>
+  <Repeat num_cycles="{rounds}"><DistanceController distance="0"><Go to="{place}"/>
+  </DistanceController></Repeat>
+  <SubTree ID="In"/><Say text="{word}"/>
+</Sequence></BehaviorTree>
+<BehaviorTree ID="In"><Sequence><Decide what="{what}"/><ScriptCondition code="what == 'stop'"/>
+  <ScriptCondition code="STATE_OK == 1 || true"/></Sequence></BehaviorTree>
+<TreeNodesModel><Action ID="Say"><input_port name="text" type="std::string"/></Action>
+</TreeNodesModel></root>"""
+
+
+def test_what_a_tree_only_reads_is_asked_of_the_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "asks.xml").write_text(ASKS)
+    folder = tmp_path / "mine"
+    code, _, problems = new(folder, str(tmp_path / "asks.xml"))
+    assert code == 0, problems
+    text = (folder / "robot.py").read_text()
+    for line in (
+        'robot.enum("LOW", 0)\nrobot.enum("STATE_OK", 1)\n',
+        '@robot.entry("charge")\ndef charge() -> float:\n    return 1.0 ',
+        '@robot.entry("mode")\ndef mode() -> str:\n    return "auto" ',
+        '@robot.entry("rounds")\ndef rounds() -> int:\n    return 1 ',
+        '@robot.entry("word")\ndef word() -> str:\n    return "..." ',
+        '@robot.source("robot_pose")\n',
+        '    what.set("stop")\n',
+    ):
+        assert line in text
+    assert text.count("@robot.entry") == 4
+    mission = load_mission(folder / "mission.yaml")
+    assert mission.program is not None
+    assert simulate(mission, load_program(mission.program), seed=1).result == "success"
+
+
+OF_ONES_OWN = """<root BTCPP_format="4"><BehaviorTree ID="Other"><Go/></BehaviorTree>
+<BehaviorTree ID="Main Tree"><Sequence>
+  <WhenCalm limit="2" wind="{wind}"><Go to="dock" error="{error}"/></WhenCalm>
+  <Both-Of><Go to="shelf"/><GoalUpdated/></Both-Of>
+  <SubTree ID="Fetch It" what="cup" _autoremap="true"/>
+</Sequence></BehaviorTree></root>"""
+FETCH = """<root BTCPP_format="4"><BehaviorTree ID="Fetch It">
+<Sequence><Grasp what="{what}"/><SubTree ID="Home"/></Sequence></BehaviorTree>
+<TreeNodesModel><Action ID="Grasp"><input_port name="what" type="std::string"/></Action>
+</TreeNodesModel></root>"""
+HOME = '<root BTCPP_format="4"><BehaviorTree ID="Home"><Go to="home"/></BehaviorTree></root>'
+
+
+def test_nodes_of_ones_own_and_trees_of_other_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "task.xml").write_text(OF_ONES_OWN)
+    (tmp_path / "trees").mkdir()
+    (tmp_path / "trees" / "fetch.xml").write_text(FETCH)
+    (tmp_path / "trees" / "unused.xml").write_text(HOME.replace("Home", "Unused"))
+    (tmp_path / "home.xml").write_text(HOME)
+    folder, file = tmp_path / "mine", str(tmp_path / "task.xml")
+    others = ("--trees", str(tmp_path / "trees"), "--models", str(tmp_path / "home.xml"))
+    words = (file, "--tree", "Main Tree")
+    code, _, problems = new(folder, *words)
+    assert code == 2
+    assert f"{file}:5: Main Tree/Sequence/Fetch It: there is no tree" in problems.replace("\n", "")
+    code, _, problems = new(folder, *words, *others)
+    assert code == 0, problems
+    text = (folder / "robot.py").read_text()
+    assert '@robot.node("WhenCalm")\nclass WhenCalm(TreeNode):' in text
+    assert 'self.input("limit"), self.input("wind")' in text
+    assert '@robot.node("Both-Of")\nclass Both_Of(TreeNode):' in text
+    assert '@robot.condition("GoalUpdated")' in text, "Nav2's files have no models"
+    assert "async def go(to: str, error: InOut[str] | None = None)" in text
+    assert "def grasp(what: str)" in text
+    assert "Unused" not in (folder / "task.xml").read_text()
+    mission = load_mission(folder / "mission.yaml")
+    assert mission.program is not None
+    assert simulate(mission, load_program(mission.program), seed=1).result == "success"
+
+
+ODD = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
+  <Action ID="robot"/><Action ID="anyio"/><Action ID="str"/><Action ID="warnings"/><SetGoal/>
+  <setGoal/><Action ID="set_goal"/><Action ID="2nd/Try"/><Action ID="class" anyio="1"/>
+  <Say what="a constant where it writes"/><Tell what="{word}"/><Condition ID="Out"/>
+  <SetBlackboard value="{word}" output_key="anyio"/><Go to="{anyio}" via="b"/>
+  <Go to="Ä" via="a 'quoted', very long: text: text: text: text: text: text: text: text: text"/>
+</Sequence></BehaviorTree><TreeNodesModel>
+  <Action ID="Say"><output_port name="what"/></Action>
+  <Action ID="Tell"><output_port name="what"/></Action></TreeNodesModel></root>"""
+
+
+def test_names_and_ports_as_odd_as_files_have_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Functions are not called as what the program uses, nor two of them alike."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "odd.xml").write_text(ODD)
+    folder = tmp_path / "mine"
+    code, _, problems = new(folder, str(tmp_path / "odd.xml"))
+    assert code == 0, problems
+    text = (folder / "robot.py").read_text()
+    functions = [n.name for n in ast.parse(text).body if isinstance(n, ast.AsyncFunctionDef)]
+    assert functions[:4] == ["do_robot", "do_anyio", "do_str", "do_warnings"]
+    assert functions[4:9] == ["set_goal", "set_goal_2", "set_goal_3", "do_2nd_try", "do_class"]
+    mission = load_mission(folder / "mission.yaml")
+    assert mission.program is not None
+    assert simulate(mission, load_program(mission.program), seed=1).result == "success"
+
+
+def test_units_and_problems_are_told_of_the_users_own_file(tmp_path: Path) -> None:
+    tree = tmp_path / "task.xml"
+    tree.write_text(OF_ONES_OWN)
+    code, output, problems = new(tmp_path / "mine", str(tree), "--tree", "Other")
+    assert code == 0, problems
+    assert "1 unit, carried out by one robot" in output
+    long = "x" * 60
+    ports = " ".join(f'{long[: 4 + n]}="{n}"' for n in range(3))
+    tree.write_text(
+        '<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence _skipIf="a := ">'
+        f"<Go {ports}/></Sequence></BehaviorTree></root>"
+    )
+    code, _, problems = new(tmp_path / "other", str(tree))
+    assert code == 2
+    assert "task.xml:1:" in problems
+    assert tempfile.gettempdir() not in problems.replace(str(tmp_path), "")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("<root>", "not well-formed"),
+        ('<root BTCPP_format="4"><BehaviorTree ID="A"><Go/></BehaviorTree>'
+         '<BehaviorTree ID="B"><Go/></BehaviorTree></root>', "no tree is named as the main one"),
+        ('<root BTCPP_format="4"><BehaviorTree ID="A"><SubTree ID="Gone"/></BehaviorTree></root>',
+         "there is no tree 'Gone'; name its file"),
+    ],
+)  # fmt: skip
+def test_a_tree_that_cannot_be_used_is_told(tmp_path: Path, text: str, message: str) -> None:
+    tree = tmp_path / "tree.xml"
+    tree.write_text(text)
+    code, _, problems = new(tmp_path / "mine", str(tree))
+    assert code == 2
+    assert message in problems.replace("\n", " ")
+    assert "Traceback" not in problems
+    assert not (tmp_path / "mine").exists()
+
+
+ELSEWHERE = """<root BTCPP_format="4"><include path="gone.xml"/><BehaviorTree ID="Main">
+<Sequence><SubTree ID="Move to Waypoint" waypoint="Home" _autoremap="true"/>
+<SubTree ID="Open Gripper"/></Sequence></BehaviorTree><TreeNodesModel>
+<SubTree ID="Move to Waypoint"><input_port name="waypoint" type="std::string"/></SubTree>
+</TreeNodesModel></root>"""
+
+
+@pytest.mark.parametrize(("command", "each"), [("new", "*"), ("lift", "Move to Waypoint")])
+def test_a_subtree_that_is_in_no_file_may_be_an_action(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str, each: str
+) -> None:
+    """As the objectives that MoveIt Pro brings along: the program has them carried out."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    tree, folder = tmp_path / "tree.xml", tmp_path / "mine"
+    tree.write_text(ELSEWHERE)
+    team = tmp_path / "team.yaml"
+    team.write_text("local_tasks: {}\nrobot_types: {R: {capabilities: {}}}\nrobots: {R1: R}\n")
+    words = ["tree", "lift", tree, "--new", folder]
+    if command == "lift":
+        folder.mkdir()
+        words = [
+            "tree",
+            "lift",
+            tree,
+            "--robots",
+            team,
+            "--units",
+            "auto",
+            "-o",
+            folder / "mission.yaml",
+        ]
+    code, _, problems = mrbt(*map(str, words))
+    assert code == 2
+    assert "(--as-action 'Move to Waypoint')" in problems.replace("\n", " ")
+    for name, said in (("Open Griper", "did you mean 'Open Gripper'"), ("Main", "there is a tree")):
+        code, _, problems = mrbt(*map(str, words), "--as-action", name)
+        assert code == 2
+        assert said in problems
+    code, _, problems = mrbt(*map(str, words), "--as-action", each, "--as-action", "Open Gripper")
+    assert code == 0, problems
+    mission = load_mission(folder / "mission.yaml")
+    assert list(mission.global_tasks) == ["Move_to_Waypoint_to_Open_Gripper"]
+    if command == "new":
+        text = (folder / "robot.py").read_text()
+        assert "async def move_to_waypoint(waypoint: str) -> None:" in text
+        assert mission.program is not None
+        assert simulate(mission, load_program(mission.program), seed=1).result == "success"
+
+
+FOLLOW = """<root main_tree_to_execute="MainTree"><BehaviorTree ID="MainTree"><Sequence>
+<GoalUpdater input_goal="{goal}" output_goal="{updated_goal}">
+<ComputePathToPose goal="{updated_goal}" path="{path}"/></GoalUpdater></Sequence>
+</BehaviorTree></root>"""
+
+
+def test_a_file_of_nav2_with_a_long_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its goal comes from outside; the mission has the folder's name."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    tree, folder = tmp_path / f"follow_{'point_' * 12}größer.xml", tmp_path / "mine"
+    tree.write_text(FOLLOW)
+    code, _, problems = new(folder, str(tree))
+    assert code == 0, problems
+    assert '@robot.entry("goal")\ndef goal() -> str:' in (folder / "robot.py").read_text()
+    mission = load_mission(folder / "mission.yaml")
+    assert mission.name == "mine"
+    assert mission.program is not None
+    assert simulate(mission, load_program(mission.program), seed=1).result == "success"
