@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from operator import is_
 
 from mrbt_mesh.core.assignment.problem import AssignmentProblem, Bounds, integers
 
@@ -29,25 +28,17 @@ class NamedProblem:
     robots: tuple[str, ...]
     demands: tuple[NamedDemand, ...]
 
-    def is_same(self, other: NamedProblem) -> bool:
-        """Whether these are the same demands, as objects, and robots of the same names."""
-        return (
-            len(self.demands) == len(other.demands)
-            and all(map(is_, self.demands, other.demands))
-            and self.robots == other.robots
-        )
-
     def problem(self) -> AssignmentProblem:
         """The same by indices, as solvers take it."""
+        import numpy as np  # small teams never need it
+
         number = {robot: index for index, robot in enumerate(self.robots)}
-        pairs = [
-            (number[robot], index, performance)
-            for index, demand in enumerate(self.demands)
-            for robot, performance in demand.candidates.items()
-            if robot in number
-        ]
-        pairs.sort()
+        candidates = [demand.candidates for demand in self.demands]
+        robots = integers(number.get(robot, -1) for some in candidates for robot in some)
+        demands = np.repeat(np.arange(len(candidates)), [len(some) for some in candidates])
+        performances = integers(value for some in candidates for value in some.values())
+        # By robot, then demand; those that are not in the team come first and are left out.
+        order = robots.argsort(kind="stable")[np.count_nonzero(robots < 0) :]
         bounds = tuple(Bounds(d.id, d.lower, d.upper) for d in self.demands)
-        columns = zip(*pairs, strict=True) if pairs else ((), (), ())
-        robots, demands, performances = map(integers, columns)
-        return AssignmentProblem(self.robots, bounds, robots, demands, performances)
+        pairs = robots[order], demands[order], performances[order]
+        return AssignmentProblem(self.robots, bounds, *pairs)

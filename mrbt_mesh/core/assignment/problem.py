@@ -57,7 +57,7 @@ def integers(values: Iterable[int]) -> Integers:
     """As an array of 64-bit integers."""
     import numpy as np  # small teams never need it
 
-    return np.array(list(values), np.int64)
+    return np.fromiter(values, np.int64)
 
 
 @dataclass(frozen=True, eq=False)

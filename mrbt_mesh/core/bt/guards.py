@@ -90,16 +90,19 @@ class Guards:
 
     @cached_property
     def guards_of(self) -> list[tuple[Guard, ...]]:
-        """By node: its guards, each once. Those of its parent, then what its left siblings read."""
+        """By node: its guards, each once. Those of its parent, then what its left siblings read.
+
+        Of conditions none: they have no activation, and one node may have thousands of them.
+        """
         found: list[tuple[Guard, ...]] = [()] * len(self.tree.nodes)
         for node in self.tree.nodes:
-            guards = found[node.index]
+            guards = dict.fromkeys(found[node.index])
             for position, child in enumerate(node.children):
-                fresh = self.read_before(node, position)
-                guards = (*guards, *(guard for guard in fresh if guard not in guards))
-                found[child] = guards
+                guards |= dict.fromkeys(self.read_before(node, position))
+                if self.tree.nodes[child].kind is not Kind.CONDITION:
+                    found[child] = tuple(guards)
                 if node.kind is Kind.IF_THEN_ELSE:
-                    guards = found[node.index]
+                    guards = dict.fromkeys(found[node.index])
         return found
 
     @cached_property

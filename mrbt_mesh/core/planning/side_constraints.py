@@ -38,6 +38,8 @@ def side_constraints(
 
     `running` maps robots to the demands that they work on. What cannot bind is left out.
     """
+    if not constraints:
+        return ()
     able = [
         {index for index, robot in enumerate(free) if robot in demand.candidates}
         for demand in wanted

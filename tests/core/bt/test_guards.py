@@ -130,6 +130,15 @@ def test_guards(spec: NodeSpec, subject: str, expected: tuple[tuple[str, bool], 
     assert found.expressions.keys() | found.with_actions.keys() == named
 
 
+def test_conditions_have_no_guards() -> None:
+    """So what is kept of one Sequence grows no faster than its conditions."""
+    names = [f"c{number}" for number in range(500)]
+    conditions = [NodeSpec(Kind.CONDITION, subject=name) for name in names]
+    found = Guards(build_tree(sequence(*conditions, A))).guards_of
+    assert found[-1] == tuple((name, False) for name in names)
+    assert not any(found[:-1])
+
+
 def test_an_expression_names_what_it_reads() -> None:
     spec = sequence(fallback(C2, inverter(C1), C2, A), B)
     (found,) = Guards(build_tree(spec)).expressions.values()
