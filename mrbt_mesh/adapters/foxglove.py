@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 # The port that Foxglove's dialog proposes.
 PORT = 8765
-# What the library waits with for a slow viewer; then it drops the oldest messages. More than what
-# stands of a large team: a viewer that comes late is told all of that at once.
+# The library keeps this many messages for a slow viewer, then drops the oldest: more than the
+# current ones of a large team, all of which a late viewer gets at once.
 BACKLOG_MESSAGES = 1 << 16
 
 
@@ -69,9 +69,8 @@ viewer = FoxgloveViewer()
 class FoxgloveServer:
     """A sink for an observer's recorder. `address` is that of the websocket.
 
-    A viewer that comes late is told what stands on the channels that it asks for, and so are those
-    that are there already: the library cannot tell one of them alone. Standing messages say again
-    what they have said before.
+    When a viewer subscribes to a channel, the channel's current messages are sent again, to all
+    its viewers: the library cannot address one of them.
     """
 
     def __init__(self, metadata: RunMetadata, host: str, port: int) -> None:
@@ -122,7 +121,7 @@ class FoxgloveServer:
         return self._encoder.epoch_ns
 
     def write(self, topic: str, at_us: int, data: Mapping[str, Any]) -> None:
-        """Send a message to all who have asked for its channel."""
+        """Send a message to all subscribers of its channel."""
         at_ns, text = self._encoder.encode(topic, at_us, data)
         self._keep(topic, data, (at_ns, text))
         self._channels[topic].log(text, log_time=at_ns)
@@ -135,12 +134,12 @@ class FoxgloveServer:
             self._standing[FACTS].pop((data["author"], data["name"]), None)
 
     def asked(self, topic: str) -> None:
-        """Somebody has asked for a channel; from any thread."""
+        """A viewer has subscribed to a channel; from any thread."""
         # The loop may have ended before the server.
         with contextlib.suppress(RuntimeError):
-            self._loop.call_soon_threadsafe(self._tell, topic)
+            self._loop.call_soon_threadsafe(self._send_current, topic)
 
-    def _tell(self, topic: str) -> None:
+    def _send_current(self, topic: str) -> None:
         for at_ns, text in self._standing[topic].values():
             self._channels[topic].log(text, log_time=at_ns)
 
@@ -152,7 +151,7 @@ class FoxgloveServer:
         self.close()
 
     def close(self) -> None:
-        """End the server: viewers see that it is gone."""
+        """End the server and its channels."""
         self._server.stop()
         self._close_channels()
 

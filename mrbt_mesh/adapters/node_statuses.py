@@ -1,7 +1,7 @@
 """A tree of a mission with the statuses of its nodes, as an observer sees them.
 
-T_G is the same for all robots. T_i of one robot has T_A, T_G and T_Li below it; what a robot does
-with T_A and T_Li it tells nobody, and both follow from the facts that all hold.
+T_G is the same for all robots. T_i of one robot has T_A, T_G and T_Li below it; the statuses in T_A
+and T_Li are not sent, and follow from the facts of the team.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class ObservedTree(Protocol):
         ...
 
     def statuses(self, observer: Observer) -> bytes:
-        """One byte for each node, the value of its `Status`; all idle while nobody is known."""
+        """One byte for each node, the value of its `Status`; all idle while no robot is known."""
         ...
 
 

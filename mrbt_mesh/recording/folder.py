@@ -1,6 +1,6 @@
 """Where the recordings of one run are.
 
-run.mcap                what whoever watched has heard
+run.mcap                what the observer of the run has received
 recordings/ROBOT.mcap   what a robot knew and did; ROBOT.2.mcap in its second process, and so on
 """
 
@@ -20,7 +20,7 @@ def robot_file(run_dir: Path, robot: str) -> Path:
 
 
 def observer_file(run_dir: Path) -> Path:
-    """Where one who watches records."""
+    """The file of the observer."""
     return run_dir / f"{OBSERVERS}{SUFFIX}"
 
 
@@ -40,7 +40,7 @@ def open_new(path: Path) -> BinaryIO:
 
 
 def observer_files(run_dir: Path) -> list[Path]:
-    """The recordings of those who watched a run, sorted."""
+    """The recordings of a run's observers, sorted."""
     names = (f"{OBSERVERS}{SUFFIX}", f"{OBSERVERS}.*{SUFFIX}")
     return sorted(path for name in names for path in run_dir.glob(name))
 

@@ -1,4 +1,4 @@
-"""Messages by Foxglove's own schemas, which its 3D panel draws: frames, and what stands in them.
+"""Messages by Foxglove's own schemas, which its 3D panel draws: frames and the entities in them.
 
 The schemas are those that Foxglove publishes (`foxglove_schemas/`, with their licence). All fields
 of theirs that are required are there, and no others.
@@ -124,7 +124,7 @@ def disc(x: float, y: float, radius: float, paint: Values) -> Values:
 def line(
     points: Iterable[Sequence[float]], is_closed: bool, width_pixels: float, paint: Values
 ) -> Values:
-    """A line through points, equally wide however near one looks."""
+    """A line through points, of constant width on screen."""
     return {
         "type": LINE_LOOP if is_closed else LINE_STRIP,
         "pose": _pose(0, 0),
@@ -138,7 +138,7 @@ def line(
 
 
 def label(x: float, y: float, z: float, text: str, paint: Values) -> Values:
-    """A text that faces whoever looks, equally large however near that is."""
+    """A text that faces the viewer, of constant size on screen."""
     return {
         "pose": _pose(x, y, z),
         "billboard": True,

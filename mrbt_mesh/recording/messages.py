@@ -116,12 +116,12 @@ def read_incarnation(text: str) -> Incarnation:
 def pack_plan(
     plan: Plan, number: int, facts: int, digest: bytes, alive: Mapping[str, Incarnation]
 ) -> dict[str, Any]:
-    """A message of the channel of plans; what T_G's nodes return stands in that of statuses.
+    """A message of the channel of plans; the statuses of T_G's nodes have their own channel.
 
     `facts`: the number of the last change of facts that it was made from, `digest` that of the map.
     """
     said = plan.to_json()
-    # That is `plan.packed`, which nobody else asks for.
+    # That is `plan.packed`, used only here.
     whole = hashlib.blake2b(msgpack.packb(said), digest_size=16).hexdigest()
     del said["statuses"]
     return {
@@ -151,7 +151,7 @@ def unpack_statuses(letters: str) -> bytes:
 
 
 def status_name(status: int) -> str:
-    """A status as it stands in recordings."""
+    """A status as recordings have it."""
     return _NAMES[status]
 
 

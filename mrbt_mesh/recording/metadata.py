@@ -1,4 +1,4 @@
-"""What a recording says of itself: whose it is, of which run of which mission."""
+"""The metadata of a recording: its robot, run and mission."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mrbt_mesh.recording.channels import FORMAT
 
 # The name of the record of metadata.
 METADATA = "mrbt"
-# What stands where a robot's name would, in the recording of whoever watches.
+# In place of a robot's name, in the recording of an observer.
 OBSERVER = ""
 
 _TIMES = tuple(each.name for each in fields(Timing))

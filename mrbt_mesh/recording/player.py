@@ -1,6 +1,6 @@
-"""Plays a recording: what its owner knew at any time, and the team as one who watched would see it.
+"""Plays a recording: what its owner knew at any time, and the team as an observer would see it.
 
-The team is shown by an observer to which the recording is told, as messages would tell it.
+The observer gets the records of the recording as it would get messages.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class Player:
             pass
 
     def play_to(self, at_us: int) -> Iterator[None]:
-        """Go there record by record: whoever iterates can look at the team after each, or stop."""
+        """Go there record by record: the caller can look at the team after each, or stop."""
         wanted = bisect_right(self._times, at_us)
         if wanted < self._next:
             self._rewind()

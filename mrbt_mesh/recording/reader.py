@@ -1,7 +1,7 @@
 """Reads a recording, also one whose writer was killed, and finds bytes that were changed since.
 
 A file that ends in the middle of a record is read up to there. Nothing else about a file is taken
-on trust: every problem is told with the number of its record.
+on trust: every problem is reported with the number of its record.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ STATE_COLORS = {
 PLACE_COLORS = {"unknown": color("#8794a3"), "good": color("#2fa65a"), "bad": color("#e0493e")}
 LINE_COLORS = {"street": color("#8794a3"), "outline": color("#5f88b8")}
 LINE_PIXELS = {"street": 6, "outline": 3}
-# So many robots are as long as the map.
+# Length of the map in robots.
 ROBOTS_PER_MAP = 32
 SIZE_WITHOUT_MAP = 0.5
 
@@ -82,7 +82,7 @@ class TeamScene:
             self._moved.add(robot)
 
     def see_places(self, states: Mapping[str, str]) -> None:
-        """The states of the map's places, of those of which anything is told."""
+        """The states of those places of the map that conditions describe."""
         if states != self._places and self._map is not None:
             self._places = dict(states)
             self._is_map_due = True

@@ -100,7 +100,7 @@ class TopicBinding(FileModel):
 
 
 class PositionBinding(FileModel):
-    """A topic that tells where the robot is on the mission's map."""
+    """A topic with the robot's position on the mission's map."""
 
     topic: RosName
     type: MessageType
@@ -158,7 +158,7 @@ class TaskBinding(FileModel):
 
 
 class BindingFile(FileModel):
-    """A whole file. `robots`: for each robot, what `$name` stands for."""
+    """A whole file. `robots`: for each robot, the values of `$name`."""
 
     bridge: BridgeBinding = BridgeBinding()
     detection_s: Annotated[float, Field(ge=0.2, le=60)] = 1.0
@@ -199,7 +199,7 @@ class BindingFile(FileModel):
         return f"{self.file}:{self._report.line(path)}: {'/'.join(path)}"
 
     def robot_values(self, robot: str) -> Mapping[str, str]:
-        """What `$name` stands for on this robot. Raises FileError if the file lacks it."""
+        """The values of `$name` on this robot. Raises FileError if the file lacks it."""
         if self.robots and robot not in self.robots:
             text = f"robots has no {robot}{nearest(robot, self.robots)}"
             raise whole_file_error(self.file, text)
@@ -299,7 +299,7 @@ def _task_problems(
 def _unknown_names(
     data: Any, names: set[str], place: SourcePath
 ) -> Iterator[tuple[SourcePath, str]]:
-    """Each `$name` in it that stands for nothing."""
+    """Each `$name` in it without a value."""
     if isinstance(data, Mapping):
         for key, value in data.items():
             yield from _unknown_names(key, names, (*place, key))
@@ -317,12 +317,12 @@ def _unknown_names(
 
 
 class FillError(Exception):
-    """A task's arguments do not lead to a message; the text tells why."""
+    """A task's arguments do not make a message; the text has the reason."""
 
 
 @dataclass(frozen=True)
 class KnownValues:
-    """What `$name` stands for: robots' values, arguments, and the tables of their meanings."""
+    """The values of `$name`: robots' values, arguments, and the tables of their meanings."""
 
     values: Mapping[str, str]
     tables: Tables

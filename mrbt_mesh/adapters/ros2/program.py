@@ -414,7 +414,7 @@ class ConnectedRobot:
         self.pose = (found["x"], found["y"])
 
     def _complain(self, place: str, error: str) -> None:
-        """What cannot be used is told once for each place, and left out."""
+        """Log a value that cannot be used once for each place, and drop it."""
         if self._told.get(f"error/{place}") is None:
             self._told[f"error/{place}"] = True
             self._log.warning("message_refused", place=place, error=error)

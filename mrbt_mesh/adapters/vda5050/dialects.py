@@ -12,8 +12,6 @@ from datetime import UTC, datetime
 from typing import Any, TypeAlias
 
 Message: TypeAlias = dict[str, Any]
-# An action's parameters as the standard has them.
-ParameterValue: TypeAlias = str | int | float | bool | Sequence[Any]
 
 ORDER, INSTANT_ACTIONS = "order", "instantActions"
 STATE, CONNECTION, VISUALIZATION = "state", "connection", "visualization"
@@ -102,7 +100,7 @@ class Action:
 
     action_id: str
     type: str
-    parameters: Mapping[str, ParameterValue]
+    parameters: Mapping[str, Any]
     blocking: str = "HARD"
 
     def encoded(self) -> Message:

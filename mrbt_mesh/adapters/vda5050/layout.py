@@ -1,8 +1,7 @@
-"""The ways of a plant and what local tasks mean there: from a local task to an order.
+"""The layout of a plant and its templates of local tasks: from a local task to an order.
 
-Values in, values out. Routes are shortest ways by length; ties are broken by names. This is no
-traffic control: two vehicles may be sent along the same edge at the same time, even towards one
-another.
+Values in, values out. Routes are shortest by length; ties are broken by names. There is no traffic
+control: two vehicles may get the same edge at the same time, even in opposite directions.
 """
 
 from __future__ import annotations
@@ -12,16 +11,21 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from string import Template
+from typing import Literal
 
-from mrbt_mesh.adapters.vda5050.dialects import Action, OrderNode, ParameterValue, VehicleOrder
+from pydantic import Field, JsonValue
+
+from mrbt_mesh.adapters.vda5050.dialects import Action, OrderNode, VehicleOrder
 from mrbt_mesh.adapters.vda5050.messages import VehicleState
+from mrbt_mesh.formats.file_model import FileModel, Name
+from mrbt_mesh.formats.tree_model import CallText
 
-# A vehicle that is this near a node is on it, and needs no other tolerance than its own.
+# A vehicle this near a node is on it, and needs no tolerance beyond its own.
 ON_NODE_M = 0.1
 
 
 class RouteError(Exception):
-    """There is no way there; the text says from where to where."""
+    """There is no such way; the text names its ends."""
 
 
 @dataclass(frozen=True)
@@ -33,76 +37,68 @@ class LayoutNode:
     theta: float | None = None
 
 
-@dataclass(frozen=True)
-class ActionTemplate:
-    """An action of a stop; texts may name parameters of the local task, e.g. `$rack`."""
+class ActionTemplate(FileModel):
+    """An action of a stop, with the parameters that the vehicle wants.
+
+    Texts may name parameters of the local task, e.g. `$rack`.
+    """
 
     type: str
-    parameters: Mapping[str, ParameterValue]
-    blocking: str
+    parameters: dict[str, JsonValue] = {}
+    blocking: Literal["NONE", "SOFT", "HARD"] = "HARD"
+
+    def filled(self, values: Mapping[str, str]) -> ActionTemplate:
+        """With values in place of the parameters' names."""
+        given = {
+            key: _fill(value, values) if isinstance(value, str) else value
+            for key, value in self.parameters.items()
+        }
+        return ActionTemplate(
+            type=_fill(self.type, values), parameters=given, blocking=self.blocking
+        )
 
 
-@dataclass(frozen=True)
-class StopTemplate:
+class StopTemplate(FileModel):
     """A node to drive to, which may be a parameter, and what is done there."""
 
     at: str
-    actions: tuple[ActionTemplate, ...]
+    actions: tuple[ActionTemplate, ...] = Field((), strict=False)
 
 
-@dataclass(frozen=True)
-class FilledTask:
-    """A ground local task: where to drive, and the conditions that hold afterwards."""
+class TaskTemplate(FileModel):
+    """A local task as an order; `sets`: conditions that hold once it has succeeded."""
 
-    stops: tuple[StopTemplate, ...]
-    sets: Mapping[str, bool]
+    parameters: list[Name] = []
+    sets: dict[CallText, bool] = {}
+    stops: tuple[StopTemplate, ...] = Field(min_length=1, max_length=100, strict=False)
 
-
-@dataclass(frozen=True)
-class TaskTemplate:
-    """What a local task is for a vehicle, and which conditions it sets when it has succeeded."""
-
-    parameters: tuple[str, ...]
-    stops: tuple[StopTemplate, ...]
-    sets: Mapping[str, bool]
-
-    def filled(self, arguments: Sequence[str]) -> FilledTask:
+    def filled(self, arguments: Sequence[str]) -> TaskTemplate:
         """With the values of a ground local task. Raises RouteError."""
         if len(arguments) != len(self.parameters):
             wanted = ", ".join(self.parameters) or "none"
             raise RouteError(f"the layout has other parameters: {wanted}")
         values = dict(zip(self.parameters, arguments, strict=True))
-        stops = tuple(
-            StopTemplate(
-                _fill(stop.at, values),
-                tuple(
-                    ActionTemplate(
-                        _fill(action.type, values),
-                        {key: _filled(value, values) for key, value in action.parameters.items()},
-                        action.blocking,
-                    )
-                    for action in stop.actions
-                ),
-            )
-            for stop in self.stops
+        return TaskTemplate(
+            stops=tuple(
+                StopTemplate(
+                    at=_fill(stop.at, values),
+                    actions=tuple(action.filled(values) for action in stop.actions),
+                )
+                for stop in self.stops
+            ),
+            sets={_fill(name, values): value for name, value in self.sets.items()},
         )
-        return FilledTask(stops, {_fill(name, values): value for name, value in self.sets.items()})
 
 
 def _fill(text: str, values: Mapping[str, str]) -> str:
     return Template(text).safe_substitute(values)
 
 
-def _filled(value: ParameterValue, values: Mapping[str, str]) -> ParameterValue:
-    return _fill(value, values) if isinstance(value, str) else value
-
-
 @dataclass(frozen=True)
 class Layout:
     """A map's nodes and its directed edges with their speed limits, in m/s, None for none.
 
-    A vehicle that does not say on which node it is may be up to `reach_m` away from the one at
-    which its order begins.
+    A vehicle that reports no node may be up to `reach_m` away from the node where its order begins.
     """
 
     map_id: str
@@ -133,14 +129,14 @@ class Layout:
     def begin(self, state: VehicleState) -> str:
         """The node where a vehicle's next order begins. Raises RouteError.
 
-        The one that it says, else the nearest one within reach.
+        Its last reported node, else the nearest one within reach.
         """
         if state.last_node in self.nodes:
             return state.last_node
         place = state.place
         if place is None:
             said = repr(state.last_node) if state.last_node else "no node"
-            raise RouteError(f"the vehicle says {said} and no position: the layout needs one")
+            raise RouteError(f"the vehicle reports {said} and no position: the layout needs one")
         off, name = min(
             (math.hypot(node.x - place.x, node.y - place.y), name)
             for name, node in self.nodes.items()
@@ -194,7 +190,7 @@ class Layout:
                 for number, each in enumerate(templates, start=1)
             )
             count += len(actions)
-            # The vehicle stands somewhere, with some heading: the first node must admit that.
+            # The first node must allow the place and heading that the vehicle has now.
             first = position == 0
             nodes.append(
                 OrderNode(

@@ -12,24 +12,17 @@ from pathlib import Path
 from string import Template
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import Field, JsonValue
+from pydantic import Field
 
 from mrbt_mesh.adapters.mission_fit import note_misfits, note_missing_robots
 from mrbt_mesh.adapters.vda5050.dialects import DIALECTS, VehicleAddress
-from mrbt_mesh.adapters.vda5050.layout import (
-    ActionTemplate,
-    Layout,
-    LayoutNode,
-    StopTemplate,
-    TaskTemplate,
-)
+from mrbt_mesh.adapters.vda5050.layout import Layout, LayoutNode, TaskTemplate
 from mrbt_mesh.adapters.vda5050.vehicle import Battery
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError, nearest, read_limited, whole_file_error
 from mrbt_mesh.formats.file_model import EXPLAINED, FileModel, Name, RobotName, read_model
 from mrbt_mesh.formats.mission_file import MAX_YAML_BYTES
 from mrbt_mesh.formats.problems import Report, SourcePath
-from mrbt_mesh.formats.tree_model import CallText
 from mrbt_mesh.formats.yaml_source import decode, read_yaml
 
 # `host:port` in place of the file's broker, so that one file serves a plant and a test.
@@ -44,7 +37,6 @@ Level: TypeAlias = Annotated[str, Field(pattern=_LEVEL)]
 NodeName: TypeAlias = Annotated[str, Field(min_length=1, max_length=64)]
 DialectName: TypeAlias = Literal["1.1", "2.0", "2.1", "3.0"]
 Coordinates: TypeAlias = Annotated[list[float], Field(min_length=2, max_length=3)]
-Percent: TypeAlias = Annotated[float, Field(ge=0, le=100)]
 
 
 class BrokerModel(FileModel):
@@ -75,36 +67,6 @@ class VehicleModel(FileModel):
     dialect: DialectName | None = None
 
 
-class ActionModel(FileModel):
-    """An action of a stop, with the parameters that the vehicle wants."""
-
-    type: str
-    parameters: dict[str, JsonValue] = {}
-    blocking: Literal["NONE", "SOFT", "HARD"] = "HARD"
-
-
-class StopModel(FileModel):
-    """Where to drive to, and what to do there."""
-
-    at: str
-    actions: list[ActionModel] = []
-
-
-class TaskModel(FileModel):
-    """A local task as an order; `sets`: conditions, with `$parameters`, that hold afterwards."""
-
-    parameters: list[Name] = []
-    sets: dict[CallText, bool] = {}
-    stops: Annotated[list[StopModel], Field(min_length=1, max_length=100)]
-
-
-class BatteryModel(FileModel):
-    """Below `low_percent` a vehicle takes no orders, until it has `enough_percent`."""
-
-    low_percent: Percent = 15.0
-    enough_percent: Percent = 30.0
-
-
 class LayoutFileModel(FileModel):
     """The whole file."""
 
@@ -116,14 +78,14 @@ class LayoutFileModel(FileModel):
     edges: list[EdgeModel] = []
     reach_m: Annotated[float, Field(gt=0)] = 2.0
     vehicles: Annotated[dict[RobotName, VehicleModel], Field(min_length=1)]
-    local_tasks: Annotated[dict[Name, TaskModel], Field(min_length=1)]
-    battery: BatteryModel = BatteryModel()
+    local_tasks: Annotated[dict[Name, TaskTemplate], Field(min_length=1)]
+    battery: Battery = Battery()
     errors: dict[str, list[Name]] = {}
 
 
 @dataclass(frozen=True)
 class Broker:
-    """How the broker is reached. `keepalive_s`: how soon it notices that a client is gone."""
+    """How the broker is reached. `keepalive_s`: how soon it notices a lost client."""
 
     host: str
     port: int
@@ -143,7 +105,7 @@ class LayoutFile:
     vehicles: Mapping[str, VehicleAddress]
     tasks: Mapping[str, TaskTemplate]
     battery: Battery
-    errors: Mapping[str, tuple[str, ...]]
+    errors: Mapping[str, list[str]]
     report: Report
 
     def check_mission(self, mission: Mission, robots: Collection[str]) -> None:
@@ -172,9 +134,9 @@ def load_layout(path: Path) -> LayoutFile:
         _broker(model.broker, file),
         _layout(model),
         {robot: _address(model, robot) for robot in model.vehicles},
-        {name: _task(task) for name, task in model.local_tasks.items()},
-        Battery(model.battery.low_percent, model.battery.enough_percent),
-        {kind: tuple(names) for kind, names in model.errors.items()},
+        model.local_tasks,
+        model.battery,
+        model.errors,
         report,
     )
 
@@ -202,7 +164,7 @@ def _check(model: LayoutFileModel, report: Report) -> None:
         report.add(("battery",), "enough_percent is less than low_percent")
 
 
-def _check_task(model: LayoutFileModel, name: str, task: TaskModel, report: Report) -> None:
+def _check_task(model: LayoutFileModel, name: str, task: TaskTemplate, report: Report) -> None:
     for index, stop in enumerate(task.stops):
         place = ("local_tasks", name, "stops", index)
         if "$" not in stop.at:
@@ -217,7 +179,7 @@ def _check_task(model: LayoutFileModel, name: str, task: TaskModel, report: Repo
 
 
 def _known_parameters(
-    task: TaskModel, text: str, place: tuple[str | int, ...], report: Report
+    task: TaskTemplate, text: str, place: tuple[str | int, ...], report: Report
 ) -> None:
     for parameter in Template(text).get_identifiers():
         if parameter not in task.parameters:
@@ -266,17 +228,3 @@ def _address(model: LayoutFileModel, robot: str) -> VehicleAddress:
     dialect = DIALECTS[vehicle.dialect or model.dialect]
     serial_number = vehicle.serial_number or robot
     return VehicleAddress(model.interface, vehicle.manufacturer, serial_number, dialect)
-
-
-def _task(model: TaskModel) -> TaskTemplate:
-    stops = tuple(
-        StopTemplate(
-            stop.at,
-            tuple(
-                ActionTemplate(action.type, dict(action.parameters), action.blocking)  # type: ignore[arg-type]
-                for action in stop.actions
-            ),
-        )
-        for stop in model.stops
-    )
-    return TaskTemplate(tuple(model.parameters), stops, dict(model.sets))

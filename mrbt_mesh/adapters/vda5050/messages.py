@@ -1,4 +1,4 @@
-"""What vehicles say, decoded from any version into one form, or refused."""
+"""Messages of vehicles, decoded from any version into one form, or refused."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FOLLOWING = frozenset({"AUTOMATIC", "SEMIAUTOMATIC"})
 
 
 class MessageError(Exception):
-    """What came is no message of VDA 5050; the text says why."""
+    """The payload is no message of VDA 5050; the text has the reason."""
 
 
 class Link(StrEnum):
@@ -34,7 +34,7 @@ class Link(StrEnum):
 
 @dataclass(frozen=True)
 class VehicleError:
-    """An error that a vehicle tells. `references` are (key, value) pairs."""
+    """An error that a vehicle reports. `references` are (key, value) pairs."""
 
     type: str
     level: str
@@ -62,10 +62,10 @@ class VehiclePlace:
 
 @dataclass(frozen=True)
 class VehicleState:
-    """A vehicle's state. `charge_percent` is None where it was not said.
+    """A vehicle's state. `charge_percent`: None if it is not reported.
 
     `nodes_left` and `edges_left` count what is left of its order; `actions` map ids to statuses,
-    `results` to what the vehicle says of the result, where it says anything.
+    `results` ids to descriptions of results, where there are any.
     """
 
     order_id: str
@@ -87,8 +87,8 @@ class VehicleState:
     def has_active_order(self) -> bool:
         """Whether it still has something to drive or to do for its order.
 
-        Up to 2.1 instant actions stand among the others; those of the adapter are told apart by
-        who sent them (`vehicle.py`).
+        Up to 2.1 instant actions are among the others; `vehicle.py` knows the adapter's by their
+        ids.
         """
         ended = FINISHED, FAILED
         return bool(self.nodes_left or self.edges_left) or any(
@@ -96,7 +96,7 @@ class VehicleState:
         )
 
     def status_of(self, action_id: str) -> str | None:
-        """The status of an action, instant or of an order; None where it is not told."""
+        """The status of an action, instant or of an order; None if it is not in the state."""
         return self.actions.get(action_id) or self.instant_actions.get(action_id)
 
 
@@ -149,7 +149,7 @@ def read_state(message: Mapping[str, Any]) -> VehicleState:
 
 
 def read_place(message: Mapping[str, Any]) -> VehiclePlace | None:
-    """Where a vehicle is, by its state or its visualization; None where that is not told."""
+    """A vehicle's place, from its state or its visualization; None if it has none."""
     said = _mapping(message, "mobileRobotPosition", None) or _mapping(message, "agvPosition", {})
     x, y = _number(said.get("x")), _number(said.get("y"))
     if x is None or y is None:

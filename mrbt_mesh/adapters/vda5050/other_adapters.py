@@ -1,7 +1,7 @@
-"""What the adapters of a fleet say to one another: the vehicle of a robot that has died is stopped.
+"""Messages between the adapters of a fleet: the vehicle of a dead robot is stopped.
 
-Each vehicle has one topic more, `mrbt`: there its adapter says that it has begun, its last will
-that it is gone, and another adapter that the vehicle was stopped.
+Each vehicle has one more topic, `mrbt`, for three messages: its adapter has started, its adapter
+has ended (the last will), and another adapter has stopped the vehicle.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ ADAPTER = "mrbt"
 HERE, GONE, STOPPED = (
     json.dumps({"adapter": what}).encode() for what in ("here", "gone", "stopped")
 )
-# For so long after a last will the broker must live; then one adapter after the other would act.
+# The broker must live this long after a last will; then one adapter after the other acts.
 GRACE_S, TURN_S = 0.3, 0.02
 
 

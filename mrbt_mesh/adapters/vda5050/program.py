@@ -27,7 +27,7 @@ from mrbt_mesh.adapters.vda5050.dialects import (
     VISUALIZATION,
     Message,
 )
-from mrbt_mesh.adapters.vda5050.layout import FilledTask, RouteError, StopTemplate, TaskTemplate
+from mrbt_mesh.adapters.vda5050.layout import RouteError, StopTemplate, TaskTemplate
 from mrbt_mesh.adapters.vda5050.layout_file import LayoutFile, load_layout
 from mrbt_mesh.adapters.vda5050.messages import (
     Link,
@@ -58,11 +58,11 @@ if TYPE_CHECKING:
 EXTRA = "vda5050"
 TICK_S = 0.25
 RECONNECT_S = 0.5
-# How long a task that was cancelled waits for its vehicle to say that it has stopped.
+# How long a cancelled task waits for its vehicle to stop.
 STOP_S = 5.0
-# How long a bid waits for what the vehicle says first.
+# How long a bid waits for the first state.
 FIRST_STATE_S = 5.0
-# How long a vehicle that has not been heard yet is not there yet; then that is a fault.
+# A vehicle without a message is pending for this long; then that is a fault.
 START_UP_S = 20.0
 ALL = "all"
 
@@ -96,7 +96,7 @@ def require_extra() -> None:
 
 
 def _serve(program: RobotProgram, fleet: Fleet, name: str, template: TaskTemplate) -> None:
-    def filled(arguments: tuple[str, ...]) -> FilledTask:
+    def filled(arguments: tuple[str, ...]) -> TaskTemplate:
         try:
             return template.filled(arguments)
         except RouteError as error:
@@ -153,7 +153,7 @@ class ConnectedVehicle:
         self._header_ids: dict[str, int] = {}
         self._is_starting = True
         self._broker_error = ""
-        # Local task -> why it is lost, and whether it is only not there yet; as the team knows it.
+        # Local task -> why it is lost, and whether it is only pending; as reported to the team.
         self._told: dict[str, tuple[str, bool]] = {}
         self._refused: set[str] = set()
         self._adapters = OtherAdapters(file, robot, self._tell_news)
@@ -239,7 +239,7 @@ class ConnectedVehicle:
             self._log.warning("broker_unreachable", error=str(error))
 
     async def _exchange(self, client: aiomqtt.Client) -> None:
-        """Take in what comes and send what is to go, until the connection is gone."""
+        """Receive and send, until the connection ends."""
         import aiomqtt
 
         async with anyio.create_task_group() as group:
@@ -290,7 +290,7 @@ class ConnectedVehicle:
                 payload = self._payload(effect.topic, effect.body)
                 await client.publish(self._address.topic(effect.topic), payload)
             except aiomqtt.MqttError:
-                # The connection is gone, as the other side of it will notice; all is sent again.
+                # The connection has ended, as the receiving side will notice; all is sent again.
                 return
 
     def _payload(self, topic: str, body: Message) -> bytes:
@@ -299,7 +299,7 @@ class ConnectedVehicle:
         return json.dumps(self._address.headed(header_id, time.time(), body)).encode()
 
     def _take(self, name: str, payload: bytes | bytearray) -> None:
-        """A message; one that cannot be used is told once for each topic, and left out."""
+        """Take in a message; an invalid one is logged once for each topic, and dropped."""
         try:
             message = decode(payload)
             if name == CONNECTION:
@@ -357,7 +357,7 @@ class ConnectedVehicle:
         self._news = anyio.Event()
 
     def _tell_faults(self) -> None:
-        """Tell the team what this robot cannot do any more, and what it can do again."""
+        """Report capabilities that this robot has lost or has again."""
         if self._background is None:
             return
         self._is_starting &= not self.vehicle.is_reachable
@@ -374,8 +374,8 @@ class ConnectedVehicle:
             self._background.restore_capability(name)
         for name, (why, is_pending) in sorted(found.items()):
             if ALL in ended or before.get(name) != (why, is_pending):
-                tell = self._background
-                (tell.defer_capability if is_pending else tell.lose_capability)(name, why)
+                robot = self._background
+                (robot.defer_capability if is_pending else robot.lose_capability)(name, why)
 
     def _prevented(self) -> dict[str, tuple[str, bool]]:
         """The local tasks that the vehicle's errors prevent, by the layout file."""

@@ -12,7 +12,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Annotated, TypeAlias
+
+from pydantic import Field
 
 from mrbt_mesh.adapters.vda5050.dialects import (
     INSTANT_ACTIONS,
@@ -37,18 +39,21 @@ from mrbt_mesh.adapters.vda5050.messages import (
     Link,
     VehicleState,
 )
+from mrbt_mesh.formats.file_model import FileModel
+
+Percent: TypeAlias = Annotated[float, Field(ge=0, le=100)]
 
 # How ids of the adapter's orders begin.
 OURS = "mrbt-"
-# Orders and instant actions may be lost (quality of service 0): they are sent again so often.
+# Period of sending again: orders and instant actions may be lost (quality of service 0).
 AGAIN_S = 2.0
-# An order that is taken in by then neither is nor is refused has failed.
+# An order that is neither accepted nor refused within this time has failed.
 ACCEPT_S = 10.0
-# A vehicle that drives on for so long after it was told to stop is no use for the team.
+# A vehicle that drives on for this long after a cancellation is a fault.
 OBEY_S = 10.0
 # The standard has vehicles send a state every 30 s at least.
 SILENT_S = 45.0
-# The broker may be away for so long: orders go on meanwhile.
+# An outage of the broker of this length is no fault: orders go on.
 BROKER_S = 3.0
 NO_BROKER = "no connection to the broker"
 
@@ -79,12 +84,11 @@ class OrderProgress:
 Effect: TypeAlias = Send | Ended | OrderProgress
 
 
-@dataclass(frozen=True)
-class Battery:
+class Battery(FileModel):
     """Below `low_percent` a vehicle takes no orders, until it has `enough_percent` again."""
 
-    low_percent: float = 15.0
-    enough_percent: float = 30.0
+    low_percent: Percent = 15.0
+    enough_percent: Percent = 30.0
 
 
 class Vehicle:
@@ -176,7 +180,7 @@ class Vehicle:
 
     @property
     def is_reachable(self) -> bool:
-        """Whether the vehicle can be told something, and has said how it is."""
+        """Whether the vehicle is online and has sent its state."""
         return self._unlinked_s is None and self._link is Link.ONLINE and self.state is not None
 
     @property
@@ -207,7 +211,7 @@ class Vehicle:
         return self._was_cut_off and now_s - self._heard_s < BROKER_S
 
     def _trouble(self, state: VehicleState, now_s: float) -> str:
-        """What a vehicle that is there says against itself."""
+        """The fault that a reachable vehicle reports; empty for none."""
         fatal = [str(error) for error in state.errors if error.level == FATAL]
         if fatal:
             return f"the vehicle has a fatal error: {fatal[0]}"
@@ -226,7 +230,7 @@ class Vehicle:
         if self._has_foreign_order(state):
             return f"the vehicle has an order of somebody else ({state.order_id or 'no id'})"
         if self._cancel is not None and now_s - self._cancel[1] >= OBEY_S:
-            return "the vehicle was told to stop its order and does not"
+            return "the vehicle does not stop its cancelled order"
         return ""
 
     # -- what follows --------------------------------------------------------------------------
@@ -328,7 +332,7 @@ class Vehicle:
         if not broken and state.last_sequence_id == order.last_sequence_id:
             return self._end(True, "")
         if self._was_cut_off:
-            # The broker has told the vehicle to stop when this adapter was gone: once more.
+            # The last will of this adapter has cancelled the order: send it again.
             self._was_cut_off, self._order, self._stale = False, None, None
             return self._begin(state, self._heard_s)
         if broken:
@@ -338,14 +342,14 @@ class Vehicle:
     def _why(self, state: VehicleState, order: VehicleOrder, action_id: str) -> str:
         actions = {a.action_id: a for node in order.nodes for a in node.actions}
         result = state.results.get(action_id)
-        told = [result] if result else []
-        told += [str(e) for e in state.errors if e.is_of("actionId", action_id)][:1]
-        because = f": {'; '.join(told)}" if told else ""
+        causes = [result] if result else []
+        causes += [str(e) for e in state.errors if e.is_of("actionId", action_id)][:1]
+        because = f": {'; '.join(causes)}" if causes else ""
         return f"the vehicle's action {actions[action_id].type} failed{because}"
 
     def _refusal(self, state: VehicleState, order: VehicleOrder) -> str:
-        told = [str(e) for e in state.errors if e.is_of("orderId", order.order_id)]
-        return told[0] if told and state.order_id != order.order_id else ""
+        causes = [str(e) for e in state.errors if e.is_of("orderId", order.order_id)]
+        return causes[0] if causes and state.order_id != order.order_id else ""
 
     def _end(self, success: bool, reason: str) -> list[Effect]:
         """The job is over; what may be left of its order is cancelled with the next news."""

@@ -15,11 +15,11 @@ from mrbt_mesh.adapters.vda5050.layout import (
     Layout,
     LayoutNode,
     RouteError,
-    StopTemplate,
     TaskTemplate,
 )
 from mrbt_mesh.adapters.vda5050.messages import read_state
 from tests.support.vda5050.model_agv import ModelAgv
+from tests.support.vda5050.world import stop
 
 NAMES = "ABCDE"
 
@@ -63,7 +63,7 @@ LINE = Layout(
     {"A": LayoutNode(0, 0), "B": LayoutNode(4, 0, 1.5), "C": LayoutNode(8, 0)},
     {"A": {"B": 0.5}, "B": {"A": None, "C": None}, "C": {"B": None}},
 )
-DO = ActionTemplate("pick", {"slot": "$slot", "n": 1}, "HARD")
+DO = ActionTemplate(type="pick", parameters={"slot": "$slot", "n": 1})
 
 
 def state_at(x: float, y: float, node: str) -> Any:
@@ -71,7 +71,7 @@ def state_at(x: float, y: float, node: str) -> Any:
 
 
 def test_an_order_stops_where_it_is_told_and_numbers_its_actions() -> None:
-    stops = (StopTemplate("C", (DO, DO)), StopTemplate("B", (DO,)))
+    stops = (stop("C", DO, DO), stop("B", DO))
     order = LINE.order("o1", state_at(0, 0, "A"), stops)
     assert [node.name for node in order.nodes] == ["A", "B", "C", "B"]
     assert order.action_ids == ("o1/1", "o1/2", "o1/3")
@@ -84,13 +84,13 @@ def test_an_order_stops_where_it_is_told_and_numbers_its_actions() -> None:
 
 
 def test_a_vehicle_that_stopped_on_its_way_may_begin_off_its_node() -> None:
-    order = LINE.order("o1", state_at(1.5, 0, "A"), (StopTemplate("B", ()),))
+    order = LINE.order("o1", state_at(1.5, 0, "A"), (stop("B"),))
     assert order.nodes[0].deviation_m == pytest.approx(1.6)
     assert LINE.order("o1", state_at(0, 0.05, "A"), ()).nodes[0].deviation_m == 0
 
 
 def test_a_stop_where_the_vehicle_stands_is_an_order_of_one_node() -> None:
-    order = LINE.order("o1", state_at(0, 0, "A"), (StopTemplate("A", (DO,)),))
+    order = LINE.order("o1", state_at(0, 0, "A"), (stop("A", DO),))
     assert [(node.name, len(node.actions)) for node in order.nodes] == [("A", 1)]
 
 
@@ -105,15 +105,17 @@ def test_where_a_vehicle_begins_that_names_no_node() -> None:
 
 def test_two_stops_at_one_node_are_refused() -> None:
     with pytest.raises(RouteError, match="two stops at B"):
-        LINE.order("o1", state_at(0, 0, "A"), (StopTemplate("B", ()), StopTemplate("B", ())))
+        LINE.order("o1", state_at(0, 0, "A"), (stop("B"), stop("B")))
 
 
 def test_parameters_go_into_nodes_actions_and_conditions() -> None:
-    task = TaskTemplate(("slot",), (StopTemplate("rack_$slot", (DO,)),), {"empty($slot)": True})
+    task = TaskTemplate(
+        parameters=["slot"], stops=(stop("rack_$slot", DO),), sets={"empty($slot)": True}
+    )
     filled = task.filled(("7",))
     assert filled.sets == {"empty(7)": True}
-    (stop,) = filled.stops
-    assert stop.at == "rack_7"
-    assert stop.actions[0].parameters == {"slot": "7", "n": 1}
+    (only,) = filled.stops
+    assert only.at == "rack_7"
+    assert only.actions[0].parameters == {"slot": "7", "n": 1}
     with pytest.raises(RouteError, match="other parameters: slot"):
         task.filled(())

@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.adapters.vda5050.layout import StopTemplate
 from mrbt_mesh.adapters.vda5050.messages import Link
 from mrbt_mesh.adapters.vda5050.vehicle import (
     ACCEPT_S,
@@ -16,7 +15,7 @@ from mrbt_mesh.adapters.vda5050.vehicle import (
     SILENT_S,
     Ended,
 )
-from tests.support.vda5050.world import TO_A, World
+from tests.support.vda5050.world import TO_A, World, stop
 
 
 def test_an_order_is_driven_to_its_end() -> None:
@@ -303,5 +302,5 @@ def test_an_action_that_fails_is_told_with_its_result(key: str) -> None:
 
 
 def test_a_place_that_the_layout_has_no_way_to_fails_at_once() -> None:
-    world = World().online().start((StopTemplate("Z", ()),))
+    world = World().online().start((stop("Z"),))
     assert world.ended == [Ended(False, "the layout has no node 'Z'")]

@@ -16,8 +16,15 @@ LAYOUT = Layout(
     {name: LayoutNode(4.0 * index, 0.0) for index, name in enumerate("ABCD")},
     {"A": {"B": None}, "B": {"A": None, "C": 1.5}, "C": {"B": None, "D": None}, "D": {"C": None}},
 )
-TO_C = (StopTemplate("C", (ActionTemplate("pick", {"duration": 1}, "HARD"),)),)
-TO_A = (StopTemplate("A", (ActionTemplate("drop", {}, "HARD"),)),)
+PICK = ActionTemplate(type="pick", parameters={"duration": 1})
+
+
+def stop(at: str, *actions: ActionTemplate) -> StopTemplate:
+    return StopTemplate(at=at, actions=actions)
+
+
+TO_C = (stop("C", PICK),)
+TO_A = (stop("A", ActionTemplate(type="drop")),)
 
 
 @dataclass

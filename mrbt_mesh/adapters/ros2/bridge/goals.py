@@ -69,7 +69,7 @@ class GoalKeeper(ServerKeeper):
         return effects + self._advance(now_s)
 
     def cancel(self, run: int, now_s: float) -> list[ServerEffect]:
-        """A run's goal is no longer wanted; its end is told when the server has stopped."""
+        """A run's goal is no longer wanted; its end is reported once the server has stopped."""
         goal = self._goal
         if goal is None or goal.run != run:
             return []
@@ -175,7 +175,7 @@ class GoalKeeper(ServerKeeper):
                 effects.append(SendGoal(goal.run, goal.goal_id, goal.body))
         obeys = not any(now_s - stale.since_s >= OBEY_S for stale in self._stale.values())
         if is_there and not obeys:
-            self._why_not = "was told to stop and does not"
+            self._why_not = "does not stop its cancelled goal"
         # One that comes back is of use when nothing is left at it.
         return effects + self._told(is_there and obeys and (self._last.is_up or not self._stale))
 

@@ -80,7 +80,7 @@ class ServerKeeper(ABC):
 
     @abstractmethod
     def cancel(self, run: int, now_s: float) -> list[ServerEffect]:
-        """It is wanted no longer; its end is told when the server has stopped."""
+        """It is wanted no longer; its end is reported once the server has stopped."""
 
     @abstractmethod
     def refused(self, run: int, text: str, now_s: float) -> list[ServerEffect]:

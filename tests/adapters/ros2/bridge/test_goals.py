@@ -103,7 +103,7 @@ def test_a_server_that_does_not_stop_is_no_use_until_it_has() -> None:
     keeper.answered(ONE, True, 0.1)
     keeper.cancel(7, 0.2)
     told = [e for e in keeper.heard(0.2 + OBEY_S) if isinstance(e, ServerTold)]
-    assert told == [ServerTold(False, "was told to stop and does not")]
+    assert told == [ServerTold(False, "does not stop its cancelled goal")]
     ended = keeper.result(ONE, SUCCEEDED, "", {}, 20.0)
     assert ended[-2:] == [RunEnded(7, "cancelled", "", {}), ServerTold(True, "")]
 
