@@ -122,7 +122,9 @@ class Driver:
         self._recording = robot_recording(
             setup.record, setup.mission, setup.config, self._agent.view, self.log
         )
+        # When it fires, on `boottime_us`.
         self._timer: asyncio.TimerHandle | None = None
+        self._timer_us = 0
         self._stop: Stop | None = None
         self._is_ready = False
         # Set once it hears its team.
@@ -265,13 +267,26 @@ class Driver:
             self.submit(event)
 
     def _set_timer(self) -> None:
+        """See that the timer fires in time. One that fires early finds out when to fire next."""
+        if self._stop is not None:
+            return
+        now_us = boottime_us()
+        due_us = self._agent.next_deadline_us(now_us)
         if self._timer is not None:
+            if now_us < self._timer_us <= due_us:
+                return
             self._timer.cancel()
-        if self._stop is None:
-            now_us = boottime_us()
-            wait_s = max(0, self._agent.next_deadline_us(now_us) - now_us) / 1e6
-            loop = asyncio.get_running_loop()
-            self._timer = loop.call_later(wait_s, self.submit, TimerFired())
+        self._timer_us = due_us
+        wait_s = max(0, due_us - now_us) / 1e6
+        self._timer = asyncio.get_running_loop().call_later(wait_s, self._fire)
+
+    def _fire(self) -> None:
+        self._timer = None
+        now_us = boottime_us()
+        if self._agent.next_deadline_us(now_us) <= now_us:
+            self.submit(TimerFired())
+        else:
+            self._set_timer()
 
     async def _watch_signals(self) -> None:
         with anyio.open_signal_receiver(signal.SIGTERM, signal.SIGINT) as signals:

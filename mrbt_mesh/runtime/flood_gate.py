@@ -1,8 +1,9 @@
 """What stops a flood: messages that nobody of the team has sealed go no further than here.
 
-It stands before the inbox, on Zenoh's threads, so that a robot has time left for its own. Tags are
-checked here. Signatures take a hundred times as long: so many a second are let through for each
-source, and the agent checks them. Whatever passes is opened by the agent, with all its rules.
+It works before the inbox, on Zenoh's threads, so that a robot has time left for its own. Tags are
+checked here, those of published messages once and for all. Signatures take a hundred times as long:
+a limited number a second is let through for each source, and the agent checks them. Whatever passes
+is opened by the agent, with all its other rules.
 
 What is beyond that is not only dropped: the thread that brought it waits a little. Zenoh reads each
 link on a thread of its own, so this slows down the link over which the flood comes, and no other;
@@ -22,7 +23,13 @@ from mrbt_mesh.core.agent.inputs import (
     MessageReceived,
     QueryReceived,
 )
-from mrbt_mesh.core.membership.envelope import ForgedError, HeardMessages, has_tag, parse_envelope
+from mrbt_mesh.core.membership.envelope import (
+    Envelope,
+    ForgedError,
+    HeardMessages,
+    has_tag,
+    parse_envelope,
+)
 from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES, MessageKind
 from mrbt_mesh.runtime.budget import Budget
@@ -89,19 +96,20 @@ class FloodGate:
         match event:
             case InputRefused(source, reason, count):
                 self._refuse(source, reason, count)
-            case MessageReceived(_, source, data) if keys is not None:
+            case MessageReceived(kind, source, data) if keys is not None:
+                envelope = _checked(keys, data)
+                if envelope is not None and self._is_news_of(source, envelope):
+                    return self._deliver(MessageReceived(kind, source, data, envelope), slot)
                 # What is not checked yet must not take the place of anything.
-                if self._is_news_of(keys, source, data):
-                    return self._deliver(event, slot)
                 name = source if keys.role_of(source) is not None else NOBODY
                 if self._is_in_budget(name, data):
                     self._deliver(event, None)
             case QueryReceived(_, kind, data) if keys is not None:
                 life = self._life if kind is MessageKind.COMMAND else None
-                if _has_tag(keys, data, life) or self._is_in_budget(NO_SOURCE, data):
+                if _checked(keys, data, life) or self._is_in_budget(NO_SOURCE, data):
                     return self._deliver(event, slot)
             case AnswerReceived(_, data) if keys is not None and data is not None:
-                if _has_tag(keys, data, None) or self._is_in_budget(AN_ANSWER, data):
+                if _checked(keys, data) or self._is_in_budget(AN_ANSWER, data):
                     return self._deliver(event, slot)
             case _:
                 return self._deliver(event, slot)
@@ -113,17 +121,12 @@ class FloodGate:
             found, self._refused = self._refused, {}
         return [InputRefused(*key, count) for key, count in found.items()]
 
-    def _is_news_of(self, keys: Keys, source: str, data: bytes) -> bool:
-        """Whether a tag shows that `source` has sealed this, and it was not heard before.
+    def _is_news_of(self, source: str, envelope: Envelope) -> bool:
+        """Whether `source` has sealed this for this run, and it was not heard before.
 
         Old messages must not take the place of newer ones that wait.
         """
-        try:
-            envelope = parse_envelope(data)
-        except ForgedError:
-            return False
-        is_own = envelope.sender == source and envelope.run == self._run
-        if not is_own or not has_tag(keys, envelope):
+        if envelope.sender != source or envelope.run != self._run:
             return False
         with self._lock:
             return self._memory.is_news(envelope)
@@ -151,9 +154,10 @@ class FloodGate:
                 self._may_wait.release()
 
 
-def _has_tag(keys: Keys, data: bytes, life: int | None) -> bool:
-    """Whether a tag shows that a member has sealed this; `life`: see `has_tag`."""
+def _checked(keys: Keys, data: bytes, life: int | None = None) -> Envelope | None:
+    """The envelope, if a tag shows that a member has sealed it; `life`: see `has_tag`."""
     try:
-        return has_tag(keys, parse_envelope(data), life)
+        envelope = parse_envelope(data)
     except ForgedError:
-        return False
+        return None
+    return envelope if has_tag(keys, envelope, life) else None

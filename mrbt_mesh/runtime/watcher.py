@@ -24,7 +24,7 @@ from mrbt_mesh.core.agent.inputs import (
 )
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.facts.store import Incarnation
-from mrbt_mesh.core.membership.envelope import ForgedError, Guard
+from mrbt_mesh.core.membership.envelope import Envelope, ForgedError, Guard
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.membership.wire import MessageKind, WireError, decode, encode
 from mrbt_mesh.core.observer.observer import Observer
@@ -165,8 +165,9 @@ class Watcher:
     def _take(self, event: Input, now_us: int) -> None:
         observer = self.observer
         match event:
-            case MessageReceived(kind, source, data):
-                self._open(data, kind, source, partial(self._message, kind, source), now_us)
+            case MessageReceived(kind, source, data, envelope):
+                take = partial(self._message, kind, source)
+                self._open(data, kind, source, take, now_us, envelope)
             case TokenChanged(robot, incarnation, held, router):
                 if observer.token(robot, incarnation, held, router):
                     self._transport.ask_router(AskRouter(robot, incarnation, router))
@@ -194,14 +195,16 @@ class Watcher:
         source: str,
         take: Callable[[bytes, int], None],
         now_us: int,
+        envelope: Envelope | None = None,
     ) -> None:
         """Hand on a message; one that is not authentic is noted among those refused."""
-        try:
-            inner = self._guard.open(data, kind, source)[1] if self._guard is not None else data
-        except WireError as error:
-            self.observer.refused[source] = str(error)
-        else:
-            take(inner, now_us)
+        if self._guard is not None:
+            try:
+                _, data = self._guard.open(data, kind, source, envelope)
+            except WireError as error:
+                self.observer.refused[source] = str(error)
+                return
+        take(data, now_us)
 
     async def command(self, robot: str, command: str, argument: str = "") -> tuple[bool, str]:
         """Send an operator's command to one robot: (whether it was done, what it answered).

@@ -11,8 +11,10 @@ import pytest
 
 from benchmarks.report import marks
 from benchmarks.run import Run
-from benchmarks.scale import processes, results, simulated
+from benchmarks.scale import processes, raw, results, simulated
 from benchmarks.scale.__main__ import sizes_of
+from mrbt_mesh.core.membership.envelope import parse_envelope
+from mrbt_mesh.core.membership.wire import Header, read_heartbeat
 from mrbt_mesh.formats.mission_file import load_mission, mission_warnings
 from tests.support.paths import ROOT
 
@@ -88,3 +90,12 @@ def test_what_is_simulated_is_in_the_tables_and_plots(team: simulated.Size) -> N
 def test_the_page_has_a_place_for_what_is_measured(name: str) -> None:
     text = (ROOT / "docs" / "scale.md").read_text()
     assert [text.count(mark) for mark in marks(name)] == [1, 1]
+
+
+def test_the_raw_team_sends_what_a_robot_with_these_neighbours_does() -> None:
+    near = ("R001", "R002", "R003")
+    envelope = parse_envelope(raw.heartbeat("R000", near))
+    header = Header("0" * 16, "patrol", raw.RUN, "R000")
+    beat = read_heartbeat("R000", envelope.data, header, lambda _: True)
+    assert tuple(beat.relays) == near
+    assert len(envelope.proof) == len(near) + 2  # and one more robot, and the operator

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
+from unittest import mock
+
+import pytest
 
 from mrbt_mesh.core.agent.inputs import (
     AnswerReceived,
@@ -11,8 +15,10 @@ from mrbt_mesh.core.agent.inputs import (
     MessageReceived,
     QueryReceived,
 )
-from mrbt_mesh.core.membership.envelope import MAX_TAGS, Guard
-from mrbt_mesh.core.membership.wire import MessageKind
+from mrbt_mesh.core.agent.sealing import Sealing
+from mrbt_mesh.core.membership import envelope
+from mrbt_mesh.core.membership.envelope import MAX_TAGS, ForgedError, Guard
+from mrbt_mesh.core.membership.wire import MessageKind, WireError
 from mrbt_mesh.runtime.flood_gate import (
     AN_ANSWER,
     BYTES_AT_ONCE,
@@ -86,6 +92,33 @@ def test_only_what_is_new_and_has_a_good_tag_is_shown_to_come_from_its_sender() 
     assert not desk.hear("B", message)
     assert not desk.hear("A", b"noise")
     assert not desk.hear("A", Guard(LARGE["A"], "run", 1).seal(b"signed for many"))
+
+
+def test_a_message_is_taken_apart_and_its_tag_checked_once() -> None:
+    desk, sealing = Desk(), Sealing(KEYS["B"], "run", LIFE)
+    desk.hear("A", Guard(KEYS["A"], "run", 1).seal(b"x"))
+    ((event, _),) = desk.got
+    assert isinstance(event, MessageReceived)
+    with (
+        mock.patch.object(envelope, "parse_envelope", side_effect=AssertionError),
+        mock.patch.object(Guard, "_check_proof", side_effect=AssertionError),
+    ):
+        with pytest.raises(ForgedError, match="under the name of"):
+            sealing.open(replace(event, source="op"))
+        assert sealing.open(event) == MessageReceived(BEAT, "A", b"x")
+        with pytest.raises(ForgedError, match="said before"):
+            sealing.open(event)
+
+
+def test_what_the_gate_has_not_checked_is_checked_when_it_is_opened() -> None:
+    desk, sealing = Desk(), Sealing(KEYS["B"], "run", LIFE)
+    for data in (b"noise", Guard(keys_of("A", "B")["A"], "yesterday", 1).seal(b"x")):
+        desk.hear("A", data)
+    for event, _ in desk.got:
+        assert isinstance(event, MessageReceived)
+        assert event.envelope is None
+        with pytest.raises(WireError):
+            sealing.open(event)
 
 
 def test_what_is_not_checked_yet_takes_no_message_s_place() -> None:

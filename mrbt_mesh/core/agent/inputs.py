@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from mrbt_mesh.core.facts.description import PROGRAM
 from mrbt_mesh.core.facts.store import Entry, Incarnation
+from mrbt_mesh.core.membership.envelope import Envelope
 from mrbt_mesh.core.membership.wire import MessageKind, Position
 from mrbt_mesh.core.planning.plan import Plan
 
 
 @dataclass(frozen=True, slots=True)
 class MessageReceived:
-    """A beat or a batch of facts, published under the key of `source`."""
+    """A heartbeat or a batch of facts, published under the key of `source`.
+
+    `envelope`: that of `data`, if its tag has been checked already.
+    """
 
     kind: MessageKind
     source: str
     data: bytes
+    envelope: Envelope | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -51,8 +51,8 @@ class Sealing:
     def open(self, event: FromOutside) -> FromOutside:
         """The input with its message opened; others as they are. Raises WireError."""
         match event:
-            case MessageReceived(kind, source, data):
-                _, inner = self.guard.open(data, kind, source)
+            case MessageReceived(kind, source, data, envelope):
+                _, inner = self.guard.open(data, kind, source, envelope)
                 return MessageReceived(kind, source, inner)
             case QueryReceived(query, kind, data):
                 asker, inner = self.guard.open(data, kind)

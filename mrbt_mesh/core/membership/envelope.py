@@ -211,13 +211,20 @@ class Guard:
 
     # -- receiving ----------------------------------------------------------------------------
 
-    def open(self, data: bytes, kind: MessageKind, source: str | None = None) -> tuple[str, bytes]:
-        """(sender, message) of an envelope; `source`: who must have sent it.
+    def open(
+        self,
+        data: bytes,
+        kind: MessageKind,
+        source: str | None = None,
+        checked: Envelope | None = None,
+    ) -> tuple[str, bytes]:
+        """(sender, message) of an envelope; `source`: the member that must have sent it; `checked`:
+        the same envelope, if this member's tag on it has been checked already.
 
         Raises ForgedError for whatever is not authentic, for a replay, and for what the sender may
         not say; IncompatibleError for an authentic message of another run.
         """
-        envelope = parse_envelope(data)
+        envelope = parse_envelope(data) if checked is None else checked
         sender, role = envelope.sender, self.keys.role_of(envelope.sender)
         if role is None:
             raise ForgedError(f"{sender[:32]!r} has no key in this team")
@@ -227,7 +234,8 @@ class Guard:
             raise ForgedError(f"{sender} is known as {role} and may not say this")
         if envelope.to not in ("", self.keys.name):
             raise ForgedError("meant for somebody else")
-        self._check_proof(envelope, kind)
+        if checked is None:
+            self._check_proof(envelope, kind)
         if envelope.run != self._run:
             raise IncompatibleError(f"run {envelope.run!r} (ours is {self._run!r})")
         if not self._memory.is_news(envelope):
