@@ -78,7 +78,7 @@ class Drill:
         if self._agreed:
             return
         if self._since_us is None:
-            # A death counts from the first verdict: before, it is detection.
+            # A death counts from the first declaration: before, it is detection.
             if not self._is_found_dead(agent):
                 return
             self._since_us = now_us

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from benchmarks.membership.agreement import agreement, traffic
+from benchmarks.membership.declarations import declarations
 from benchmarks.membership.networks import BAD, BROKEN, GRADED, ROUGH, Net
-from benchmarks.membership.verdicts import verdicts
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Job:
     arguments: tuple[int, ...]
 
     def run(self) -> Any:
-        call = {"verdicts": verdicts, "agreement": agreement, "traffic": traffic}[self.kind]
+        call = {"declarations": declarations, "agreement": agreement, "traffic": traffic}[self.kind]
         return call(self.robots, self.net, *self.arguments)  # type: ignore[operator]
 
 
@@ -55,4 +55,4 @@ def jobs(full: bool) -> Iterator[Job]:
     for robots, nets, rest_s, runs, victims in sizes:
         for net in nets:
             for seed in range(runs):
-                yield Job("verdicts", robots, net, (rest_s, victims, 1_000 * rest_s + seed))
+                yield Job("declarations", robots, net, (rest_s, victims, 1_000 * rest_s + seed))

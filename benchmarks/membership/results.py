@@ -6,8 +6,8 @@ import statistics
 from typing import Any
 
 from benchmarks.membership.agreement import Drill
+from benchmarks.membership.declarations import Declarations
 from benchmarks.membership.networks import BROKEN, GRADED, ROUGH, SECOND_US, Net
-from benchmarks.membership.verdicts import Verdicts
 from benchmarks.report import grid
 
 
@@ -25,13 +25,13 @@ def spread_s(times_us: list[int]) -> dict[str, float]:
 
 def summary(found: dict[tuple[str, int, Net], list[Any]]) -> dict[str, list[dict[str, Any]]]:
     """Everything as plain data."""
-    tables: dict[str, list[dict[str, Any]]] = {"verdicts": [], "agreement": [], "traffic": []}
+    tables: dict[str, list[dict[str, Any]]] = {"declarations": [], "agreement": [], "traffic": []}
     order = {net: index for index, net in enumerate([*GRADED, *BROKEN, ROUGH])}
     for kind, robots, net in sorted(found, key=lambda key: (key[0], key[1], order[key[2]])):
         results = found[kind, robots, net]
         row: dict[str, Any] = {"robots": robots, "network": str(net)}
-        if kind == "verdicts":
-            total = Verdicts()
+        if kind == "declarations":
+            total = Declarations()
             for result in results:
                 total.add(result)
             row |= {"minutes": round(total.minutes, 1), "false": total.false}
@@ -55,7 +55,7 @@ def median_p99(spread: dict[str, float]) -> str:
     return f"{spread['median_s']:.2f} / {spread['p99_s']:.2f}"
 
 
-def verdict_rows(rows: list[dict[str, Any]]) -> list[list[Any]]:
+def declaration_rows(rows: list[dict[str, Any]]) -> list[list[Any]]:
     return [
         [
             row["robots"],
@@ -73,8 +73,8 @@ def verdict_rows(rows: list[dict[str, Any]]) -> list[list[Any]]:
 def markdown(tables: dict[str, list[dict[str, Any]]]) -> str:
     """All tables, for people."""
     head = ["robots", "network", "minutes", "false", "plain", "found after, s", "plain, s"]
-    teams = [row for row in tables["verdicts"] if row["robots"] > 2]
-    pairs = [row for row in tables["verdicts"] if row["robots"] == 2]
+    teams = [row for row in tables["declarations"] if row["robots"] > 2]
+    pairs = [row for row in tables["declarations"] if row["robots"] == 2]
     kinds = [*sorted(set(Drill.KINDS)), "all"]
     agreed = [
         [
@@ -90,14 +90,14 @@ def markdown(tables: dict[str, list[dict[str, Any]]]) -> str:
     ]
     return "\n\n".join(
         [
-            "**Verdicts.** `minutes` of a team at rest, `false` verdicts on living robots in them "
+            "**Declarations.** `minutes` of a team at rest, `false` declarations of death in them "
             "(beside it those of the plain detector), and the time from a freeze until a robot "
             "has found it (median / 99th percentile).",
-            grid(head, verdict_rows(teams)),
+            grid(head, declaration_rows(teams)),
             "**Two robots**, where nobody else can be asked:",
-            grid(head, verdict_rows(pairs)),
-            "**Agreement.** Seconds from an event (a death: from the first verdict; a join: from "
-            "the start of the process) until every living robot may start without its grace "
+            grid(head, declaration_rows(pairs)),
+            "**Agreement.** Seconds from an event (a death: from the first declaration; a join: "
+            "from the start of the process) until every living robot may start without its grace "
             "(median / 99th percentile).",
             grid(["robots", "network", *kinds], agreed),
             "**Traffic.** Copies sent per robot and second, and kB, at rest and in the second "

@@ -7,16 +7,16 @@ from pathlib import Path
 import pytest
 
 from benchmarks.membership.agreement import Drill, agreement, traffic
+from benchmarks.membership.declarations import declarations
 from benchmarks.membership.jobs import Job, jobs
 from benchmarks.membership.networks import BAD, SECOND_US, TIMING, Net, name
 from benchmarks.membership.results import markdown, summary
-from benchmarks.membership.verdicts import verdicts
 from benchmarks.report import grid, marks, write_docs
 from tests.support.paths import ROOT
 
 
 def test_both_detectors_find_frozen_robots_and_only_the_plain_one_errs_on_a_bad_network() -> None:
-    good, bad = verdicts(3, Net(), 12, 1, seed=1), verdicts(3, BAD, 60, 1, seed=1)
+    good, bad = declarations(3, Net(), 12, 1, seed=1), declarations(3, BAD, 60, 1, seed=1)
     for found in (good, bad):
         assert len(found.detection_us) == len(found.plain_detection_us) == 2
         assert all(0 < time_us <= TIMING.max_detection_us for time_us in found.detection_us)
@@ -25,7 +25,7 @@ def test_both_detectors_find_frozen_robots_and_only_the_plain_one_errs_on_a_bad_
 
 
 def test_a_broken_link_is_a_death_for_the_plain_detector_alone() -> None:
-    found = verdicts(3, Net(links="0-1"), 20, 0, seed=1)
+    found = declarations(3, Net(links="0-1"), 20, 0, seed=1)
     assert (found.false, found.plain_false) == (0, 2)
     assert Net(links="0-1").blocked() == [(name(0), name(1)), (name(1), name(0))]
     assert Net(links="0>1").blocked() == [(name(0), name(1))]
@@ -45,15 +45,15 @@ def test_an_event_costs_messages() -> None:
 
 def test_all_that_is_run_has_its_place_in_the_tables() -> None:
     todo = [*jobs(full=True)]
-    assert {job.kind for job in todo} == {"verdicts", "agreement", "traffic"}
+    assert {job.kind for job in todo} == {"declarations", "agreement", "traffic"}
     chosen = [
-        Job("verdicts", 2, Net(), (12, 1, 1)),
-        Job("verdicts", 3, Net(10), (12, 1, 1)),
+        Job("declarations", 2, Net(), (12, 1, 1)),
+        Job("declarations", 3, Net(10), (12, 1, 1)),
         Job("agreement", 3, Net(), (6, 1)),
         Job("traffic", 3, Net(), (1,)),
     ]
     tables = summary({(job.kind, job.robots, job.net): [job.run()] for job in chosen})
-    assert [row["robots"] for row in tables["verdicts"]] == [2, 3]
+    assert [row["robots"] for row in tables["declarations"]] == [2, 3]
     lines = markdown(tables).splitlines()
     assert sum(line.startswith("| 3 | 0 % loss |") for line in lines) == 2
     assert sum(line.startswith("| 3 | 10 % loss | 0.2 | 0 | 0 |") for line in lines) == 1

@@ -33,7 +33,7 @@ def test_a_new_life_is_heard_over_the_same_network() -> None:
     assert view.members.peers["A"].arrivals is history
 
 
-def test_an_outage_that_ended_in_a_verdict_is_no_measure_of_the_network() -> None:
+def test_an_outage_that_ended_in_a_declaration_is_no_measure_of_the_network() -> None:
     view = View("A", "B")
     view.ms = 900
     view.hear("B")
@@ -45,7 +45,7 @@ def test_an_outage_that_ended_in_a_verdict_is_no_measure_of_the_network() -> Non
     assert view.members.peers["A"].arrivals.observed_us == before
 
 
-def test_a_verdict_follows_that_of_another_robot_if_there_was_silence_here_as_well() -> None:
+def test_a_declaration_follows_that_of_another_robot_if_there_was_silence_here_as_well() -> None:
     view = View("A", "B", "C")
     for _ in range(40):
         view.ms += 300  # two beats of three are lost
@@ -79,7 +79,7 @@ def test_who_only_watches_finds_out_by_himself_that_all_are_dead() -> None:
     assert {view.at(2_100)[robot] for robot in "AB"} == {DEAD}
 
 
-def test_a_verdict_of_another_robot_alone_kills_nobody() -> None:
+def test_a_declaration_of_another_robot_alone_kills_nobody() -> None:
     view = View("A", "B", "C")
     for ms in range(100, 3_000, 100):
         view.ms = ms

@@ -257,7 +257,7 @@ def test_a_single_peer_is_never_most_peers() -> None:
     assert View("A").at(1000)["A"] is DEAD
 
 
-def test_the_verdict_does_not_depend_on_the_order_of_the_names() -> None:
+def test_the_declaration_does_not_depend_on_the_order_of_the_names() -> None:
     view = View("A", "B", "C")
     view.ms = 900
     view.hear("B")

@@ -43,7 +43,7 @@ def started(
     return found
 
 
-class Verdicts:
+class Declarations:
     """Who holds whom for dead, and since when; `of_living` counts the false ones."""
 
     def __init__(self, watched: SteppedTeam) -> None:
@@ -93,35 +93,35 @@ def test_no_living_robot_is_thought_dead(
     """All the links are there at first; those that break do so while the team is at rest."""
     for seed in range(3 if robots == 3 else 1):
         team = started(robots, seed, **knobs)
-        verdicts = Verdicts(team)
+        declarations = Declarations(team)
         team.run_until(10 * SECOND_US)
         team.network.block(pairs(*blocked))
         team.run_until(60 * SECOND_US)
-        assert not verdicts.of_living, f"seed {seed}: {verdicts.of_living}"
+        assert not declarations.of_living, f"seed {seed}: {declarations.of_living}"
         assert not any(agent.is_joining for agent in team.living()), f"seed {seed}"
 
 
 def test_the_more_is_lost_the_more_patient_robots_become() -> None:
     """Three robots, two of them without a link, and four beats of ten lost: with the detection
-    time of a good network, some of these runs have false verdicts.
+    time of a good network, some of these runs have false declarations.
     """
     for seed in range(6):
         team = started(3, seed, loss=400, jitter_us=200_000)
-        verdicts = Verdicts(team)
+        declarations = Declarations(team)
         team.run_until(10 * SECOND_US)
         team.network.block(pairs("0-1"))
         team.run_until(100 * SECOND_US)
-        assert not verdicts.of_living, f"seed {seed}: {verdicts.of_living}"
+        assert not declarations.of_living, f"seed {seed}: {declarations.of_living}"
 
 
 def found_dead_us(team: SteppedTeam, victim: str, at_us: int) -> list[int]:
-    """After how long each of the others has given its verdict."""
-    verdicts = Verdicts(team)
+    """After how long each of the others has declared a victim dead."""
+    declarations = Declarations(team)
     team.run_until(at_us)
     team.freeze(victim)
     team.run_until(at_us + TIMING.max_detection_us)
-    assert not verdicts.of_living
-    return sorted(us - at_us for (_, robot), us in verdicts.since_us.items() if robot == victim)
+    assert not declarations.of_living
+    return sorted(us - at_us for (_, robot), us in declarations.since_us.items() if robot == victim)
 
 
 @pytest.mark.parametrize("robots", [2, 3, 6])

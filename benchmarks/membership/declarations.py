@@ -13,7 +13,7 @@ from mrbt_mesh.sim.world.network import Link
 
 
 @dataclass
-class Verdicts:
+class Declarations:
     """What both detectors made of one kind of network, over some runs of one team size."""
 
     minutes: float = 0.0
@@ -22,7 +22,7 @@ class Verdicts:
     detection_us: list[int] = field(default_factory=list)
     plain_detection_us: list[int] = field(default_factory=list)
 
-    def add(self, other: Verdicts) -> None:
+    def add(self, other: Declarations) -> None:
         self.minutes += other.minutes
         self.false += other.false
         self.plain_false += other.plain_false
@@ -35,7 +35,7 @@ class Watch:
 
     def __init__(self, team: SteppedTeam) -> None:
         self.team = team
-        self.found = Verdicts()
+        self.found = Declarations()
         self._timing = TIMING.of_team(len(team.mission.robots))
         self._seen: dict[str, int] = {}
         self._dead: set[Link] = set()
@@ -71,7 +71,7 @@ class Watch:
         self._frozen_us[robot] = self.team.now_us
         self.team.freeze(robot)
 
-    def close(self) -> Verdicts:
+    def close(self) -> Declarations:
         """The plain detector's times follow from the last beat that each robot received."""
         silent = set(self.team.network.blocked)
         for (source, target), last_us in self._beat_us.items():
@@ -84,7 +84,7 @@ class Watch:
         return self.found
 
 
-def verdicts(robots: int, net: Net, rest_s: int, victims: int, seed: int) -> Verdicts:
+def declarations(robots: int, net: Net, rest_s: int, victims: int, seed: int) -> Declarations:
     """A team at rest for a while; then some robots freeze, one after the other."""
     team = SteppedTeam(mission(robots, 1), net.knobs(), seed, is_shared=True)
     watch = Watch(team)
