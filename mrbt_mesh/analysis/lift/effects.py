@@ -8,7 +8,7 @@ same; a condition that is asked may always turn out either way, since the world 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeAlias
 
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec
@@ -34,10 +34,6 @@ class EffectSummary:
             self.uses | other.uses,
             self.undeclared + tuple(x for x in other.undeclared if x not in self.undeclared),
         )
-
-    def without_undeclared(self) -> EffectSummary:
-        """The same, if the undeclared actions do nothing that matters here."""
-        return replace(self, undeclared=())
 
 
 def summary(spec: NodeSpec, declared: Declarations) -> EffectSummary:

@@ -181,7 +181,7 @@ class Lifter:
         assumed = path in self.independent
         trusted = [assumed and bool(one.undeclared) for one in found]
         if assumed:
-            found = [one.without_undeclared() for one in found]
+            found = [replace(one, undeclared=()) for one in found]
         reasons = {
             (i, j): reason
             for j in range(count)

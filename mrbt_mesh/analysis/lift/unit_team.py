@@ -40,18 +40,15 @@ class UnitTeam:
     def __post_init__(self) -> None:
         found = access_below([self.tree.root], self.library)
         self._fixed = self.tree.constants.keys() - found.writes
-        # Entries that are read, and that nobody gives a value.
-        self.unwritten = self._pointed() - found.writes - self.tree.constants.keys()
-        self.types = {node.type for node in self.tree.root.walk() if not node.children}
-
-    def _pointed(self) -> set[str]:
-        """Entries that leaves' ports read; names in scripts may be enums."""
-        return {
+        # Entries that leaves' ports read (names in scripts may be enums).
+        pointed = {
             key
             for node in self.tree.root.walk()
             for name, value in node.ports.items()
             if not node.children and (key := pointer(value, name)) is not None
         }
+        self.unwritten = pointed - found.writes - self.tree.constants.keys()
+        self.types = {node.type for node in self.tree.root.walk() if not node.children}
 
     # -- leaves -----------------------------------------------------------------------------------
 
@@ -69,11 +66,10 @@ class UnitTeam:
             if value is None:
                 continue
             key = pointer(value, name)
-            found[name] = value if key is None else self._constant(key)
+            if key is not None:
+                value = self.tree.constants[key] if key in self._fixed else None
+            found[name] = value
         return found
-
-    def _constant(self, key: str) -> str | None:
-        return self.tree.constants[key] if key in self._fixed else None
 
     def is_asked(self, node: ExpandedNode) -> bool:
         """Whether a node is a condition of the team, with arguments that are known."""

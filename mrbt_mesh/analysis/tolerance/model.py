@@ -214,8 +214,9 @@ class FaultModel:
         asked = [self.model.new_bool_var("") for _ in needs]
         able: list[Any] = []
         robots = sorted({robot for need in needs for robot in need.entries})
-        firsts = [r for r in robots if r in self.groups] if self._are_robots(robots) else robots
-        for robot in firsts:
+        if any(robot in self._group_of for robot in robots):
+            robots = [robot for robot in robots if robot in self.groups]
+        for robot in robots:
             losses = self.lost.get(robot)
             size = len(self.groups.get(robot, (robot,)))
             count = self.model.new_int_var(0, size, "")
@@ -231,9 +232,6 @@ class FaultModel:
         counts = [need.count * is_asked for need, is_asked in zip(needs, asked, strict=True)]
         self.model.add(sum(counts) - sum(able) >= 1).only_enforce_if(when)
         return when
-
-    def _are_robots(self, robots: Sequence[str]) -> bool:
-        return any(robot in self._group_of for robot in robots)
 
     def ruin(self, required: Requirement, robots: Sequence[str], least: Mapping[int, int]) -> None:
         """The mission is ruined; `least`: service -> how many faults it takes at least."""

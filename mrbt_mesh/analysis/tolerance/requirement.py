@@ -280,20 +280,23 @@ class _Builder:
         return self._folded(children, (0, 0, 0, 0), merge, result)
 
 
+def _by_halves(merge: Callable[[bool, bool, bool, bool], tuple[bool, bool]]) -> _Merge:
+    """Merge (succeeds, fails) so far with those of a child: of the ideal, and as things are."""
+
+    def both(before: tuple[int, ...], own: State) -> tuple[int, ...]:
+        s, f, actual_s, actual_f = map(bool, before)
+        return (*merge(s, f, *own[:2]), *merge(actual_s, actual_f, *own[2:]))
+
+    return both
+
+
+_in_sequence = _by_halves(lambda s, f, own_s, own_f: (s and own_s, f or (s and own_f)))
+_in_fallback = _by_halves(lambda s, f, own_s, own_f: (s or (f and own_s), f and own_f))
+
+
 def _bools(state: tuple[int, ...]) -> State:
     s, f, actual_s, actual_f = map(bool, state)
     return s, f, actual_s, actual_f
-
-
-def _in_sequence(before: tuple[int, ...], own: State) -> tuple[int, ...]:
-    """All so far and this one succeed; one so far fails, or this one after all so far succeed."""
-    s, f, actual_s, actual_f = before
-    return (
-        s & own[0],
-        f | (s & own[1]),
-        actual_s & own[2],
-        actual_f | (actual_s & own[3]),
-    )
 
 
 def _in_branches(before: tuple[int, ...], own: State) -> tuple[int, ...]:
@@ -306,13 +309,3 @@ def _in_branches(before: tuple[int, ...], own: State) -> tuple[int, ...]:
         return (*before, *then)
     otherwise = (f & own[0], f & own[1], actual_f & own[2], actual_f & own[3])
     return tuple(one | other for one, other in zip(chosen, otherwise, strict=True))
-
-
-def _in_fallback(before: tuple[int, ...], own: State) -> tuple[int, ...]:
-    s, f, actual_s, actual_f = before
-    return (
-        s | (f & own[0]),
-        f & own[1],
-        actual_s | (actual_f & own[2]),
-        actual_f & own[3],
-    )

@@ -17,9 +17,7 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.sim.checkers.findings import RunFindings
-
-# Robots come to the same facts at about the same time.
-RECENT = 256
+from mrbt_mesh.sim.world.sharing import Recent
 
 
 class PlanComparison:
@@ -35,7 +33,7 @@ class PlanComparison:
         self.compared = 0
         self.engine = replace(engine, plan_making=self._plan_making)
         self._chosen = engine
-        self._by_definition: dict[tuple[bytes, frozenset[tuple[str, Incarnation]]], Plan] = {}
+        self._by_definition = Recent[tuple[bytes, frozenset[tuple[str, Incarnation]]], Plan]()
 
     def _plan_making(self, solver: Solver) -> PlanFunction:
         make_plan = self._chosen.plan_making(solver)
@@ -53,8 +51,6 @@ class PlanComparison:
         key = (facts.map.digest(), frozenset(alive.items()))
         plan = self._by_definition.get(key)
         if plan is None:
-            if len(self._by_definition) >= RECENT:
-                self._by_definition.clear()
             plan = self._by_definition[key] = make_plan(facts, alive, default_solver)
         return plan
 

@@ -1,7 +1,7 @@
-"""Robots that are simulated in one process read each batch of facts, and make each plan, once.
-Their beats they hand each other as they are.
+"""Simulated robots of one process read each batch of facts and make each plan once for all.
 
-Not for runs that check whether robots come to the same plan independently.
+They hand heartbeats over without encoding them. Not for runs that check whether robots come to the
+same plan independently.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from mrbt_mesh.core.planning.plan import Plan
 # Batches and plans are shared among robots at about the same time.
 RECENT = 1_024
 
-
 _Key = TypeVar("_Key")
 _Value = TypeVar("_Value")
 
@@ -36,14 +35,14 @@ class Recent(dict[_Key, _Value]):
 
 
 class HandedOver(bytes):
-    """A beat on its way between robots of one process: it needs neither writing nor reading."""
+    """A heartbeat between robots of one process, neither encoded nor decoded."""
 
     sender: str
     beat: Heartbeat
 
 
 def shared_engine(mine: Header, engine: Engine) -> Engine:
-    """For all robots of one run: it remembers what it has answered lately."""
+    """An engine for all robots of one run, which keeps its recent answers."""
 
     def hand_over(beat: Heartbeat, mine: Header) -> bytes:
         message = HandedOver()
@@ -60,9 +59,6 @@ def shared_engine(mine: Header, engine: Engine) -> Engine:
     @lru_cache(maxsize=RECENT)
     def batch_of(source: str, data: bytes) -> tuple[list[Entry], int]:
         return engine.read_batch(source, data, mine)
-
-    def shared_batch(source: str, data: bytes, mine: Header) -> tuple[list[Entry], int]:
-        return batch_of(source, data)
 
     plans: Recent[tuple[bytes, frozenset[tuple[str, Incarnation]]], Plan] = Recent()
 
@@ -83,5 +79,5 @@ def shared_engine(mine: Header, engine: Engine) -> Engine:
         plan_making=shared_planning,
         write_heartbeat=hand_over,
         read_heartbeat=take_over,
-        read_batch=shared_batch,
+        read_batch=lambda source, data, _: batch_of(source, data),
     )

@@ -77,12 +77,16 @@ def test_i9_no_version_has_two_contents(team: Team) -> None:
     assert "for two contents" in team.checkers.violations[0]
 
 
+def pause(process: Any, stamp: int) -> tuple[bytes, tuple[Entry, ...]]:
+    """The message and the entries with which a robot notes an order."""
+    order = Order(OrderKind.PAUSE, stamp)
+    return inside.context(process.agent).replica.write([("order", order)], 0)
+
+
 def test_i9_what_a_robot_writes_stands(team: Team) -> None:
     """Unless an entry of an earlier life, with a higher incarnation, goes before it."""
     process: Any = team.processes[0]
-    _, entries = inside.context(process.agent).replica.write(
-        [("order", Order(OrderKind.PAUSE, 9))], 0
-    )
+    _, entries = pause(process, stamp=9)
     team.checkers.i9.handled(process, TICK, [Persist(entries, at_once=True)])
     assert team.checkers.violations == []
     late = parse_entry("A1", "order", Version(Incarnation(0, "n"), 1), ["resume", 10])
@@ -92,15 +96,11 @@ def test_i9_what_a_robot_writes_stands(team: Team) -> None:
 
 def test_i9_nothing_is_told_before_the_journal_has_it_to_write(team: Team) -> None:
     process: Any = team.processes[0]
-    data, entries = inside.context(process.agent).replica.write(
-        [("order", Order(OrderKind.PAUSE, 9))], 0
-    )
+    data, entries = pause(process, stamp=9)
     publish = Publish(MessageKind.FACT, data)
     team.checkers.i9.handled(process, TICK, [Persist(entries, at_once=True), publish])
     assert team.checkers.violations == []
-    data, entries = inside.context(process.agent).replica.write(
-        [("order", Order(OrderKind.PAUSE, 10))], 0
-    )
+    data, entries = pause(process, stamp=10)
     publish = Publish(MessageKind.FACT, data)
     team.checkers.i9.handled(process, TICK, [publish, Persist(entries, at_once=True)])
     assert "A1 tells order" in team.checkers.violations[0]
